@@ -46,18 +46,24 @@ def measured(run: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Measure the runs of a results folder, print a table, and write all figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("results", type=Path, help="results folder of `wordcraft-kg reproduce`")
     parser.add_argument("--json", type=Path, help="file for the figures of each run")
     options = parser.parse_args()
     torch.set_num_threads(1)
-    rows = [measured(path.parent) for path in sorted(options.results.glob("runs/*/evaluation.json"))]
+    rows = [
+        measured(path.parent) for path in sorted(options.results.glob("runs/*/evaluation.json"))
+    ]
     setting = ("book", "split", "distractors", "scorer_cost")
     rows.sort(key=lambda row: [row[name] for name in (*setting, "split_seed", "seed")])
     for values, cell in itertools.groupby(rows, key=lambda row: [row[name] for name in setting]):
         runs = list(cell)
         splits = sorted({row["split_seed"] for row in runs})
-        gains = [np.mean([row["gain"] for row in runs if row["split_seed"] == split]) for split in splits]
+        gains = [
+            np.mean([row["gain"] for row in runs if row["split_seed"] == split]) for split in splits
+        ]
         low, high = student_interval(gains, within=(-1, 1)) or (np.nan, np.nan)
         agent, differs = (np.mean([row[name] for row in runs]) for name in ("agent", "differs"))
         worst, above, below = (

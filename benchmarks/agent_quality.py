@@ -25,7 +25,13 @@ MARKS = (100_000, 300_000, 1_000_000)
 PLAIN = {"scale": "standardise", "self-edges": "keep"}
 PARTIAL = {"scorer": "partial", **PLAIN}
 FULL = {"scorer": "full", **PLAIN}
-RELEASED = {"mixing": "softmax", "scale": "none", "self-edges": "keep", "value-readout": "logits", "pooling": "max"}
+RELEASED = {
+    "mixing": "softmax",
+    "scale": "none",
+    "self-edges": "keep",
+    "value-readout": "logits",
+    "pooling": "max",
+}
 CHOSEN = {"mixing": "free", "scale": "ranks", "self-edges": "observed", "value-readout": "softmax"}
 CHOICES: dict[str, dict[str, object]] = {
     "no KG": {},
@@ -37,7 +43,11 @@ CHOICES: dict[str, dict[str, object]] = {
     "partial KG, no scale": {**PARTIAL, "scale": "none"},
     "partial KG, self edges observed": {**PARTIAL, "self-edges": "observed"},
     "partial KG, self edges dropped": {**PARTIAL, "self-edges": "drop"},
-    "partial KG, self edges observed, ranks": {**PARTIAL, "self-edges": "observed", "scale": "ranks"},
+    "partial KG, self edges observed, ranks": {
+        **PARTIAL,
+        "self-edges": "observed",
+        "scale": "ranks",
+    },
     "partial KG, self edges dropped, ranks": {**PARTIAL, "self-edges": "drop", "scale": "ranks"},
     "partial KG, λ by softmax, observed, ranks": {
         **PARTIAL,
@@ -52,7 +62,11 @@ CHOICES: dict[str, dict[str, object]] = {
     "full KG, self edges dropped": {**FULL, "self-edges": "drop"},
     "full KG, self edges observed, ranks": {**FULL, "self-edges": "observed", "scale": "ranks"},
     "full KG, self edges dropped, ranks": {**FULL, "self-edges": "drop", "scale": "ranks"},
-    "full KG, λ by softmax, self edges dropped": {**FULL, "mixing": "softmax", "self-edges": "drop"},
+    "full KG, λ by softmax, self edges dropped": {
+        **FULL,
+        "mixing": "softmax",
+        "self-edges": "drop",
+    },
 }
 AGENTS: dict[str, dict[str, object]] = {
     "no KG": {},
@@ -71,7 +85,9 @@ AGENTS: dict[str, dict[str, object]] = {
 
 def command(*arguments: str) -> None:
     done = subprocess.run(
-        [sys.executable, "-m", "wordcraft_kg", *arguments, "--quiet", "--json"], capture_output=True, text=True
+        [sys.executable, "-m", "wordcraft_kg", *arguments, "--quiet", "--json"],
+        capture_output=True,
+        text=True,
     )
     if done.returncode:
         sys.exit(f"{' '.join(arguments)}\n{done.stderr}")
@@ -82,14 +98,20 @@ def check(run: Path, given: dict[str, object]) -> None:
     agent = open_agent(run)
     found = agent.config.values()
     wrong = [
-        name for name, value in given.items() if name != "scorer" and str(found[name.replace("-", "_")]) != str(value)
+        name
+        for name, value in given.items()
+        if name != "scorer" and str(found[name.replace("-", "_")]) != str(value)
     ]
     if agent.run.status != "done" or wrong:
-        sys.exit(f"{run} is {agent.run.status} and differs in {wrong}: remove it, or take another --out")
+        sys.exit(
+            f"{run} is {agent.run.status} and differs in {wrong}: remove it, or take another --out"
+        )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=("choices", "test"))
     parser.add_argument("book")
     parser.add_argument("--out", type=Path, default=Path("benchmarks/runs"))
@@ -104,7 +126,13 @@ def main() -> None:
     home = options.out / options.what
     graph = home / "graph"
     if not graph.exists():
-        split = ["--train-ratio", "0.8", *(["--valid-ratio", "0.1"] if is_choice else []), "--seed", "0"]
+        split = [
+            "--train-ratio",
+            "0.8",
+            *(["--valid-ratio", "0.1"] if is_choice else []),
+            "--seed",
+            "0",
+        ]
         command("build-graph", options.book, "--split", "by-recipe", *split, "--out", str(graph))
     for kg in ("partial", "full"):
         if not (home / kg).exists():
@@ -126,13 +154,20 @@ def main() -> None:
 
         def train(key: tuple[str, int], distractors: int = distractors, jobs: dict = jobs) -> None:
             name, seed = key
-            given = {**variants[name], "seed": seed, "distractors": distractors, "steps": options.steps}
+            given = {
+                **variants[name],
+                "seed": seed,
+                "distractors": distractors,
+                "steps": options.steps,
+            }
             if "scorer" in given:
                 given["scorer"] = home / given["scorer"]
             if jobs[key].exists():
                 check(jobs[key], given)
                 return
-            arguments = [text for option, value in given.items() for text in (f"--{option}", str(value))]
+            arguments = [
+                text for option, value in given.items() for text in (f"--{option}", str(value))
+            ]
             command("train-agent", str(graph), *arguments, "--out", str(jobs[key]))
 
         with ThreadPoolExecutor(options.jobs) as pool:
@@ -146,14 +181,19 @@ def main() -> None:
                     evaluators[key] = Evaluator(World(agent.opened, key.environment(part)))
                 means.append(evaluators[key](PolicyPlayer(agent.policy)).success.mean())
                 curve = [
-                    (row.step, row.figures["test_success"]) for row in agent.metrics if "test_success" in row.figures
+                    (row.step, row.figures["test_success"])
+                    for row in agent.metrics
+                    if "test_success" in row.figures
                 ]
-                early.append([min(curve, key=lambda point: abs(point[0] - mark))[1] for mark in MARKS])
+                early.append(
+                    [min(curve, key=lambda point: abs(point[0] - mark))[1] for mark in MARKS]
+                )
             interval = student_interval(means)
             shown = f"[{interval[0]:.3f}, {interval[1]:.3f}]" if interval else ""
             if not is_choice:  # the curve's points are test tasks too
                 shown += "   at " + ", ".join(
-                    f"{mark / 1e6:g}M {value:.3f}" for mark, value in zip(MARKS, np.mean(early, axis=0), strict=True)
+                    f"{mark / 1e6:g}M {value:.3f}"
+                    for mark, value in zip(MARKS, np.mean(early, axis=0), strict=True)
                 )
             figures = f"{np.mean(means):.3f} [{min(means):.3f}, {max(means):.3f}] {shown}"
             print(f"{distractors} distractors  {name:41s} {figures}", flush=True)

@@ -58,7 +58,9 @@ def rates_alone(model: Any, depth: int, distractors: int, distractor_seeds: int)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("scorers", type=Path)
     parser.add_argument("studies", type=Path, nargs="+")
     options = parser.parse_args()
@@ -72,25 +74,41 @@ def main() -> None:
         depth = study["study"]["settings"].get("depth", 1)
         source = "w" if depth == 1 else "p"
         variants = study["study"]["variants"].items()
-        compared = [name for name, settings in variants if source in settings.get("use", "").split(",")]
+        compared = [
+            name for name, settings in variants if source in settings.get("use", "").split(",")
+        ]
         points = defaultdict(list)
         for run in study["runs"]:
             if run["variant"] in compared:
                 points[run["graph"], run["values"]["distractors"], run["variant"]].append(run)
         for (number, distractors, variant), runs in sorted(points.items()):
             graph = study["graphs"][number]
-            key = dict(zip(KEY, (graph["hash"], graph["split"], depth, distractors, variant), strict=True))
-            if tuple(key.values()) in done or any((graph["split"], run["seed"]) not in scorers for run in runs):
+            key = dict(
+                zip(KEY, (graph["hash"], graph["split"], depth, distractors, variant), strict=True)
+            )
+            if tuple(key.values()) in done or any(
+                (graph["split"], run["seed"]) not in scorers for run in runs
+            ):
                 continue
             done.add(tuple(key.values()))
             for run in runs:
                 played = (graph["split"], depth, distractors, run["seed"])
                 if played not in alone:
-                    alone[played] = rates_alone(scorers[played[0], played[3]], *played[1:3], run["distractor_seeds"])
-            won = np.array([[int(count) / run["distractor_seeds"] for count in run["won"]] for run in runs])
+                    alone[played] = rates_alone(
+                        scorers[played[0], played[3]], *played[1:3], run["distractor_seeds"]
+                    )
+            won = np.array(
+                [[int(count) / run["distractor_seeds"] for count in run["won"]] for run in runs]
+            )
             own = np.array([alone[graph["split"], depth, distractors, run["seed"]] for run in runs])
             (value, low, high), p_value = crossed_difference(won - own)
-            figures = {"agent": won.mean(), "scorer": own.mean(), "difference": value, "low": low, "high": high}
+            figures = {
+                "agent": won.mean(),
+                "scorer": own.mean(),
+                "difference": value,
+                "low": low,
+                "high": high,
+            }
             ratio = runs[0]["values"].get("train_ratio", SplitConfig().train_ratio)
             row = key | {
                 "book": graph["name"],
@@ -99,9 +117,16 @@ def main() -> None:
                 "seeds": len(runs),
                 "tasks": won.shape[1],
             }
-            row |= {name: round(float(figure), 6) for name, figure in figures.items()} | {"p": float(f"{p_value:.3g}")}
-            row["weights"] = [scorers[graph["split"], run["seed"]].run.outputs[WEIGHTS] for run in runs]
-            rows = [*(other for other in rows if any(other[name] != row[name] for name in KEY)), row]
+            row |= {name: round(float(figure), 6) for name, figure in figures.items()} | {
+                "p": float(f"{p_value:.3g}")
+            }
+            row["weights"] = [
+                scorers[graph["split"], run["seed"]].run.outputs[WEIGHTS] for run in runs
+            ]
+            rows = [
+                *(other for other in rows if any(other[name] != row[name] for name in KEY)),
+                row,
+            ]
             print(
                 f"{row['book']} {row['kind']}, depth {depth}, {distractors} distractors, {variant}: agent "
                 f"{row['agent']:.3f}, scorer {row['scorer']:.3f}, difference {value:+.3f} [{low:+.3f}, {high:+.3f}], "

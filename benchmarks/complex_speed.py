@@ -25,7 +25,9 @@ from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, 
 class PlainTorch:
     """The objective in plain torch: real embeddings, matrix products, Adagrad."""
 
-    def __init__(self, triples: torch.Tensor, num_entities: int, num_relations: int, config: ComplExConfig):
+    def __init__(
+        self, triples: torch.Tensor, num_entities: int, num_relations: int, config: ComplExConfig
+    ):
         self.triples, self.config = triples, config
         self.entity, self.relation = (
             torch.nn.Parameter(torch.randn(size, 2 * config.dim) * config.init_scale)
@@ -41,8 +43,14 @@ class PlainTorch:
             (hr, hi), (rr, ri), (tr, ti) = (x.split(dim, dim=1) for x in (h, r, t))
             tails = torch.cat([hr * rr - hi * ri, hr * ri + hi * rr], dim=1) @ self.entity.T
             heads = torch.cat([rr * tr + ri * ti, rr * ti - ri * tr], dim=1) @ self.entity.T
-            norms = [((x[:, :dim] ** 2 + x[:, dim:] ** 2).sqrt() ** 3).sum(1).mean() for x in (h, r, t)]
-            loss = cross_entropy(tails, tail) + cross_entropy(heads, head) + self.config.n3 * sum(norms)
+            norms = [
+                ((x[:, :dim] ** 2 + x[:, dim:] ** 2).sqrt() ** 3).sum(1).mean() for x in (h, r, t)
+            ]
+            loss = (
+                cross_entropy(tails, tail)
+                + cross_entropy(heads, head)
+                + self.config.n3 * sum(norms)
+            )
             self.optimizer.zero_grad()
             loss.backward()
             self.optimizer.step()
@@ -55,25 +63,38 @@ def timed(run, *arguments, **options) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("graph", nargs="?", default="kitchen")
     parser.add_argument("--rounds", type=int, default=8, help="epochs of the two fast loops")
-    parser.add_argument("--skip-stock", action="store_true", help="leave out PyKEEN's stock loop, which is slow")
+    parser.add_argument(
+        "--skip-stock", action="store_true", help="leave out PyKEEN's stock loop, which is slow"
+    )
     arguments = parser.parse_args()
 
     opened = open_graph(arguments.graph)
     config = ComplExConfig()
     factory = triples_factory(opened.graph, opened.split.partial)
-    training = {"batch_size": config.batch_size, "use_tqdm": False, "use_tqdm_batch": False, "pin_memory": False}
+    training = {
+        "batch_size": config.batch_size,
+        "use_tqdm": False,
+        "use_tqdm_batch": False,
+        "pin_memory": False,
+    }
     with pykeen_guard(config.seed, config.threads), quiet_pykeen():
-        plain = PlainTorch(factory.mapped_triples, factory.num_entities, factory.num_relations, config)
+        plain = PlainTorch(
+            factory.mapped_triples, factory.num_entities, factory.num_relations, config
+        )
         ours = make_training_loop(config, factory)
         plain.epoch()
         ours.train(factory, num_epochs=1, **training)
         seconds: dict[str, list[float]] = {"plain torch": [], "ours": []}
         for i in range(arguments.rounds):
             seconds["plain torch"].append(timed(plain.epoch))
-            seconds["ours"].append(timed(ours.train, factory, num_epochs=i + 2, continue_training=True, **training))
+            seconds["ours"].append(
+                timed(ours.train, factory, num_epochs=i + 2, continue_training=True, **training)
+            )
         if not arguments.skip_stock:
             model = ComplEx(
                 triples_factory=factory,
@@ -84,15 +105,24 @@ def main() -> None:
                 random_seed=config.seed,
             )
             stock = SymmetricLCWATrainingLoop(
-                model, triples_factory=factory, optimizer="Adagrad", optimizer_kwargs={"lr": config.learning_rate}
+                model,
+                triples_factory=factory,
+                optimizer="Adagrad",
+                optimizer_kwargs={"lr": config.learning_rate},
             )
             seconds["PyKEEN stock"] = [timed(stock.train, factory, num_epochs=1, **training)]
     medians = {name: float(np.median(values)) for name, values in seconds.items()}
-    print(f"{opened.graph.name}: {len(opened.split.partial):,} triples, {config.dim} dims, batch {config.batch_size}")
+    print(
+        f"{opened.graph.name}: {len(opened.split.partial):,} triples, {config.dim} dims, batch {config.batch_size}"
+    )
     for name, value in medians.items():
-        print(f"{name:<13} {value:8.3f} s an epoch   {value / medians['plain torch']:7.2f} x plain torch")
+        print(
+            f"{name:<13} {value:8.3f} s an epoch   {value / medians['plain torch']:7.2f} x plain torch"
+        )
     if "PyKEEN stock" in medians:
-        print(f"ours is {medians['PyKEEN stock'] / medians['ours']:.1f} x as fast as the stock loop")
+        print(
+            f"ours is {medians['PyKEEN stock'] / medians['ours']:.1f} x as fast as the stock loop"
+        )
 
 
 if __name__ == "__main__":

@@ -60,7 +60,9 @@ def batched(opened: OpenedGraph, num_envs: int, depth: int = 1) -> tuple[Callabl
     def run() -> int:
         nonlocal state
         for _ in range(16):
-            state, _ = engine.step(state, state.random_actions(rng.random(num_envs, dtype=np.float32)))
+            state, _ = engine.step(
+                state, state.random_actions(rng.random(num_envs, dtype=np.float32))
+            )
         return 16 * num_envs
 
     run()
@@ -86,12 +88,18 @@ def memory(state: State) -> float:
     """Return the bytes that are kept for each environment."""
     values = [*state, *vars(state.engine).values(), *vars(state.ahead).values()]
     arrays = {id(value): value for value in values if isinstance(value, np.ndarray)}
-    own = [array for array in arrays.values() if array.shape[0] == state.num_envs and array.base is None]
+    own = [
+        array
+        for array in arrays.values()
+        if array.shape[0] == state.num_envs and array.base is None
+    ]
     return sum(array.nbytes for array in own) / state.num_envs
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("graph", nargs="?", default="everyday")
     opened = open_graph(parser.parse_args().graph)
 
@@ -99,7 +107,9 @@ def main() -> None:
     WordCraftEnv(opened, num_distractors=8)
     print(f"construction at depth 1   {1e3 * (time.perf_counter() - start):6.1f} ms")
     start = time.perf_counter()
-    drawn = make_tasks(opened.graph, 4, make_split(opened.graph, opened.split.config), "train", limit=200, seed=1)
+    drawn = make_tasks(
+        opened.graph, 4, make_split(opened.graph, opened.split.config), "train", limit=200, seed=1
+    )
     print(f"a task of depth 4         {1e3 * (time.perf_counter() - start) / len(drawn):6.2f} ms")
 
     print(f"one environment           {rate(single(opened)):12,.0f} steps/s")
@@ -109,7 +119,9 @@ def main() -> None:
         run, state = batched(opened, num_envs)
         speed = rate(run)
         ratio = f", {speed / loop:.0f} times the naive loop" if num_envs == 1_024 else ""
-        print(f"batched, {num_envs:5,}            {speed:12,.0f} steps/s, {memory(state):.0f} bytes each{ratio}")
+        print(
+            f"batched, {num_envs:5,}            {speed:12,.0f} steps/s, {memory(state):.0f} bytes each{ratio}"
+        )
     run, _ = batched(opened, 1_024, depth=3)
     print(f"batched, 1,024, depth 3   {rate(run):12,.0f} steps/s")
 

@@ -20,7 +20,18 @@ from wordcraft_kg.models.knowledge.network import plain
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
 
 SENSES = Path(__file__).parents[1] / "data/everyday/entities.csv"
-RELATIONS = ("RelatedTo", "IsA", "PartOf", "HasA", "MadeOf", "UsedFor", "AtLocation", "Synonym", "FormOf", "CapableOf")
+RELATIONS = (
+    "RelatedTo",
+    "IsA",
+    "PartOf",
+    "HasA",
+    "MadeOf",
+    "UsedFor",
+    "AtLocation",
+    "Synonym",
+    "FormOf",
+    "CapableOf",
+)
 BINS = (0, 0.5, 0.7, 0.9, 0.99, 1.01)
 
 
@@ -32,16 +43,27 @@ def senses(graph: str, wordnet: Path) -> None:
     entities = opened.graph.entities
     alignment = align(network, entities, opened.split.recipes("train"))
     rows = []
-    for label, node, confidence in zip(entities, alignment.nodes.tolist(), alignment.confidences, strict=True):
+    for label, node, confidence in zip(
+        entities, alignment.nodes.tolist(), alignment.confidences, strict=True
+    ):
         if label in right:
             first = network.spellings.get(plain(label), [node])[0]
-            rows.append((confidence, *(one >= 0 and network.nodes[one] == right[label] for one in (node, first))))
+            rows.append(
+                (
+                    confidence,
+                    *(one >= 0 and network.nodes[one] == right[label] for one in (node, first)),
+                )
+            )
     shares = (sum(row[column] for row in rows) / len(rows) for column in (1, 2))
     print(f"{len(rows):,} labels: right {next(shares):.3f}, first sense alone {next(shares):.3f}")
     for low, high in pairwise(BINS):
         inside = [row for row in rows if low <= row[0] < high]
-        mean, share = (sum(row[column] for row in inside) / max(len(inside), 1) for column in (0, 1))
-        print(f"confidence {low:.2f}-{high:.2f}: {len(inside):4d} labels, mean {mean:.2f}, right {share:.2f}")
+        mean, share = (
+            sum(row[column] for row in inside) / max(len(inside), 1) for column in (0, 1)
+        )
+        print(
+            f"confidence {low:.2f}-{high:.2f}: {len(inside):4d} labels, mean {mean:.2f}, right {share:.2f}"
+        )
 
 
 def assertions(graph: str, out: Path, lines: int, seed: int = 0) -> None:
@@ -57,14 +79,20 @@ def assertions(graph: str, out: Path, lines: int, seed: int = 0) -> None:
     with out.open("w", encoding="utf-8") as file:
         for _ in range(lines):
             language = "en" if rng.random() < 0.9 else "fr"
-            start, relation, end = f"/c/{language}/{word()}/n", f"/r/{rng.choice(RELATIONS)}", f"/c/en/{word()}"
+            start, relation, end = (
+                f"/c/{language}/{word()}/n",
+                f"/r/{rng.choice(RELATIONS)}",
+                f"/c/en/{word()}",
+            )
             about = f'{{"dataset": "/d/generated", "license": "cc:by/4.0", "weight": {1 + 3 * rng.random():.1f}}}'
             file.write(f"/a/[{relation}/,{start}/,{end}/]\t{relation}\t{start}\t{end}\t{about}\n")
 
 
 def main() -> None:
     """Run a command."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("figure", choices=("senses", "assertions"))
     parser.add_argument("graph")
     parser.add_argument("path", type=Path)

@@ -24,14 +24,24 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, recipe_triples
 from wordcraft_kg.models.recipes.base import Base, link_features
-from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_link_rankers, knowledge_from, scorer_tensors
+from wordcraft_kg.models.recipes.fitting import (
+    LinkRankers,
+    fit_link_rankers,
+    knowledge_from,
+    scorer_tensors,
+)
 from wordcraft_kg.models.recipes.inductive import extended
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, random_reciprocal_ranks, rank_triples, slice_masks
+from wordcraft_kg.models.scorers.ranking import (
+    mean_reciprocal_rank,
+    random_reciprocal_ranks,
+    rank_triples,
+    slice_masks,
+)
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 FOLDS = 5
@@ -50,7 +60,9 @@ def words(spec: str, labels: Sequence[str]) -> torch.Tensor:
 
 
 def fit_links(folds: Folds, text: torch.Tensor) -> LinkRankers:
-    return fit_link_rankers(folds, text, rng=np.random.default_rng(0), generator=torch.Generator().manual_seed(0))[1]
+    return fit_link_rankers(
+        folds, text, rng=np.random.default_rng(0), generator=torch.Generator().manual_seed(0)
+    )[1]
 
 
 # --- entities taken out ----------------------------------------------------------------------------------------------
@@ -59,7 +71,9 @@ def fit_links(folds: Folds, text: torch.Tensor) -> LinkRankers:
 def without(graph: RecipeGraph, amount: int, seed: int) -> tuple[RecipeGraph, NDArray[np.bool_]]:
     """Return the graph without some entities, and the remaining recipes' indices in the whole graph."""
     recipes = graph.recipes
-    uses = np.bincount(np.concatenate([np.unique(row) for row in recipes]), minlength=graph.num_entities)
+    uses = np.bincount(
+        np.concatenate([np.unique(row) for row in recipes]), minlength=graph.num_entities
+    )
     taken = np.random.default_rng(seed).permutation(np.flatnonzero(uses >= MIN_RECIPES))[:amount]
     left = ~np.isin(recipes, taken).any(axis=1)
     rows = graph.recipe_labels(recipes[left])
@@ -76,8 +90,12 @@ def scored_by_words(graph: RecipeGraph, rest: RecipeGraph, seed: int) -> list[Tr
     of_rest = text[known][:, known]
     rankers = fit_links(folds, of_rest)
     knowledge = knowledge_from(Base.of(rest.recipes, of_rest), rankers)
-    scorer = RecipeScorer(scorer_tensors(knowledge, rankers, rest.recipes), rest.entities, rest.hash)
-    exchanged = np.concatenate([known, np.random.default_rng(seed).permutation(order[len(known) :])])
+    scorer = RecipeScorer(
+        scorer_tensors(knowledge, rankers, rest.recipes), rest.entities, rest.hash
+    )
+    exchanged = np.concatenate(
+        [known, np.random.default_rng(seed).permutation(order[len(known) :])]
+    )
 
     def scorer_of(order_of_words: Ids, column: int) -> TripleScorer:
         wider = extended(scorer, new, text[order_of_words][:, order_of_words]).knowledge
@@ -94,10 +112,15 @@ def removed(graph: RecipeGraph, amount: int, seed: int) -> Iterator[tuple[str, i
     is_new = np.array([label not in rest for label in graph.entities])
     triples = recipe_triples(graph.recipes[~left])
     triples = triples[is_new[triples[:, 0]] != is_new[triples[:, 2]]]
-    scorers = [*scored_by_words(graph, rest, seed), FrequencyScorer(graph, recipe_triples(graph.recipes[left]))]
+    scorers = [
+        *scored_by_words(graph, rest, seed),
+        FrequencyScorer(graph, recipe_triples(graph.recipes[left])),
+    ]
     # Links between entities of the rest are no candidates: "it" is one of the new ones.
     old = np.flatnonzero(~is_new)
-    among_old = np.stack(np.meshgrid(old, range(len(RELATIONS)), old, indexing="ij"), axis=-1).reshape(-1, 3)
+    among_old = np.stack(
+        np.meshgrid(old, range(len(RELATIONS)), old, indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     known = np.concatenate([graph.triples, among_old])
     ranks = [rank_triples(scorer, triples, known) for scorer in scorers]
     asked = ranks[0]
@@ -118,16 +141,28 @@ def removed(graph: RecipeGraph, amount: int, seed: int) -> Iterator[tuple[str, i
 
 def test_removed(graph: RecipeGraph, amount: int, seeds: Sequence[int]) -> None:
     columns = ("rankers", "kernel", "words of others", "frequency", "chance")
-    print(f"{graph.name}: {amount} entities taken out; MRR    queries" + "".join(f"{name:>17}" for name in columns))
+    print(
+        f"{graph.name}: {amount} entities taken out; MRR    queries"
+        + "".join(f"{name:>17}" for name in columns)
+    )
     found: dict[str, list[tuple[int, list[float]]]] = {}
     for seed in seeds:
         for name, queries, figures in removed(graph, amount, seed):
             found.setdefault(name, []).append((queries, figures))
     for name, rows in found.items():
-        means = np.average([figures for _, figures in rows], axis=0, weights=[queries for queries, _ in rows])
-        print(f"{name:<42}{sum(queries for queries, _ in rows):>10}" + "".join(f"{mean:17.3f}" for mean in means))
+        means = np.average(
+            [figures for _, figures in rows], axis=0, weights=[queries for queries, _ in rows]
+        )
+        print(
+            f"{name:<42}{sum(queries for queries, _ in rows):>10}"
+            + "".join(f"{mean:17.3f}" for mean in means)
+        )
         for seed, (queries, figures) in zip(seeds, rows, strict=True):
-            print(f"{f'  seed {seed}':<42}{queries:>10}" + "".join(f"{figure:17.3f}" for figure in figures), flush=True)
+            print(
+                f"{f'  seed {seed}':<42}{queries:>10}"
+                + "".join(f"{figure:17.3f}" for figure in figures),
+                flush=True,
+            )
 
 
 # --- splits ----------------------------------------------------------------------------------------------------------
@@ -146,18 +181,24 @@ def test_splits(graph: RecipeGraph, kinds: Sequence[str], seeds: Sequence[int]) 
                 scorer = TableScorer(torch.stack(tables), graph.entities, graph.hash)
                 ranks = rank_triples(scorer, split.held_out("valid"), graph.triples)
                 masks = slice_masks(ranks)
-                rows.append([mean_reciprocal_rank(ranks[masks[name]]) for name in ("all", *RELATIONS)])
+                rows.append(
+                    [mean_reciprocal_rank(ranks[masks[name]]) for name in ("all", *RELATIONS)]
+                )
             means = np.mean(rows, axis=0)
             each = " ".join(f"{row[0]:.3f}" for row in rows)
             print(
                 f"{graph.name}, {kind}, {spec}: validation MRR {means[0]:.3f} ({each}), "
-                + ", ".join(f"{name} {mean:.3f}" for name, mean in zip(RELATIONS, means[1:], strict=True)),
+                + ", ".join(
+                    f"{name} {mean:.3f}" for name, mean in zip(RELATIONS, means[1:], strict=True)
+                ),
                 flush=True,
             )
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=["removed", "splits"])
     parser.add_argument("books", nargs="+")
     parser.add_argument("--amount", type=int, default=30)

@@ -51,8 +51,16 @@ SUCCESS = {  # logits: mean, and standard deviations of tasks, seeds and rest
     "finished, .97": (5.5, 1.0, 0.0, 2.0),
     "failed, .75": (1.8, 1.0, 0.0, 2.0),
 }
-PAIRS = [("by goal, .29", "no graph, .29"), ("w, .84", "no graph, .29"), ("random vectors, .51", "no graph, .29")]
-PAIRS += [("by goal, .29", "by goal, .29"), ("released code, .67", "no graph, .29"), ("full graph, .99", "w, .84")]
+PAIRS = [
+    ("by goal, .29", "no graph, .29"),
+    ("w, .84", "no graph, .29"),
+    ("random vectors, .51", "no graph, .29"),
+]
+PAIRS += [
+    ("by goal, .29", "by goal, .29"),
+    ("released code, .67", "no graph, .29"),
+    ("full graph, .99", "w, .84"),
+]
 PAIRS += [("released code, .64", "no graph, .29")]
 ALIKE = 0.7
 """Correlation of the difficulty of a task for two kinds of agents."""
@@ -66,14 +74,23 @@ def mean_of(logits: Table, deviation: float) -> Table:
 
 def truth(name: str, *, of_one: bool = False) -> float:
     mean, of_tasks, of_seeds, of_rest = SUCCESS[name]
-    return float(mean_of(np.array(mean), float(np.hypot.reduce([of_tasks, 0 if of_one else of_seeds, of_rest]))))
+    return float(
+        mean_of(
+            np.array(mean), float(np.hypot.reduce([of_tasks, 0 if of_one else of_seeds, of_rest]))
+        )
+    )
 
 
 def scores(name: str, difficulty: Table, seeds: int, rng: np.random.Generator) -> Table:
     """Return the success rates of ``seeds`` trainings, or of 0, an average one, on tasks, shape (seeds, tasks)."""
     mean, of_tasks, of_seeds, of_rest = SUCCESS[name]
     skill = of_seeds * rng.normal(size=(seeds, 1)) if seeds else np.zeros((1, 1))
-    logits = mean + of_tasks * difficulty + skill + of_rest * rng.normal(size=(len(skill), len(difficulty)))
+    logits = (
+        mean
+        + of_tasks * difficulty
+        + skill
+        + of_rest * rng.normal(size=(len(skill), len(difficulty)))
+    )
     return rng.binomial(ATTEMPTS, expit(logits)) / ATTEMPTS
 
 
@@ -89,7 +106,9 @@ def failing(names: tuple[str, str], seeds: int, tasks: int) -> Trial:
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
         difficulty = rng.normal(size=tasks)
         kinds = [names[int(rng.random() < 0.2)] for _ in range(seeds)]
-        return rate_interval(np.concatenate([scores(kind, difficulty, 1, rng) for kind in kinds])), expected
+        return rate_interval(
+            np.concatenate([scores(kind, difficulty, 1, rng) for kind in kinds])
+        ), expected
 
     return trial
 
@@ -112,7 +131,9 @@ def over_seeds(name: str, seeds: int, tasks: int) -> Trial:
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
         difficulty = rng.normal(size=tasks)
         expected = mean_of(mean + of_tasks * difficulty, float(np.hypot(of_seeds, of_rest))).mean()
-        return student_interval(scores(name, difficulty, seeds, rng).mean(axis=1)) or (0, 1), float(expected)
+        return student_interval(scores(name, difficulty, seeds, rng).mean(axis=1)) or (0, 1), float(
+            expected
+        )
 
     return trial
 
@@ -123,14 +144,19 @@ STEPS = np.arange(21) * 50_000
 def curves(seeds: int, rng: np.random.Generator, speed: float) -> Table:
     """Return learning curves from .016 to .3, shape (seeds, STEPS), with noise as of the agents without a graph."""
     rates = speed * rng.lognormal(0, 0.15, (seeds, 1))
-    ends = 0.284 + 0.004 * rng.normal(size=(seeds, 1)) + 0.002 * rng.normal(size=(seeds, len(STEPS)))
+    ends = (
+        0.284 + 0.004 * rng.normal(size=(seeds, 1)) + 0.002 * rng.normal(size=(seeds, len(STEPS)))
+    )
     return 0.016 + ends * (1 - np.exp(-rates * STEPS / STEPS[-1]))
 
 
 def runs(found: Table) -> list[Any]:
     """Return finished trainings, as far as steps need them."""
     points = [tuple(zip(STEPS.tolist(), curve, strict=True)) for curve in found.tolist()]
-    return [SimpleNamespace(seed=seed, curve=curve, steps=int(STEPS[-1])) for seed, curve in enumerate(points)]
+    return [
+        SimpleNamespace(seed=seed, curve=curve, steps=int(STEPS[-1]))
+        for seed, curve in enumerate(points)
+    ]
 
 
 def steps_of_each(speed: float, seeds: int, _: int) -> Trial:
@@ -165,7 +191,9 @@ def of_tasks(name: str, _: int, tasks: int) -> Trial:
 
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
         solved = scores(name, rng.normal(size=tasks), 0, rng)[0] * ATTEMPTS
-        return task_bootstrap((np.arange(ATTEMPTS) < solved[:, None] - 0.5).astype(int), draws=1_000), expected
+        return task_bootstrap(
+            (np.arange(ATTEMPTS) < solved[:, None] - 0.5).astype(int), draws=1_000
+        ), expected
 
     return trial
 
@@ -177,7 +205,9 @@ def of_players(names: tuple[str, str], _: int, tasks: int) -> Trial:
         one, other = rng.normal(size=(2, tasks))
         solved = [
             scores(name, skill, 0, rng)[0][:, None] * ATTEMPTS > np.arange(ATTEMPTS) + 0.5
-            for name, skill in zip(names, (one, ALIKE * one + (1 - ALIKE**2) ** 0.5 * other), strict=True)
+            for name, skill in zip(
+                names, (one, ALIKE * one + (1 - ALIKE**2) ** 0.5 * other), strict=True
+            )
         ]
         return paired_difference(*solved, draws=1_000)[1:], expected
 
@@ -188,11 +218,18 @@ def of_ranks(median: float, _: int, recipes: int) -> Trial:
     """MRR over four queries of each recipe, whose ranks are alike."""
 
     def ranks(number: int, rng: np.random.Generator) -> Table:
-        return np.ceil(np.exp(np.log(median) + rng.normal(size=(number, 1)) * 1.5 + rng.normal(size=(number, 4))))
+        return np.ceil(
+            np.exp(
+                np.log(median) + rng.normal(size=(number, 1)) * 1.5 + rng.normal(size=(number, 4))
+            )
+        )
 
     expected = float((1 / ranks(400_000, np.random.default_rng(1))).mean())
     clusters = np.repeat(np.arange(recipes), 4)
-    return lambda rng: (interval(bootstrap((1 / ranks(recipes, rng)).ravel(), clusters, resamples=500)), expected)
+    return lambda rng: (
+        interval(bootstrap((1 / ranks(recipes, rng)).ravel(), clusters, resamples=500)),
+        expected,
+    )
 
 
 def of_points(kind: str, _: int, points: int) -> Trial:
@@ -240,13 +277,23 @@ def rows(times: int, only: str) -> Iterator[dict[str, Any]]:
             for scenario, size in product(scenarios, sizes):
                 trial, rng = make(scenario, number, size), np.random.default_rng(len(found))
                 drawn = [trial(rng) for _ in range(times)]
-                found.append(float(np.mean([low <= expected <= high for (low, high), expected in drawn])))
-            figures = {"coverage": float(np.mean(found)), "lowest": min(found), "highest": max(found)}
-            yield {"kind": kind, "seeds": number} | {name: round(value, 3) for name, value in figures.items()}
+                found.append(
+                    float(np.mean([low <= expected <= high for (low, high), expected in drawn]))
+                )
+            figures = {
+                "coverage": float(np.mean(found)),
+                "lowest": min(found),
+                "highest": max(found),
+            }
+            yield {"kind": kind, "seeds": number} | {
+                name: round(value, 3) for name, value in figures.items()
+            }
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--times", type=int, default=2_000)
     parser.add_argument("--only", default="", help="a part of the kind")
     parser.add_argument("--json", type=Path)
@@ -254,7 +301,12 @@ def main() -> None:
     found = []
     for row in rows(options.times, options.only):
         found.append(row)
-        print("{kind:60s} seeds {seeds}: {coverage:.3f}, from {lowest:.3f} to {highest:.3f}".format(**row), flush=True)
+        print(
+            "{kind:60s} seeds {seeds}: {coverage:.3f}, from {lowest:.3f} to {highest:.3f}".format(
+                **row
+            ),
+            flush=True,
+        )
     if options.json:
         write_atomically(options.json, "[\n" + ",\n".join(map(json.dumps, found)) + "\n]\n")
 

@@ -28,7 +28,9 @@ PAIRS, SEED = 300, 20261124
 
 def main() -> None:
     """Print the table of the datasheet."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     for name in ("graph", "recipes", "complex"):
         parser.add_argument(name)
     given = parser.parse_args()
@@ -50,7 +52,8 @@ def main() -> None:
         scores = {
             "recipe-scorer": recipes.score_recipes(one, other, everything),
             "votes": votes.score_recipes(one, other, everything),
-            "ComplEx": links.score(one, COMPONENT_OF, everything) + links.score(other, COMPONENT_OF, everything),
+            "ComplEx": links.score(one, COMPONENT_OF, everything)
+            + links.score(other, COMPONENT_OF, everything),
             "nearest-words": words @ (words[a] + words[b]),
         }
         for name, of_all in scores.items():
@@ -62,7 +65,9 @@ def main() -> None:
                 counts[name][2 if verdict is None else 1] += verdict is not False
     rows = [("model", "in the book", "accepted", "not judged", "in the book or accepted")]
     for name, (right, accepted, unknown) in counts.items():
-        rows.append((name, str(right), str(accepted), str(unknown), f"{(right + accepted) / PAIRS:.3f}"))
+        rows.append(
+            (name, str(right), str(accepted), str(unknown), f"{(right + accepted) / PAIRS:.3f}")
+        )
     print("\n".join(aligned(rows)))
 
 

@@ -34,8 +34,15 @@ def speed(entities: int, recipes: int, batches: int, config: ComplExConfig) -> N
     train = synthetic_rows(entities, recipes, base=10, seed=0)[: recipes * 8 // 10]
     triples = torch.from_numpy(recipe_triples(train))
     factory = CoreTriplesFactory(triples, num_entities=entities, num_relations=len(RELATIONS))
-    some = factory.clone_and_exchange_triples(triples[torch.randperm(len(triples))[: batches * config.batch_size]])
-    options = {"batch_size": config.batch_size, "use_tqdm": False, "use_tqdm_batch": False, "pin_memory": False}
+    some = factory.clone_and_exchange_triples(
+        triples[torch.randperm(len(triples))[: batches * config.batch_size]]
+    )
+    options = {
+        "batch_size": config.batch_size,
+        "use_tqdm": False,
+        "use_tqdm_batch": False,
+        "pin_memory": False,
+    }
     with pykeen_guard(config.seed, config.threads), quiet_pykeen():
         loop = make_training_loop(config, factory)
         loop.train(some, num_epochs=1, **options)
@@ -55,7 +62,10 @@ def quality(graph: str, negatives: list[int], queries: int, config: dict[str, in
     def mrr(scorer) -> float:
         return mean_reciprocal_rank(rank_triples(scorer, asked, known))
 
-    print(f"{opened.graph.name}: {opened.graph.num_entities:,} entities, {len(train):,} training triples", flush=True)
+    print(
+        f"{opened.graph.name}: {opened.graph.num_entities:,} entities, {len(train):,} training triples",
+        flush=True,
+    )
     print(f"frequency       MRR {mrr(FrequencyScorer(opened.graph, train)):.4f}", flush=True)
     for number in negatives:
         settings = ComplExConfig(negatives=number, **config)
@@ -63,13 +73,19 @@ def quality(graph: str, negatives: list[int], queries: int, config: dict[str, in
         begun = time.process_time()
         model = fit(settings, factory, lambda epoch: None)
         seconds = (time.process_time() - begun) / settings.epochs
-        scorer = make_scorer(*scorer_tensors(settings, model, train), opened.graph.entities, opened.graph.hash)
+        scorer = make_scorer(
+            *scorer_tensors(settings, model, train), opened.graph.entities, opened.graph.hash
+        )
         name = f"{number:,} sampled" if number else "all entities"
-        print(f"{name:<15} MRR {mrr(scorer):.4f}, {seconds:.1f} CPU s an epoch, {peak()}", flush=True)
+        print(
+            f"{name:<15} MRR {mrr(scorer):.4f}, {seconds:.1f} CPU s an epoch, {peak()}", flush=True
+        )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     commands = parser.add_subparsers(dest="command", required=True)
     one, other = commands.add_parser("speed"), commands.add_parser("quality")
     one.add_argument("--entities", type=int, default=100_000)
@@ -85,7 +101,9 @@ def main() -> None:
         command.add_argument("--threads", type=int, default=1)
     arguments = parser.parse_args()
     if arguments.command == "speed":
-        config = ComplExConfig(dim=arguments.dim, threads=arguments.threads, negatives=arguments.negatives)
+        config = ComplExConfig(
+            dim=arguments.dim, threads=arguments.threads, negatives=arguments.negatives
+        )
         speed(arguments.entities, arguments.recipes, arguments.batches, config)
     else:
         config = {"dim": arguments.dim, "threads": arguments.threads, "epochs": arguments.epochs}

@@ -26,7 +26,12 @@ from wordcraft_kg.graphs import RecipeBook, RecipeGraph, Split, SplitConfig, mak
 from wordcraft_kg.graphs.folder import write_graph_folder
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import TrainedLinks, train_links
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
+from wordcraft_kg.models.scorers.baselines import (
+    FrequencyScorer,
+    NeighbourScorer,
+    SymbolicScorer,
+    VoteScorer,
+)
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.kernel import KernelScorer
@@ -39,7 +44,10 @@ EVERY = 10
 
 
 def sweep(graph: RecipeGraph, folder: Path, epochs: int) -> None:
-    print("validation MRR, mean of 3 splits, after " + " ".join(f"{n:>5}" for n in range(EVERY, epochs + 1, EVERY)))
+    print(
+        "validation MRR, mean of 3 splits, after "
+        + " ".join(f"{n:>5}" for n in range(EVERY, epochs + 1, EVERY))
+    )
     for rate in RATES:
         for weight in WEIGHTS:
             config = ComplExConfig(epochs=epochs, eval_every=EVERY, n3=weight, learning_rate=rate)
@@ -47,7 +55,10 @@ def sweep(graph: RecipeGraph, folder: Path, epochs: int) -> None:
             for seed in (10, 11, 12):
                 split = make_split(graph, SplitConfig(seed=seed, valid_ratio=0.1))
                 trained = train(split, config, folder)
-                trace = [json.loads(line) for line in (trained.folder / "trace.jsonl").read_text().splitlines()]
+                trace = [
+                    json.loads(line)
+                    for line in (trained.folder / "trace.jsonl").read_text().splitlines()
+                ]
                 curves.append([row["valid_mrr"] for row in trace if "valid_mrr" in row])
             means = " ".join(f"{value:.3f}" for value in np.mean(curves, axis=0))
             print(f"rate {rate:<4} N3 weight {weight:<6}                    {means}", flush=True)
@@ -59,8 +70,12 @@ def sweep_neighbours(graph: RecipeGraph) -> None:
         for seed in (10, 11, 12):
             split = make_split(graph, SplitConfig(seed=seed, valid_ratio=0.1))
             scorer = NeighbourScorer(graph, split.partial, power=power)
-            found.append(ranking_metrics(rank_triples(scorer, split.held_out("valid"), graph.triples)).mrr)
-        print(f"a neighbour of n entities weighs n ** -{power}: validation MRR {np.mean(found):.4f}, mean of 3 splits")
+            found.append(
+                ranking_metrics(rank_triples(scorer, split.held_out("valid"), graph.triples)).mrr
+            )
+        print(
+            f"a neighbour of n entities weighs n ** -{power}: validation MRR {np.mean(found):.4f}, mean of 3 splits"
+        )
 
 
 def sweep_votes(graph: RecipeGraph) -> None:
@@ -74,12 +89,23 @@ def sweep_votes(graph: RecipeGraph) -> None:
             results = result_ranks(graph, recipes, count_votes(scorer, recipes))
             found.append([ranking_metrics(links).mrr, np.mean(1 / results)])
         of_links, of_results = np.mean(found, axis=0)
-        print(f"unseen {unseen}: validation MRR {of_links:.4f}, of the results of pairs {of_results:.4f}, 3 splits")
+        print(
+            f"unseen {unseen}: validation MRR {of_links:.4f}, of the results of pairs {of_results:.4f}, 3 splits"
+        )
 
 
 def test(graph: RecipeGraph, folder: Path) -> None:
     features = glove_features(graph.entities)
-    columns = ("ComplEx", "no near-synonym", "neighbours", "no near-synonym", "kernel", "votes", "frequency", "facts")
+    columns = (
+        "ComplEx",
+        "no near-synonym",
+        "neighbours",
+        "no near-synonym",
+        "kernel",
+        "votes",
+        "frequency",
+        "facts",
+    )
     print("filtered MRR   " + "".join(f"{name:>17}" for name in columns) + "   ComplEx hits@1, @10")
     rows = []
     for seed in (0, 1, 2):
@@ -102,7 +128,10 @@ def test(graph: RecipeGraph, folder: Path) -> None:
                 ranking_metrics(ranks[np.tile(~repeated, 2)]).mrr,
                 ranking_metrics(beside).mrr,
                 ranking_metrics(beside[np.tile(~repeated, 2)]).mrr,
-                *(ranking_metrics(rank_triples(scorer, queries, graph.triples)).mrr for scorer in baselines),
+                *(
+                    ranking_metrics(rank_triples(scorer, queries, graph.triples)).mrr
+                    for scorer in baselines
+                ),
                 found.hits_at_1,
                 found.hits_at_10,
             ]
@@ -111,13 +140,18 @@ def test(graph: RecipeGraph, folder: Path) -> None:
     print("mean           " + _row(np.mean(rows, axis=0)))
     split = make_split(graph, SplitConfig())
     full = train(split, ComplExConfig(kg="full"), folder)
-    print(f"full graph, on its own triples: MRR {full.metrics.train_mrr:.4f}  {full.metrics.seconds:.1f} s")
+    print(
+        f"full graph, on its own triples: MRR {full.metrics.train_mrr:.4f}  {full.metrics.seconds:.1f} s"
+    )
 
 
 def train(split: Split, settings: ComplExConfig, folder: Path) -> TrainedLinks:
     graph = split.graph
     write_graph_folder(
-        folder / "graph", RecipeBook(graph.name, tuple(graph.recipe_labels()), graph.base), split, force=True
+        folder / "graph",
+        RecipeBook(graph.name, tuple(graph.recipe_labels()), graph.base),
+        split,
+        force=True,
     )
     settings = replace(settings, folds=0)  # nobody learns from these models
     return train_links(LinksConfig(str(folder / "graph"), settings), folder / "model", force=True)
@@ -146,7 +180,9 @@ def result_ranks(graph: RecipeGraph, recipes: np.ndarray, scores: np.ndarray) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("what", choices=["settings", "neighbours", "votes", "test"])
     parser.add_argument("book", nargs="?", default="little-alchemy-2")
     parser.add_argument("--epochs", type=int, default=100, help="of the sweep")

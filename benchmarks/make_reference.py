@@ -49,7 +49,13 @@ from wordcraft_kg.evaluation.reference import (
 )
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.studies.references import DISTRACTORS, in_order, open_play, scorer_rows, scripted_rows
+from wordcraft_kg.studies.references import (
+    DISTRACTORS,
+    in_order,
+    open_play,
+    scorer_rows,
+    scripted_rows,
+)
 from wordcraft_kg.studies.result_readers import OVER_SEEDS, SEEN
 from wordcraft_kg.studies.results import StudyResults
 
@@ -63,11 +69,19 @@ PLAIN = "no graph, "
 
 def main() -> None:
     """Measure, and write or compare a file."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("graph", help="graph folder, recipe book or known book's name")
-    parser.add_argument("--studies", nargs="+", default=(), type=Path, help="results of studies of this book")
-    parser.add_argument("--scorers", nargs="+", default=(), metavar="NAME=MODEL", help="model folders, by scorer")
-    parser.add_argument("--check", action="store_true", help="compare scripted players with the file")
+    parser.add_argument(
+        "--studies", nargs="+", default=(), type=Path, help="results of studies of this book"
+    )
+    parser.add_argument(
+        "--scorers", nargs="+", default=(), metavar="NAME=MODEL", help="model folders, by scorer"
+    )
+    parser.add_argument(
+        "--check", action="store_true", help="compare scripted players with the file"
+    )
     chosen = parser.parse_args()
     opened = open_graph(chosen.graph)
     path = PACK / f"{opened.graph.name}.json"
@@ -129,10 +143,20 @@ def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow
             amounts = sorted({int(run.values["distractors"]) for run in runs})
             if not amounts:
                 continue
-            rates = {amount: [run.rates for run in runs if run.values["distractors"] == amount] for amount in amounts}
-            found = {amount: (float(np.mean(rate)), *rate_interval(rate)) for amount, rate in rates.items()}
+            rates = {
+                amount: [run.rates for run in runs if run.values["distractors"] == amount]
+                for amount in amounts
+            }
+            found = {
+                amount: (float(np.mean(rate)), *rate_interval(rate))
+                for amount, rate in rates.items()
+            }
             own = {
-                amount: float(np.mean([run.by_plan["test"] for run in runs if run.values["distractors"] == amount]))
+                amount: float(
+                    np.mean(
+                        [run.by_plan["test"] for run in runs if run.values["distractors"] == amount]
+                    )
+                )
                 for amount in amounts
             }
             scorer = study.scorers.get(str(settings.get("scorer")), {})
@@ -168,7 +192,9 @@ def pack_text(pack: ReferencePack) -> str:
 
 def differences(pack: ReferencePack, scripted: Sequence[ReferenceRow]) -> int:
     """Print differences between file and measurements; return the exit code."""
-    recorded = {(row.player, row.play): row for row in pack.rows if row.kind not in ("agent", "scorer")}
+    recorded = {
+        (row.player, row.play): row for row in pack.rows if row.kind not in ("agent", "scorer")
+    }
     wrong = [row.player for row in scripted if recorded.pop((row.player, row.play), None) != row]
     for name in [*wrong, *(player for player, _ in recorded)]:
         print(f"'{name}' is not as in the file")

@@ -55,12 +55,16 @@ FEW = 2
 ZERO_SHOT = "zero-shot"
 
 
-def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> tuple[RecipeKnowledge, LinkRankers]:
+def fitted(
+    opened: OpenedGraph, name: str, words: str, specs: Sequence[str]
+) -> tuple[RecipeKnowledge, LinkRankers]:
     """Fit a scorer on the train recipes; a row that starts with "zero-shot" learns from other books only."""
     if not name.startswith(ZERO_SHOT):
         outside = open_outside(specs, opened, words)
         return fit_recipe_scorer(
-            make_folds(opened.split, 5), text_of(make_features(words, opened.graph.entities)), outside=outside.tables
+            make_folds(opened.split, 5),
+            text_of(make_features(words, opened.graph.entities)),
+            outside=outside.tables,
         )
     joint = join_books(specs, opened, words, folds=5, keep_train="unshared" not in name)
     text = text_of(make_features(words, joint.opened.graph.entities))
@@ -68,7 +72,9 @@ def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> 
     return knowledge.of_entities(joint.own), rankers
 
 
-def played(opened: OpenedGraph, knowledge: RecipeKnowledge, distractors: int, part: str) -> tuple[float, float]:
+def played(
+    opened: OpenedGraph, knowledge: RecipeKnowledge, distractors: int, part: str
+) -> tuple[float, float]:
     """Return success of the pair with the highest score, on all tasks and on those with a rare entity."""
     world = World(opened, WordCraftConfig(part=part, num_distractors=distractors))  # type: ignore[arg-type]
     size, tasks = opened.graph.num_entities, np.arange(len(world.tasks))
@@ -89,18 +95,26 @@ def played(opened: OpenedGraph, knowledge: RecipeKnowledge, distractors: int, pa
                 for goals, tables in zip(goal.split(1024), table.split(1024), strict=True)
             ]
         )
-        one, other = (table.gather(1, slot[:, None])[:, 0] for slot in (best // slots, best % slots))
+        one, other = (
+            table.gather(1, slot[:, None])[:, 0] for slot in (best // slots, best % slots)
+        )
         pairs = torch.stack([torch.minimum(one, other), torch.maximum(one, other), goal], dim=1)
         wins.append([tuple(pair) in makes for pair in pairs.tolist()])
     success = np.mean(wins, axis=0)
     return float(success.mean()), float(success[is_few].mean()) if is_few.any() else float("nan")
 
 
-def scorer_figures(opened: OpenedGraph, part: str, name: str, words: str, specs: Sequence[str]) -> dict[str, float]:
+def scorer_figures(
+    opened: OpenedGraph, part: str, name: str, words: str, specs: Sequence[str]
+) -> dict[str, float]:
     """Return a scorer's MRR and success alone."""
     knowledge, rankers = fitted(opened, name, words, specs)
     graph = opened.graph
-    scorer = RecipeScorer(scorer_tensors(knowledge, rankers, opened.split.recipes("train")), graph.entities, graph.hash)
+    scorer = RecipeScorer(
+        scorer_tensors(knowledge, rankers, opened.split.recipes("train")),
+        graph.entities,
+        graph.hash,
+    )
     queries = opened.split.held_out(part)  # type: ignore[arg-type]
     figures = {"mrr": mean_reciprocal_rank(rank_triples(scorer, queries, graph.triples))}
     for amount in (8, 1):
@@ -116,7 +130,9 @@ def agent_figures(
     if not Path(graph).exists():
         write_graph_folder(Path(graph), open_book(opened.source), opened.split)
     if not (home / "model/metrics.json").exists():
-        train_recipes(RecipesConfig(graph, RecipeScorerConfig(features=words, with_=tuple(specs))), model)
+        train_recipes(
+            RecipesConfig(graph, RecipeScorerConfig(features=words, with_=tuple(specs))), model
+        )
     if not (home / "run/evaluation.json").exists():
         use, trainer = PolicyConfig(use="u,v,w"), ImpalaConfig(steps=steps, eval_every=0)
         train_agent(AgentConfig(graph, model, policy=use, trainer=trainer), run)
@@ -127,7 +143,9 @@ def agent_figures(
     }
     figures: dict[str, Any] = {}
     for amount in (8, 1):
-        evaluator = Evaluator(World(opened, agent.config.tasks.environment(part, amount)), distractor_seeds=SEEDS)  # type: ignore[arg-type]
+        evaluator = Evaluator(
+            World(opened, agent.config.tasks.environment(part, amount)), distractor_seeds=SEEDS
+        )  # type: ignore[arg-type]
         success = {name: evaluator(player).success for name, player in players.items()}
         figures |= {f"{name} {amount}": float(won.mean()) for name, won in success.items()}
         gain, low, high = paired_difference(success["agent"], success["scorer"])
@@ -135,7 +153,9 @@ def agent_figures(
     return figures
 
 
-def cell(options: argparse.Namespace, kind: str, seed: int, name: str, words: str, specs: Sequence[str]) -> Any:
+def cell(
+    options: argparse.Namespace, kind: str, seed: int, name: str, words: str, specs: Sequence[str]
+) -> Any:
     """Return the figures of a row on one split, from an earlier call if there was one."""
     home = options.out / f"{Path(options.book).stem}-{kind}-{seed}-{options.part}-{name}"
     file = Path(f"{home}-agent.json" if options.agents else f"{home}.json")
@@ -147,14 +167,22 @@ def cell(options: argparse.Namespace, kind: str, seed: int, name: str, words: st
             figures = agent_figures(opened, options.part, words, specs, options.agents, home)
         else:
             figures = scorer_figures(opened, options.part, name, words, specs)
-        row = {"book": opened.graph.name, "split": kind, "seed": seed, "part": options.part, "row": name}
+        row = {
+            "book": opened.graph.name,
+            "split": kind,
+            "seed": seed,
+            "part": options.part,
+            "row": name,
+        }
         write_atomically(file, json.dumps(row | figures))
     return json.loads(file.read_text())
 
 
 def rows_of(options: argparse.Namespace) -> Iterator[tuple[str, str, list[str]]]:
     """Yield each row's name, word vectors and sources."""
-    sources = {name: spec.split(",") for name, _, spec in (each.partition("=") for each in options.source)}
+    sources = {
+        name: spec.split(",") for name, _, spec in (each.partition("=") for each in options.source)
+    }
     yield "recipes alone", "one-hot", []
     yield "and GloVe", "glove", []
     yield "and words", options.words, []
@@ -185,15 +213,27 @@ def shown(values: list[float], lowest: float) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("book")
     parser.add_argument("--words", default="minilm", help="word vectors of all rows after GloVe")
-    parser.add_argument("--source", action="append", default=[], help="NAME=SPEC,SPEC; NAME may start with zero-shot")
+    parser.add_argument(
+        "--source",
+        action="append",
+        default=[],
+        help="NAME=SPEC,SPEC; NAME may start with zero-shot",
+    )
     parser.add_argument("--only", help="names of rows, comma-separated")
     parser.add_argument("--splits", default="by-recipe,by-goal,by-slot")
     parser.add_argument("--split-seeds", default="0,1,2")
     parser.add_argument("--part", choices=("test", "valid"), default="test")
-    parser.add_argument("--agents", type=int, metavar="STEPS", help="train agents with the scorers, for so many steps")
+    parser.add_argument(
+        "--agents",
+        type=int,
+        metavar="STEPS",
+        help="train agents with the scorers, for so many steps",
+    )
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     parser.add_argument("--out", type=Path, default=Path("benchmarks/runs/outside-knowledge"))
     options = parser.parse_args()
@@ -209,7 +249,10 @@ def main() -> None:
                 for seed in map(int, options.split_seeds.split(",")):
                     rows.append(cell(options, kind, seed, name, words, specs))
                 print(*lines_of(rows[-len(options.split_seeds.split(",")) :]), flush=True)
-            print(f"^ {options.book}, {kind}: {options.part} tasks, splits {options.split_seeds}\n", flush=True)
+            print(
+                f"^ {options.book}, {kind}: {options.part} tasks, splits {options.split_seeds}\n",
+                flush=True,
+            )
             found += rows
     if options.json:
         write_atomically(options.json, json.dumps(found, indent=1) + "\n")

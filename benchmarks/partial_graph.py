@@ -53,7 +53,9 @@ class Cell:
 
     @property
     def folder(self) -> Path:
-        name = f"{self.variant}-{self.distractors}-{self.steps}-{self.seed}".replace(" ", "-").replace(",", "")
+        name = f"{self.variant}-{self.distractors}-{self.steps}-{self.seed}".replace(
+            " ", "-"
+        ).replace(",", "")
         return self.home / "runs" / name
 
 
@@ -71,18 +73,24 @@ def build(book: str, home: Path, kind: str, seed: int, scorers: Container[str | 
     graph = home / "graph"
     if not graph.exists():
         recipes = open_book(book)
-        write_graph_folder(graph, recipes, make_split(RecipeGraph.from_book(recipes), SplitConfig(kind, seed=seed)))
+        write_graph_folder(
+            graph, recipes, make_split(RecipeGraph.from_book(recipes), SplitConfig(kind, seed=seed))
+        )
     opened = open_graph(graph)
     for name, make in own_scorers(opened.graph).items():
         if name in scorers and not (home / name).exists():
-            save_scorer(home / name, cross_fit(opened.split, make), opened, kg="partial", origin=name)
+            save_scorer(
+                home / name, cross_fit(opened.split, make), opened, kg="partial", origin=name
+            )
     if "complex" in scorers and not is_done(home / "complex"):
         train_links(LinksConfig(str(graph), ComplExConfig()), home / "complex", force=True)
     if "recipes" in scorers and not is_done(home / "recipes"):
         train_recipes(RecipesConfig(str(graph)), home / "recipes", force=True)
     figures = home / "mrr.json"
     mrr = json.loads(figures.read_text()) if figures.exists() else {}
-    missing = sorted({name for name, _ in VARIANTS.values() if name and name in scorers and name not in mrr})
+    missing = sorted(
+        {name for name, _ in VARIANTS.values() if name and name in scorers and name not in mrr}
+    )
     write_atomically(figures, json.dumps(mrr | judge(home, missing)))
 
 
@@ -121,7 +129,9 @@ def judge(home: Path, scorers: list[str]) -> dict[str, float]:
     for name in scorers:
         model = open_model(home / name)
         graph, split = model.opened.graph, model.opened.split
-        found[name] = mean_reciprocal_rank(rank_triples(model.scorer, split.held_out("test"), graph.triples))
+        found[name] = mean_reciprocal_rank(
+            rank_triples(model.scorer, split.held_out("test"), graph.triples)
+        )
     return found
 
 
@@ -139,19 +149,25 @@ def train(cell: Cell) -> float:
             None if scorer is None else str(cell.home / scorer),
             TaskConfig(distractors=cell.distractors),
             PolicyConfig(**settings),  # type: ignore[arg-type]
-            ImpalaConfig(steps=cell.steps, seed=cell.seed, eval_every=0, checkpoint_every=cell.steps),
+            ImpalaConfig(
+                steps=cell.steps, seed=cell.seed, eval_every=0, checkpoint_every=cell.steps
+            ),
         )
         trained = train_agent(config, cell.folder, force=True)
         assert trained.summary is not None
         found = {part: success.mean for part, success in trained.summary.success.items()}
-        write_atomically(figures, json.dumps(found | {"steps_per_second": trained.summary.steps_per_second}))
+        write_atomically(
+            figures, json.dumps(found | {"steps_per_second": trained.summary.steps_per_second})
+        )
         for file in ("constants.safetensors", "episodes.jsonl"):
             (cell.folder / file).unlink()  # tens of megabytes each
     return float(json.loads(figures.read_text())["test"])
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("books", nargs="+")
     parser.add_argument("--splits", default=",".join(SPLITS))
     parser.add_argument("--split-seeds", type=int, default=3)
@@ -168,7 +184,10 @@ def main() -> None:
     distractors = [int(amount) for amount in options.distractors.split(",")]
     for book in options.books:
         for kind in options.splits.split(","):
-            homes = [options.out / f"{Path(book).stem}-{kind}-{seed}" for seed in range(options.split_seeds)]
+            homes = [
+                options.out / f"{Path(book).stem}-{kind}-{seed}"
+                for seed in range(options.split_seeds)
+            ]
             for seed, home in enumerate(homes):
                 build(book, home, kind, seed, {VARIANTS[variant][0] for variant in variants})
             cells = [
@@ -188,7 +207,9 @@ def main() -> None:
         write_atomically(options.json, json.dumps(found, indent=1) + "\n")
 
 
-def rows_of(book: str, kind: str, variants: list[str], success: dict[Cell, float]) -> Iterator[dict[str, Any]]:
+def rows_of(
+    book: str, kind: str, variants: list[str], success: dict[Cell, float]
+) -> Iterator[dict[str, Any]]:
     """Yield figures by variant and number of distractors."""
     for variant in variants:
         scorer = VARIANTS[variant][0]
@@ -196,7 +217,11 @@ def rows_of(book: str, kind: str, variants: list[str], success: dict[Cell, float
             of = [cell for cell in success if (cell.variant, cell.distractors) == (variant, amount)]
             values = [success[cell] for cell in of]
             none = [success.get(replace(cell, variant="no graph"), np.nan) for cell in of]
-            mrr = [json.loads((cell.home / "mrr.json").read_text())[scorer] for cell in of] if scorer else []
+            mrr = (
+                [json.loads((cell.home / "mrr.json").read_text())[scorer] for cell in of]
+                if scorer
+                else []
+            )
             yield {
                 "book": book,
                 "split": kind,
@@ -218,7 +243,12 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
     first = rows[0]
     yield f"\n{first['book']}, {first['split']}: {first['steps']:,} steps, {first['trainings']} trainings of each"
     amounts = list(dict.fromkeys(row["distractors"] for row in rows))
-    yield "".join([f"{'':26}{'MRR':>6}", *(f"{f'{amount} distractors':>24}{'- none':>9}" for amount in amounts)])
+    yield "".join(
+        [
+            f"{'':26}{'MRR':>6}",
+            *(f"{f'{amount} distractors':>24}{'- none':>9}" for amount in amounts),
+        ]
+    )
     for variant in dict.fromkeys(row["variant"] for row in rows):
         of = [row for row in rows if row["variant"] == variant]
         line = f"{variant:26}{'' if of[0]['mrr'] is None else format(of[0]['mrr'], '.3f'):>6}"

@@ -41,10 +41,16 @@ def players(opened: OpenedGraph, options: argparse.Namespace) -> Iterator[tuple[
     scorer, graph = load_scorer(options.model), opened.graph
     yield "chance", random_distinct
     for name in ("u,v", "w"):
-        yield name, knowledge_player(make_sources(name.split(","), scorer, ScoreView("standardise")))
+        yield (
+            name,
+            knowledge_player(make_sources(name.split(","), scorer, ScoreView("standardise"))),
+        )
     yield "planner", knowledge_player(make_sources(["p"], scorer))
     for width in map(int, options.widths.split(",") if options.widths else ()):
-        yield f"planner, {width} candidates", knowledge_player(make_sources(["p"], scorer, ScoreView(width=width)))
+        yield (
+            f"planner, {width} candidates",
+            knowledge_player(make_sources(["p"], scorer, ScoreView(width=width))),
+        )
     known = BestPlan.of_recipes(graph.num_entities, opened.split.recipes("train"))
     yield "planner, train recipes", knowledge_player([known])
     for run in options.run:
@@ -59,7 +65,12 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
     result = evaluator(player)
     decisions = result.actions.sum() / 2
     is_train = world.split.is_in("train")
-    unseen = np.array([min((~is_train[list(plan)]).sum() for plan in world.tasks.plans[task]) for task in result.tasks])
+    unseen = np.array(
+        [
+            min((~is_train[list(plan)]).sum() for plan in world.tasks.plans[task])
+            for task in result.tasks
+        ]
+    )
     figures = result.figures()
     return {
         "success": figures.mean,
@@ -69,7 +80,10 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
         "attempts": float(decisions / len(result.tasks)),
         "ms": 1000 * (time.process_time() - began) / float(decisions),
         "unseen": {
-            int(number): [float(result.success[unseen == number].mean()), int((unseen == number).sum())]
+            int(number): [
+                float(result.success[unseen == number].mean()),
+                int((unseen == number).sum()),
+            ]
             for number in np.unique(unseen)
         },
     }
@@ -89,7 +103,9 @@ def milliseconds(world: World, source: Any, batch: int) -> float:
 
 def main() -> None:
     """Play and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("graph")
     parser.add_argument("model", type=Path)
     parser.add_argument("--depths", default="1,2,3,4")
@@ -109,22 +125,39 @@ def main() -> None:
     with threadpool_limits(1):
         for depth in map(int, options.depths.split(",")):
             for distractors in map(int, options.distractors.split(",")):
-                config = WordCraftConfig(options.part, depth, distractors, distractor_policy=options.policy)
+                config = WordCraftConfig(
+                    options.part, depth, distractors, distractor_policy=options.policy
+                )
                 world = World(opened, config)
                 if options.time:
                     (source,) = make_sources(["p"], load_scorer(options.model))
                     alone, many = (milliseconds(world, source, batch) for batch in (1, 256))
-                    print(f"first decision at depth {depth}: {alone:.2f} ms alone, {many:.3f} ms in a batch of 256")
+                    print(
+                        f"first decision at depth {depth}: {alone:.2f} ms alone, {many:.3f} ms in a batch of 256"
+                    )
                     continue
                 for name, player in players(opened, options):
                     if options.only and name not in options.only.split(";"):
                         continue
                     figures = cell(world, player, options.tasks)
                     split = opened.split.config
-                    about = {"book": opened.graph.name, "split": split.kind, "seed": split.seed, "part": options.part}
-                    about |= {"depth": depth, "distractors": distractors, "policy": options.policy, "player": name}
+                    about = {
+                        "book": opened.graph.name,
+                        "split": split.kind,
+                        "seed": split.seed,
+                        "part": options.part,
+                    }
+                    about |= {
+                        "depth": depth,
+                        "distractors": distractors,
+                        "policy": options.policy,
+                        "player": name,
+                    }
                     rows.append({**about, "model": options.model.name, **figures})
-                    unseen = ", ".join(f"{key}: {share:.3f} of {n}" for key, (share, n) in figures["unseen"].items())
+                    unseen = ", ".join(
+                        f"{key}: {share:.3f} of {n}"
+                        for key, (share, n) in figures["unseen"].items()
+                    )
                     print(
                         f"depth {depth}, {distractors} distractors, {name}: {figures['success']:.3f} "
                         f"(own plan {figures['by_plan']:.3f}), {figures['ms']:.2f} ms; unseen {unseen}",

@@ -22,7 +22,9 @@ AROUND = 5
 
 def main() -> None:
     """Print a table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("model", type=Path, help="model folder or .gguf file")
     path = parser.parse_args().model
     where, options = (path.parent, {"gguf_file": path.name}) if path.is_file() else (path, {})
@@ -30,7 +32,9 @@ def main() -> None:
     rows = [("track", "look-ups", "prompts", "input", "output", "input, last message alone")]
     for name in (track + lite for track in read_manifest()[0].tracks for lite in ("", "-lite")):
         for look_ups in ("none", "partial"):
-            rows.append((name, look_ups, *(f"{count:,}" for count in counted(name, look_ups, tokenizer))))
+            rows.append(
+                (name, look_ups, *(f"{count:,}" for count in counted(name, look_ups, tokenizer)))
+            )
     print("\n".join(aligned(rows)))
 
 

@@ -46,11 +46,17 @@ class Clock:
 
     def look(self, policy: Policy, steps: int) -> None:
         self.used += time.process_time() - self.since
-        self.curve.append((self.used, steps, float(self.evaluator(PolicyPlayer(policy)).success.mean())))
+        self.curve.append(
+            (self.used, steps, float(self.evaluator(PolicyPlayer(policy)).success.mean()))
+        )
         self.since = time.process_time()
 
     def in_words(self, level: float) -> str:
-        found = [f"{used:.1f} s, {steps:,} steps" for used, steps, success in self.curve if success >= level]
+        found = [
+            f"{used:.1f} s, {steps:,} steps"
+            for used, steps, success in self.curve
+            if success >= level
+        ]
         used, steps, success = self.curve[-1]
         return f"{found[0] if found else 'not reached'}; at the end {success:.3f} ({used:.1f} s, {steps:,} steps)"
 
@@ -84,7 +90,14 @@ def ours(policy: Policy, train: World, clock: Clock, seed: int, steps: int, ever
 
 
 def ppo(
-    policy: Policy, train: World, clock: Clock, seed: int, steps: int, every: int, rate: float, length: int
+    policy: Policy,
+    train: World,
+    clock: Clock,
+    seed: int,
+    steps: int,
+    every: int,
+    rate: float,
+    length: int,
 ) -> None:
     wrap = TaskObservation if policy.reads_task else lambda env: env
     envs = DummyVecEnv([lambda: wrap(gym.make("WordCraft-v0", graph=train))] * ENVS)
@@ -106,7 +119,9 @@ def ppo(
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("book")
     parser.add_argument("--distractors", type=int, default=8)
     parser.add_argument("--steps", type=int, default=3_000_000)
@@ -121,7 +136,8 @@ def main() -> None:
     torch.set_num_threads(1)
     opened = open_world_graph(options.book)
     train, test = (
-        World(opened, WordCraftConfig(part, num_distractors=options.distractors)) for part in ("train", "test")
+        World(opened, WordCraftConfig(part, num_distractors=options.distractors))
+        for part in ("train", "test")
     )
 
     settings = PolicyConfig(use=options.use)
@@ -145,7 +161,10 @@ def main() -> None:
         for rate in map(float, options.rates.split(",")):
             for length in map(int, options.lengths.split(",")):
                 clock = run(ppo, seed, options.ppo_steps, options.every, rate, length)
-                print(f"MaskablePPO, rate {rate:g}, {length} steps: {clock.in_words(level)}", flush=True)
+                print(
+                    f"MaskablePPO, rate {rate:g}, {length} steps: {clock.in_words(level)}",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

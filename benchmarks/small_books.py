@@ -55,7 +55,9 @@ def synthetic(size: int, seed: int) -> RecipeGraph:
 def drawn(book: str) -> Callable[[int, int], RecipeGraph]:
     def distractor_seed(size: int, seed: int) -> RecipeGraph:
         rows = RecipeGraph.from_book(open_book(book)).recipe_labels()
-        return _graph([tuple(rows[i]) for i in np.random.default_rng(seed).permutation(len(rows))[:size]])
+        return _graph(
+            [tuple(rows[i]) for i in np.random.default_rng(seed).permutation(len(rows))[:size]]
+        )
 
     return distractor_seed
 
@@ -63,7 +65,9 @@ def drawn(book: str) -> Callable[[int, int], RecipeGraph]:
 def reached_first(size: int, seed: int) -> RecipeGraph:
     graph = RecipeGraph.from_book(open_book("everyday-1"))
     rounds = layers(graph)
-    when = np.where(rounds < 0, np.inf, rounds) + 3 * np.random.default_rng(seed).random(len(rounds))
+    when = np.where(rounds < 0, np.inf, rounds) + 3 * np.random.default_rng(seed).random(
+        len(rounds)
+    )
     order = np.argsort(when[graph.recipes].max(axis=1), kind="stable")[:size]
     return _graph([tuple(graph.recipe_labels()[i]) for i in order])
 
@@ -95,7 +99,10 @@ def measure(book: str, size: int, kind: str, seed: int) -> Row | None:
     else:
         n3, popularity = choice.n3, choice.popularity
         after = trained(split, replace(settings, n3=n3, popularity=popularity))
-    figures = (mrr(split, scorer) for scorer in (FrequencyScorer(split.graph, split.partial), before[0], after[0]))
+    figures = (
+        mrr(split, scorer)
+        for scorer in (FrequencyScorer(split.graph, split.partial), before[0], after[0])
+    )
     return Row(f"{book} {size}", kind, *figures, n3, popularity, ended - chose, chose - began)
 
 
@@ -128,7 +135,9 @@ def summary(name: str, rows: list[Row]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--sizes", type=int, nargs="+", default=SIZES)
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--each", action="store_true", help="print each book, too")
@@ -138,7 +147,11 @@ def main() -> None:
     for row in measured(arguments.sizes, arguments.seeds):
         rows.append(row)
         if arguments.each:
-            print(f"{row.book:<20} {row.split:<10}", " ".join(f"{value:.3f}" for value in row[2:]), flush=True)
+            print(
+                f"{row.book:<20} {row.split:<10}",
+                " ".join(f"{value:.3f}" for value in row[2:]),
+                flush=True,
+            )
     print(
         f"{'recipes, split':<28}{'books':>5}{'counting':>9}{'fixed':>7}{'chosen':>8}"
         f"{'fixed: below, worst':>20}{'chosen: below, worst':>21}{'time':>6}"

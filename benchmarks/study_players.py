@@ -16,7 +16,13 @@ from pathlib import Path
 import torch
 
 from wordcraft_kg.agents.evaluation import Evaluator
-from wordcraft_kg.agents.players import Player, knowledge_player, nearest_words, random_distinct, scorer_players
+from wordcraft_kg.agents.players import (
+    Player,
+    knowledge_player,
+    nearest_words,
+    random_distinct,
+    scorer_players,
+)
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import rate_interval
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -30,7 +36,9 @@ KEY = ("graph", "split", "depth", "distractors", "distractor_seeds", "player")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("scorer", type=Path)
     parser.add_argument("--depth", type=int, default=1)
     parser.add_argument("--distractors", default="8,1")
@@ -39,7 +47,10 @@ def main() -> None:
     model = open_model(options.scorer)
     opened = model.opened
     alone = scorer_players(opened.graph, model.scorer, model.triples)
-    players: dict[str, Player] = {"random pairs": random_distinct, "nearest words": nearest_words(opened.graph)}
+    players: dict[str, Player] = {
+        "random pairs": random_distinct,
+        "nearest words": nearest_words(opened.graph),
+    }
     players |= {"recipe scorer alone, u v": alone["u+v, self edges dropped"]}
     players["recipe scorer alone, w"] = alone["w, best pair"]
     players["planner, p"] = knowledge_player(make_sources(["p"], model.scorer))
@@ -51,14 +62,23 @@ def main() -> None:
             result = evaluator(player)
             rates = result.success.mean(axis=1)
             row = {"graph": opened.graph.hash, "split": opened.split.hash, "depth": options.depth}
-            row |= {"distractors": distractors, "distractor_seeds": evaluator.distractor_seeds, "player": name}
+            row |= {
+                "distractors": distractors,
+                "distractor_seeds": evaluator.distractor_seeds,
+                "player": name,
+            }
             row |= {"tasks": len(rates), "success": float(rates.mean())}
             low, high = rate_interval(rates[None])
             row |= {"low": low, "high": high, "by_plan": float(result.by_plan.mean())}
             row |= {"weights": model.run.outputs[WEIGHTS], "seed": model.seed}
-            row = {key: round(value, 4) if isinstance(value, float) else value for key, value in row.items()}
+            row = {
+                key: round(value, 4) if isinstance(value, float) else value
+                for key, value in row.items()
+            }
             rows = [*(other for other in rows if any(other[key] != row[key] for key in KEY)), row]
-            print(f"depth {options.depth}, {distractors} distractors, {name}: {row['success']} [{low:.3f}, {high:.3f}]")
+            print(
+                f"depth {options.depth}, {distractors} distractors, {name}: {row['success']} [{low:.3f}, {high:.3f}]"
+            )
     rows.sort(key=lambda row: [str(row[key]) for key in KEY[:5]])
     write_atomically(TARGET, "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n")
 

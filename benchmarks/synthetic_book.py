@@ -27,7 +27,9 @@ def synthetic_rows(entities: int, recipes: int, base: int, seed: int, kinds: int
 
     rows = np.unique(rows_for(np.arange(base, entities)), axis=0)
     while len(rows) < recipes:
-        rows = np.unique(np.concatenate([rows, rows_for(rng.integers(base, entities, recipes))]), axis=0)
+        rows = np.unique(
+            np.concatenate([rows, rows_for(rng.integers(base, entities, recipes))]), axis=0
+        )
     # One recipe of each entity stays, so that all are reachable; the rest is a sample.
     first_of_each = np.unique(rows[:, 2], return_index=True)[1]
     others = np.setdiff1d(np.arange(len(rows)), first_of_each)
@@ -35,7 +37,9 @@ def synthetic_rows(entities: int, recipes: int, base: int, seed: int, kinds: int
     return rows[np.sort(np.concatenate([first_of_each, sample]))]
 
 
-def write_book(out: Path, entities: int, recipes: int, base: int = 10, seed: int = 0, kinds: int = 0) -> None:
+def write_book(
+    out: Path, entities: int, recipes: int, base: int = 10, seed: int = 0, kinds: int = 0
+) -> None:
     """Write a synthetic book as CSV."""
     rows = synthetic_rows(entities, recipes, base, seed, kinds)
     names = [f"entity {i}" for i in range(entities)]
@@ -49,11 +53,20 @@ def main() -> None:
     parser.add_argument("--entities", type=int, default=100_000)
     parser.add_argument("--recipes", type=int, default=1_000_000)
     parser.add_argument("--base", type=int, default=10)
-    parser.add_argument("--kinds", type=int, default=0, help="kinds of entities, which decide what makes what")
+    parser.add_argument(
+        "--kinds", type=int, default=0, help="kinds of entities, which decide what makes what"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
-    write_book(arguments.out, arguments.entities, arguments.recipes, arguments.base, arguments.seed, arguments.kinds)
+    write_book(
+        arguments.out,
+        arguments.entities,
+        arguments.recipes,
+        arguments.base,
+        arguments.seed,
+        arguments.kinds,
+    )
 
 
 if __name__ == "__main__":

@@ -41,7 +41,11 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 
 def ours(
-    opened: OpenedGraph, config: ImpalaConfig, distractors: int, scorer: TripleScorer | None, use: str
+    opened: OpenedGraph,
+    config: ImpalaConfig,
+    distractors: int,
+    scorer: TripleScorer | None,
+    use: str,
 ) -> Callable[[], None]:
     state = begin(opened, config, distractors)
     guide = {"scorer": scorer, "observed": opened.split.partial, "tasks": state.engine.world.tasks}
@@ -59,7 +63,9 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
     parameters = [p for layer in (query, key, inner, head) for p in layer.parameters()]
     optimizer = torch.optim.RMSprop(parameters, lr=0.001, alpha=0.99, eps=0.01)
 
-    def policy(goal: torch.Tensor, selection: torch.Tensor, table: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def policy(
+        goal: torch.Tensor, selection: torch.Tensor, table: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         slots, mask = vectors[table], table != state.nothing
         asked = query(torch.cat([vectors[goal], vectors[selection]], dim=1))
         alpha = torch.einsum("bd,bad->ba", asked, key(slots)) / math.sqrt(300)
@@ -68,7 +74,9 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
         return torch.log_softmax(alpha.masked_fill(~mask, -torch.inf), dim=1), value
 
     def observe() -> list[torch.Tensor]:
-        return [torch.from_numpy(getattr(state, name).copy()) for name in ("goal", "selection", "table")]
+        return [
+            torch.from_numpy(getattr(state, name).copy()) for name in ("goal", "selection", "table")
+        ]
 
     def update() -> None:
         nonlocal state
@@ -89,7 +97,9 @@ def plain(opened: OpenedGraph, config: ImpalaConfig, distractors: int) -> Callab
         with torch.no_grad():
             bootstrap = policy(*observe())[1]
         log_rhos = chosen.detach() - torch.stack(log_probs)
-        targets = v_trace(log_rhos, torch.stack(discounts), torch.stack(rewards), values.detach(), bootstrap)
+        targets = v_trace(
+            log_rhos, torch.stack(discounts), torch.stack(rewards), values.detach(), bootstrap
+        )
         loss = policy_gradient_loss(chosen, targets.pg_advantages) - 0.01 * entropy(log_policy)
         loss = loss + 0.5 * baseline_loss(values, targets.vs)
         optimizer.zero_grad()
@@ -124,16 +134,30 @@ def whole(book: str, distractors: int, steps: int, device: str) -> None:
         command = [sys.executable, "-m", "wordcraft_kg"]
         graph, model = Path(folder, "graph"), Path(folder, "model")
         subprocess.run(
-            [*command, "build-graph", book, "--out", graph, "--quiet"], check=True, stdout=subprocess.DEVNULL
+            [*command, "build-graph", book, "--out", graph, "--quiet"],
+            check=True,
+            stdout=subprocess.DEVNULL,
         )
         subprocess.run(
-            [*command, "train-complex", graph, "--out", model, "--quiet"], check=True, stdout=subprocess.DEVNULL
+            [*command, "train-complex", graph, "--out", model, "--quiet"],
+            check=True,
+            stdout=subprocess.DEVNULL,
         )
         for name, options in (("unguided", []), ("guided", ["--scorer", model])):
-            arguments = ["train-agent", graph, *options, "--distractors", distractors, "--steps", steps]
+            arguments = [
+                "train-agent",
+                graph,
+                *options,
+                "--distractors",
+                distractors,
+                "--steps",
+                steps,
+            ]
             arguments += ["--device", device, "--out", Path(folder, name), "--json", "--quiet"]
             begun = time.perf_counter()
-            done = subprocess.run([*command, *map(str, arguments)], check=True, capture_output=True, text=True)
+            done = subprocess.run(
+                [*command, *map(str, arguments)], check=True, capture_output=True, text=True
+            )
             seconds, found = time.perf_counter() - begun, json.loads(done.stdout)
             print(
                 f"{name:9s} {found['steps']:,} steps from the command to its report: {seconds:.1f} s "
@@ -144,7 +168,17 @@ def whole(book: str, distractors: int, steps: int, device: str) -> None:
         peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
         print(f"memory: at most {peak:.2f} GiB")
         begun = time.perf_counter()
-        arguments = ["train-agent", graph, "--steps", 256, "--eval-every", 0, "--out", Path(folder, "first"), "--quiet"]
+        arguments = [
+            "train-agent",
+            graph,
+            "--steps",
+            256,
+            "--eval-every",
+            0,
+            "--out",
+            Path(folder, "first"),
+            "--quiet",
+        ]
         process = subprocess.Popen([*command, *map(str, arguments)], stdout=subprocess.DEVNULL)
         metrics = Path(folder, "first", "metrics.jsonl")
         while process.poll() is None and not (metrics.is_file() and metrics.stat().st_size):
@@ -154,7 +188,9 @@ def whole(book: str, distractors: int, steps: int, device: str) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("book")
     parser.add_argument("--distractors", type=int, default=8)
     parser.add_argument("--seconds", type=float, default=10)
@@ -179,13 +215,19 @@ def main() -> None:
     scorer = load_scorer(options.scorer) if options.scorer else neighbours
     for _ in range(options.rounds):
         unguided, guided = (
-            rate(ours(opened, config, options.distractors, one, options.use), config, options.seconds)
+            rate(
+                ours(opened, config, options.distractors, one, options.use), config, options.seconds
+            )
             for one in (None, scorer)
         )
-        print(f"unguided {unguided:8,.0f} steps/s   guided {guided:8,.0f} steps/s", end="", flush=True)
+        print(
+            f"unguided {unguided:8,.0f} steps/s   guided {guided:8,.0f} steps/s", end="", flush=True
+        )
         if options.device == "cpu":
             beside = rate(plain(opened, config, options.distractors), config, options.seconds)
-            print(f"   plain loop, unguided {beside:8,.0f} steps/s: {unguided / beside:.2f} x", end="")
+            print(
+                f"   plain loop, unguided {beside:8,.0f} steps/s: {unguided / beside:.2f} x", end=""
+            )
         print(flush=True)
     if options.whole:
         whole(options.book, options.distractors, options.steps, options.device)

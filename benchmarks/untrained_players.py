@@ -19,7 +19,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from wordcraft_kg.agents.players import NEAREST_WORDS, Player, knowledge_player, nearest_words, play_all, scorer_players
+from wordcraft_kg.agents.players import (
+    NEAREST_WORDS,
+    Player,
+    knowledge_player,
+    nearest_words,
+    play_all,
+    scorer_players,
+)
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.batch import BatchEngine
@@ -31,7 +38,13 @@ from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.recipes.config import RecipesConfig
-from wordcraft_kg.models.recipes.fitting import PAIR_BATCH, PAIR_EPOCHS, PAIR_RATE, fit_ranker, pair_examples
+from wordcraft_kg.models.recipes.fitting import (
+    PAIR_BATCH,
+    PAIR_EPOCHS,
+    PAIR_RATE,
+    fit_ranker,
+    pair_examples,
+)
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.pair_features import FEATURES
@@ -60,7 +73,9 @@ def words_player(model: Model) -> Player:
     scorer, recipes = whole_of(model.scorer), model.opened.split.recipes("train")
     assert isinstance(scorer, RecipeScorer)
     generator = torch.Generator().manual_seed(0)
-    features, competes, is_right = pair_examples(scorer.knowledge, recipes, recipes, np.random.default_rng(0))
+    features, competes, is_right = pair_examples(
+        scorer.knowledge, recipes, recipes, np.random.default_rng(0)
+    )
     seen = features[competes]
     is_word = torch.tensor([name in WORDS for name in FEATURES])
     order = torch.randperm(len(features), generator=generator)
@@ -72,10 +87,14 @@ def words_player(model: Model) -> Player:
         learning_rate=PAIR_RATE,
         generator=generator,
     )
-    return knowledge_player([BestRecipe(len(scorer.entities), scorer.knowledge.with_ranker(vars(ranker)))])
+    return knowledge_player(
+        [BestRecipe(len(scorer.entities), scorer.knowledge.with_ranker(vars(ranker)))]
+    )
 
 
-def players_of(home: Path, opened: OpenedGraph, skip: bool) -> tuple[dict[str, Player], dict[str, float]]:
+def players_of(
+    home: Path, opened: OpenedGraph, skip: bool
+) -> tuple[dict[str, Player], dict[str, float]]:
     """Return the players, and the leak-free MRR of their scorers."""
     players, mrr = {NEAREST_WORDS: nearest_words(opened.graph)}, {}
 
@@ -105,17 +124,23 @@ def chance(world: World) -> tuple[float, float]:
     shares = []
     for distractor_seed in range(SEEDS):
         state = engine.pose(tasks, distractor_seed, seed=0)
-        for task, (goal, table) in enumerate(zip(state.goal.tolist(), state.table.tolist(), strict=True)):
+        for task, (goal, table) in enumerate(
+            zip(state.goal.tolist(), state.table.tolist(), strict=True)
+        ):
             entities = set(table) - {world.graph.num_entities}
             makes = [(a, b) for a, b in pairs[goal] if {a, b} <= entities]
             own = {tuple(recipes[plan[-1], :2].tolist()) for plan in world.tasks.plans[task]}
             # A pair of two entities has two orders.
-            shares.append([sum(1 + (a != b) for a, b in ways) / len(entities) ** 2 for ways in (makes, own)])
+            shares.append(
+                [sum(1 + (a != b) for a, b in ways) / len(entities) ** 2 for ways in (makes, own)]
+            )
     any_recipe, own_recipe = np.mean(shares, axis=0).tolist()
     return any_recipe, own_recipe
 
 
-def play(home: Path, book: str, kind: str, seed: int, distractors: list[int], skip: bool) -> Iterator[dict[str, Any]]:
+def play(
+    home: Path, book: str, kind: str, seed: int, distractors: list[int], skip: bool
+) -> Iterator[dict[str, Any]]:
     """Yield the figures of a split, by player and number of distractors."""
     if not (home / "graph").exists():
         recipes = open_book(book)
@@ -136,7 +161,13 @@ def play(home: Path, book: str, kind: str, seed: int, distractors: list[int], sk
             if figure == "success":
                 at["own"] = row.by_plan
     for (player, amount), figures in of.items():
-        yield {"book": Path(book).stem, "split": kind, "player": player, "distractors": amount, **figures}
+        yield {
+            "book": Path(book).stem,
+            "split": kind,
+            "player": player,
+            "distractors": amount,
+            **figures,
+        }
 
 
 def played(home: Path, *cell: Any) -> list[dict[str, Any]]:
@@ -156,7 +187,8 @@ def joined(by_split: list[list[dict[str, Any]]]) -> Iterator[dict[str, Any]]:
     for same in of.values():
         figures = ("mrr", "success", "own", "no_train_shortcut")
         yield same[0] | {
-            name: None if same[0][name] is None else [round(row[name], 4) for row in same] for name in figures
+            name: None if same[0][name] is None else [round(row[name], 4) for row in same]
+            for name in figures
         }
 
 
@@ -169,28 +201,39 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 def shown(row: Mapping[str, Any]) -> str:
     """Return success with Student's interval over splits, by the own recipe, and without train shortcuts."""
-    mean, own, other = (float(np.mean(row[name])) for name in ("success", "own", "no_train_shortcut"))
+    mean, own, other = (
+        float(np.mean(row[name])) for name in ("success", "own", "no_train_shortcut")
+    )
     ends = student_interval(row["success"])
     interval = f"[{ends[0]:.3f}, {ends[1]:.3f}]" if ends else ""
     return f"{mean:.3f} {interval:16} own {own:.3f}  no train shortcut {other:.3f}"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("book")
     parser.add_argument("--splits", default="by-recipe,by-goal,by-slot")
     parser.add_argument("--split-seeds", type=int, default=3)
     parser.add_argument("--distractors", default="8,1")
-    parser.add_argument("--skip-training", action="store_true", help="leave out scorers that are not in --out")
+    parser.add_argument(
+        "--skip-training", action="store_true", help="leave out scorers that are not in --out"
+    )
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     parser.add_argument("--out", type=Path, default=Path("benchmarks/runs/partial-graph"))
     options = parser.parse_args()
     distractors = [int(amount) for amount in options.distractors.split(",")]
     found: list[dict[str, Any]] = []
     for kind in options.splits.split(","):
-        homes = {seed: options.out / f"{Path(options.book).stem}-{kind}-{seed}" for seed in range(options.split_seeds)}
+        homes = {
+            seed: options.out / f"{Path(options.book).stem}-{kind}-{seed}"
+            for seed in range(options.split_seeds)
+        }
         cell = (distractors, options.skip_training)
-        rows = [*joined([played(home, options.book, kind, seed, *cell) for seed, home in homes.items()])]
+        rows = [
+            *joined([played(home, options.book, kind, seed, *cell) for seed, home in homes.items()])
+        ]
         print("\n".join(lines_of(rows)), flush=True)
         found += rows
     if options.json:

@@ -11,7 +11,14 @@ import sys
 
 import numpy as np
 
-from wordcraft_kg.apps.text_agents.benchmark import MANIFEST, FrozenBook, FrozenTask, FrozenTrack, Manifest, task_set
+from wordcraft_kg.apps.text_agents.benchmark import (
+    MANIFEST,
+    FrozenBook,
+    FrozenTask,
+    FrozenTrack,
+    Manifest,
+    task_set,
+)
 from wordcraft_kg.apps.text_agents.mcp_server import tools_hash
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema
@@ -39,7 +46,9 @@ def frozen_track(about, split, depth, distractors):
     opened = open_graph(BOOKS[0], SplitConfig(split))
     world = World(opened, WordCraftConfig("test", depth, distractors))
     tables, tasks = EvaluationTables(world), chosen_tasks(world, MOST)
-    frozen = tuple(FrozenTask(world.tasks.plans[task], tuple(tables.table(task))) for task in tasks.tolist())
+    frozen = tuple(
+        FrozenTask(world.tasks.plans[task], tuple(tables.table(task))) for task in tasks.tolist()
+    )
     again = task_set(opened.graph, depth, frozen)
     assert (again.starts == world.tasks.starts[tasks]).all()
     assert (again.goals == world.tasks.goals[tasks]).all()
@@ -50,7 +59,8 @@ def manifest():
     """Return the manifest."""
     books = {
         book: FrozenBook(
-            open_graph(book).graph.hash, {kind: open_graph(book, SplitConfig(kind)).split.hash for kind in SPLITS}
+            open_graph(book).graph.hash,
+            {kind: open_graph(book, SplitConfig(kind)).split.hash for kind in SPLITS},
         )
         for book in BOOKS
     }
@@ -76,7 +86,9 @@ def compact(values):
     tracks = []
     for name, track in values["tracks"].items():
         fields = [
-            f'   "{key}": [\n' + ",\n".join(json.dumps(one, separators=(",", ":")) for one in value) + "\n   ]"
+            f'   "{key}": [\n'
+            + ",\n".join(json.dumps(one, separators=(",", ":")) for one in value)
+            + "\n   ]"
             if isinstance(value, list)
             else f'   "{key}": {json.dumps(value)}'
             for key, value in track.items()

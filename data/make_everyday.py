@@ -75,7 +75,11 @@ def recipes_table() -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(COLUMNS["recipes.csv"])
     for row, labels, kind, rank in zip(
-        graph.recipes.tolist(), graph.recipe_labels(), graph.kinds or (), votes_ranks(graph), strict=True
+        graph.recipes.tolist(),
+        graph.recipe_labels(),
+        graph.kinds or (),
+        votes_ranks(graph),
+        strict=True,
     ):
         writer.writerow([*labels, kind, 1 + max(depth[row[0]], depth[row[1]]), f"{rank:g}"])
     return out.getvalue()
@@ -131,10 +135,20 @@ def main() -> int:
     """Write or check the generated files."""
     made = {"recipes.csv": recipes_table()}
     others = {name: (HERE / name).read_bytes() for name in COLUMNS if name not in made}
-    made["croissant.json"] = croissant({**{name: text.encode() for name, text in made.items()}, **others})
-    changed = [name for name, text in made.items() if not (HERE / name).is_file() or (HERE / name).read_text() != text]
+    made["croissant.json"] = croissant(
+        {**{name: text.encode() for name, text in made.items()}, **others}
+    )
+    changed = [
+        name
+        for name, text in made.items()
+        if not (HERE / name).is_file() or (HERE / name).read_text() != text
+    ]
     if "--check" in sys.argv[1:]:
-        print("\n".join(f"{HERE / name} is out of date: python data/make_everyday.py" for name in changed))
+        print(
+            "\n".join(
+                f"{HERE / name} is out of date: python data/make_everyday.py" for name in changed
+            )
+        )
         return int(bool(changed))
     for name in changed:
         (HERE / name).write_text(made[name])

@@ -26,7 +26,9 @@ def main(encoder: str, is_check: bool) -> int:
     labels = sorted({label for book in books for label in book.entities})
     vectors, hashes = encode_labels(labels, Path(encoder))
     if hashes.get("model.safetensors") != WEIGHTS:
-        sys.exit(f"'{encoder}' has other weights: {hashes}; expected model.safetensors with SHA-256 {WEIGHTS}")
+        sys.exit(
+            f"'{encoder}' has other weights: {hashes}; expected model.safetensors with SHA-256 {WEIGHTS}"
+        )
     files = vector_files(labels, vectors)
     if not is_check:
         for name, content in files.items():
@@ -34,9 +36,15 @@ def main(encoder: str, is_check: bool) -> int:
         print(f"wrote {len(labels):,} vectors, {sum(map(len, files.values())):,} bytes")
         return 0
     del files[ENCODED]  # another processor rounds the last bits differently
-    is_equal = all((BUILT_IN.parent / name).read_bytes() == content for name, content in files.items())
+    is_equal = all(
+        (BUILT_IN.parent / name).read_bytes() == content for name, content in files.items()
+    )
     is_equal = is_equal and np.allclose(np.load(BUILT_IN), vectors, rtol=0, atol=1e-3)
-    print("up to date" if is_equal else "the built-in vectors are not up to date; run data/make_vectors.py")
+    print(
+        "up to date"
+        if is_equal
+        else "the built-in vectors are not up to date; run data/make_vectors.py"
+    )
     return 0 if is_equal else 1
 
 

@@ -25,8 +25,14 @@ WORDS = {
 }
 LIMITS = {"of": 30.0, "what-": 1.5, "pronouns": 12.0, "told": 0.5, "is no": 0.4}
 EXCEPTIONS: dict[tuple[str, str], tuple[float, str]] = {
-    ("prompts", "pronouns"): (15, "the rule 'combine an item with itself' occurs in several prompts"),
-    ("prompts", "is no"): (2.2, "two plain sentences, such as 'There is no goal item.', among about 1,000 words"),
+    ("prompts", "pronouns"): (
+        15,
+        "the rule 'combine an item with itself' occurs in several prompts",
+    ),
+    ("prompts", "is no"): (
+        2.2,
+        "two plain sentences, such as 'There is no goal item.', among about 1,000 words",
+    ),
 }
 """Other limits: kind of text and rate, limit and reason."""
 NAMES = ("found", "there", "asked", "told", "said", "beside", "judged")
@@ -51,17 +57,32 @@ def texts() -> Iterator[tuple[str, Path, str]]:
         if path.relative_to(ROOT).as_posix() in PROMPTS:
             yield from (("prompts", path, text) for text in strings(tree))
     for path in sorted(ROOT.glob("wordcraft_kg/**/*.html.j2")):
-        text = re.sub(r"\{#.*?#\}|\{%.*?%\}|\{\{.*?\}\}|<[^>]*>", " ", path.read_text(encoding="utf-8"), flags=re.S)
+        text = re.sub(
+            r"\{#.*?#\}|\{%.*?%\}|\{\{.*?\}\}|<[^>]*>",
+            " ",
+            path.read_text(encoding="utf-8"),
+            flags=re.S,
+        )
         yield "prompts" if "people" in path.relative_to(ROOT).parts else "templates", path, text
     for path in sorted(ROOT.glob("docs/notebooks/*.py")):
-        text = "".join(re.findall(r"^# (?!%%)(?!    )(.*\n)", path.read_text(encoding="utf-8"), flags=re.M))
+        text = "".join(
+            re.findall(r"^# (?!%%)(?!    )(.*\n)", path.read_text(encoding="utf-8"), flags=re.M)
+        )
         yield "guides", path, re.sub(r"`[^`\n]*`|\]\([^)]*\)", " ", text)
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
         text = path.read_text(encoding="utf-8")
         if path.name == "commands.md":
-            yield "help", path, re.sub(r"```.*?```|`[^`\n]*`|<[^>]*>|\]\([^)]*\)", " ", text, flags=re.S)
+            yield (
+                "help",
+                path,
+                re.sub(r"```.*?```|`[^`\n]*`|<[^>]*>|\]\([^)]*\)", " ", text, flags=re.S),
+            )
         else:
-            yield "guides", path, re.sub(r"```.*?```|`[^`\n]*`|^\|[^\n]*$|\]\([^)]*\)", " ", text, flags=re.S | re.M)
+            yield (
+                "guides",
+                path,
+                re.sub(r"```.*?```|`[^`\n]*`|^\|[^\n]*$|\]\([^)]*\)", " ", text, flags=re.S | re.M),
+            )
 
 
 def docstrings(tree: ast.Module) -> Iterator[str]:
@@ -75,7 +96,9 @@ def docstrings(tree: ast.Module) -> Iterator[str]:
 def errors(tree: ast.Module) -> Iterator[str]:
     """Yield the messages of errors that a module raises."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Call) and re.search(r"Error$|^refuse", getattr(node.func, "id", "")):
+        if isinstance(node, ast.Call) and re.search(
+            r"Error$|^refuse", getattr(node.func, "id", "")
+        ):
             for part in ast.walk(node):
                 if isinstance(part, ast.Constant) and isinstance(part.value, str):
                     yield re.sub(r"`[^`]*`", " ", part.value)
@@ -85,7 +108,9 @@ def strings(tree: ast.Module) -> Iterator[str]:
     """Yield the strings of a module with a blank in them, without docstrings."""
     expressions = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
-        value = node.value if isinstance(node, ast.Constant) and id(node) not in expressions else None
+        value = (
+            node.value if isinstance(node, ast.Constant) and id(node) not in expressions else None
+        )
         if isinstance(value, str) and " " in value.strip():
             yield value
 
@@ -102,7 +127,9 @@ def uninformative_names() -> Counter[str]:
     counts: Counter[str] = Counter()
     for path in ROOT.glob("wordcraft_kg/**/*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            is_new = isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id in NAMES
+            is_new = (
+                isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store) and node.id in NAMES
+            )
             if is_new or (isinstance(node, ast.arg) and node.arg in NAMES):
                 counts[path.relative_to(ROOT).as_posix()] += 1
     return counts
@@ -122,23 +149,33 @@ def main() -> int:
     for kind, number in words.items():
         cells = []
         for name in WORDS:
-            rate, limit = 1000 * counts[kind, name] / number, EXCEPTIONS.get((kind, name), (LIMITS[name], ""))[0]
+            rate, limit = (
+                1000 * counts[kind, name] / number,
+                EXCEPTIONS.get((kind, name), (LIMITS[name], ""))[0],
+            )
             exceeded |= rate > limit
             cells.append(f"{name} {rate:.1f}{f' (at most {limit:g})' if rate > limit else ''}")
         print(f"{kind:10} {number:7,} words  {'  '.join(cells)}")
     names = uninformative_names().total()
-    print(f"variables called {', '.join(NAMES)}: {names}{f' (at most {MOST_NAMES})' if names > MOST_NAMES else ''}")
+    print(
+        f"variables called {', '.join(NAMES)}: {names}{f' (at most {MOST_NAMES})' if names > MOST_NAMES else ''}"
+    )
     return 1 if exceeded or names > MOST_NAMES else 0
 
 
 def show(kind: str, name: str) -> int:
     """Print where the words of one rate are in one kind of text; ``names`` prints the files with such variables."""
     if name == "names":
-        print(*(f"{number:4} {path}" for path, number in uninformative_names().most_common()), sep="\n")
+        print(
+            *(f"{number:4} {path}" for path, number in uninformative_names().most_common()),
+            sep="\n",
+        )
         return 0
     for text_kind, path, text in texts():
         if text_kind == kind:
-            for match in re.finditer(rf"(?i)[^.\n]{{0,60}}\b(?:{WORDS[name]})\b[^.\n]{{0,40}}", text):
+            for match in re.finditer(
+                rf"(?i)[^.\n]{{0,60}}\b(?:{WORDS[name]})\b[^.\n]{{0,40}}", text
+            ):
                 print(f"{path.relative_to(ROOT)}: {match[0].strip()}")
     return 0
 

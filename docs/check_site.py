@@ -61,7 +61,11 @@ def broken_links(site: Path) -> Iterator[str]:
                 continue
             if not target.is_file():
                 yield f"{page.relative_to(site)}: no file {link}"
-            elif target in pages and unquote(at.fragment) not in pages[target].anchors and at.fragment != "__skip":
+            elif (
+                target in pages
+                and unquote(at.fragment) not in pages[target].anchors
+                and at.fragment != "__skip"
+            ):
                 yield f"{page.relative_to(site)}: no anchor {link}"
 
 
@@ -77,7 +81,9 @@ def chosen(site: Path, part: str) -> list[str]:
             names.append(name)
     if not names:
         wanted = f"with '{part}' in the name" if part else "to open"
-        sys.exit(f"No page {wanted} among {sum(kinds.values()):,} pages in '{site}'. Build the website: make site")
+        sys.exit(
+            f"No page {wanted} among {sum(kinds.values()):,} pages in '{site}'. Build the website: make site"
+        )
     return names
 
 
@@ -114,10 +120,15 @@ def visit(site: Path, names: list[str]) -> Iterator[str]:
 
     with sync_playwright() as playwright:
         arguments = ["--no-sandbox", "--disable-dev-shm-usage"]
-        browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=arguments)
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=arguments
+        )
         for width, scheme in product(WIDTHS, SCHEMES):
             page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
-            page.on("console", lambda message: message.type == "error" and complaints.append(message.text))
+            page.on(
+                "console",
+                lambda message: message.type == "error" and complaints.append(message.text),
+            )
             page.on("pageerror", lambda error: complaints.append(str(error)))
             page.on("request", check_request)
             for name in names:
@@ -125,7 +136,10 @@ def visit(site: Path, names: list[str]) -> Iterator[str]:
                 page.goto(home + name)
                 page.wait_for_timeout(100)
                 complaints.extend(problems_of(page, width, scheme))
-                yield from (f"{name}, {width} px, {scheme}: {problem}" for problem in dict.fromkeys(complaints))
+                yield from (
+                    f"{name}, {width} px, {scheme}: {problem}"
+                    for problem in dict.fromkeys(complaints)
+                )
             page.close()
         browser.close()
     server.shutdown()
@@ -135,7 +149,9 @@ def main() -> None:
     """Print all problems, each at once."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("site", type=Path, help="folder of the website, as made by `make site`")
-    parser.add_argument("part", nargs="?", default="", help="open only pages with this part in the name")
+    parser.add_argument(
+        "part", nargs="?", default="", help="open only pages with this part in the name"
+    )
     arguments = parser.parse_args()
     site = arguments.site.resolve()
     names = chosen(site, arguments.part)

@@ -17,22 +17,40 @@ EVERY_COMMAND = re.compile(r"\*\*Output and configuration\*\*:\n\n(.*?)(?=\n\*\*
 def page() -> str:
     """Return the page: a list of commands by group, then usage, description, options and examples of each command."""
     text = make_app().generate_docs(flatten_commands=True)
-    sections = dict(re.findall(r"^# wordcraft-kg ([\w -]+)\n\n(.*?)(?=^# |\Z)", text, re.MULTILINE | re.DOTALL))
+    sections = dict(
+        re.findall(r"^# wordcraft-kg ([\w -]+)\n\n(.*?)(?=^# |\Z)", text, re.MULTILINE | re.DOTALL)
+    )
     lines = [
         "# Commands",
         "",
         "Made by `make docs` from the help. Options of every command are [at the end](#options-of-every-command).",
     ]
     for group, names in commands_by_group().items():
-        lines += ["", f"**{group}**: " + " · ".join(f"[{name}](#{_anchor(name)})" for name in names)]
+        lines += [
+            "",
+            f"**{group}**: " + " · ".join(f"[{name}](#{_anchor(name)})" for name in names),
+        ]
     shared = set()
     for name in (name for names in commands_by_group().values() for name in names):
-        own = sections[name].replace(f"{name} {name} ", f"{name} ", 1)  # the usage repeats the command
+        own = sections[name].replace(
+            f"{name} {name} ", f"{name} ", 1
+        )  # the usage repeats the command
         shared |= {found.strip() for found in EVERY_COMMAND.findall(own)}
         own = EVERY_COMMAND.sub("", own)
-        lines += ["", f"## {name}", "", *_tables(own, name), "", "```", *manual_of(name).module.EXAMPLES, "```"]
+        lines += [
+            "",
+            f"## {name}",
+            "",
+            *_tables(own, name),
+            "",
+            "```",
+            *manual_of(name).module.EXAMPLES,
+            "```",
+        ]
     (common,) = shared
-    return "\n".join([*lines, "", "## Options of every command", "", *_tables(common, "all")]) + "\n"
+    return (
+        "\n".join([*lines, "", "## Options of every command", "", *_tables(common, "all")]) + "\n"
+    )
 
 
 def _anchor(name: str) -> str:
@@ -49,7 +67,11 @@ def _tables(text: str, command: str) -> Iterator[str]:
             names, about = NAMED.sub(r"\1", option[1]), option[2].replace("|", "\\|")
             default = DEFAULT.search(about)
             anchor = re.sub(r"[^\w-]", "", f"{_anchor(command)}{names.split()[0]}")
-            cells = (f'<a id="{anchor}"></a>`{names}`', DEFAULT.sub("", about), f"`{default[1]}`" if default else "")
+            cells = (
+                f'<a id="{anchor}"></a>`{names}`',
+                DEFAULT.sub("", about),
+                f"`{default[1]}`" if default else "",
+            )
             yield f"| {' | '.join(cells)} |"
         else:
             yield line
@@ -58,5 +80,9 @@ def _tables(text: str, command: str) -> Iterator[str]:
 
 if __name__ == "__main__":
     if "--check" in sys.argv:
-        sys.exit("docs/commands.md is not up to date; run `make docs`" if PAGE.read_text() != page() else 0)
+        sys.exit(
+            "docs/commands.md is not up to date; run `make docs`"
+            if PAGE.read_text() != page()
+            else 0
+        )
     PAGE.write_text(page())

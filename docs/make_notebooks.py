@@ -25,7 +25,10 @@ from wordcraft_kg.base.artefacts import write_atomically
 ROOT = Path(__file__).resolve().parents[1]
 HERE = ROOT / "docs" / "notebooks"
 HASH = "code_sha256"
-PLAIN = re.compile(r'<style scoped>.*?</style>\n| border="1" class="dataframe"| style="text-align: \w+;"', re.DOTALL)
+PLAIN = re.compile(
+    r'<style scoped>.*?</style>\n| border="1" class="dataframe"| style="text-align: \w+;"',
+    re.DOTALL,
+)
 """A data frame's looks, left out so that the table looks like all tables on the website."""
 
 
@@ -79,8 +82,12 @@ def read_stored(source: Path) -> Any:
         if stored.metadata.get(HASH) == notebook.metadata[HASH]:
             return with_outputs(notebook, stored)
     except (OSError, ValueError, AttributeError) as error:
-        raise StaleError(f"{path.name} is missing or damaged ({type(error).__name__}). {again}") from None
-    problem = "was made by other code than" if HASH in stored.metadata else "has no hash for the code in"
+        raise StaleError(
+            f"{path.name} is missing or damaged ({type(error).__name__}). {again}"
+        ) from None
+    problem = (
+        "was made by other code than" if HASH in stored.metadata else "has no hash for the code in"
+    )
     raise StaleError(f"{path.name} {problem} {source.name}. {again}")
 
 
@@ -92,7 +99,9 @@ def run(source: Path) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         for name in ("examples", "leaderboard"):
             (Path(folder) / name).symlink_to(ROOT / name)
-        client = NotebookClient(executed, timeout=900, coalesce_streams=True, resources={"metadata": {"path": folder}})
+        client = NotebookClient(
+            executed, timeout=900, coalesce_streams=True, resources={"metadata": {"path": folder}}
+        )
         client.extra_arguments = ["--IPKernelApp.log_level=40"]
         client.execute()
     return with_outputs(read_source(source), executed)
@@ -112,7 +121,9 @@ def on_files(files: Any, *, config: Any) -> Any:
     for source in sorted(HERE.glob("*.py")):
         name = source.stem
         try:
-            body, resources = MarkdownExporter().from_notebook_node(read_stored(source), {"unique_key": name})
+            body, resources = MarkdownExporter().from_notebook_node(
+                read_stored(source), {"unique_key": name}
+            )
         except StaleError as error:
             raise PluginError(str(error)) from None
         for picture, data in resources["outputs"].items():
@@ -126,7 +137,9 @@ def on_files(files: Any, *, config: Any) -> Any:
 
 def main() -> None:
     """Run notebooks, write texts, or check."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("names", nargs="*", metavar="NAME")
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument("--text", action="store_true")
@@ -145,7 +158,9 @@ def main() -> None:
             stale.append(str(error))
             continue
         if given.check and text != path.read_text(encoding="utf-8"):
-            stale.append(f"{path.name} has other texts than {source.name}. Run: python docs/make_notebooks.py --text")
+            stale.append(
+                f"{path.name} has other texts than {source.name}. Run: python docs/make_notebooks.py --text"
+            )
         elif not given.check:
             write_atomically(path, text)
         if not (given.check or given.text):

@@ -24,9 +24,17 @@ from wordcraft_kg.studies.results import StudyResults
 from wordcraft_kg.studies.view import view_study
 
 HERE = Path(__file__).parent
-SOURCE, PAGE, PICTURE = HERE / "partial-graph.json", HERE / "partial-graph.md", HERE / "images" / "partial_graph.svg"
+SOURCE, PAGE, PICTURE = (
+    HERE / "partial-graph.json",
+    HERE / "partial-graph.md",
+    HERE / "images" / "partial_graph.svg",
+)
 PLANNING = HERE / "planning.json"
-UNTRAINED, README, RESULTS = HERE / "untrained-players.json", HERE.parent / "README.md", HERE / "results.md"
+UNTRAINED, README, RESULTS = (
+    HERE / "untrained-players.json",
+    HERE.parent / "README.md",
+    HERE / "results.md",
+)
 FIGURES = "<!-- figures -->\n", "<!-- end of figures -->"
 STUDIED = "<!-- studies -->\n", "<!-- end of studies -->"
 ALONE = {
@@ -78,7 +86,12 @@ LEGEND = (
     "By-slot: none makes it with one of these ingredients.",
 )
 """Lines below the panels of the studies, in two columns."""
-DEPTHS = {"chance": "#8c959f", "w": "#0969da", "planner, train recipes": "#bf8700", "planner": "#1a7f37"}
+DEPTHS = {
+    "chance": "#8c959f",
+    "w": "#0969da",
+    "planner, train recipes": "#bf8700",
+    "planner": "#1a7f37",
+}
 """Players in the panels by depth, and their colours."""
 COLOURS = {8: "#0072b2", 1: "#d55e00"}
 IN_README = {
@@ -105,7 +118,12 @@ def tables(rows: list[Row]) -> Iterator[str]:
     """Yield the lines of the tables of agents by book and split, without the agents with ComplEx of the studies."""
     for (book, split, steps), of in groups(rows).items():
         is_studied = book in STUDIED_BOOKS
-        yield from agents(book, split, steps, [row for row in of if not (is_studied and "ComplEx" in row["variant"])])
+        yield from agents(
+            book,
+            split,
+            steps,
+            [row for row in of if not (is_studied and "ComplEx" in row["variant"])],
+        )
 
 
 def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
@@ -116,11 +134,19 @@ def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
     most = max(len(row["success"]) for row in rows)
     yield f"{book}, {split}, no agent, {most} splits:"
     yield ""
-    heads = (f" {amount} distractor{'s' * (amount > 1)} | own recipe | no train shortcut |" for amount in amounts)
+    heads = (
+        f" {amount} distractor{'s' * (amount > 1)} | own recipe | no train shortcut |"
+        for amount in amounts
+    )
     yield "| | MRR |" + "".join(heads)
     yield "|---|---|" + "---|---|---|" * len(amounts)
     for player, name in ALONE.items():
-        cells = [row for amount in amounts for row in rows if (row["player"], row["distractors"]) == (player, amount)]
+        cells = [
+            row
+            for amount in amounts
+            for row in rows
+            if (row["player"], row["distractors"]) == (player, amount)
+        ]
         if cells:
             few = f" ({len(cells[0]['success'])} splits)" * (len(cells[0]["success"]) < most)
             line = f"| {name}{few} | {_figure(_mean(cells[0]['mrr'])) if cells[0]['mrr'] else ''} |"
@@ -135,7 +161,11 @@ def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
 def alone_tables(rows: list[Row]) -> Iterator[str]:
     """Yield a table of the players that learn nothing for each book and split."""
     for book, split in dict.fromkeys((row["book"], row["split"]) for row in rows):
-        yield from untrained(BOOKS[book], split, [row for row in rows if (row["book"], row["split"]) == (book, split)])
+        yield from untrained(
+            BOOKS[book],
+            split,
+            [row for row in rows if (row["book"], row["split"]) == (book, split)],
+        )
 
 
 def agents(book: str, split: str, steps: int, of: list[Row]) -> Iterator[str]:
@@ -144,7 +174,9 @@ def agents(book: str, split: str, steps: int, of: list[Row]) -> Iterator[str]:
     trainings = max(row["trainings"] for row in of)
     yield f"{BOOKS[book]}, {split}, {steps:,} steps, {trainings} training{'s' * (trainings > 1)} of each:"
     yield ""
-    yield "| | MRR |" + "".join(f" {amount} distractor{'s' * (amount > 1)} | more |" for amount in amounts)
+    yield "| | MRR |" + "".join(
+        f" {amount} distractor{'s' * (amount > 1)} | more |" for amount in amounts
+    )
     yield "|---|---|" + "---|---|" * len(amounts)
     for variant in dict.fromkeys(row["variant"] for row in of):
         cells = [row for row in of if row["variant"] == variant]
@@ -167,21 +199,41 @@ def studied() -> list[Row]:
                 continue
             results = read_record(path, StudyResults)
             for point in view_study(results).points:
-                settings = {"split": "by-recipe", "distractors": 1} | results.study.settings | point.values
+                settings = (
+                    {"split": "by-recipe", "distractors": 1} | results.study.settings | point.values
+                )
                 if settings["split"] != split:
                     continue
-                at: Row = {"book": book, "named": name, "split": split, "distractors": settings["distractors"]}
+                at: Row = {
+                    "book": book,
+                    "named": name,
+                    "split": split,
+                    "distractors": settings["distractors"],
+                }
                 for player, text, own in without_agent(results, point):
                     rows.append(
-                        at | {"variant": player.strip("*").removeprefix("no agent: "), "text": text, "own": own}
+                        at
+                        | {
+                            "variant": player.strip("*").removeprefix("no agent: "),
+                            "text": text,
+                            "own": own,
+                        }
                     )
                 for entry in point.variants:
                     if entry.variant in IN_STUDIES:
-                        row = {"variant": IN_STUDIES[entry.variant], "success": entry.mean, "interval": entry.interval}
+                        row = {
+                            "variant": IN_STUDIES[entry.variant],
+                            "success": entry.mean,
+                            "interval": entry.interval,
+                        }
                         row["own"] = share(entry.by_plan)
                         low, high = map(share, entry.interval)
                         text = f"{share(entry.mean)} [{low}, {high}]"
-                        rows.append(at | row | {"steps": entry.steps, "seeds": len(entry.seeds), "text": text})
+                        rows.append(
+                            at
+                            | row
+                            | {"steps": entry.steps, "seeds": len(entry.seeds), "text": text}
+                        )
     return rows
 
 
@@ -200,7 +252,9 @@ def study_tables(rows: list[Row]) -> Iterator[str]:
         for variant in (*NO_AGENT, *IN_STUDIES.values()):
             texts = [_text(of, variant, (split, amount)) for split in splits]
             if any(texts):
-                name = f"*no agent: {variant}*" if variant in NO_AGENT else NAMES.get(variant, variant)
+                name = (
+                    f"*no agent: {variant}*" if variant in NO_AGENT else NAMES.get(variant, variant)
+                )
                 yield f"| {name} | {' | '.join(texts)} |"
         yield ""
 
@@ -220,7 +274,10 @@ def short(rows: list[Row]) -> Iterator[str]:
 
 def _text(rows: list[Row], variant: str, column: tuple[str, int], part: str = "text") -> str:
     keys = variant, *column
-    return next((row[part] for row in rows if (row["variant"], row["split"], row["distractors"]) == keys), "")
+    return next(
+        (row[part] for row in rows if (row["variant"], row["split"], row["distractors"]) == keys),
+        "",
+    )
 
 
 def _ends(values: set[int]) -> str:
@@ -254,25 +311,44 @@ def mark(x: float, y: float, interval: tuple[float, float], colour: str) -> list
     ]
 
 
-def depth_panel(rows: list[Row], split: str, x0: float, y0: float, scale: float, left: float) -> list[str]:
+def depth_panel(
+    rows: list[Row], split: str, x0: float, y0: float, scale: float, left: float
+) -> list[str]:
     """Return a panel of success by depth with 4 distractors: a line for each depth, a mark for each player."""
     book = "Little Alchemy 2"
-    rows = [row for row in rows if (BOOKS[row["book"]], row["split"], row["policy"]) == (book, split, "any")]
+    rows = [
+        row
+        for row in rows
+        if (BOOKS[row["book"]], row["split"], row["policy"]) == (book, split, "any")
+    ]
     parts = [
         f'<text x="{x0 + 14}" y="{y0 + 14}" font-weight="600" fill="#1b1f24">'
         f"{book}, {split}, 4 distractors, by depth</text>"
     ]
     for tick in (0, 0.25, 0.5, 0.75, 1):
         x = x0 + left + scale * tick
-        parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y0 + 22}" y2="{y0 + 140}" stroke="#d0d7de"/>')
-        parts.append(f'<text x="{x:.1f}" y="{y0 + 153}" text-anchor="middle" fill="#57606a">{tick:g}</text>')
+        parts.append(
+            f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y0 + 22}" y2="{y0 + 140}" stroke="#d0d7de"/>'
+        )
+        parts.append(
+            f'<text x="{x:.1f}" y="{y0 + 153}" text-anchor="middle" fill="#57606a">{tick:g}</text>'
+        )
     for depth in (1, 2, 3, 4):
         y = y0 + 12 + 28 * depth
-        parts.append(f'<text x="{x0 + left - 24}" y="{y + 4}" text-anchor="end" fill="#1b1f24">depth {depth}</text>')
+        parts.append(
+            f'<text x="{x0 + left - 24}" y="{y + 4}" text-anchor="end" fill="#1b1f24">depth {depth}</text>'
+        )
         for player, colour in DEPTHS.items():
             key = depth, player, 4
-            same = [row["success"] for row in rows if (row["depth"], row["player"], row["distractors"]) == key]
-            low, high = (student_interval(same) if len(same) > 1 else None) or (_mean(same), _mean(same))
+            same = [
+                row["success"]
+                for row in rows
+                if (row["depth"], row["player"], row["distractors"]) == key
+            ]
+            low, high = (student_interval(same) if len(same) > 1 else None) or (
+                _mean(same),
+                _mean(same),
+            )
             x, ends = x0 + left + scale * _mean(same), (max(low, 0), min(high, 1))
             parts += mark(x, y, (x0 + left + scale * ends[0], x0 + left + scale * ends[1]), colour)
             if player == "planner":
@@ -288,8 +364,12 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
 
     Two panels below show success by depth.
     """
-    panels = {key: [row for row in of if row["variant"] in SHOWN] for key, of in groups(rows).items()}
-    panels = {key: of for key, of in panels.items() if len({row["variant"] for row in of}) == len(SHOWN)}
+    panels = {
+        key: [row for row in of if row["variant"] in SHOWN] for key, of in groups(rows).items()
+    }
+    panels = {
+        key: of for key, of in panels.items() if len({row["variant"] for row in of}) == len(SHOWN)
+    }
     width, left, top, line, columns = 430, 176, 64, 28, 2
     height = line * len(SHOWN) + 60
     legend = top + height * -(-len(panels) // columns)
@@ -306,26 +386,42 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
     for place, (amount, colour) in enumerate(COLOURS.items()):
         x = 14 + 150 * place
         parts += mark(x + 6, 44, (x, x + 12), colour)
-        parts.append(f'<text x="{x + 18}" y="48" fill="#1b1f24">{amount} distractor{"s" * (amount > 1)}</text>')
+        parts.append(
+            f'<text x="{x + 18}" y="48" fill="#1b1f24">{amount} distractor{"s" * (amount > 1)}</text>'
+        )
     for n, text in enumerate(LEGEND):
         x, y = 14 + width * (n // 3), legend + 14 + 20 * (n % 3)
         parts.append(f'<text x="{x}" y="{y}" fill="#57606a">{text}</text>')
     for ((book, split, steps), of), (x0, y0) in zip(panels.items(), cells, strict=True):
         scale = width - left - 40
         title = f"{BOOKS[book].strip('`')}, {split}, {round(steps, -4):,} steps"
-        parts.append(f'<text x="{x0 + 14}" y="{y0 + 14}" font-weight="600" fill="#1b1f24">{title}</text>')
+        parts.append(
+            f'<text x="{x0 + 14}" y="{y0 + 14}" font-weight="600" fill="#1b1f24">{title}</text>'
+        )
         for tick in (0, 0.25, 0.5, 0.75, 1):
             x = x0 + left + scale * tick
             bottom = y0 + 28 + line * len(SHOWN)
-            parts.append(f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y0 + 22}" y2="{bottom}" stroke="#d0d7de"/>')
-            parts.append(f'<text x="{x:.1f}" y="{bottom + 13}" text-anchor="middle" fill="#57606a">{tick:g}</text>')
+            parts.append(
+                f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y0 + 22}" y2="{bottom}" stroke="#d0d7de"/>'
+            )
+            parts.append(
+                f'<text x="{x:.1f}" y="{bottom + 13}" text-anchor="middle" fill="#57606a">{tick:g}</text>'
+            )
         for row in of:
             y = y0 + 42 + line * SHOWN.index(row["variant"])
             low, high = (x0 + left + scale * end for end in row["interval"] or [row["success"]] * 2)
-            parts += mark(x0 + left + scale * row["success"], y, (low, high), COLOURS[row["distractors"]])
-            others = [other["success"] for other in of if other["variant"] == row["variant"] and other is not row]
+            parts += mark(
+                x0 + left + scale * row["success"], y, (low, high), COLOURS[row["distractors"]]
+            )
+            others = [
+                other["success"]
+                for other in of
+                if other["variant"] == row["variant"] and other is not row
+            ]
             # The lower figure stands on the left of its mark, so that near figures do not touch.
-            x, anchor = (low - 5, "end") if others and row["success"] < min(others) else (high + 5, "start")
+            x, anchor = (
+                (low - 5, "end") if others and row["success"] < min(others) else (high + 5, "start")
+            )
             parts.append(
                 f'<text x="{x:.1f}" y="{y + 4}" text-anchor="{anchor}" font-size="10" '
                 f'fill="{COLOURS[row["distractors"]]}">{_figure(row["success"])}</text>'
@@ -333,14 +429,21 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
         for place, variant in enumerate(SHOWN):
             name = NAMES[variant].strip("*")
             y = y0 + 46 + line * place
-            parts.append(f'<text x="{x0 + left - 24}" y="{y}" text-anchor="end" fill="#1b1f24">{name}</text>')
+            parts.append(
+                f'<text x="{x0 + left - 24}" y="{y}" text-anchor="end" fill="#1b1f24">{name}</text>'
+            )
     for place, split in enumerate(("by-recipe", "by-goal")):
         parts += depth_panel(by_depth, split, width * place, below, width - left - 40, left)
     for place, (player, colour) in enumerate(DEPTHS.items()):
         x = 14 + 200 * place
         parts += mark(x + 6, below + 180, (x, x + 12), colour)
-        name = {"w": "w: the best pair for the goal", "planner, train recipes": "planner, train recipes only"}
-        parts.append(f'<text x="{x + 18}" y="{below + 184}" fill="#1b1f24">{name.get(player, player)}</text>')
+        name = {
+            "w": "w: the best pair for the goal",
+            "planner, train recipes": "planner, train recipes only",
+        }
+        parts.append(
+            f'<text x="{x + 18}" y="{below + 184}" fill="#1b1f24">{name.get(player, player)}</text>'
+        )
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
@@ -348,13 +451,17 @@ def _filled(path: Path, *blocks: tuple[tuple[str, str], Iterator[str]]) -> str:
     text = path.read_text(encoding="utf-8")
     for marks, lines in blocks:
         if not all(mark in text for mark in marks):
-            sys.exit(f"{path.name} has no place for a table between {marks[0].strip()} and {marks[1]}")
+            sys.exit(
+                f"{path.name} has no place for a table between {marks[0].strip()} and {marks[1]}"
+            )
         text = replaced(text, marks, lines)
     return text
 
 
 if __name__ == "__main__":
-    trained, untrained_rows = (json.loads(path.read_text(encoding="utf-8")) for path in (SOURCE, UNTRAINED))
+    trained, untrained_rows = (
+        json.loads(path.read_text(encoding="utf-8")) for path in (SOURCE, UNTRAINED)
+    )
     by_depth, of_studies = json.loads(PLANNING.read_text(encoding="utf-8")), studied()
     for path, text in (
         (PAGE, _filled(PAGE, (STUDIED, study_tables(of_studies)), (FIGURES, tables(trained)))),

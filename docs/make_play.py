@@ -32,9 +32,12 @@ def task_of(episode: dict[str, Any], graph: RecipeGraph) -> dict[str, Any]:
         if evidence := slot["evidence"]:
             pair = tuple(sorted(map(table.index, (slot["entity"], evidence["partner"]))))
             because = [
-                f"{one['ingredient_a']} + {one['ingredient_b']} → {one['result']}" for one in evidence["because"]
+                f"{one['ingredient_a']} + {one['ingredient_b']} → {one['result']}"
+                for one in evidence["because"]
             ]
-            pairs.setdefault(pair, {"pair": pair, "w": round(slot["sources"]["w"], 2), "because": because})
+            pairs.setdefault(
+                pair, {"pair": pair, "w": round(slot["sources"]["w"], 2), "because": because}
+            )
     return {
         "goal": episode["goal"],
         "table": table,

@@ -53,7 +53,13 @@ FEWEST = 3
 """Seeds from which on a study of cells takes the place of an earlier file."""
 WIDE = 0.05
 """Standard deviation of success over seeds from which on the page shows each seed."""
-NO_AGENT = "random pairs", "nearest words", "recipe scorer alone, u v", "recipe scorer alone, w", "planner, p"
+NO_AGENT = (
+    "random pairs",
+    "nearest words",
+    "recipe scorer alone, u v",
+    "recipe scorer alone, w",
+    "planner, p",
+)
 TRAIN_RATIO = SplitConfig().train_ratio
 PLAYED = "graph", "split", "depth", "distractors", "distractor_seeds", "tasks"
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
@@ -84,7 +90,9 @@ def without_paths(results: StudyResults) -> StudyResults:
         results,
         command=FOLDERS.sub("", results.command),
         study=msgspec.structs.replace(results.study, settings=settings),
-        missing=tuple(msgspec.structs.replace(lost, why=FOLDERS.sub("", lost.why)) for lost in results.missing),
+        missing=tuple(
+            msgspec.structs.replace(lost, why=FOLDERS.sub("", lost.why)) for lost in results.missing
+        ),
     )
 
 
@@ -104,7 +112,10 @@ def of_first_seeds(results: StudyResults, seeds: int) -> StudyResults:
     origins = Counter(run.origin for run in kept)
     numbers = sorted(origins) if results.origins else [0]
     runs = (
-        msgspec.structs.replace(run, graph=graphs.index(run.graph), origin=numbers.index(run.origin)) for run in kept
+        msgspec.structs.replace(
+            run, graph=graphs.index(run.graph), origin=numbers.index(run.origin)
+        )
+        for run in kept
     )
     return msgspec.structs.replace(
         results,
@@ -133,10 +144,17 @@ def collect(store: Path, target: Path) -> None:
                 exchange_cells(plan, Path(folder), store)
                 hours = estimated_hours(plan, Path(folder), store)
                 write_plan(
-                    Path(folder), plan, f"wordcraft-kg reproduce {name} --book {book} --store docs/results/cells"
+                    Path(folder),
+                    plan,
+                    f"wordcraft-kg reproduce {name} --book {book} --store docs/results/cells",
                 )
                 results = collect_study(Path(folder), plan.name)
-            row = {"study": study.title, "book": BOOKS[book], "trainings": len(plan.cells), "here": len(results.runs)}
+            row = {
+                "study": study.title,
+                "book": BOOKS[book],
+                "trainings": len(plan.cells),
+                "here": len(results.runs),
+            }
             left.append(row | {"hours": round(hours, 1)})
             complete = min((lost.seed for lost in results.missing), default=seeds)
             if complete >= FEWEST:
@@ -175,7 +193,9 @@ def against_table(path: Path) -> Iterator[str]:
         return *of_split, -row["distractors"], row["variant"]
 
     for row in sorted(rows, key=key):
-        split = row["kind"] + (f", {row['train_ratio']:.0%} in train" if row["train_ratio"] != TRAIN_RATIO else "")
+        split = row["kind"] + (
+            f", {row['train_ratio']:.0%} in train" if row["train_ratio"] != TRAIN_RATIO else ""
+        )
         ends = ", ".join(signed(row[name]) for name in ("low", "high"))
         p_value = "< .001" if corrected[id(row)] < 0.001 else share(corrected[id(row)])
         yield (
@@ -190,11 +210,18 @@ def read_all(folder: Path) -> list[StudyResults]:
     found = [read_record(path, StudyResults) for path in paths]
     size = sum(path.stat().st_size for path in paths)
     if size > MOST_BYTES:
-        sys.exit(f"the results take {size:,} bytes; {MOST_BYTES:,} are the most to commit. Leave studies out.")
+        sys.exit(
+            f"the results take {size:,} bytes; {MOST_BYTES:,} are the most to commit. Leave studies out."
+        )
     order = {name: number for number, name in enumerate(ORDER)}
     books = {name: number for number, name in enumerate(BOOKS)}
     return sorted(
-        found, key=lambda of: (order.get(name_of(of), len(order)), name_of(of), books.get(book_of(of), len(books)))
+        found,
+        key=lambda of: (
+            order.get(name_of(of), len(order)),
+            name_of(of),
+            books.get(book_of(of), len(books)),
+        ),
     )
 
 
@@ -239,22 +266,37 @@ def summary_table(evaluated: list[tuple[StudyResults, tuple[ClaimVerdict, ...]]]
     counts: dict[tuple[str, str], dict[str, Counter[Verdict]]] = {}
     for results, claims in evaluated:
         for claim in claims:
-            of_book = counts.setdefault((claim.text, claim.source), {}).setdefault(shown_book(results), Counter())
+            of_book = counts.setdefault((claim.text, claim.source), {}).setdefault(
+                shown_book(results), Counter()
+            )
             of_book[claim.verdict] += 1
     books = list(dict.fromkeys(book for found in counts.values() for book in found))
     yield f"| claim | {' | '.join(books)} |"
     yield f"|---|{'---|' * len(books)}"
     for (text, source), found in counts.items():
-        texts = (", ".join(f"{n} {verdict}" for verdict, n in found.get(book, Counter()).items()) for book in books)
+        texts = (
+            ", ".join(f"{n} {verdict}" for verdict, n in found.get(book, Counter()).items())
+            for book in books
+        )
         yield f"| {text} *({source})* | {' | '.join(texts)} |"
 
 
-def verdicts(evaluated: list[tuple[StudyResults, tuple[ClaimVerdict, ...]]], *, of_paper: bool) -> str:
+def verdicts(
+    evaluated: list[tuple[StudyResults, tuple[ClaimVerdict, ...]]], *, of_paper: bool
+) -> str:
     """Return how many verdicts of each kind there are."""
-    given = [claim for _, claims in evaluated for claim in claims if claim.source.startswith("paper") == of_paper]
+    given = [
+        claim
+        for _, claims in evaluated
+        for claim in claims
+        if claim.source.startswith("paper") == of_paper
+    ]
     counts = Counter(claim.verdict for claim in given)
     few = Counter(claim.verdict for claim in given if is_provisional(claim))
-    texts = {name: f"{counts[name]} {name}" + (f" ({few[name]} provisional)" if few[name] else "") for name in counts}
+    texts = {
+        name: f"{counts[name]} {name}" + (f" ({few[name]} provisional)" if few[name] else "")
+        for name in counts
+    }
     return ", ".join(texts[name] for name in get_args(Verdict) if name in texts) or "none"
 
 
@@ -281,7 +323,9 @@ def steps_of(view: StudyView) -> str:
 
 def seeds_of(view: StudyView) -> str:
     """Return how many seeds the cells have."""
-    return " to ".join(str(number) for number in _ends(len(entry.seeds) for entry in _entries(view)))
+    return " to ".join(
+        str(number) for number in _ends(len(entry.seeds) for entry in _entries(view))
+    )
 
 
 def _ends(values: Iterable[int]) -> list[int]:
@@ -327,7 +371,9 @@ def section(results: StudyResults, view: StudyView) -> Iterator[str]:
     if results.missing:
         yield f"Missing: {missing_text(results)}."
         yield ""
-    graphs = [f"{of.name} `{of.hash[:12]}` ({of.kind}, split `{of.split[:12]}`)" for of in results.graphs]
+    graphs = [
+        f"{of.name} `{of.hash[:12]}` ({of.kind}, split `{of.split[:12]}`)" for of in results.graphs
+    ]
     yield f"Made with `{results.command}`, on {', '.join(graphs)}."
     yield ""
 
@@ -337,8 +383,13 @@ def origins_of(found: list[StudyResults]) -> str:
     made: dict[str, dict[str, str]] = {}
     for of in (of for results in found for of in results.origins):
         versions = made.setdefault(of.platform, of.versions)
-        made[of.platform] = {name: at for name, at in versions.items() if of.versions.get(name) == at}
-    texts = (f"{who}: {', '.join(f'{name} {at}' for name, at in made[who].items())}" for who in sorted(made))
+        made[of.platform] = {
+            name: at for name, at in versions.items() if of.versions.get(name) == at
+        }
+    texts = (
+        f"{who}: {', '.join(f'{name} {at}' for name, at in made[who].items())}"
+        for who in sorted(made)
+    )
     return "; ".join(texts) or "not recorded"
 
 
@@ -376,7 +427,11 @@ def point_table(results: StudyResults, view: StudyView, point: PointFigures) -> 
     for name, success, own in without_agent(results, point):
         yield f"| {name} | |{' |' * has_mrr} {success} | | {own} | |"
     yield ""
-    uneven = [entry for entry in point.variants if len(entry.success) > 1 and np.std(entry.success, ddof=1) > WIDE]
+    uneven = [
+        entry
+        for entry in point.variants
+        if len(entry.success) > 1 and np.std(entry.success, ddof=1) > WIDE
+    ]
     for entry in uneven:
         yield f"Seeds of *{entry.variant}* differ much: {', '.join(share(rate) for rate in entry.success)}."
     if uneven:
@@ -385,7 +440,9 @@ def point_table(results: StudyResults, view: StudyView, point: PointFigures) -> 
 
 def scatter_table(results: StudyResults, view: StudyView, scatter: ScorerScatter) -> Iterator[str]:
     """Yield the lines of a table of success by the scorer's MRR."""
-    how = "train tasks scored in-sample" if scatter.in_sample else "train tasks scored out of sample"
+    how = (
+        "train tasks scored in-sample" if scatter.in_sample else "train tasks scored out of sample"
+    )
     yield f"{how.capitalize()}{f', {title_of(scatter.values)}' if scatter.values else ''}:"
     yield ""
     yield f"| scorer | MRR | success | steps to where {view.reference} ends |"
@@ -397,7 +454,9 @@ def scatter_table(results: StudyResults, view: StudyView, scatter: ScorerScatter
         reached = "never" if at.reached is None else f"{at.reached:,}"
         yield f"| {at.label} | {share(at.mrr)} | {share(at.success)} [{share(low)}, {share(high)}] | {reached} |"
     at = [point for point in view.points if point.values.items() >= scatter.values.items()]
-    rows = dict.fromkeys((name, success) for point in at for name, success, _ in without_agent(results, point))
+    rows = dict.fromkeys(
+        (name, success) for point in at for name, success, _ in without_agent(results, point)
+    )
     for name, success in rows:
         yield f"| {name} | | {success} | |"
     yield ""
@@ -406,7 +465,11 @@ def scatter_table(results: StudyResults, view: StudyView, scatter: ScorerScatter
         "Spearman": scatter.spearman,
         "of MRR and steps, Spearman": scatter.steps_spearman,
     }
-    said = [f"{name} {of.value:+.2f} [{of.low:+.2f}, {of.high:+.2f}]" for name, of in correlations.items() if of]
+    said = [
+        f"{name} {of.value:+.2f} [{of.low:+.2f}, {of.high:+.2f}]"
+        for name, of in correlations.items()
+        if of
+    ]
     if said:
         yield f"Correlation over these scorers, with the 95 % interval over them: {', '.join(said)}."
         yield ""
@@ -439,7 +502,11 @@ def coverage_table(path: Path) -> Iterator[str]:
 def replaced(text: str, marks: tuple[str, str], lines: Iterable[str]) -> str:
     """Return a text with new lines between two marks."""
     before, found, rest = text.partition(marks[0])
-    return before + found + "\n" + "\n".join(lines) + "\n" + marks[1] + rest.partition(marks[1])[2] if found else text
+    return (
+        before + found + "\n" + "\n".join(lines) + "\n" + marks[1] + rest.partition(marks[1])[2]
+        if found
+        else text
+    )
 
 
 def written(found: list[StudyResults], text: str) -> dict[str, str]:
@@ -448,19 +515,29 @@ def written(found: list[StudyResults], text: str) -> dict[str, str]:
     text = replaced(text, (BEGIN, END), page(found, views))
     text = replaced(text, LEFT, left_table(HERE / "results" / "left.json"))
     text = replaced(text, AGAINST, against_table(HERE / "agents-against-scorers.json"))
-    files = {"results.md": replaced(text, COVERAGE, coverage_table(HERE / "interval-coverage.json"))}
+    files = {
+        "results.md": replaced(text, COVERAGE, coverage_table(HERE / "interval-coverage.json"))
+    }
     for results, view in zip(found, views, strict=True):
         title = f"{current(results).title} ({shown_book(results).strip('`')})"
-        files[f"images/results-{anchor(results)}.svg"] = study_figure(msgspec.structs.replace(view, title=title))
+        files[f"images/results-{anchor(results)}.svg"] = study_figure(
+            msgspec.structs.replace(view, title=title)
+        )
     return files
 
 
 def main() -> None:
     """Write the page and the pictures, or check them."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     choice = parser.add_mutually_exclusive_group()
-    choice.add_argument("--check", action="store_true", help="write nothing; exit code 1 if something would change")
-    choice.add_argument("--take", type=Path, metavar="FOLDER", help="first copy the studies of a results folder")
+    choice.add_argument(
+        "--check", action="store_true", help="write nothing; exit code 1 if something would change"
+    )
+    choice.add_argument(
+        "--take", type=Path, metavar="FOLDER", help="first copy the studies of a results folder"
+    )
     cells = HERE / "results" / "cells"
     choice.add_argument(
         "--cells",
@@ -472,13 +549,17 @@ def main() -> None:
     )
     options = parser.parse_args()
     if options.cells and not options.cells.is_dir():
-        sys.exit(f"'{options.cells}' is not a folder; expected a store of cells (`wordcraft-kg reproduce --store`).")
+        sys.exit(
+            f"'{options.cells}' is not a folder; expected a store of cells (`wordcraft-kg reproduce --store`)."
+        )
     try:
         if options.take:
             take(options.take, HERE / "results")
         if options.cells:
             collect(options.cells, HERE / "results")
-        files = written(read_all(HERE / "results"), (HERE / "results.md").read_text(encoding="utf-8"))
+        files = written(
+            read_all(HERE / "results"), (HERE / "results.md").read_text(encoding="utf-8")
+        )
     except WordCraftKGError as error:
         sys.exit(str(error))
     for path, text in files.items():

@@ -59,7 +59,10 @@ def page() -> str:
     parts = [BEGINNING]
     for topic in get_args(Topic):
         terms = [term for term in GLOSSARY.values() if term.topic == topic]
-        meanings = {f"{term.name}{f' ({term.symbol})' if term.symbol else ''}": term.meaning for term in terms}
+        meanings = {
+            f"{term.name}{f' ({term.symbol})' if term.symbol else ''}": term.meaning
+            for term in terms
+        }
         meanings |= FURTHER[topic]
         rows = [f"| {name} | {meanings[name]} |" for name in sorted(meanings, key=str.casefold)]
         parts.append("\n".join([f"## {topic}\n", "| term | definition |", "|---|---|", *rows, ""]))
@@ -68,5 +71,7 @@ def page() -> str:
 
 if __name__ == "__main__":
     if "--check" in sys.argv:
-        sys.exit("docs/terms.md is not up to date; run `make docs`" if PAGE.read_text() != page() else 0)
+        sys.exit(
+            "docs/terms.md is not up to date; run `make docs`" if PAGE.read_text() != page() else 0
+        )
     PAGE.write_text(page())

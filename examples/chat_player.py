@@ -18,7 +18,11 @@ ADDRESS = sys.argv[2] if len(sys.argv) > 2 else "http://127.0.0.1:11434/v1"
 def answer(messages: list[dict[str, str]]) -> str:
     """Return the model's next answer."""
     body = {"model": MODEL, "messages": messages, "temperature": 0, "max_tokens": 300}
-    request = Request(f"{ADDRESS}/chat/completions", json.dumps(body).encode(), {"Content-Type": "application/json"})
+    request = Request(
+        f"{ADDRESS}/chat/completions",
+        json.dumps(body).encode(),
+        {"Content-Type": "application/json"},
+    )
     with urlopen(request, timeout=55) as response:
         reply: dict[str, Any] = json.load(response)
     return str(reply["choices"][0]["message"]["content"])

@@ -28,7 +28,9 @@ def main() -> None:
     """Train a scorer and an agent with the scorer's knowledge; evaluate the agent on the test tasks."""
     opened = open_graph("kitchen")
     assert_type(opened, OpenedGraph)
-    print(f"{opened.graph}: {len(opened.split.unseen)} triples that the partial knowledge graph lacks")
+    print(
+        f"{opened.graph}: {len(opened.split.unseen)} triples that the partial knowledge graph lacks"
+    )
 
     train_links(LinksConfig("kitchen", ComplExConfig(dim=32, epochs=20)), "models/kitchen")
     scorer = load_scorer("models/kitchen", graph=opened.graph)

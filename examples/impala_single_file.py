@@ -40,7 +40,11 @@ def make_world(graph: str, part: TaskPart, distractors: int) -> World:
 
 def observe(state: State) -> tuple[Tensor, Tensor, Tensor]:
     """Return ids: the goal (B,), the selection (B,) and the table (B, A)."""
-    return torch.from_numpy(state.goal), torch.from_numpy(state.selection), torch.from_numpy(state.table)
+    return (
+        torch.from_numpy(state.goal),
+        torch.from_numpy(state.selection),
+        torch.from_numpy(state.table),
+    )
 
 
 # --- policy: attention of goal and selection over the table ----------------------------------------------------------
@@ -100,21 +104,28 @@ def v_trace(
 
 
 def learn(
-    policy: AttentionPolicy, states: Sequence[tuple[Tensor, ...]], actions: Tensor, steps: dict[str, Tensor]
+    policy: AttentionPolicy,
+    states: Sequence[tuple[Tensor, ...]],
+    actions: Tensor,
+    steps: dict[str, Tensor],
 ) -> Tensor:
     """Return the loss of an unroll: T + 1 states, T actions, and what the steps gave, shape (T, B) each."""
     log_policies, values = policy(*(torch.cat(parts) for parts in zip(*states, strict=True)))
     values = values.view(UNROLL + 1, BATCH)
     log_policies = log_policies.view(UNROLL + 1, BATCH, -1)[:UNROLL]
     log_probs = log_policies.gather(2, actions[:, :, None])[:, :, 0]
-    log_rhos = log_probs.detach() - steps["log_probs"]  # 0 here: the acting policy is the learning one
+    log_rhos = (
+        log_probs.detach() - steps["log_probs"]
+    )  # 0 here: the acting policy is the learning one
     discounts = DISCOUNT * (~steps["over"]).float()
     targets, advantages = v_trace(
         log_rhos, discounts, steps["rewards"], values[:UNROLL].detach(), values[UNROLL].detach()
     )
     entropy = -(log_policies.exp() * log_policies.masked_fill(log_policies == -torch.inf, 0)).sum()
     baseline_loss = 0.5 * (targets - values[:UNROLL]).square().sum()
-    loss: Tensor = -(log_probs * advantages).sum() + BASELINE_COST * baseline_loss - ENTROPY_COST * entropy
+    loss: Tensor = (
+        -(log_probs * advantages).sum() + BASELINE_COST * baseline_loss - ENTROPY_COST * entropy
+    )
     return loss
 
 
@@ -138,7 +149,9 @@ def train(graph: str, steps: int, distractors: int, seed: int, out: Path) -> Non
     vectors = torch.tensor(make_features("glove", world.graph.entities).vectors)
     torch.manual_seed(seed)
     policy = AttentionPolicy(vectors)
-    optimizer = torch.optim.RMSprop(policy.parameters(), lr=LEARNING_RATE, alpha=RMS_DECAY, eps=RMS_EPSILON)
+    optimizer = torch.optim.RMSprop(
+        policy.parameters(), lr=LEARNING_RATE, alpha=RMS_DECAY, eps=RMS_EPSILON
+    )
     generator = torch.Generator().manual_seed(seed)
     updates = -(-steps // (BATCH * UNROLL))
     sums = {"loss": 0.0, "episodes": 0, "successes": 0}
@@ -161,7 +174,10 @@ def train(graph: str, steps: int, distractors: int, seed: int, out: Path) -> Non
                 sums["successes"] += (step.outcome == GOAL).sum()
             parts = map(torch.stack, zip(*rows, strict=True))
             loss = learn(
-                policy, states, torch.stack(actions), dict(zip(("log_probs", "rewards", "over"), parts, strict=True))
+                policy,
+                states,
+                torch.stack(actions),
+                dict(zip(("log_probs", "rewards", "over"), parts, strict=True)),
             )
             optimizer.zero_grad()
             torch.autograd.backward(loss)
@@ -171,13 +187,17 @@ def train(graph: str, steps: int, distractors: int, seed: int, out: Path) -> Non
             sums["loss"] += loss.item()
             if (update + 1) % UPDATES_PER_ROW == 0:
                 row = [(update + 1) * BATCH * UNROLL, sums["loss"] / UPDATES_PER_ROW]
-                writer.writerow([*row, sums["successes"] / sums["episodes"], evaluate(policy, test)])
+                writer.writerow(
+                    [*row, sums["successes"] / sums["episodes"], evaluate(policy, test)]
+                )
                 sums = dict.fromkeys(sums, 0)
 
 
 def main() -> None:
     """Train with the settings of the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--graph", default="everyday")
     parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--distractors", type=int, default=8)

@@ -46,13 +46,26 @@ class HubsTraining(Training[HubsConfig, int, Path]):
         """Record no inputs except the graph and its split."""
         return {}
 
-    def fit(self, run: RunFolder[int], report: Progress | None, log: Log, checkpoint: Checkpoint[int] | None) -> Path:
+    def fit(
+        self,
+        run: RunFolder[int],
+        report: Progress | None,
+        log: Log,
+        checkpoint: Checkpoint[int] | None,
+    ) -> Path:
         """Train from the start or from a checkpoint, and write the table of all scores."""
-        size, triples = self.opened.graph.num_entities, torch.tensor(self.opened.triples(self.config.kg))
-        ends = torch.zeros(2, 2, size) if checkpoint is None else checkpoint.tensors["ends"]  # head or tail, relation
+        size, triples = (
+            self.opened.graph.num_entities,
+            torch.tensor(self.opened.triples(self.config.kg)),
+        )
+        ends = (
+            torch.zeros(2, 2, size) if checkpoint is None else checkpoint.tensors["ends"]
+        )  # head or tail, relation
         if checkpoint is not None:
             run.resume(self.config)
-        for epoch in range(1 if checkpoint is None else checkpoint.number + 1, self.config.epochs + 1):
+        for epoch in range(
+            1 if checkpoint is None else checkpoint.number + 1, self.config.epochs + 1
+        ):
             generator = torch.Generator().manual_seed(self.config.seed * 1_000_003 + epoch)
             others = torch.randint(size, (len(triples), 2), generator=generator)
             for heads, tails, truth in ((*triples[:, [0, 2]].T, 1.0), (*others.T, 0.0)):
@@ -65,7 +78,12 @@ class HubsTraining(Training[HubsConfig, int, Path]):
                 report(epoch, self.config.epochs, {})
             if run.interrupted.is_set() and epoch < self.config.epochs:
                 raise KeyboardInterrupt
-        write_scorer(run.path, "table", {"scores": ends[0, :, :, None] + ends[1, :, None, :]}, self.opened.graph)
+        write_scorer(
+            run.path,
+            "table",
+            {"scores": ends[0, :, :, None] + ends[1, :, None, :]},
+            self.opened.graph,
+        )
         run.finish(("model.safetensors", "vocabulary.json"), card="# Hubs\n")
         return run.path
 
@@ -77,7 +95,9 @@ class HubsTraining(Training[HubsConfig, int, Path]):
 
 def hubs_history(files: RunFiles) -> History:
     """Return how a model was trained."""
-    return History(HubsConfig.read(files.folder), {"what it is": "how often each entity is head and tail"})
+    return History(
+        HubsConfig.read(files.folder), {"what it is": "how often each entity is head and tail"}
+    )
 
 
 MODELS["train-hubs"] = hubs_history
@@ -85,7 +105,9 @@ MODELS["train-hubs"] = hubs_history
 
 def unseen_mrr(opened: OpenedGraph, folder: Path) -> float:
     """Return the MRR of the triples that only test recipes have."""
-    ranks = rank_triples(open_model(folder).scorer, opened.split.held_out("test"), opened.graph.triples)
+    ranks = rank_triples(
+        open_model(folder).scorer, opened.split.held_out("test"), opened.graph.triples
+    )
     return mean_reciprocal_rank(ranks)
 
 

@@ -17,7 +17,9 @@ from wordcraft_kg.graphs import Split
 def alike_player(split: Split) -> Player:
     """Return a player for a split. A player may learn from the split; this player compares names only."""
     names = split.graph.entities
-    alike = np.array([[SequenceMatcher(None, one, goal).ratio() for one in (*names, "")] for goal in names])
+    alike = np.array(
+        [[SequenceMatcher(None, one, goal).ratio() for one in (*names, "")] for goal in names]
+    )
 
     def act(state: State, rng: np.random.Generator) -> np.ndarray:
         scores = alike[state.goal[:, None], state.table] - (state.table == state.selection[:, None])

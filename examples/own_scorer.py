@@ -21,7 +21,9 @@ class AlikeScorer(Scorer):
         vectors = torch.tensor(glove_features(opened.graph.entities).vectors)
         self.unit = torch.nn.functional.normalize(vectors, dim=1)
 
-    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+    def _score(
+        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+    ) -> torch.Tensor:
         return (self.unit[heads] * self.unit[tails]).sum(dim=-1) + 0 * relations
 
 
@@ -37,7 +39,9 @@ def main() -> None:
     print(f"MRR on unseen triples: {metrics.mrr:.3f}")
 
     tasks, trainer = TaskConfig(distractors=4), ImpalaConfig(steps=50_000)
-    trained = train_agent(AgentConfig("kitchen", "models/alike", tasks, trainer=trainer), "runs/alike")
+    trained = train_agent(
+        AgentConfig("kitchen", "models/alike", tasks, trainer=trainer), "runs/alike"
+    )
     assert trained.summary is not None
     print(f"success on test tasks: {trained.summary.success['test'].mean:.3f}")
 

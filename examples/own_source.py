@@ -7,7 +7,15 @@ point: [project.entry-points."wordcraft_kg.sources"], letters = "my_package.sour
 import torch
 from torch import Tensor
 
-from wordcraft_kg import AgentConfig, ComplExConfig, ImpalaConfig, LinksConfig, TaskConfig, train_agent, train_links
+from wordcraft_kg import (
+    AgentConfig,
+    ComplExConfig,
+    ImpalaConfig,
+    LinksConfig,
+    TaskConfig,
+    train_agent,
+    train_links,
+)
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.registry import register_source
@@ -31,10 +39,14 @@ class SharedLetters(Source):
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "SharedLetters":
         """Count the letters of the scorer's entities."""
         source, letters = cls(len(scorer.entities)), [set(entity) for entity in scorer.entities]
-        source.shared[:-1, :-1] = torch.tensor([[float(len(one & other)) for one in letters] for other in letters])
+        source.shared[:-1, :-1] = torch.tensor(
+            [[float(len(one & other)) for one in letters] for other in letters]
+        )
         return source
 
-    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
+    def forward(
+        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None
+    ) -> Tensor:
         """Look up the counts of the slots' entities, shape (B, A)."""
         return self.shared[goal[:, None], table]
 
@@ -43,7 +55,9 @@ def main() -> None:
     """Train an agent that weighs letters in addition to link scores."""
     train_links(LinksConfig("kitchen", ComplExConfig(epochs=10)), "models/kitchen")
     policy, trainer = PolicyConfig(use="u,v,letters"), ImpalaConfig(steps=5_000)
-    trained = train_agent(AgentConfig("kitchen", "models/kitchen", TaskConfig(), policy, trainer), "runs/letters")
+    trained = train_agent(
+        AgentConfig("kitchen", "models/kitchen", TaskConfig(), policy, trainer), "runs/letters"
+    )
     assert trained.summary is not None
     print(f"success on test tasks: {trained.summary.success['test'].mean:.3f}")
 

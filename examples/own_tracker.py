@@ -7,7 +7,14 @@ import csv
 from collections.abc import Mapping
 from pathlib import Path
 
-from wordcraft_kg import AgentConfig, ComplExConfig, ImpalaConfig, LinksConfig, train_agent, train_links
+from wordcraft_kg import (
+    AgentConfig,
+    ComplExConfig,
+    ImpalaConfig,
+    LinksConfig,
+    train_agent,
+    train_links,
+)
 
 
 class Table:
@@ -20,7 +27,9 @@ class Table:
     def log(self, step: int, values: Mapping[str, float]) -> None:
         """Append the figures of an epoch or a line of metrics."""
         with self.path.open("a", newline="") as file:
-            csv.writer(file).writerows((self.run, step, name, value) for name, value in values.items())
+            csv.writer(file).writerows(
+                (self.run, step, name, value) for name, value in values.items()
+            )
 
     def close(self, status: str) -> None:
         """Say how the run ended."""

@@ -13,7 +13,9 @@ from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 def main() -> None:
     """Train TransE with PyKEEN, make it a model folder, and compare it with counting."""
-    torch.set_num_threads(1)  # on models this small more threads are slower, on a busy machine many times
+    torch.set_num_threads(
+        1
+    )  # on models this small more threads are slower, on a busy machine many times
     opened = open_graph("kitchen")
     result = pipeline(
         dataset="wordcraft",
@@ -25,14 +27,18 @@ def main() -> None:
         evaluation_kwargs={"use_tqdm": False},
     )
     # The dataset's training triples are those of the train recipes.
-    save_scorer("models/transe", from_pykeen(result.model, result.training, opened), opened, kg="partial")
+    save_scorer(
+        "models/transe", from_pykeen(result.model, result.training, opened), opened, kg="partial"
+    )
     counting = FrequencyScorer(opened.graph, opened.split.partial, name="frequency")
     save_scorer("models/frequency", counting, opened, kg="partial")
 
     names = ("transe", "frequency")
     comparison = compare([Contender(name, [open_model(f"models/{name}")]) for name in names])
     for model in comparison.models:
-        print(f"{model.name}: MRR {model.mrr:.3f}, difference {model.difference}, {model.difference_ci}")
+        print(
+            f"{model.name}: MRR {model.mrr:.3f}, difference {model.difference}, {model.difference_ci}"
+        )
     print("more: wordcraft-kg evaluate-links models/transe")
 
 

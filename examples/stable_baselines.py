@@ -34,21 +34,32 @@ from wordcraft_kg.models.policies.policy import Policy
 
 def main() -> None:
     """Train for a few thousand steps and evaluate the policy on the test tasks."""
-    torch.set_num_threads(1)  # on networks this small more threads are slower, on a busy machine many times
+    torch.set_num_threads(
+        1
+    )  # on networks this small more threads are slower, on a busy machine many times
     opened = open_graph("kitchen")
     train_links(LinksConfig("kitchen", ComplExConfig(dim=32, epochs=20)), "models/kitchen")
     world = World(opened, WordCraftConfig(part="train", num_distractors=4))
     env = TaskObservation(gym.make("WordCraft-v0", graph=world))
     scorer, seen = load_scorer("models/kitchen"), opened.split.partial
     policy, _ = make_policy(
-        PolicyConfig(), opened.graph, world.num_slots, scorer=scorer, observed=seen, tasks=world.tasks
+        PolicyConfig(),
+        opened.graph,
+        world.num_slots,
+        scorer=scorer,
+        observed=seen,
+        tasks=world.tasks,
     )
-    model = MaskablePPO(MaskableSB3Policy, env, policy_kwargs={"network": policy}, n_steps=512, seed=0)
+    model = MaskablePPO(
+        MaskableSB3Policy, env, policy_kwargs={"network": policy}, n_steps=512, seed=0
+    )
     model.learn(2_048)
     trained: Policy = model.policy.network  # a copy: `policy` is as it was
     for name, player in (("before", policy), ("after", trained)):
         figures = evaluate(player, opened, num_distractors=4).figures()
-        print(f"success on test tasks {name}: {figures.mean:.3f} [{figures.ci_low:.3f}, {figures.ci_high:.3f}]")
+        print(
+            f"success on test tasks {name}: {figures.mean:.3f} [{figures.ci_low:.3f}, {figures.ci_high:.3f}]"
+        )
     save_policy("policies/ppo", trained)
     print(trained.act(goal="bread", table=["flour", "fire", "water", "egg"]))
 

@@ -32,9 +32,13 @@ class Reader:
     def __init__(self, name: str):
         """Load a model folder, a .gguf file, or a model on the hub."""
         path = Path(name)
-        where, options = (str(path.parent), {"gguf_file": path.name}) if path.is_file() else (name, {})
+        where, options = (
+            (str(path.parent), {"gguf_file": path.name}) if path.is_file() else (name, {})
+        )
         self.tokenizer = AutoTokenizer.from_pretrained(where, **options)
-        self.model = AutoModelForCausalLM.from_pretrained(where, dtype=torch.float32, **options).eval()
+        self.model = AutoModelForCausalLM.from_pretrained(
+            where, dtype=torch.float32, **options
+        ).eval()
         self.end: int = self.tokenizer.eos_token_id
         self.ids: list[int] = []
         self.cache = DynamicCache(config=self.model.config)
@@ -47,7 +51,9 @@ class Reader:
 
     def chat(self, messages: list[Message], is_asked: bool) -> list[int]:
         """Return the tokens of a conversation, with the beginning of an answer if the model is asked for one."""
-        text = self.tokenizer.apply_chat_template(messages, add_generation_prompt=is_asked, tokenize=False)
+        text = self.tokenizer.apply_chat_template(
+            messages, add_generation_prompt=is_asked, tokenize=False
+        )
         return self.tokens(text)
 
     def cut(self, length: int) -> None:
@@ -59,7 +65,12 @@ class Reader:
     def read(self, ids: list[int]) -> None:
         """Read a text in place of the last text; an equal beginning stays in the cache."""
         both = zip(self.ids, ids[:-1], strict=False)
-        self.cut(next((n for n, (old, new) in enumerate(both) if old != new), min(len(self.ids), len(ids) - 1)))
+        self.cut(
+            next(
+                (n for n, (old, new) in enumerate(both) if old != new),
+                min(len(self.ids), len(ids) - 1),
+            )
+        )
         new = torch.tensor([ids[len(self.ids) :]])
         logits = self.model(input_ids=new, past_key_values=self.cache, logits_to_keep=1).logits
         self.ids, self.next = ids, logits[0, -1].log_softmax(-1)
@@ -69,22 +80,31 @@ class Reader:
 
         Equal beginnings are read once, and a token sees only its own beginning.
         """
-        begun = list(dict.fromkeys(tuple(text[:size]) for text in texts for size in range(1, len(text))))
+        begun = list(
+            dict.fromkeys(tuple(text[:size]) for text in texts for size in range(1, len(text)))
+        )
         row = {beginning: number for number, beginning in enumerate(begun, 1)} | {(): 0}
         unseen = torch.full((len(begun), len(self.ids) + len(begun)), -torch.inf)
         unseen[:, : len(self.ids)] = 0
         for beginning in begun:
-            before = [len(self.ids) + row[beginning[:size]] - 1 for size in range(1, len(beginning) + 1)]
+            before = [
+                len(self.ids) + row[beginning[:size]] - 1 for size in range(1, len(beginning) + 1)
+            ]
             unseen[row[beginning] - 1, before] = 0
         logits = self.model(
             input_ids=torch.tensor([[beginning[-1] for beginning in begun]]),
             attention_mask=unseen[None, None],
-            position_ids=torch.tensor([[len(self.ids) + len(beginning) - 1 for beginning in begun]]),
+            position_ids=torch.tensor(
+                [[len(self.ids) + len(beginning) - 1 for beginning in begun]]
+            ),
             past_key_values=self.cache,
         ).logits[0]
         self.cache.crop(-len(begun))
         rows = torch.cat([self.next[None], logits.log_softmax(-1)])
-        return [float(rows[[row[tuple(text[:size])] for size in range(len(text))], text].sum()) for text in texts]
+        return [
+            float(rows[[row[tuple(text[:size])] for size in range(len(text))], text].sum())
+            for text in texts
+        ]
 
 
 def by_generation(reader: Reader, prompt: list[int], most: int) -> str:
@@ -98,7 +118,9 @@ def by_generation(reader: Reader, prompt: list[int], most: int) -> str:
     return str(reader.tokenizer.decode(answer, skip_special_tokens=True))
 
 
-def by_probabilities(reader: Reader, prompt: list[int], items: list[str], tried: set[frozenset[str]]) -> str:
+def by_probabilities(
+    reader: Reader, prompt: list[int], items: list[str], tried: set[frozenset[str]]
+) -> str:
     """Return the most probable answer "first + second" whose pair was not tried.
 
     No answer is more probable than its first half, so the search may end before it has read all answers.
@@ -112,7 +134,12 @@ def by_probabilities(reader: Reader, prompt: list[int], items: list[str], tried:
         if order[start][0] <= best:
             break
         firsts = [first for _, first in order[start : start + some]]
-        answers = [f"{one} + {other}" for one in firsts for other in items if frozenset((one, other)) not in tried]
+        answers = [
+            f"{one} + {other}"
+            for one in firsts
+            for other in items
+            if frozenset((one, other)) not in tried
+        ]
         scores = reader.log_probs([[*reader.tokens(answer), reader.end] for answer in answers])
         best, chosen = max((best, chosen), *zip(scores, answers, strict=True))
     tried.add(frozenset(chosen.split(" + ")))
@@ -154,10 +181,14 @@ def play(reader: Reader, by: str, context: int, most: int) -> None:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="A language model of transformers as a player of the line protocol.")
+    parser = argparse.ArgumentParser(
+        description="A language model of transformers as a player of the line protocol."
+    )
     parser.add_argument("model", help="model folder, .gguf file, or a name on the Hugging Face hub")
     parser.add_argument("--by", choices=["generation", "probabilities"], default="generation")
-    parser.add_argument("--context", type=int, default=2048, help="tokens of a conversation, before it begins anew")
+    parser.add_argument(
+        "--context", type=int, default=2048, help="tokens of a conversation, before it begins anew"
+    )
     parser.add_argument("--new-tokens", type=int, default=12, help="most tokens of an answer")
     options = parser.parse_args()
     logging.set_verbosity_error()

@@ -73,7 +73,9 @@ def run(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "1000")
     failures = []
     show = Failure.show
-    monkeypatch.setattr(Failure, "show", lambda failure, output: failures.append(failure) or show(failure, output))
+    monkeypatch.setattr(
+        Failure, "show", lambda failure, output: failures.append(failure) or show(failure, output)
+    )
 
     def run(*arguments):
         capsys.readouterr()
@@ -157,7 +159,9 @@ def made_once(tmp_path_factory):
 @pytest.fixture(scope="session")
 def parted_folder(made_once):
     """A graph folder of the kitchen with a validation part; read only."""
-    return made_once("parted/kitchen", lambda out: write_graph(out, train_ratio=0.7, valid_ratio=0.15))
+    return made_once(
+        "parted/kitchen", lambda out: write_graph(out, train_ratio=0.7, valid_ratio=0.15)
+    )
 
 
 @pytest.fixture(scope="session")
@@ -187,7 +191,9 @@ def cross_fitted(recipes_folder):
 def alchemy_path():
     path = Path(DATA_FOLDER or "") / OFFICIAL_FILE
     if not DATA_FOLDER or not path.is_file():
-        pytest.skip(f"needs Little Alchemy 2: set {DATA_VARIABLE} to a folder that holds {OFFICIAL_FILE}")
+        pytest.skip(
+            f"needs Little Alchemy 2: set {DATA_VARIABLE} to a folder that holds {OFFICIAL_FILE}"
+        )
     return path
 
 

@@ -10,7 +10,15 @@ GUIDED = ["55500", "55550", "55055", "05555", "55555"]
 
 
 def fabricate(
-    won, *, distractor_seeds=5, mrr=None, curves=None, settings=None, drawing="curves", reference="", title="Made up"
+    won,
+    *,
+    distractor_seeds=5,
+    mrr=None,
+    curves=None,
+    settings=None,
+    drawing="curves",
+    reference="",
+    title="Made up",
 ):
     """Return results of a study: ``won`` has a string of digits for each seed of each variant."""
     points = won if isinstance(won, list) else [({}, won)]
@@ -44,7 +52,15 @@ def fabricate(
     study = Study(title, variants, drawing=drawing, reference=reference)
     command = "wordcraft-kg reproduce made-up"
     return StudyResults(
-        "wordcraft-kg results 1", "made-up", command, study, (graph,), {"torch": "2"}, tuple(runs), (), 0.5
+        "wordcraft-kg results 1",
+        "made-up",
+        command,
+        study,
+        (graph,),
+        {"torch": "2"},
+        tuple(runs),
+        (),
+        0.5,
     )
 
 
@@ -52,7 +68,10 @@ def three_train_fractions():
     """Return results of three shares of the recipes, with scores out of sample (folds) and in-sample (memory)."""
     rows = {0.2: ["50000", "50000"], 0.5: ["55000", "55500"], 1.0: ["55500", "55550"]}
     points = [
-        ({"scorer.train_fraction": share}, {"no graph": ["50000", "00000"], "folds": won, "memory": rows[0.2]})
+        (
+            {"scorer.train_fraction": share},
+            {"no graph": ["50000", "00000"], "folds": won, "memory": rows[0.2]},
+        )
         for share, won in rows.items()
     ]
     mrr = {f"{name}@{i}": 0.1 * (i + 1) for i in range(3) for name in ("folds", "memory")}

@@ -6,5 +6,10 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book,
 def write_graph(folder, book="kitchen", **split):
     """Write a book's graph folder, with a split of these settings; one that exists is replaced."""
     recipes = open_book(book)
-    write_graph_folder(folder, recipes, make_split(RecipeGraph.from_book(recipes), SplitConfig(**split)), force=True)
+    write_graph_folder(
+        folder,
+        recipes,
+        make_split(RecipeGraph.from_book(recipes), SplitConfig(**split)),
+        force=True,
+    )
     return folder

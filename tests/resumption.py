@@ -15,6 +15,8 @@ def resume(folder, *, graph=None, **options):
 
     trainers = {AgentConfig: train_agent, LinksConfig: train_links, RecipesConfig: train_recipes}
     kind = read_run(folder).kind
-    config_type, train = next((config, train) for config, train in trainers.items() if kind in config.commands)
+    config_type, train = next(
+        (config, train) for config, train in trainers.items() if kind in config.commands
+    )
     config = config_type.read(folder)
     return train(replace(config, graph=graph or config.graph), folder, **options)

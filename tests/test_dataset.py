@@ -22,7 +22,10 @@ def test_the_generated_files_are_those_of_the_book(monkeypatch):
     monkeypatch.setattr("sys.argv", ["make_everyday.py", "--check"])
     assert MAKER["main"]() == 0
     kinds = open_book("everyday").kinds
-    recipes = {Recipe(row["ingredient_a"], row["ingredient_b"], row["result"]): row for row in rows_of("recipes.csv")}
+    recipes = {
+        Recipe(row["ingredient_a"], row["ingredient_b"], row["result"]): row
+        for row in rows_of("recipes.csv")
+    }
     assert {recipe: row["kind"] for recipe, row in recipes.items()} == kinds
 
 
@@ -32,11 +35,18 @@ def test_votes_ranks_are_those_of_counting():
     for index in range(0, len(rows), 30):
         a, b, result = rows[index]
         votes = [
-            sum(x in other[:2] and other[2] == entity for x in {a, b} for i, other in enumerate(rows) if i != index)
+            sum(
+                x in other[:2] and other[2] == entity
+                for x in {a, b}
+                for i, other in enumerate(rows)
+                if i != index
+            )
             for entity in range(graph.num_entities)
         ]
         own = votes[result]
-        expected = sum(count > own for count in votes) + (sum(count == own for count in votes) + 1) / 2
+        expected = (
+            sum(count > own for count in votes) + (sum(count == own for count in votes) + 1) / 2
+        )
         assert ranks[index] == expected
 
 

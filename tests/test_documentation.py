@@ -15,12 +15,24 @@ import yaml
 from wordcraft_kg.cli import main
 
 ROOT = Path(__file__).parents[1]
-PAGES = ["README.md", *(f"docs/{name}.md" for name in ("agents", "environment", "link-prediction", "text-agents"))]
+PAGES = [
+    "README.md",
+    *(f"docs/{name}.md" for name in ("agents", "environment", "link-prediction", "text-agents")),
+]
 ELSEWHERE = {"chat_player", "line_player", "impala_single_file", "transformers_player"}
 """Examples with tests of their own."""
 EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - ELSEWHERE)
-LONG = ("first_steps", "own_scorer", "own_source", "own_tracker", "pykeen_model", "stable_baselines")
-NOTEBOOKS = sorted(f"docs/notebooks/{path.name}" for path in (ROOT / "docs" / "notebooks").glob("*.py"))
+LONG = (
+    "first_steps",
+    "own_scorer",
+    "own_source",
+    "own_tracker",
+    "pykeen_model",
+    "stable_baselines",
+)
+NOTEBOOKS = sorted(
+    f"docs/notebooks/{path.name}" for path in (ROOT / "docs" / "notebooks").glob("*.py")
+)
 SOURCES = [*PAGES, *(f"examples/{name}.py" for name in EXAMPLES), *NOTEBOOKS]
 SMALL = ("--steps", "256", "--eval-every", "0", "--quiet")
 
@@ -35,11 +47,17 @@ def test_what_a_page_or_an_example_imports_is_there(source):
     imported = [
         (node.module, name.name)
         for node in ast.walk(ast.parse(code))
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("wordcraft_kg")
+        if isinstance(node, ast.ImportFrom)
+        and node.module
+        and node.module.startswith("wordcraft_kg")
         for name in node.names
     ]
     assert imported or "import wordcraft_kg" in code
-    assert [(module, name) for module, name in imported if not hasattr(importlib.import_module(module), name)] == []
+    assert [
+        (module, name)
+        for module, name in imported
+        if not hasattr(importlib.import_module(module), name)
+    ] == []
 
 
 @pytest.fixture(scope="module")
@@ -78,14 +96,17 @@ def test_the_python_of_a_page_runs_as_printed(page, world, tmp_path, monkeypatch
 def test_the_commands_of_the_readme_print_what_it_shows(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     (block,) = re.findall(r"```console\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    for command, shown in re.findall(r"^\$ wordcraft-kg (.*)\n((?:[^$].*\n)*)", block, re.MULTILINE):
+    for command, shown in re.findall(
+        r"^\$ wordcraft-kg (.*)\n((?:[^$].*\n)*)", block, re.MULTILINE
+    ):
         assert main(shlex.split(command)) == 0
         printed = capsys.readouterr().out
         assert shown in ("", printed)
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in EXAMPLES]
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in EXAMPLES],
 )
 def test_an_example_runs(name, tmp_path, monkeypatch, capsys):
     if name == "stable_baselines":
@@ -99,7 +120,15 @@ def test_an_example_runs(name, tmp_path, monkeypatch, capsys):
 def test_the_citation_has_the_fields_of_a_release_and_those_of_the_package():
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     package = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert {"cff-version", "message", "title", "abstract", "type", "date-released", "references"} <= cited.keys()
+    assert {
+        "cff-version",
+        "message",
+        "title",
+        "abstract",
+        "type",
+        "date-released",
+        "references",
+    } <= cited.keys()
     assert (cited["version"], cited["license"]) == (package["version"], package["license"])
     assert cited["authors"] == package["authors"]
     assert set(package["keywords"]) <= set(cited["keywords"])

@@ -43,7 +43,10 @@ TEXTS = [
         "max_attempts, reward, distractor_weighting, distractor_policy, task_weighting, ambiguity, illegal_action, "
         "num_tasks, task_seed. Did you mean 'num_distractors', 'distractor_policy', 'distractor_weighting'?",
     ),
-    (lambda: wk.ComplExConfig(dim=1.5), "ConfigError: `dim` 1.5: expected a whole number, 1 or more."),
+    (
+        lambda: wk.ComplExConfig(dim=1.5),
+        "ConfigError: `dim` 1.5: expected a whole number, 1 or more.",
+    ),
     (
         lambda: wk.PolicyConfig(mixing="fre"),
         "ConfigError: `mixing` 'fre': expected one of softmax, free. Did you mean 'free'?",
@@ -69,7 +72,9 @@ def folder(tmp_path_factory, opened_kitchen):
 
 
 @pytest.mark.parametrize(("call", "text"), TEXTS)
-def test_an_error_says_what_was_found_what_was_expected_and_what_to_do(call, text, folder, monkeypatch):
+def test_an_error_says_what_was_found_what_was_expected_and_what_to_do(
+    call, text, folder, monkeypatch
+):
     monkeypatch.chdir(folder)
     with pytest.raises(WordCraftKGError) as raised:
         call()

@@ -31,7 +31,9 @@ def tasks():
 
     opened = open_graph("kitchen")
     for depth, part, weighting in product((1, 2, 3, 4), ("all", "train", "test"), ("task", "goal")):
-        made = make_tasks(opened.graph, depth, opened.split, part, weighting=weighting, limit=20, seed=5)
+        made = make_tasks(
+            opened.graph, depth, opened.split, part, weighting=weighting, limit=20, seed=5
+        )
         print(*made, made.mixed, sep="\n")
 
 
@@ -61,7 +63,9 @@ def discovery():
 
     graph = open_graph("kitchen").graph
     players = make_discoverers(
-        [name for name in DISCOVERERS if name != "recipe-learner"], graph, SymbolicScorer(graph, graph.triples)
+        [name for name in DISCOVERERS if name != "recipe-learner"],
+        graph,
+        SymbolicScorer(graph, graph.triples),
     )
     print(discovery_curves(graph, players, 20, 3).to_csv())
 
@@ -70,7 +74,9 @@ def link_models():
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
-    trained = train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)), Path("model"))
+    trained = train_links(
+        LinksConfig("kitchen", ComplExConfig(dim=8, epochs=5, n3=0.1, folds=0)), Path("model")
+    )
     for path in trained.folder.iterdir():
         if path.name not in ("model.safetensors", "vocabulary.json"):  # times
             path.unlink()
@@ -96,7 +102,16 @@ def maps():
 
 MAKERS = {
     make.__name__: make
-    for make in (graph_folders_and_exports, tasks, train_samples, episodes, discovery, link_models, reports, maps)
+    for make in (
+        graph_folders_and_exports,
+        tasks,
+        train_samples,
+        episodes,
+        discovery,
+        link_models,
+        reports,
+        maps,
+    )
 }
 """Functions that print, or write into the working folder."""
 
@@ -107,7 +122,11 @@ def made_by(make, folder):
     printed = io.StringIO()
     with contextlib.chdir(folder), contextlib.redirect_stdout(printed):
         make()
-    files = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    files = {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
     files["stdout"] = printed.getvalue().encode()
     return {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
 
@@ -117,7 +136,12 @@ def elsewhere(tmp_path_factory):
     folder = tmp_path_factory.mktemp("elsewhere")
     environment = os.environ | {"PYTHONHASHSEED": "1"}
     done = subprocess.run(
-        [sys.executable, __file__, folder], env=environment, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, __file__, folder],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
@@ -135,4 +159,6 @@ if __name__ == "__main__":
     import torch
 
     torch.set_num_threads(1)
-    print(json.dumps({name: made_by(make, Path(sys.argv[1]) / name) for name, make in MAKERS.items()}))
+    print(
+        json.dumps({name: made_by(make, Path(sys.argv[1]) / name) for name, make in MAKERS.items()})
+    )

@@ -35,14 +35,19 @@ def script(tmp_path, monkeypatch):
 def test_a_stored_notebook_has_the_cells_of_its_source_and_the_outputs_of_stdout(script, tmp_path):
     script("--check")
     stored = json.loads((tmp_path / "one.ipynb").read_text())
-    assert ["".join(cell["source"]) for cell in stored["cells"]] == ["# A title\n\nText.", "sorted([2, 1])"]
+    assert ["".join(cell["source"]) for cell in stored["cells"]] == [
+        "# A title\n\nText.",
+        "sorted([2, 1])",
+    ]
     assert [output["name"] for output in stored["cells"][1]["outputs"]] == ["stdout"]
 
 
 def test_changed_code_is_refused_until_the_notebook_is_run_again(script, tmp_path):
     (tmp_path / "one.py").write_text(SOURCE.replace("[2, 1]", "[3, 1]"))
     for mode in ("--check", "--text"):
-        with pytest.raises(SystemExit, match=r"one.ipynb was made by other code than one.py. Run it: .* one$"):
+        with pytest.raises(
+            SystemExit, match=r"one.ipynb was made by other code than one.py. Run it: .* one$"
+        ):
             script(mode)
 
 
@@ -65,16 +70,25 @@ def test_a_stored_notebook_without_hash_or_damaged_is_refused(script, tmp_path, 
     elif damage == "no cell":
         del stored["cells"][1]
     path.write_text("{" if damage == "no json" else json.dumps(stored))
-    with pytest.raises(SystemExit, match="has no hash" if damage == "no hash" else "is missing or damaged"):
+    with pytest.raises(
+        SystemExit, match="has no hash" if damage == "no hash" else "is missing or damaged"
+    ):
         script("--check")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [path.stem for path in sorted((SCRIPT.parent / "notebooks").glob("*.py"))])
+@pytest.mark.parametrize(
+    "name", [path.stem for path in sorted((SCRIPT.parent / "notebooks").glob("*.py"))]
+)
 def test_a_notebook_runs_and_gives_the_kinds_of_outputs_that_are_stored(name):
     for module in ("nbclient", "ipykernel", "sb3_contrib"):
         pytest.importorskip(module, reason="needs the extras docs and interop")
     names, source = runpy.run_path(str(SCRIPT)), SCRIPT.parent / "notebooks" / f"{name}.py"
-    new, old = (names["code_cells"](one.cells) for one in (names["run"](source), names["read_stored"](source)))
-    kinds = [[[output.output_type for output in cell.outputs] for cell in cells] for cells in (new, old)]
+    new, old = (
+        names["code_cells"](one.cells)
+        for one in (names["run"](source), names["read_stored"](source))
+    )
+    kinds = [
+        [[output.output_type for output in cell.outputs] for cell in cells] for cells in (new, old)
+    ]
     assert kinds[0] == kinds[1]

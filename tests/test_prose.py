@@ -18,7 +18,9 @@ def script():
 
 
 def test_errors_are_the_messages_of_raised_errors_without_settings(script):
-    tree = ast.parse('raise ConfigError(f"`of` {x}: it is wrong")\nrefuse("name", 1, "less")\nprint("of it")')
+    tree = ast.parse(
+        'raise ConfigError(f"`of` {x}: it is wrong")\nrefuse("name", 1, "less")\nprint("of it")'
+    )
     assert " ".join(script.errors(tree)).split() == [":", "it", "is", "wrong", "name", "less"]
 
 
@@ -36,5 +38,6 @@ def test_every_kind_of_text_is_found_and_every_exception_has_a_reason(script):
     kinds = {kind for kind, _, _ in script.texts()}
     assert kinds == {"docstrings", "errors", "comments", "prompts", "templates", "help", "guides"}
     assert all(
-        kind in kinds and name in script.WORDS and reason for (kind, name), (_, reason) in script.EXCEPTIONS.items()
+        kind in kinds and name in script.WORDS and reason
+        for (kind, name), (_, reason) in script.EXCEPTIONS.items()
     )

@@ -12,10 +12,41 @@ import pytest
 import wordcraft_kg
 
 IN_ORDER = (
-    *("open_book", "RecipeGraph", "open_graph", "SplitConfig", "make_split", "WordCraftConfig", "World"),
-    *("ComplExConfig", "LinkModelConfig", "LinksConfig", "train_links", "Tracker", "open_model", "save_scorer"),
-    *("from_pykeen", "load_scorer", "cross_fit", "RecipeScorerConfig", "RecipesConfig", "train_recipes"),
-    *("make_sources", "TaskConfig", "PolicyConfig", "ImpalaConfig", "AgentConfig", "train_agent", "open_agent"),
+    *(
+        "open_book",
+        "RecipeGraph",
+        "open_graph",
+        "SplitConfig",
+        "make_split",
+        "WordCraftConfig",
+        "World",
+    ),
+    *(
+        "ComplExConfig",
+        "LinkModelConfig",
+        "LinksConfig",
+        "train_links",
+        "Tracker",
+        "open_model",
+        "save_scorer",
+    ),
+    *(
+        "from_pykeen",
+        "load_scorer",
+        "cross_fit",
+        "RecipeScorerConfig",
+        "RecipesConfig",
+        "train_recipes",
+    ),
+    *(
+        "make_sources",
+        "TaskConfig",
+        "PolicyConfig",
+        "ImpalaConfig",
+        "AgentConfig",
+        "train_agent",
+        "open_agent",
+    ),
     *("load_policy", "save_policy", "evaluate", "read_study", "Study", "run_study"),
 )
 """Each example may use what those before it have written."""
@@ -32,7 +63,10 @@ def test_every_public_name_is_there_and_listed_once():
 def examples():
     names = {name: getattr(wordcraft_kg, name) for name in IN_ORDER}
     read = doctest.DocTestParser().get_doctest
-    return [read(inspect.getdoc(value) or "", dict(names), name, None, None) for name, value in names.items()]
+    return [
+        read(inspect.getdoc(value) or "", dict(names), name, None, None)
+        for name, value in names.items()
+    ]
 
 
 def test_every_public_name_has_an_example_that_uses_it():
@@ -63,10 +97,15 @@ VECTOR = "gym.make_vec('WordCraft-v0', num_envs=2, vectorization_mode='vector_en
 LIGHT = {
     "import sys, wordcraft_kg": {"torch", "pykeen", "gymnasium", "pandas"},
     "import wordcraft_kg.models": {"torch", "pykeen"},
-    "import gymnasium as gym; gym.make('WordCraft-v0', graph='kitchen').reset()": {"torch", "pykeen"},
+    "import gymnasium as gym; gym.make('WordCraft-v0', graph='kitchen').reset()": {
+        "torch",
+        "pykeen",
+    },
     VECTOR: {"torch", "pykeen"},
     "from wordcraft_kg.apps.text_agents.benchmark_players import KINDS; list(KINDS)": {"torch"},
-    "from wordcraft_kg.models.scorers.features import make_features as m; m('glove', ['sea'])": {"torch"},
+    "from wordcraft_kg.models.scorers.features import make_features as m; m('glove', ['sea'])": {
+        "torch"
+    },
 }
 """Steps of one process, and what is not imported after each."""
 

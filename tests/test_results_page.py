@@ -29,18 +29,25 @@ def script():
 def results_of(won, *, study=None, mrr=None, **changed):
     """Return results of 100 tasks; ``won`` has, for each variant and seed, the share of five draws that won, as 0-5."""
     points = won if isinstance(won, list) else [({"distractors": 8}, won)]
-    cells = [{name: [str(digit) * 100 for digit in digits] for name, digits in won.items()} for _, won in points]
+    cells = [
+        {name: [str(digit) * 100 for digit in digits] for name, digits in won.items()}
+        for _, won in points
+    ]
     points = [(values, digits) for (values, _), digits in zip(points, cells, strict=True)]
     results = fabricate(points, mrr=mrr or {"guided": 0.25}, title="A fabricated study")
     fields = {
         "scorers": {"partial": {"command": "train-complex"}},
         "settings": {"book": "everyday"},
         "grid": {"distractors": [8, 1]},
-        "claims": [Claim(text="Guided is better.", left="guided", right="none", source="paper, Somewhere")],
+        "claims": [
+            Claim(text="Guided is better.", left="guided", right="none", source="paper, Somewhere")
+        ],
     }
     changed["study"] = msgspec.structs.replace(results.study, **fields | (study or {}))
     graphs = (msgspec.structs.replace(results.graphs[0], name="everyday"),)
-    return msgspec.structs.replace(results, **{"name": "fabricated-everyday", "graphs": graphs, **changed})
+    return msgspec.structs.replace(
+        results, **{"name": "fabricated-everyday", "graphs": graphs, **changed}
+    )
 
 
 SOME = {"none": [1, 1], "guided": [3, 3]}
@@ -56,7 +63,9 @@ def test_the_page_has_the_figures_of_each_variant_the_claims_and_a_picture(scrip
     text = files["results.md"]
     assert "(images/results-fabricated-everyday.svg)" in text
     lines = text.splitlines()
-    guided = lines.index("| guided | 2 | .255 | .600 [.502, .691] | +.400 [+.362, +.438] | .300 | .500 |")
+    guided = lines.index(
+        "| guided | 2 | .255 | .600 [.502, .691] | +.400 [+.362, +.438] | .300 | .500 |"
+    )
     assert "8 distractors, 100 test tasks:" in lines[guided - 5]
     row = "| [A fabricated study](#fabricated-everyday) | `everyday` | 2,000 | 2 | 4 |"
     assert lines.index(row) < lines.index("## Claims")
@@ -68,10 +77,14 @@ def test_the_page_has_the_figures_of_each_variant_the_claims_and_a_picture(scrip
 
 
 def test_what_is_missing_is_named_with_the_reason(script):
-    lost = tuple(Missing("guided", {"distractors": 1}, seed, "the disk was full") for seed in range(3))
+    lost = tuple(
+        Missing("guided", {"distractors": 1}, seed, "the disk was full") for seed in range(3)
+    )
     text = text_of(script, results_of(SOME, missing=lost))
     assert "| 2,000 | 2 | 4 | 3 |" in text
-    assert "Missing: 3 trainings (the disk was full), the first guided, 1 distractor, seed 0." in text
+    assert (
+        "Missing: 3 trainings (the disk was full), the first guided, 1 distractor, seed 0." in text
+    )
     assert "**not run**: no runs for 'guided', distractors 1: the disk was full" in text
 
 
@@ -85,15 +98,24 @@ def test_without_results_the_page_says_so_and_keeps_its_words(script):
 
 def test_claims_of_a_built_in_study_are_those_of_today(script):
     old = msgspec.structs.replace(read_study("embeddings"), claims=[], title="An old title")
-    results = msgspec.structs.replace(results_of(SOME), name="embeddings-little-alchemy-2", study=old)
+    results = msgspec.structs.replace(
+        results_of(SOME), name="embeddings-little-alchemy-2", study=old
+    )
     assert script.current(results) == read_study("embeddings")
     assert script.current(results_of(SOME)).title == "A fabricated study"
 
 
 def test_no_path_of_the_machine_is_kept(script):
     study = {"settings": {"book": "/home/somebody/mine.json"}}
-    command = "wordcraft-kg reproduce all --book /home/somebody/mine.json --out /tmp/results --seeds 3"
-    lost = Missing("guided", {"distractors": 1}, 0, "/home/somebody/results/runs/1/run.json is damaged: train again.")
+    command = (
+        "wordcraft-kg reproduce all --book /home/somebody/mine.json --out /tmp/results --seeds 3"
+    )
+    lost = Missing(
+        "guided",
+        {"distractors": 1},
+        0,
+        "/home/somebody/results/runs/1/run.json is damaged: train again.",
+    )
     results = results_of(SOME, study=study, command=command, missing=(lost,))
     text = results_text(script.without_paths(results))
     assert '"run.json is damaged: train again."' in text
@@ -114,7 +136,11 @@ def test_the_study_of_the_guide_is_one_and_all_built_in_studies_are_listed(scrip
     guide = (DOCS / "studies.md").read_text(encoding="utf-8")
     study = parse_study(guide.partition("```toml\n")[2].partition("```")[0], "docs/studies.md")
     assert len(study.variants) * 2 * study.seeds == 18
-    listed = [line.split("`")[1] for line in guide.splitlines() if line.startswith("| `") and line.endswith(" |")]
+    listed = [
+        line.split("`")[1]
+        for line in guide.splitlines()
+        if line.startswith("| `") and line.endswith(" |")
+    ]
     assert set(built_in()) <= set(listed)
     assert set(built_in()) <= set(script.ORDER)
 
@@ -123,7 +149,9 @@ def test_the_check_finds_a_page_that_is_out_of_date(tmp_path, monkeypatch):
     shutil.copytree(DOCS, tmp_path / "docs", ignore=shutil.ignore_patterns("results"))
     script = tmp_path / "docs" / "make_results.py"
     (tmp_path / "docs" / "results").mkdir()
-    (tmp_path / "docs" / "results" / "fabricated-everyday.json").write_text(results_text(results_of(SOME)))
+    (tmp_path / "docs" / "results" / "fabricated-everyday.json").write_text(
+        results_text(results_of(SOME))
+    )
     monkeypatch.setattr(sys, "argv", [str(script), "--check"])
     with pytest.raises(SystemExit, match=r"results.md is not up to date"):
         runpy.run_path(str(script), run_name="__main__")
@@ -137,37 +165,63 @@ def test_a_study_of_train_samples_shows_mrr_success_and_their_correlation(script
     study = {"drawing": "scatter", "reference": "none", "grid": grid, "claims": []}
     study["settings"] = {"book": "everyday", "distractors": 8}
     wins = zip(grid["scorer.train_fraction"], (1, 2, 4), strict=True)
-    points = [({"scorer.train_fraction": share}, {"none": [1], "guided": [won]}) for share, won in wins]
+    points = [
+        ({"scorer.train_fraction": share}, {"none": [1], "guided": [won]}) for share, won in wins
+    ]
     mrr = {"guided@0": 0.1, "guided@1": 0.25, "guided@2": 0.5}
     text = text_of(script, results_of(points, study=study, mrr=mrr))
     assert "| none |  | .200 |  |" in text
     assert "| train_fraction 0.5 | .250 | .400 [.309, .498] | 1,000 |" in text
-    assert "Correlation over these scorers, with the 95 % interval over them: of MRR and success, Pearson +1.00" in text
+    assert (
+        "Correlation over these scorers, with the 95 % interval over them: of MRR and success, Pearson +1.00"
+        in text
+    )
 
 
 def test_the_page_names_uneven_seeds_counts_verdicts_and_says_that_all_is_there(script, tmp_path):
     text = text_of(script, results_of({"none": [1, 1], "guided": [1, 4]}))
     assert "Seeds of *guided* differ much: .200, .800." in text
     assert "| Guided is better. *(paper, Somewhere)* | 1 undecided, 1 not run |" in text
-    (tmp_path / "left.json").write_text('[{"study": "A", "book": "B", "trainings": 4, "here": 4, "hours": 0.0}]')
-    assert list(script.left_table(tmp_path / "left.json")) == ["All 4 declared trainings are there."]
+    (tmp_path / "left.json").write_text(
+        '[{"study": "A", "book": "B", "trainings": 4, "here": 4, "hours": 0.0}]'
+    )
+    assert list(script.left_table(tmp_path / "left.json")) == [
+        "All 4 declared trainings are there."
+    ]
 
 
 def test_agents_against_their_scorers_have_corrected_p_values(script, tmp_path):
-    row = {"book": "everyday", "kind": "by-goal", "train_ratio": 0.8, "depth": 1, "distractors": 8, "variant": "guided"}
+    row = {
+        "book": "everyday",
+        "kind": "by-goal",
+        "train_ratio": 0.8,
+        "depth": 1,
+        "distractors": 8,
+        "variant": "guided",
+    }
     row |= {"agent": 0.6, "scorer": 0.5, "difference": 0.1, "low": 0.05, "high": 0.15, "p": 0.01}
     (tmp_path / "rows.json").write_text(json.dumps([row, row | {"train_ratio": 0.1, "p": 0.2}]))
     first, second = list(script.against_table(tmp_path / "rows.json"))[2:]
-    assert first == "| `everyday`, by-goal | 1 | 8 | guided | .600 | .500 | +.100 [+.050, +.150] | .020 |"
+    assert (
+        first
+        == "| `everyday`, by-goal | 1 | 8 | guided | .600 | .500 | +.100 [+.050, +.150] | .020 |"
+    )
     assert second.startswith("| `everyday`, by-goal, 10% in train |")
 
 
-def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(script, tmp_path, monkeypatch):
+def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(
+    script, tmp_path, monkeypatch
+):
     results = results_of(SOME)
-    graph, row = results.graphs[0], {"depth": 1, "distractors": 8, "distractor_seeds": 5, "tasks": 100}
+    graph, row = (
+        results.graphs[0],
+        {"depth": 1, "distractors": 8, "distractor_seeds": 5, "tasks": 100},
+    )
     row |= {"graph": graph.hash, "split": graph.split, "player": "planner, p"}
     row |= {"success": 0.5, "low": 0.4, "high": 0.6, "by_plan": 0.3}
-    others = [row | other for other in ({"distractors": 1}, {"split": "0" * 64}, {"distractor_seeds": 1})]
+    others = [
+        row | other for other in ({"distractors": 1}, {"split": "0" * 64}, {"distractor_seeds": 1})
+    ]
     (tmp_path / "study-players.json").write_text(json.dumps([*others, row]))
     monkeypatch.setattr(script, "HERE", tmp_path)
     text = text_of(script, results)
@@ -175,7 +229,9 @@ def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(script, 
     assert text.count("*no agent: ") == 1
 
 
-def test_a_study_of_cells_takes_the_place_of_its_file_from_three_seeds_on(script, tmp_path, monkeypatch):
+def test_a_study_of_cells_takes_the_place_of_its_file_from_three_seeds_on(
+    script, tmp_path, monkeypatch
+):
     lost = Missing("guided", {"distractors": 8}, 3, "not trained yet")
     monkeypatch.setattr(script, "ORDER", ("knowledge",))
     monkeypatch.setattr(script, "SEEDS", {"everyday": 4})
@@ -197,4 +253,7 @@ def test_a_study_of_cells_takes_the_place_of_its_file_from_three_seeds_on(script
         (row,) = json.loads((target / "left.json").read_text())
         assert (row["trainings"], row["here"]) == (80, 7)
         assert row["hours"] > 0
-        assert any(line.startswith("| Full and partial") for line in script.left_table(target / "left.json"))
+        assert any(
+            line.startswith("| Full and partial")
+            for line in script.left_table(target / "left.json")
+        )

@@ -18,7 +18,9 @@ from wordcraft_kg.graphs.folder import open_graph
 class WordCraft(EagerDataset):
     """The PyKEEN dataset ``wordcraft``: trains on the partial graph, and evaluates on held-out triples."""
 
-    def __init__(self, graph: str | Path = "everyday", create_inverse_triples: bool = False, **kwargs: Any) -> None:
+    def __init__(
+        self, graph: str | Path = "everyday", create_inverse_triples: bool = False, **kwargs: Any
+    ) -> None:
         """Open a graph.
 
         Args:
@@ -34,9 +36,13 @@ class WordCraft(EagerDataset):
         opened = open_graph(graph)
         test, valid = (opened.split.held_out(part) for part in ("test", "valid"))
         if not len(test):
-            raise SplitError(f"'{graph}' has no unseen test triples; build it with another split, such as by-recipe.")
+            raise SplitError(
+                f"'{graph}' has no unseen test triples; build it with another split, such as by-recipe."
+            )
         super().__init__(
-            training=triples_factory(opened.graph, opened.split.partial, create_inverse_triples=create_inverse_triples),
+            training=triples_factory(
+                opened.graph, opened.split.partial, create_inverse_triples=create_inverse_triples
+            ),
             testing=triples_factory(opened.graph, test),
             validation=triples_factory(opened.graph, valid) if len(valid) else None,
             **kwargs,

@@ -66,7 +66,9 @@ def test_nearest_words_tries_the_most_similar_untried_pair(kitchen):
 
 
 @pytest.mark.parametrize("name", PLAYERS)
-def test_a_player_in_the_environment_draws_the_same_curve_and_is_never_illegal(kitchen, curves, name):
+def test_a_player_in_the_environment_draws_the_same_curve_and_is_never_illegal(
+    kitchen, curves, name
+):
     player = everybody(kitchen)[name]
     env = OpenEndedEnv(kitchen, max_attempts=ATTEMPTS, illegal_action="raise")
     for run in range(3):
@@ -84,7 +86,9 @@ def test_a_player_in_the_environment_draws_the_same_curve_and_is_never_illegal(k
         assert (rows["known"][len(seen) :] == info["known"]).all()
 
 
-def test_curves_begin_with_the_base_and_never_fall_and_only_the_plain_random_player_repeats_a_pair(kitchen, curves):
+def test_curves_begin_with_the_base_and_never_fall_and_only_the_plain_random_player_repeats_a_pair(
+    kitchen, curves
+):
     assert set(curves[curves["repeated"]]["player"]) == {"random"}
     for _, run in curves.groupby(["player", "run"]):
         assert run["attempt"].tolist() == list(range(ATTEMPTS + 1))
@@ -94,7 +98,9 @@ def test_curves_begin_with_the_base_and_never_fall_and_only_the_plain_random_pla
 
 
 def test_when_everything_is_known_the_curve_stays_there():
-    graph = RecipeGraph.from_recipes([("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"])
+    graph = RecipeGraph.from_recipes(
+        [("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"]
+    )
     curves = discovery_curves(graph, everybody(graph), attempts=40, runs=2)
     at_end = curves[curves["attempt"] == 40]
     assert (at_end["known"] == 3).all()
@@ -106,10 +112,14 @@ def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):
     both = curves[curves["player"] == "greedy"].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone, both)
     again, other = (
-        discovery_curves(kitchen, make_discoverers(["random"], kitchen), ATTEMPTS, runs=20, seed=seed)
+        discovery_curves(
+            kitchen, make_discoverers(["random"], kitchen), ATTEMPTS, runs=20, seed=seed
+        )
         for seed in (0, 1)
     )
-    pd.testing.assert_frame_equal(again, curves[curves["player"] == "random"].reset_index(drop=True))
+    pd.testing.assert_frame_equal(
+        again, curves[curves["player"] == "random"].reset_index(drop=True)
+    )
     assert not again["known"].equals(other["known"])
 
 
@@ -122,7 +132,10 @@ def slow_oracle_values(graph, known, worth):
     """Return the value of every pair of known entities."""
     values = dict.fromkeys(itertools.product(known, repeat=2), 0)
     for pair in values:
-        values[pair] = sum(worth(c) for c in {r for a, b, r in graph.recipes.tolist() if (a, b) == pair} - set(known))
+        values[pair] = sum(
+            worth(c)
+            for c in {r for a, b, r in graph.recipes.tolist() if (a, b) == pair} - set(known)
+        )
     return values
 
 
@@ -133,7 +146,9 @@ def slow_out_degree(graph):
 def slow_empowerment(graph, known):
     def worth(c):
         recipes = [(a, b, d) for a, b, d in graph.recipes.tolist() if d not in known]
-        return 1 + len({d for a, b, d in recipes if (a == c and b in known) or (b == c and a in known)})
+        return 1 + len(
+            {d for a, b, d in recipes if (a == c and b in known) or (b == c and a in known)}
+        )
 
     return worth
 
@@ -152,8 +167,12 @@ def slow_scorer_values(graph, scorer, known, tried, candidates):
         if one <= other and (one, other) not in tried:
             fit = np.exp(z[1][one] + z[1][other])
             likely = sorted(range(size), key=lambda c: -fit[c])[:candidates]
-            worth = {c: 1 + sum(math.exp(z[0][c, x]) for x in known) for c in likely if c not in known}
-            values[one, other] = math.exp(z[0][one, other]) * sum(fit[c] / fit.sum() * worth[c] for c in worth)
+            worth = {
+                c: 1 + sum(math.exp(z[0][c, x]) for x in known) for c in likely if c not in known
+            }
+            values[one, other] = math.exp(z[0][one, other]) * sum(
+                fit[c] / fit.sum() * worth[c] for c in worth
+            )
     return values
 
 
@@ -163,7 +182,11 @@ def test_an_oracle_takes_the_pair_of_the_highest_value(kitchen, kind):
     player.begin(game.base, np.random.default_rng(0))
     for _ in range(12):
         known = list(game.known)
-        worth = slow_out_degree(kitchen) if kind is GreedyDiscoverer else slow_empowerment(kitchen, known)
+        worth = (
+            slow_out_degree(kitchen)
+            if kind is GreedyDiscoverer
+            else slow_empowerment(kitchen, known)
+        )
         pair = player.choose()
         assert pair in best_pairs(slow_oracle_values(kitchen, known, worth))
         player.observe(pair, game.combine(*pair)[0])
@@ -268,8 +291,10 @@ def test_little_alchemy_from_the_four_entities_that_people_begin_with(alchemy):
         ("random-no-repeat", {1: 5.0, 10: 9.2, 20: 11.9, 50: 17.1, 100: 22.6}),
         ("greedy", {10: 14.0, 50: 59.0, 100: 124.5}),
     ):
-        assert {attempt: known_after(curves, player, attempt) for attempt in figures} == pytest.approx(
-            figures, rel=0.04
-        )
+        assert {
+            attempt: known_after(curves, player, attempt) for attempt in figures
+        } == pytest.approx(figures, rel=0.04)
     assert known_after(curves, "empowerment", 20) > known_after(curves, "greedy", 20) + 1
-    assert known_after(curves, "random", 100) < HUMAN_CURVE[100] < known_after(curves, "greedy", 100)
+    assert (
+        known_after(curves, "random", 100) < HUMAN_CURVE[100] < known_after(curves, "greedy", 100)
+    )

@@ -28,14 +28,25 @@ RESULTS = ("success", "by_plan", "actions", "terminations")
 
 
 def policy_for(opened, num_slots, scorer=None, **settings):
-    small = {"features": "learned", "embedding_size": 20, "key_size": 8, "value_size": 8, "self_edges": "keep"}
-    return make_policy(PolicyConfig(**small, **settings), opened.graph, num_slots, scorer=scorer, seed=2)[0]
+    small = {
+        "features": "learned",
+        "embedding_size": 20,
+        "key_size": 8,
+        "value_size": 8,
+        "self_edges": "keep",
+    }
+    return make_policy(
+        PolicyConfig(**small, **settings), opened.graph, num_slots, scorer=scorer, seed=2
+    )[0]
 
 
 def scripted(state, rng):
     """Picks that depend on the state alone and lead to every ending: plans, other ways, loops, chance, empty slots."""
     number = 7 * state.goal + 5 * state.selection + 3 * state.attempts_left + state.table[:, 0]
-    slots, again = number % state.engine.num_slots, (state.table == state.selection[:, None]).argmax(1)
+    slots, again = (
+        number % state.engine.num_slots,
+        (state.table == state.selection[:, None]).argmax(1),
+    )
     filled = slots % (state.table != state.nothing).sum(1)
     kind, other = state.goal % 5, other_ways(state)
     choices = [recipe_oracle(state, rng), other, again, slots]
@@ -46,7 +57,9 @@ def other_ways(state):
     """The next pick of a pair on the table that makes the goal and ends no plan; -1 where there is none."""
     actions, graph = np.full(state.num_envs, -1), state.world.graph
     facts = list(zip(graph.recipes.tolist(), graph.pair_of_recipe.tolist(), strict=True))
-    for row, (goal, selection, table) in enumerate(zip(state.goal, state.selection, state.table.tolist(), strict=True)):
+    for row, (goal, selection, table) in enumerate(
+        zip(state.goal, state.selection, state.table.tolist(), strict=True)
+    ):
         finals = state.world.tasks.final_pairs[state.task[row]].tolist()
         for (one, other, result), pair in facts:
             if result == goal and {one, other} <= set(table) and pair not in finals:
@@ -77,7 +90,10 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
 def play_singly(opened, config, player, distractor_seeds, tasks):
     """Play each task and draw alone in the readable environment, on the tables of a batch of the same seed."""
     engine = BatchEngine(World(opened, config), len(tasks))
-    settings = {name: getattr(config, name) for name in ("part", "depth", "num_distractors", "max_attempts", "reward")}
+    settings = {
+        name: getattr(config, name)
+        for name in ("part", "depth", "num_distractors", "max_attempts", "reward")
+    }
     env = WordCraftEnv(opened, **settings)
     one = BatchEngine(World(opened, config), 1)  # shows the player what the environment shows
     recipes = opened.graph.recipes.tolist()
@@ -90,8 +106,12 @@ def play_singly(opened, config, player, distractor_seeds, tasks):
             state = one.pose(np.array([task]))
             over, pair = False, []
             while not over:
-                shown = {name: np.array([seen[name]]) for name in ("goal", "selection", "attempts_left")}
-                state = state._replace(wide=np.append(seen["table"], engine.nothing)[None, :], **shown)
+                shown = {
+                    name: np.array([seen[name]]) for name in ("goal", "selection", "attempts_left")
+                }
+                state = state._replace(
+                    wide=np.append(seen["table"], engine.nothing)[None, :], **shown
+                )
                 slot = int(player(state, None)[0])
                 entity = int(seen["table"][slot])
                 pair = [*pair, entity] if len(pair) == 1 else [entity]
@@ -131,13 +151,17 @@ def test_a_batch_is_evaluated_like_single_episodes(opened, depth, attempts):
     result = evaluator(scripted)
     expected = play_singly(opened, config, scripted, 2, evaluator.tasks)
     for name in RESULTS:
-        np.testing.assert_array_equal(getattr(result, name).astype(int), expected[name], err_msg=name)
+        np.testing.assert_array_equal(
+            getattr(result, name).astype(int), expected[name], err_msg=name
+        )
     assert set(result.terminations.ravel().tolist()) == set(range(len(TERMINATION_REASONS)))
     assert len(set(result.actions.ravel().tolist())) > 1
     assert (result.success & ~result.by_plan).any()
 
 
-@pytest.mark.parametrize(("kind", "guided"), [("attention", False), ("attention", True), ("mlp", False)])
+@pytest.mark.parametrize(
+    ("kind", "guided"), [("attention", False), ("attention", True), ("mlp", False)]
+)
 def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind, guided):
     config = WordCraftConfig(part="test", depth=2, num_distractors=3)
     evaluator = Evaluator(World(opened, config), distractor_seeds=2, limit=60)
@@ -146,7 +170,9 @@ def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind,
 
     def alone(state, rng):
         slots = []
-        for row in zip(state.goal.tolist(), state.selection.tolist(), state.table.tolist(), strict=True):
+        for row in zip(
+            state.goal.tolist(), state.selection.tolist(), state.table.tolist(), strict=True
+        ):
             logits = policy(*(torch.tensor([ids]) for ids in row)).logits[0]
             there = [slot for slot, entity in enumerate(row[2]) if entity != state.nothing]
             slots.append(max(there, key=logits.tolist().__getitem__))
@@ -171,7 +197,9 @@ def test_of_equally_good_actions_the_first_is_taken(opened):
 
 def test_a_policy_plays_on_torch_environments_too(opened):
     config = WordCraftConfig(part="test", num_distractors=3)
-    one, other = (BatchEngine(World(opened, config), 6, device=device) for device in ("cpu", "torch:cpu"))
+    one, other = (
+        BatchEngine(World(opened, config), 6, device=device) for device in ("cpu", "torch:cpu")
+    )
     player = PolicyPlayer(policy_for(opened, one.num_slots))
     slots, same = player(one.reset(), None), player(other.reset(), None)
     assert isinstance(slots, np.ndarray)
@@ -209,7 +237,9 @@ def test_every_player_meets_the_same_tables_every_time(opened):
 def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opened):
     np.random.seed(3)  # noqa: NPY002 - the state that must not change
     torch.manual_seed(3)
-    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=2)), distractor_seeds=2)
+    evaluator = Evaluator(
+        World(opened, WordCraftConfig(part="test", num_distractors=2)), distractor_seeds=2
+    )
     policy = policy_for(opened, evaluator.engine.num_slots)
     before, graphs = (copy.deepcopy(policy.state_dict()), policy.training), []
     policy.register_forward_pre_hook(lambda *_: graphs.append(torch.is_grad_enabled()))
@@ -223,14 +253,18 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     assert torch.equal(torch.get_rng_state(), states[1])
 
 
-def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_disturb_it(opened, monkeypatch):
+def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_disturb_it(
+    opened, monkeypatch
+):
     """In the released code weights change during a test; here a point of a curve is one checkpoint's."""
     config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
     ends = []
     for evaluates in (False, True):
         engine = BatchEngine(World(opened, config), 8)
         policy = policy_for(opened, engine.num_slots)
-        settings = ImpalaConfig(steps=10**4, batch_size=8, unroll=3, policy_lag=1, learning_rate=0.02)
+        settings = ImpalaConfig(
+            steps=10**4, batch_size=8, unroll=3, policy_lag=1, learning_rate=0.02
+        )
         impala = Impala(policy, engine.reset(1), settings)
         world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=2))
         evaluator = Evaluator(world, distractor_seeds=1, limit=50)
@@ -242,7 +276,12 @@ def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_distur
                 used.append(set())
 
                 def watched(state, rng, player=player, policy=policy, used=used):
-                    used[-1].add(b"".join(parameter.detach().numpy().tobytes() for parameter in policy.parameters()))
+                    used[-1].add(
+                        b"".join(
+                            parameter.detach().numpy().tobytes()
+                            for parameter in policy.parameters()
+                        )
+                    )
                     return player(state, rng)
 
                 result = evaluator(watched)
@@ -260,7 +299,9 @@ def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
     while limit is not None and len(range(0, 63, step)) > limit:
         step += 1
     assert len(world.tasks) == 63
-    assert Evaluator(world, distractor_seeds=1, limit=limit).tasks.tolist() == list(range(0, 63, step))
+    assert Evaluator(world, distractor_seeds=1, limit=limit).tasks.tolist() == list(
+        range(0, 63, step)
+    )
 
 
 def test_figures_are_means_over_tasks_and_draws(opened):
@@ -277,19 +318,29 @@ def test_figures_are_means_over_tasks_and_draws(opened):
     assert sum(shares.values()) == pytest.approx(1)
     assert shares["goal"] == pytest.approx(figures.mean)
     counts = Counter(result.terminations.ravel().tolist())
-    assert shares == {name: pytest.approx(counts[code] / (63 * 4)) for code, name in enumerate(TERMINATION_REASONS)}
+    assert shares == {
+        name: pytest.approx(counts[code] / (63 * 4))
+        for code, name in enumerate(TERMINATION_REASONS)
+    }
 
 
 def test_players_go_by_name(opened):
-    evaluator = Evaluator(World(opened, WordCraftConfig(part="test", num_distractors=3)), distractor_seeds=1)
+    evaluator = Evaluator(
+        World(opened, WordCraftConfig(part="test", num_distractors=3)), distractor_seeds=1
+    )
     policy = policy_for(opened, evaluator.engine.num_slots)
-    for kind, player in (("trained", PolicyPlayer(policy)), ("random", random_entity), ("oracle", recipe_oracle)):
+    for kind, player in (
+        ("trained", PolicyPlayer(policy)),
+        ("random", random_entity),
+        ("oracle", recipe_oracle),
+    ):
         assert_equal(evaluator(player_of(policy, kind)), evaluator(player))
 
 
 def test_decisions_are_equal_exactly_where_the_same_pairs_are_combined_in_the_same_order(opened):
     evaluator = Evaluator(
-        World(opened, WordCraftConfig(part="test", num_distractors=1, max_attempts=2)), distractor_seeds=1
+        World(opened, WordCraftConfig(part="test", num_distractors=1, max_attempts=2)),
+        distractor_seeds=1,
     )
 
     def play(choose):
@@ -302,19 +353,29 @@ def test_decisions_are_equal_exactly_where_the_same_pairs_are_combined_in_the_sa
             return slots
 
         found = evaluator(player).decisions[:, 0]
-        return found, [[sorted(picks[i : i + 2]) for i in range(0, len(picks), 2)] for picks in played]
+        return found, [
+            [sorted(picks[i : i + 2]) for i in range(0, len(picks), 2)] for picks in played
+        ]
 
     rng = np.random.default_rng(4)
     chance = [rng.random(len(evaluator.tasks)) for _ in range(3)]
     (one, pairs), (other, others), (swapped, _) = (
         play(choose)
         for choose in (
-            lambda state: state.random_actions(chance[0] if (state.selection == state.nothing).all() else chance[1]),
-            lambda state: state.random_actions(chance[0] if (state.selection == state.nothing).all() else chance[2]),
-            lambda state: state.random_actions(chance[1] if (state.selection == state.nothing).all() else chance[0]),
+            lambda state: state.random_actions(
+                chance[0] if (state.selection == state.nothing).all() else chance[1]
+            ),
+            lambda state: state.random_actions(
+                chance[0] if (state.selection == state.nothing).all() else chance[2]
+            ),
+            lambda state: state.random_actions(
+                chance[1] if (state.selection == state.nothing).all() else chance[0]
+            ),
         )
     )
-    assert (one == other).tolist() == [mine == yours for mine, yours in zip(pairs, others, strict=True)]
+    assert (one == other).tolist() == [
+        mine == yours for mine, yours in zip(pairs, others, strict=True)
+    ]
     assert 0 < (one == other).sum() < len(one)
     np.testing.assert_array_equal(one, swapped)
 
@@ -323,11 +384,17 @@ def test_decisions_are_equal_exactly_where_the_same_pairs_are_combined_in_the_sa
 def test_the_scorer_alone_picks_the_best_sum_of_its_scores(opened, use):
     config = WordCraftConfig(part="all", num_distractors=6)
     state = BatchEngine(World(opened, config), 300).reset(1)
-    policy = policy_for(opened, state.engine.num_slots, FrequencyScorer(opened.graph, opened.split.partial), use=use)
+    policy = policy_for(
+        opened, state.engine.num_slots, FrequencyScorer(opened.graph, opened.split.partial), use=use
+    )
     player, rng = player_of(policy, "kg-only"), np.random.default_rng(0)
     for _ in range(2):
         slots = player(state, rng)
-        scores = sum(source(*states_of(state)[:4]) for source in policy.sources.values()).double().numpy()
+        scores = (
+            sum(source(*states_of(state)[:4]) for source in policy.sources.values())
+            .double()
+            .numpy()
+        )
         scores[state.table == state.nothing] = -np.inf
         chosen = scores[np.arange(300), slots]
         np.testing.assert_allclose(chosen, scores.max(1), atol=1e-5)
@@ -348,7 +415,10 @@ def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeyp
     amount = len(world.tasks)
     evaluator = Evaluator(world, distractor_seeds=1, limit=20)
     assert 10 <= len(evaluator.tasks) <= 20 < amount
-    assert f"{amount:,} train tasks are too many: evaluating a sample of {len(evaluator.tasks)} tasks" in caplog.text
+    assert (
+        f"{amount:,} train tasks are too many: evaluating a sample of {len(evaluator.tasks)} tasks"
+        in caplog.text
+    )
     assert evaluator(random_entity).figures().tasks == len(evaluator.tasks)
     assert len(Evaluator(world, limit=None).tasks) == amount
 

@@ -30,7 +30,13 @@ from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 from wordcraft_kg.models.scorers.folder import load_scorer
 
-SMALL = {"features": "learned", "embedding_size": 6, "key_size": 4, "value_size": 5, "self_edges": "keep"}
+SMALL = {
+    "features": "learned",
+    "embedding_size": 6,
+    "key_size": 4,
+    "value_size": 5,
+    "self_edges": "keep",
+}
 KINDS = ("no scorer", "mlp", "links", "cross-fitted links", "recipes", "scorer alone", "in sample")
 
 
@@ -113,13 +119,17 @@ def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part
             assert len(found.episode.steps) == result.actions[task, distractor_seed]
             assert (found.episode.outcome == "goal") == result.success[task, distractor_seed]
             last = result.last[task, distractor_seed].tolist()
-            assert [step.action for step in found.episode.steps[-2:]] == list(opened.graph.labels(last))
+            assert [step.action for step in found.episode.steps[-2:]] == list(
+                opened.graph.labels(last)
+            )
             assert found.episode.start == world.tasks[task].start
             outcomes.add(found.episode.outcome)
     assert outcomes == {"goal", "out_of_attempts"} or kind not in ("recipes", "in sample")
 
 
-def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(opened, explaining, monkeypatch):
+def test_of_a_sample_of_the_tasks_the_tables_are_those_that_were_played(
+    opened, explaining, monkeypatch
+):
     monkeypatch.setattr(evaluation_tables, "MOST_TASKS", 20)
     explainer = explaining("no scorer")
     world = explainer.world
@@ -136,7 +146,10 @@ def product(weights, values, bias=None):
     """W x + b in loops."""
     rows = weights.double().tolist()
     extra = bias.double().tolist() if bias is not None else [0.0] * len(rows)
-    return [sum(w * x for w, x in zip(row, values, strict=True)) + more for row, more in zip(rows, extra, strict=True)]
+    return [
+        sum(w * x for w, x in zip(row, values, strict=True)) + more
+        for row, more in zip(rows, extra, strict=True)
+    ]
 
 
 def softmax(values):
@@ -157,7 +170,9 @@ def by_loops(policy, goal, selection, table, values):
     pair = vectors[goal] + (nothing if selection is None else vectors[selection])
     query = product(policy.attention.query.weight, pair, policy.attention.query.bias)
     keys = [product(policy.attention.key.weight, vectors[entity]) for entity in table]
-    alpha = [sum(q * k for q, k in zip(query, key, strict=True)) / math.sqrt(len(query)) for key in keys]
+    alpha = [
+        sum(q * k for q, k in zip(query, key, strict=True)) / math.sqrt(len(query)) for key in keys
+    ]
     columns = zip(*(vectors[entity] for entity in table), strict=True)
     state = [sum(w * x for w, x in zip(softmax(alpha), column, strict=True)) for column in columns]
     (value,) = head(policy.value, state)
@@ -167,7 +182,10 @@ def by_loops(policy, goal, selection, table, values):
     if policy.config.mixing == "softmax":
         lambdas = softmax(lambdas)
     terms = list(values.values()) if policy.config.kg_only else [alpha, *values.values()]
-    logits = [sum(weight * term[i] for weight, term in zip(lambdas, terms, strict=True)) for i in range(len(table))]
+    logits = [
+        sum(weight * term[i] for weight, term in zip(lambdas, terms, strict=True))
+        for i in range(len(table))
+    ]
     return logits, value, lambdas
 
 
@@ -195,7 +213,9 @@ def test_a_table_of_ones_own_is_explained_as_the_formula_says(opened, made, kind
         for slot in step.slots:
             assert sum(slot.contributions.values()) == pytest.approx(slot.logit, abs=1e-9)
             for name, share in step.lambdas.items():
-                assert slot.contributions[name] == pytest.approx(share * slot.sources[name], abs=1e-12)
+                assert slot.contributions[name] == pytest.approx(
+                    share * slot.sources[name], abs=1e-12
+                )
         if not is_held:  # the second pick follows from the first
             assert found.episode.steps[1].selection == step.action
         assert len(found.episode.steps) == 2 - is_held
@@ -212,7 +232,11 @@ def test_what_is_made_is_on_the_table_for_the_next_attempt():
             assert not is_made
             assert step.selection == selection
             assert [slot.entity for slot in step.slots] == there
-            made = [] if selection is None else [c for a, b, c in rows if sorted((selection, step.action)) == [a, b]]
+            made = (
+                []
+                if selection is None
+                else [c for a, b, c in rows if sorted((selection, step.action)) == [a, b]]
+            )
             assert step.made == tuple(entity for entity in made if entity not in there)
             is_made = "goal" in made
             there += step.made
@@ -222,7 +246,9 @@ def test_what_is_made_is_on_the_table_for_the_next_attempt():
 
 @pytest.mark.parametrize("ambiguity", ["all", "last"])
 def test_a_pair_makes_what_the_rules_of_the_world_say(ambiguity):
-    found = made_up([["a", "a", "b"], ["a", "a", "c"]], ["a"], ambiguity=ambiguity).table("b", ["a"])
+    found = made_up([["a", "a", "b"], ["a", "a", "c"]], ["a"], ambiguity=ambiguity).table(
+        "b", ["a"]
+    )
     assert [step.action for step in found.episode.steps] == ["a", "a"]
     assert found.episode.steps[-1].made == (("b", "c") if ambiguity == "all" else ("c",))
     assert found.episode.outcome == ("goal" if ambiguity == "all" else "out_of_attempts")
@@ -233,14 +259,21 @@ def test_at_most_max_actions_of_an_episode_are_explained(made):
     whole, cut = (Explainer(policy, world, max_actions=most) for most in (None, 5))
     long = next(task for task in range(len(world.tasks)) if len(whole.episode(task).steps) == 80)
     assert cut.episode(long).steps == whole.episode(long).steps[:5]
-    assert (cut.episode(long).outcome, whole.episode(long).outcome) == ("in_progress", "out_of_attempts")
+    assert (cut.episode(long).outcome, whole.episode(long).outcome) == (
+        "in_progress",
+        "out_of_attempts",
+    )
     short = next(task for task in range(len(world.tasks)) if len(whole.episode(task).steps) <= 4)
     assert cut.episode(short) == whole.episode(short)
 
 
 def ways_by_loops(graph, goal, table):
     pairs = {tuple(sorted(pair)) for pair in combinations_with_replacement(table, 2)}
-    return {tuple(recipe) for recipe in graph.recipe_labels() if recipe[2] == goal and tuple(recipe[:2]) in pairs}
+    return {
+        tuple(recipe)
+        for recipe in graph.recipe_labels()
+        if recipe[2] == goal and tuple(recipe[:2]) in pairs
+    }
 
 
 @pytest.mark.parametrize("part", ["train", "test", "all"])
@@ -267,13 +300,19 @@ def test_no_model_that_has_seen_its_recipes_answers_a_task(opened, scorer, expla
 
 def assert_ways(graph, scorer, found):
     """The ways are the recipes on the table, and what is remembered is what the model that answers was trained on."""
-    ways = {(one.ingredient_a, one.ingredient_b, one.result): one for way in found.ways for one in way}
+    ways = {
+        (one.ingredient_a, one.ingredient_b, one.result): one for way in found.ways for one in way
+    }
     assert ways.keys() == ways_by_loops(graph, found.episode.goal, found.table)
     for row, recipe in enumerate(graph.recipe_labels()):
         if recipe in ways:
             fold, told = int(scorer.of_recipe[row]), ways[recipe]
             assert (told.part == "train") == (fold >= 0)
-            seen = {"train_recipes": fold >= 0, "without_a_fold": fold not in (-1, found.fold), "no_knowledge": False}
+            seen = {
+                "train_recipes": fold >= 0,
+                "without_a_fold": fold not in (-1, found.fold),
+                "no_knowledge": False,
+            }
             assert told.is_in_sample == seen[found.model]
     assert {*found.in_sample} == {one for one in ways.values() if one.is_in_sample}
 
@@ -284,31 +323,47 @@ def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_go
     explainer, graph, rng = explaining("recipes"), opened.graph, np.random.default_rng(5)
     recipes, found_models = graph.recipes.tolist(), []
     for a, b, goal in recipes[::5]:
-        others = [entity for entity in rng.permutation(graph.num_entities).tolist() if entity not in (a, b, goal)][:4]
+        others = [
+            entity
+            for entity in rng.permutation(graph.num_entities).tolist()
+            if entity not in (a, b, goal)
+        ][:4]
         table = [*dict.fromkeys((a, b)), *others]
         found = explainer.table(goal, table)
         assert_ways(opened.graph, scorer, found)
         on_table = ways_by_loops(graph, graph.entities[goal], graph.labels(table))
         rows = [row for row, recipe in enumerate(graph.recipe_labels()) if recipe in on_table]
         folds = {int(scorer.of_recipe[row]) for row in rows} - {-1}
-        expected = ("without_a_fold", next(iter(folds))) if len(folds) == 1 else ("train_recipes", None)
+        expected = (
+            ("without_a_fold", next(iter(folds))) if len(folds) == 1 else ("train_recipes", None)
+        )
         assert (found.model, found.fold) == expected
         found_models.append((found.model, bool(found.in_sample)))
         model = scorer.whole if found.fold is None else scorer.left_out(found.fold)
         (w,) = make_sources(["w"], model)
-        slots = w(torch.tensor([goal]), torch.tensor([graph.num_entities]), torch.tensor([table]))[0].tolist()
-        assert [slot.sources["w"] for slot in found.episode.steps[0].slots] == pytest.approx(slots, abs=1e-4)
+        slots = w(torch.tensor([goal]), torch.tensor([graph.num_entities]), torch.tensor([table]))[
+            0
+        ].tolist()
+        assert [slot.sources["w"] for slot in found.episode.steps[0].slots] == pytest.approx(
+            slots, abs=1e-4
+        )
     assert {("without_a_fold", False), ("train_recipes", False)} <= set(found_models)
 
 
-def test_where_every_model_was_trained_on_a_plan_it_is_marked_as_in_sample(opened, scorer, explaining):
+def test_where_every_model_was_trained_on_a_plan_it_is_marked_as_in_sample(
+    opened, scorer, explaining
+):
     explainer, graph = explaining("recipes", "train"), opened.graph
     world = explainer.world
     by_goal = {}
     for row, (_, _, goal) in enumerate(graph.recipes.tolist()):
         if scorer.of_recipe[row] >= 0:
             by_goal.setdefault(goal, {}).setdefault(int(scorer.of_recipe[row]), []).append(row)
-    goal, rows = next((goal, [of[0] for of in folds.values()][:2]) for goal, folds in by_goal.items() if len(folds) > 1)
+    goal, rows = next(
+        (goal, [of[0] for of in folds.values()][:2])
+        for goal, folds in by_goal.items()
+        if len(folds) > 1
+    )
     table = sorted({part for row in rows for part in graph.recipes[row, :2].tolist()})
     found = explainer.table(goal, table)
     assert (found.model, bool(found.in_sample)) == ("train_recipes", True)
@@ -317,7 +372,9 @@ def test_where_every_model_was_trained_on_a_plan_it_is_marked_as_in_sample(opene
     (task,) = plans
     like = explainer.table(goal, table, like=task)
     assert (like.model, like.fold) == ("without_a_fold", int(scorer.of_recipe[rows[0]]))
-    assert [one.is_in_sample for way in like.ways for one in way if one.part == "train"].count(False) >= 1
+    assert [one.is_in_sample for way in like.ways for one in way if one.part == "train"].count(
+        False
+    ) >= 1
     # Without its ingredients, or with another goal, it is that task no more.
     gone = [entity for entity in table if entity != graph.recipes[rows[0], 0]] or table
     assert explainer.table(goal, gone, like=task).model == explainer.table(goal, gone).model
@@ -342,7 +399,9 @@ def test_only_the_train_sample_of_a_scorer_is_in_sample(opened, made, made_once,
     guide = load_scorer(made_once("kitchen-dosed-recipes", lambda out: train_recipes(config, out)))
     world, _ = made("no scorer", "train")
     settings = PolicyConfig(**SMALL, use="w", in_sample=in_sample)
-    policy, _ = make_policy(settings, opened.graph, world.num_slots, scorer=guide, tasks=world.tasks)
+    policy, _ = make_policy(
+        settings, opened.graph, world.num_slots, scorer=guide, tasks=world.tasks
+    )
     explainer, told = Explainer(policy, world), set()
     for task in range(0, len(world.tasks), 4):
         found = explainer.task(task)
@@ -365,8 +424,12 @@ def test_tables_are_explained_whatever_the_split(opened, kind):
     world = World(opened, WordCraftConfig(num_distractors=4))
     guide = FrequencyScorer(graph, opened.split.partial)
     if kind != "none":
-        guide = cross_fit(opened.split, lambda recipes: FrequencyScorer(graph, recipe_triples(recipes)), folds=3)
-    policy = make_policy(PolicyConfig(**SMALL), graph, world.num_slots, scorer=guide, tasks=world.tasks)[0]
+        guide = cross_fit(
+            opened.split, lambda recipes: FrequencyScorer(graph, recipe_triples(recipes)), folds=3
+        )
+    policy = make_policy(
+        PolicyConfig(**SMALL), graph, world.num_slots, scorer=guide, tasks=world.tasks
+    )[0]
     explainer = Explainer(policy, world)
     for task in range(0, len(world.tasks), 9):
         found = explainer.task(task)
@@ -390,13 +453,19 @@ def test_parallel_threads_get_the_same_explanations_as_one_thread(made):
         assert list(pool.map(ask, questions * 2)) == alone * 2
 
 
-def test_a_source_keeps_the_scores_of_some_questions_apart_from_each_other(opened, scorer, made, monkeypatch):
+def test_a_source_keeps_the_scores_of_some_questions_apart_from_each_other(
+    opened, scorer, made, monkeypatch
+):
     tasks = made("no scorer", "train")[0].tasks
     kept, fresh = (make_sources(["w"], scorer, ScoreView(), tasks=tasks)[0] for _ in range(2))
     nothing, task = torch.tensor([opened.graph.num_entities]), torch.tensor([0])
     asked = []
-    monkeypatch.setattr(kept, "pair_scores", lambda *inputs: asked.append(inputs) or fresh.pair_scores(*inputs))
-    questions = [(goal, table) for goal in (3, 5) for table in ([1, 2, 6, 9], [4, 6, 7, 8], [4, 6, 7, 8, 2])]
+    monkeypatch.setattr(
+        kept, "pair_scores", lambda *inputs: asked.append(inputs) or fresh.pair_scores(*inputs)
+    )
+    questions = [
+        (goal, table) for goal in (3, 5) for table in ([1, 2, 6, 9], [4, 6, 7, 8], [4, 6, 7, 8, 2])
+    ]
     for goal, table in questions * 2 + questions[::-1]:
         question = torch.tensor([goal]), nothing, torch.tensor([table]), task
         fresh._kept = {}
@@ -418,7 +487,9 @@ def test_explaining_leaves_the_policy_as_it_is(made):
     assert all(tensor.dtype == before[name].dtype for name, tensor in policy.state_dict().items())
     assert [source.bound_to for source in policy.sources.values()] == bound
     # A scorer's tables are tens of megabytes: they are there once.
-    mine = {tensor.data_ptr() for tensor in explainer._exact.sources["w"].buffers() if tensor.numel()}
+    mine = {
+        tensor.data_ptr() for tensor in explainer._exact.sources["w"].buffers() if tensor.numel()
+    }
     assert len(shared & mine) >= len(shared) - 1
 
 
@@ -435,7 +506,9 @@ def test_explaining_leaves_the_policy_as_it_is(made):
 def test_a_table_that_cannot_be_played_is_refused(opened, explaining, setting, table, options):
     assert MOST_ON_TABLE == 64
     with refuses(setting):
-        explaining("no scorer").table("bread", opened.graph.entities[:table] if table == 65 else table, **options)
+        explaining("no scorer").table(
+            "bread", opened.graph.entities[:table] if table == 65 else table, **options
+        )
 
 
 def test_unknown_labels_and_tasks_are_refused(opened, explaining):

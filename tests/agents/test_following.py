@@ -13,7 +13,15 @@ from msgspec.json import encode
 from resumption import resume
 from safetensors.torch import load, save
 
-from wordcraft_kg import PolicyConfig, SplitConfig, WordCraftConfig, World, load_scorer, open_agent, open_graph
+from wordcraft_kg import (
+    PolicyConfig,
+    SplitConfig,
+    WordCraftConfig,
+    World,
+    load_scorer,
+    open_agent,
+    open_graph,
+)
 from wordcraft_kg.agents import following
 from wordcraft_kg.agents.agent_folder import read_agent_run
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
@@ -30,7 +38,9 @@ CONFIG = AgentConfig(
     "kitchen",
     None,
     TaskConfig(distractors=2),
-    trainer=ImpalaConfig(steps=640, batch_size=8, log_every=80, eval_every=320, checkpoint_every=160),
+    trainer=ImpalaConfig(
+        steps=640, batch_size=8, log_every=80, eval_every=320, checkpoint_every=160
+    ),
 )
 
 
@@ -42,7 +52,9 @@ def interrupted(tmp_path, made_once):
         if done == 240:
             signal.raise_signal(signal.SIGINT)
 
-    made = made_once("kitchen-agent-interrupted", lambda out: train_agent(CONFIG, out, progress=stop))
+    made = made_once(
+        "kitchen-agent-interrupted", lambda out: train_agent(CONFIG, out, progress=stop)
+    )
     return shutil.copytree(made, tmp_path / "run")
 
 
@@ -62,7 +74,10 @@ def test_what_a_training_writes_is_seen(interrupted, opened):
     assert (records.run.status, agent.checkpoint) == ("interrupted", records.checkpoint)
     with (interrupted / "metrics.jsonl").open("a") as file:
         file.write('{"step": 5000, "seconds": 9.0}\n{"step": 60')
-    assert [row.step for row in run.records().metrics] == [*(row.step for row in records.metrics), 5000]
+    assert [row.step for row in run.records().metrics] == [
+        *(row.step for row in records.metrics),
+        5000,
+    ]
     assert run.agent() is agent  # its weights are the same
     data = (interrupted / "metrics.jsonl").read_bytes()
     (interrupted / "metrics.jsonl").write_bytes(data[: data.index(b'{"step": 5000')])
@@ -70,7 +85,9 @@ def test_what_a_training_writes_is_seen(interrupted, opened):
     assert run.records().run.status == "done"
     assert run.agent().checkpoint == "final"
     assert run.explainer(world) is not explainer
-    assert len(run.episodes()) == sum(success.tasks for success in run.records().evaluation.success.values())
+    assert len(run.episodes()) == sum(
+        success.tasks for success in run.records().evaluation.success.values()
+    )
     before = explainer.task(3).episode.steps[0]
     after = run.explainer(world).task(3).episode.steps[0]
     assert [slot.entity for slot in before.slots] == [slot.entity for slot in after.slots]
@@ -80,7 +97,9 @@ def test_what_a_training_writes_is_seen(interrupted, opened):
 def test_a_new_checkpoint_is_a_new_agent(interrupted, opened):
     run = FollowedRun(interrupted, opened)
     last = run.agent()
-    newest = max(int(path.stem.partition("-")[2]) for path in (interrupted / "checkpoints").glob("*.json"))
+    newest = max(
+        int(path.stem.partition("-")[2]) for path in (interrupted / "checkpoints").glob("*.json")
+    )
     for suffix in (".json", ".safetensors"):
         os.remove(interrupted / f"checkpoints/step-{newest}{suffix}")
     assert run.agent() is not last
@@ -130,8 +149,13 @@ def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_
     is_right, told = train_sample.is_trained_on & ~train_sample.is_wrong, set()
     for task in range(0, len(world.tasks), 10):
         for one in (recipe for way in run.explainer(world).task(task).ways for recipe in way):
-            ids = [opened.graph.id_of(label) for label in (one.ingredient_a, one.ingredient_b, one.result)]
-            (row,) = (row for row, recipe in enumerate(opened.graph.recipes.tolist()) if recipe == ids)
+            ids = [
+                opened.graph.id_of(label)
+                for label in (one.ingredient_a, one.ingredient_b, one.result)
+            ]
+            (row,) = (
+                row for row, recipe in enumerate(opened.graph.recipes.tolist()) if recipe == ids
+            )
             assert one.is_in_sample == (one.part == "train" if gone else bool(is_right[row]))
             told.add((one.part, one.is_in_sample))
     assert told >= {("train", True), ("test", False)} | (set() if gone else {("train", False)})
@@ -153,7 +177,14 @@ def test_a_line_of_episodes_says_how_each_draw_of_a_task_ended(done):
             assert len(task.actions) == success.distractor_seeds
     lines = (done / "episodes.jsonl").read_text().splitlines()
     assert [json.loads(line) for line in lines] == [json.loads(encode(task)) for task in found]
-    assert list(json.loads(lines[0])) == ["part", "goal", "start", "success", "terminations", "actions"]
+    assert list(json.loads(lines[0])) == [
+        "part",
+        "goal",
+        "start",
+        "success",
+        "terminations",
+        "actions",
+    ]
 
 
 def test_a_damaged_line_of_episodes_is_named(copy):
@@ -183,7 +214,9 @@ def test_a_graph_that_is_open_already_is_taken_as_it_is(done, opened):
 @pytest.mark.parametrize("status", ["running", "interrupted", "failed"])
 def test_a_run_that_is_not_done_is_read_as_far_as_it_has_come(copy, status):
     run = json.loads((copy / "run.json").read_text())
-    (copy / "run.json").write_text(json.dumps(run | {"status": status, "ended": None, "outputs": {}}))
+    (copy / "run.json").write_text(
+        json.dumps(run | {"status": status, "ended": None, "outputs": {}})
+    )
     whole = read_agent_run(copy)
     assert (whole.checkpoint, whole.evaluation, whole.run.status) == ("", None, status)
     data = (copy / "metrics.jsonl").read_bytes()
@@ -205,7 +238,10 @@ def test_constants_of_another_type_or_shape_are_damage(recipes_folder, tmp_path)
     config = PolicyConfig(use="u,v,w", self_edges="keep")
     policy, _ = make_policy(config, world.graph, 5, scorer=scorer, tasks=world.tasks)
     write_constants(tmp_path, policy)
-    constants, parameters = load((tmp_path / "constants.safetensors").read_bytes()), dict(policy.named_parameters())
+    constants, parameters = (
+        load((tmp_path / "constants.safetensors").read_bytes()),
+        dict(policy.named_parameters()),
+    )
     read_policy(tmp_path, save(constants), parameters)
     names = [name for name in constants if name.startswith("sources.")]
     assert len(names) == 17  # u, v and w with their folds

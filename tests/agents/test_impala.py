@@ -49,14 +49,28 @@ def scorer(opened):
 def trainer(opened):
     """Return a maker of small trainers; rewards are shaped, so that there are some."""
 
-    def make(*, depth=1, policy=(), scorer=None, env_seed=3, env_device="cpu", policy_seed=0, world=(), **config):
+    def make(
+        *,
+        depth=1,
+        policy=(),
+        scorer=None,
+        env_seed=3,
+        env_device="cpu",
+        policy_seed=0,
+        world=(),
+        **config,
+    ):
         settings = {"steps": 10**4, "batch_size": BATCH, "learning_rate": 0.02, **config}
         config = ImpalaConfig(**settings)
-        tasks = WordCraftConfig(**{"depth": depth, "num_distractors": 2, "reward": "official", **dict(world)})
+        tasks = WordCraftConfig(
+            **{"depth": depth, "num_distractors": 2, "reward": "official", **dict(world)}
+        )
         engine = BatchEngine(World(opened, tasks), config.batch_size, device=env_device)
         kind = PolicyConfig(**{**SMALL, **dict(policy)})
         tasks = engine.world.tasks
-        made, _ = make_policy(kind, opened.graph, engine.num_slots, scorer=scorer, tasks=tasks, seed=policy_seed)
+        made, _ = make_policy(
+            kind, opened.graph, engine.num_slots, scorer=scorer, tasks=tasks, seed=policy_seed
+        )
         return Impala(made, engine.reset(env_seed), config)
 
     return make
@@ -105,12 +119,19 @@ class SlowImpala:
         divergence = torch.zeros(())
         if "w" in policy.sources and self.envs.world.config.depth == 1:
             alone = torch.log_softmax(output.sources[0, -1, there], dim=0)
-            divergence = sum(one.exp() * (one - other) for one, other in zip(log_probs, alone, strict=True))
+            divergence = sum(
+                one.exp() * (one - other) for one, other in zip(log_probs, alone, strict=True)
+            )
         return dict(zip(there, log_probs, strict=True)), output.value[0], output.lambdas, divergence
 
     def states(self):
         envs = self.envs
-        return list(zip(*(part.tolist() for part in (envs.goal, envs.selection, envs.table, envs.task)), strict=True))
+        return list(
+            zip(
+                *(part.tolist() for part in (envs.goal, envs.selection, envs.table, envs.task)),
+                strict=True,
+            )
+        )
 
     def play(self, actions):
         """Return the states of each step and after the last, rewards, which episodes ended, and which made the goal."""
@@ -146,7 +167,9 @@ class SlowImpala:
             baseline = baseline + 0.5 * (vs[t, b] - value) ** 2
             entropy = entropy - sum(log_prob.exp() * log_prob for log_prob in log_probs.values())
         loss = pg_loss + config.baseline_cost * baseline - config.entropy_cost * entropy
-        loss = loss + (3.0 if config.scorer_cost is None else config.scorer_cost) * divergence  # kitchen is small
+        loss = (
+            loss + (3.0 if config.scorer_cost is None else config.scorer_cost) * divergence
+        )  # kitchen is small
         gradients = torch.autograd.grad(loss, list(self.policy.parameters()))
         norm = math.sqrt(sum((gradient**2).sum().item() for gradient in gradients))
         gradients = [gradient * min(1, config.clip / norm) for gradient in gradients]
@@ -154,16 +177,35 @@ class SlowImpala:
         lambdas = {"first": [], "second": []}
         for t, b in itertools.product(range(time), range(batch)):
             lambdas["first" if states[t][b][1] == self.nothing else "second"].append(seen[t][b][2])
-        losses = (loss.item(), pg_loss.item(), baseline.item(), entropy.item() / (time * batch), norm)
+        losses = (
+            loss.item(),
+            pg_loss.item(),
+            baseline.item(),
+            entropy.item() / (time * batch),
+            norm,
+        )
         gradient = torch.cat([gradient.reshape(-1) for gradient in gradients])
-        logged = {"rewards": rewards.sum(), "over": over, "won": won.sum(), "ratios": np.exp(log_rhos)}
-        return dict(zip(LOSSES, losses, strict=True)) | logged | {"lambdas": lambdas, "gradient": gradient}
+        logged = {
+            "rewards": rewards.sum(),
+            "over": over,
+            "won": won.sum(),
+            "ratios": np.exp(log_rhos),
+        }
+        return (
+            dict(zip(LOSSES, losses, strict=True))
+            | logged
+            | {"lambdas": lambdas, "gradient": gradient}
+        )
 
     def rms_prop(self, gradients):
         config = self.config
         rate = config.learning_rate * (1 - self.updates / config.updates)
-        for i, (parameter, gradient) in enumerate(zip(self.policy.parameters(), gradients, strict=True)):
-            self.squares[i] = config.rms_decay * self.squares[i] + (1 - config.rms_decay) * gradient**2
+        for i, (parameter, gradient) in enumerate(
+            zip(self.policy.parameters(), gradients, strict=True)
+        ):
+            self.squares[i] = (
+                config.rms_decay * self.squares[i] + (1 - config.rms_decay) * gradient**2
+            )
             step = gradient / (self.squares[i].sqrt() + config.rms_epsilon)
             self.velocities[i] = config.momentum * self.velocities[i] + step
             parameter.data -= rate * self.velocities[i]
@@ -185,7 +227,9 @@ class SlowImpala:
         (2, 3, {"scorer": "cross-fitted", "policy": {"use": "w"}}),
     ],
 )
-def test_updates_are_those_of_the_formulas_written_out(trainer, scorer, cross_fitted, depth, unroll, settings):
+def test_updates_are_those_of_the_formulas_written_out(
+    trainer, scorer, cross_fitted, depth, unroll, settings
+):
     updates = 5
     scorers = {"frequency": scorer, "cross-fitted": cross_fitted}
     settings = settings | {"scorer": scorers.get(settings.get("scorer"))}
@@ -200,18 +244,28 @@ def test_updates_are_those_of_the_formulas_written_out(trainer, scorer, cross_fi
         logged.append(expected)
         # The trainer saw the environments as they were, to the state after the last step.
         for row, states in ((0, before), (-1, slow.states())):
-            goal, selection, table = (ids[row].tolist() for ids in (seen.goal, seen.selection, seen.table))
+            goal, selection, table = (
+                ids[row].tolist() for ids in (seen.goal, seen.selection, seen.table)
+            )
             assert list(zip(goal, selection, table, strict=True)) == [state[:3] for state in states]
-        torch.testing.assert_close(impala._flat.grad.double(), expected["gradient"], atol=1e-4, rtol=1e-3)
-        reference = torch.cat([parameter.detach().reshape(-1) for parameter in slow.policy.parameters()])
+        torch.testing.assert_close(
+            impala._flat.grad.double(), expected["gradient"], atol=1e-4, rtol=1e-3
+        )
+        reference = torch.cat(
+            [parameter.detach().reshape(-1) for parameter in slow.policy.parameters()]
+        )
         torch.testing.assert_close(flat(impala).double(), reference, atol=5e-5, rtol=1e-3)
         assert impala.update_number == number + 1
 
     figures = impala.take_figures()
     for name in LOSSES:
-        assert figures[name] == pytest.approx(np.mean([row[name] for row in logged]), rel=2e-3, abs=1e-4), name
+        assert figures[name] == pytest.approx(
+            np.mean([row[name] for row in logged]), rel=2e-3, abs=1e-4
+        ), name
     over = np.array([row["over"] for row in logged])
-    assert figures["return"] == pytest.approx(sum(row["rewards"] for row in logged) / over.sum(), abs=1e-5)
+    assert figures["return"] == pytest.approx(
+        sum(row["rewards"] for row in logged) / over.sum(), abs=1e-5
+    )
     assert figures["success"] == pytest.approx(sum(row["won"] for row in logged) / over.sum())
     ratios = logged[-1]["ratios"]
     assert figures["ratio_mean"] == pytest.approx(ratios.mean(), rel=1e-3)
@@ -264,7 +318,9 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
     impala = trainer()
     logits = torch.tensor([-200.0, 0.0, -200.0, 0.0, -200.0, -torch.inf])
     noise = torch.tensor([0.0, 0.25, 0.5, 0.75, 1 - 2.0**-24])
-    monkeypatch.setattr(impala.policy, "forward", lambda *_, **__: PolicyOutput(logits.repeat(len(noise), 1), noise))
+    monkeypatch.setattr(
+        impala.policy, "forward", lambda *_, **__: PolicyOutput(logits.repeat(len(noise), 1), noise)
+    )
     actions, log_probs = impala._choose({}, noise, noise, noise, None, noise)
     assert actions.tolist() == [1, 1, 3, 3, 3]
     torch.testing.assert_close(log_probs, torch.full((5,), math.log(0.5)))
@@ -296,9 +352,14 @@ def test_the_same_seeds_give_the_same_parameters_and_others_others(trainer):
         assert not torch.equal(one, train(trainer(**changed), 20))
 
 
-@pytest.mark.parametrize(("depth", "unroll", "settings"), [(1, 2, {}), (2, 3, {"policy_lag": 2, "momentum": 0.9})])
+@pytest.mark.parametrize(
+    ("depth", "unroll", "settings"), [(1, 2, {}), (2, 3, {"policy_lag": 2, "momentum": 0.9})]
+)
 def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll, settings):
-    one, other = (trainer(depth=depth, unroll=unroll, env_device=device, **settings) for device in ("cpu", "torch:cpu"))
+    one, other = (
+        trainer(depth=depth, unroll=unroll, env_device=device, **settings)
+        for device in ("cpu", "torch:cpu")
+    )
     begun = flat(one).clone()
     for _ in range(20):
         one.update()
@@ -323,7 +384,13 @@ def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):
 @pytest.mark.parametrize("momentum", [0.0, 0.9])
 @pytest.mark.parametrize(("guided", "updates"), [(False, 7), (True, 7), (False, 0)])
 def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, guided, updates):
-    settings = {"depth": 2, "unroll": 3, "policy_lag": lag, "momentum": momentum, "scorer": scorer if guided else None}
+    settings = {
+        "depth": 2,
+        "unroll": 3,
+        "policy_lag": lag,
+        "momentum": momentum,
+        "scorer": scorer if guided else None,
+    }
     one = trainer(**settings)
     train(one, updates)
     state = one.state()
@@ -366,14 +433,18 @@ def test_a_state_that_lacks_something_or_is_of_other_environments_is_refused(tra
     state = impala.state()
     for name in ("policy.attention.key.weight", "engine.goal", "sums", "generator", "update"):
         with pytest.raises(KeyError, match=name):
-            trainer(momentum=0.5).restore({other: tensor for other, tensor in state.items() if other != name})
+            trainer(momentum=0.5).restore(
+                {other: tensor for other, tensor in state.items() if other != name}
+            )
     with pytest.raises(ConfigError, match="state of another engine"):
         trainer(momentum=0.5, batch_size=4).restore(state)
     with pytest.raises(RuntimeError, match="size"):
         trainer(momentum=0.5, policy={"key_size": 6}).restore(state)
 
 
-def test_a_reward_that_is_no_number_stops_the_training_and_leaves_the_parameters(trainer, monkeypatch):
+def test_a_reward_that_is_no_number_stops_the_training_and_leaves_the_parameters(
+    trainer, monkeypatch
+):
     impala, undisturbed = trainer(), trainer()
     before = train(impala, 2)
     squares = impala.optimizer.state[impala._flat]["square_avg"].clone()
@@ -384,7 +455,9 @@ def test_a_reward_that_is_no_number_stops_the_training_and_leaves_the_parameters
         return state, done._replace(reward=np.full_like(done.reward, np.nan))
 
     monkeypatch.setattr(impala.envs.engine, "step", poisoned)
-    with pytest.raises(TrainingError, match=r"no longer a finite number in update 3 \(environment steps 32 to 48\)"):
+    with pytest.raises(
+        TrainingError, match=r"no longer a finite number in update 3 \(environment steps 32 to 48\)"
+    ):
         impala.update()
     assert torch.equal(flat(impala), before)
     assert torch.equal(impala.optimizer.state[impala._flat]["square_avg"], squares)
@@ -415,13 +488,16 @@ def test_a_parameter_that_is_no_number_stops_the_training(trainer, value):
 def test_who_reads_the_figures_learns_of_a_loss_that_was_not_finite(trainer):
     impala = trainer()
     train(impala, 1)
-    impala._sums[FIGURES.index("grad_norm")] = math.nan  # what a device leaves, where no update asks
+    impala._sums[FIGURES.index("grad_norm")] = (
+        math.nan
+    )  # what a device leaves, where no update asks
     with pytest.raises(TrainingError, match="no longer a finite number"):
         impala.take_figures()
 
 
 @pytest.mark.parametrize(
-    ("error", "reason"), [(RuntimeError("No C++ compiler\nlong story"), "RuntimeError: No C"), (OSError(), "OSError")]
+    ("error", "reason"),
+    [(RuntimeError("No C++ compiler\nlong story"), "RuntimeError: No C"), (OSError(), "OSError")],
 )
 def test_a_missing_compiler_is_an_error_that_says_what_to_do(trainer, monkeypatch, error, reason):
     def fail(*_, **__):
@@ -454,10 +530,19 @@ def test_compiling_covers_actor_and_learner_and_changes_nothing(trainer, monkeyp
 
 @pytest.mark.parametrize("lag", [0, 3])
 def test_a_tiny_world_is_learned_within_two_hundred_updates(lag):
-    rows = [("a", "b", "e"), ("a", "c", "f"), ("b", "d", "g"), ("c", "d", "h"), ("a", "d", "i"), ("b", "c", "j")]
+    rows = [
+        ("a", "b", "e"),
+        ("a", "c", "f"),
+        ("b", "d", "g"),
+        ("c", "d", "h"),
+        ("a", "d", "i"),
+        ("b", "c", "j"),
+    ]
     graph = RecipeGraph.from_recipes(rows)
     engine = BatchEngine(World(graph, WordCraftConfig(part="all", num_distractors=2)), 16)
-    policy, _ = make_policy(PolicyConfig(features="one-hot", key_size=16, value_size=16), graph, engine.num_slots)
+    policy, _ = make_policy(
+        PolicyConfig(features="one-hot", key_size=16, value_size=16), graph, engine.num_slots
+    )
     config = ImpalaConfig(steps=200 * 32, batch_size=16, learning_rate=0.02, policy_lag=lag)
     impala = Impala(policy, engine.reset(1), config)
     early = figures_after(impala, 20)
@@ -473,7 +558,9 @@ def test_a_tiny_world_is_learned_within_two_hundred_updates(lag):
 CLIPS, LIMITS = ("clip_rho", "clip_c", "clip_pg_rho"), (0.0, 0.4, 1.0, 2.5, math.inf)
 
 
-def slow_v_trace(log_rhos, discounts, rewards, values, bootstrap_value, clip_rho=1.0, clip_c=1.0, clip_pg_rho=1.0):
+def slow_v_trace(
+    log_rhos, discounts, rewards, values, bootstrap_value, clip_rho=1.0, clip_c=1.0, clip_pg_rho=1.0
+):
     """Espeholt et al. 2018, equation 1 as it stands: for each start a sum over later steps, with products of c."""
     steps, batch = rewards.shape
     vs, advantages = np.zeros((steps, batch)), np.zeros((steps, batch))
@@ -486,7 +573,9 @@ def slow_v_trace(log_rhos, discounts, rewards, values, bootstrap_value, clip_rho
                 product = 1.0
                 for i in range(s, t):
                     product *= discounts[i, b] * min(clip_c, ratio[i])
-                delta = min(clip_rho, ratio[t]) * (rewards[t, b] + discounts[t, b] * value[t + 1] - value[t])
+                delta = min(clip_rho, ratio[t]) * (
+                    rewards[t, b] + discounts[t, b] * value[t + 1] - value[t]
+                )
                 target[s] += product * delta
         for s in range(steps):
             vs[s, b] = target[s]
@@ -499,7 +588,12 @@ def random_unroll(seed, steps=6, batch=5):
     rng = np.random.default_rng(seed)
     shape = (steps, batch)
     discounts = 0.9 * (rng.random(shape) > 0.3)
-    return [rng.normal(size=shape), discounts, *(rng.normal(size=shape) for _ in range(2)), rng.normal(size=batch)]
+    return [
+        rng.normal(size=shape),
+        discounts,
+        *(rng.normal(size=shape) for _ in range(2)),
+        rng.normal(size=batch),
+    ]
 
 
 def tensors(arrays):
@@ -516,8 +610,12 @@ def unrolls(draw):
 
 
 @given(unrolls(), st.fixed_dictionaries({}, optional=dict.fromkeys(CLIPS, st.sampled_from(LIMITS))))
-def test_targets_and_advantages_are_those_of_the_papers_sum_and_clips_are_one_by_default(unroll, clips):
-    for one, other in zip(v_trace(*tensors(unroll), **clips), slow_v_trace(*unroll, **clips), strict=True):
+def test_targets_and_advantages_are_those_of_the_papers_sum_and_clips_are_one_by_default(
+    unroll, clips
+):
+    for one, other in zip(
+        v_trace(*tensors(unroll), **clips), slow_v_trace(*unroll, **clips), strict=True
+    ):
         np.testing.assert_allclose(one.numpy(), other, rtol=1e-9, atol=1e-9)
 
 
@@ -537,10 +635,16 @@ FILE = Path(__file__).parents[2] / "examples" / "impala_single_file.py"
 def test_its_learning_curve_is_that_of_the_trainer(tmp_path):
     runpy.run_path(str(FILE))["train"]("kitchen", 7_680, 3, 1, tmp_path / "curve.csv")
     trainer = ImpalaConfig(steps=7_680, seed=1, log_every=2_560, eval_every=2_560)
-    train_agent(AgentConfig("kitchen", tasks=TaskConfig(distractors=3), trainer=trainer), tmp_path / "run")
+    train_agent(
+        AgentConfig("kitchen", tasks=TaskConfig(distractors=3), trainer=trainer), tmp_path / "run"
+    )
     _, *expected = map(json.loads, (tmp_path / "run" / "metrics.jsonl").read_text().splitlines())
     found = list(csv.DictReader((tmp_path / "curve.csv").open(encoding="utf-8")))
-    assert [int(row["step"]) for row in found] == [row["step"] for row in expected] == [2_560, 5_120, 7_680]
+    assert (
+        [int(row["step"]) for row in found]
+        == [row["step"] for row in expected]
+        == [2_560, 5_120, 7_680]
+    )
     for row, other in zip(found, expected, strict=True):
         # Counts of the same episodes; losses differ by rounding, because the trainer folds keys into the query.
         assert float(row["success"]) == other["success"]

@@ -39,7 +39,10 @@ def book(tmp_path_factory):
     results = np.repeat(np.arange(10, ENTITIES), 3)[:RECIPES]
     parts = (rng.random((len(results), 2)) * results[:, None]).astype(int)
     path = tmp_path_factory.mktemp("books") / "large.csv"
-    lines = [f"t{a},t{b},t{result}\n" for (a, b), result in zip(parts.tolist(), results.tolist(), strict=True)]
+    lines = [
+        f"t{a},t{b},t{result}\n"
+        for (a, b), result in zip(parts.tolist(), results.tolist(), strict=True)
+    ]
     head = f"# base: {', '.join(f't{entity}' for entity in range(10))}\ningredient_a,ingredient_b,result\n"
     path.write_text("".join([head, *lines]), encoding="utf-8")
     return path

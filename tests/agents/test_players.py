@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg import SplitConfig, WordCraftConfig, World, load_scorer, make_sources, make_split, open_graph
+from wordcraft_kg import (
+    SplitConfig,
+    WordCraftConfig,
+    World,
+    load_scorer,
+    make_sources,
+    make_split,
+    open_graph,
+)
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import (
     fact_sources,
@@ -38,7 +46,9 @@ def success(table, player, distractors=1):
 
 
 def test_the_oracle_falls_short_where_the_last_result_wins(opened):
-    table = play(opened, {"recipe oracle": recipe_oracle}, distractor_seeds=1, part="all", ambiguity="last")
+    table = play(
+        opened, {"recipe oracle": recipe_oracle}, distractor_seeds=1, part="all", ambiguity="last"
+    )
     results = np.diff(opened.graph.pair_starts)
     assert success(table, "recipe oracle") == pytest.approx(len(results) / results.sum(), abs=0.01)
     assert success(table, "recipe oracle") < 1
@@ -46,7 +56,9 @@ def test_the_oracle_falls_short_where_the_last_result_wins(opened):
 
 def test_chance_is_what_it_should_be(opened):
     players = {"random": random_entity, "random, distinct": random_distinct}
-    table = play_all(World(opened, WordCraftConfig(part="all")), players, (1,), distractor_seeds=40, seed=1)
+    table = play_all(
+        World(opened, WordCraftConfig(part="all")), players, (1,), distractor_seeds=40, seed=1
+    )
     # Three entities on the table of a task of two ingredients, two of one: pairs in any order.
     starts = BatchEngine(World(opened, WordCraftConfig(part="all")), 1).world.tasks.starts
     selfs = float(np.mean(starts[:, 1] == opened.graph.num_entities))
@@ -61,10 +73,14 @@ def test_the_two_nearest_words_are_chosen_without_a_graph_or_training(opened):
 
     def both(state, rng):
         slots = nearest(state, rng)
-        for goal, selection, table, slot in zip(state.goal, state.selection, state.table, slots, strict=True):
+        for goal, selection, table, slot in zip(
+            state.goal, state.selection, state.table, slots, strict=True
+        ):
             others = list(set(table.tolist()) - {size, selection}) or [selection]
             best = max(float(vectors[goal] @ vectors[entity]) for entity in others)
-            checked.append(float(vectors[goal] @ vectors[table[slot]]) == pytest.approx(best, abs=1e-6))
+            checked.append(
+                float(vectors[goal] @ vectors[table[slot]]) == pytest.approx(best, abs=1e-6)
+            )
         return slots
 
     nearest = nearest_words(opened.graph)
@@ -79,11 +95,15 @@ def test_more_knowledge_wins_more(opened):
         order = ["full KG, v", "full KG, u+v", "full KG, u+v, no self edges", "recipe oracle"]
         rates = [success(table, player, distractors) for player in order]
         assert rates == sorted(rates)
-        assert success(table, "full KG, u+v", distractors) > success(table, "partial KG, u+v", distractors)
+        assert success(table, "full KG, u+v", distractors) > success(
+            table, "partial KG, u+v", distractors
+        )
 
 
 @pytest.mark.parametrize("cells", [1, 40, 1_000_000])
-def test_the_pair_player_picks_a_best_pair_of_the_table_whatever_is_scored_at_a_time(opened, monkeypatch, cells):
+def test_the_pair_player_picks_a_best_pair_of_the_table_whatever_is_scored_at_a_time(
+    opened, monkeypatch, cells
+):
     monkeypatch.setattr("wordcraft_kg.agents.players.CELLS", cells)
     graph, world = opened.graph, World(opened, WordCraftConfig(part="test", num_distractors=3))
     scores = torch.rand((graph.num_entities,) * 3, generator=torch.Generator().manual_seed(0))
@@ -99,21 +119,30 @@ def test_the_pair_player_picks_a_best_pair_of_the_table_whatever_is_scored_at_a_
         state, _ = engine.step_once(state, slots)
     for row, goal, one, other in zip(table.tolist(), goals, *actions, strict=True):
         there = [entity for entity in row if entity != graph.num_entities]
-        assert float(scores[one, other, goal]) == max(float(scores[a, b, goal]) for a in there for b in there)
+        assert float(scores[one, other, goal]) == max(
+            float(scores[a, b, goal]) for a in there for b in there
+        )
 
 
 def test_a_pair_of_two_entities_comes_before_one_of_the_same_score_with_itself(opened):
-    indifferent = pair_player(lambda a, b, c: torch.zeros(torch.broadcast_shapes(a.shape, b.shape, c.shape)))
+    indifferent = pair_player(
+        lambda a, b, c: torch.zeros(torch.broadcast_shapes(a.shape, b.shape, c.shape))
+    )
     players = {"indifferent": indifferent, "random, distinct": random_distinct}
     table = play(opened, players, distractor_seeds=40, part="all")
-    assert success(table, "indifferent") == pytest.approx(success(table, "random, distinct"), abs=0.02)
+    assert success(table, "indifferent") == pytest.approx(
+        success(table, "random, distinct"), abs=0.02
+    )
 
 
 def test_votes_make_more_goals_than_chance_and_no_more_where_no_slot_of_the_goal_is_known(opened):
     by_slot = make_split(opened.graph, SplitConfig("by-slot"))
     rates = []
     for split in (opened.split, by_slot):
-        players = {name: knowledge_players(split)[name] for name in ("partial KG, votes", "random, distinct")}
+        players = {
+            name: knowledge_players(split)[name]
+            for name in ("partial KG, votes", "random, distinct")
+        }
         table = play(OpenedGraph(opened.graph, split, "kitchen"), players, distractor_seeds=20)
         rates.append([success(table, name) for name in players])
     (by_recipe, chance), (without, same) = rates
@@ -130,7 +159,9 @@ def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
 
     config = WordCraftConfig(part="test")
     for seed in (0, 0, 1):
-        play_all(World(opened, config), {"one": look, "other": look}, (3,), distractor_seeds=1, seed=seed)
+        play_all(
+            World(opened, config), {"one": look, "other": look}, (3,), distractor_seeds=1, seed=seed
+        )
     one, other, again, _, third, _ = seen[::2]
     np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(one, again)
@@ -140,8 +171,13 @@ def test_all_players_see_the_same_tables_and_the_seed_decides_them(opened):
 def test_a_scorers_players_take_its_scores_on_a_common_scale(opened):
     graph = opened.graph
     scorer = FrequencyScorer(graph, opened.split.partial)
-    louder = TableScorer(torch.stack([100 * scorer.table(0), scorer.table(1)]), graph.entities, graph.hash)
-    plain, scaled = (scorer_players(graph, kind, graph.triples)["u+v, self edges kept"] for kind in (scorer, louder))
+    louder = TableScorer(
+        torch.stack([100 * scorer.table(0), scorer.table(1)]), graph.entities, graph.hash
+    )
+    plain, scaled = (
+        scorer_players(graph, kind, graph.triples)["u+v, self edges kept"]
+        for kind in (scorer, louder)
+    )
     table = play(opened, {"plain": plain, "louder": scaled}, (4,), distractor_seeds=3)
     assert success(table, "plain", 4) == success(table, "louder", 4)
 
@@ -150,9 +186,13 @@ def test_a_scorer_of_recipes_plays_the_pair_whose_recipe_scores_highest(opened, 
     scorer = load_scorer(recipes_folder)
     players = scorer_players(opened.graph, scorer, opened.split.partial)
     pairs = pair_player(whole_of(scorer).score_recipes)
-    table = play(opened, {"by pairs": pairs, "w": players["w, best pair"]}, (1, 8), distractor_seeds=3)
+    table = play(
+        opened, {"by pairs": pairs, "w": players["w, best pair"]}, (1, 8), distractor_seeds=3
+    )
     for distractors in (1, 8):
-        assert success(table, "w", distractors) == pytest.approx(success(table, "by pairs", distractors), abs=0.02)
+        assert success(table, "w", distractors) == pytest.approx(
+            success(table, "by pairs", distractors), abs=0.02
+        )
     assert success(table, "w", 8) > 0.5
     with pytest.raises(LeakError):
         play(opened, {"w": players["w, best pair"]}, part="train")
@@ -169,7 +209,9 @@ def test_facts_score_slots_like_tables_of_all_pairs_do(opened, known):
     slots = torch.stack(table, dim=1)
     dense = make_sources(("u", "v"), SymbolicScorer(graph, triples))
     for expected, found in zip(dense, fact_sources(graph, triples).values(), strict=True):
-        torch.testing.assert_close(found(goal, selection, slots, None), expected(goal, selection, slots))
+        torch.testing.assert_close(
+            found(goal, selection, slots, None), expected(goal, selection, slots)
+        )
 
 
 def test_intervals_are_those_over_tasks_because_the_draws_of_a_task_resemble_each_other(opened):

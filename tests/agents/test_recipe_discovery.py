@@ -27,7 +27,9 @@ def world(kitchen):
     rng = np.random.default_rng(0)
     labels = sorted((*rng.permutation(kitchen.entities)[:15].tolist(), *NEW))
     pairs = np.array(list(itertools.combinations_with_replacement(range(len(labels)), 2)))
-    rows = np.column_stack([pairs, rng.integers(len(labels), size=len(pairs))])[rng.random(len(pairs)) < 0.4]
+    rows = np.column_stack([pairs, rng.integers(len(labels), size=len(pairs))])[
+        rng.random(len(pairs)) < 0.4
+    ]
     base = [0, 1, 2, labels.index("dragon")]
     return RecipeGraph(labels, rows[~(rows[:, :2] == rows[:, 2:]).any(axis=1)], base)
 
@@ -69,25 +71,43 @@ class Slow:
         a, b = (int(self.rows[entity]) for entity in pair)
         scores = self.scores(a, b)
         likely = sorted(range(self.own), key=lambda c: -scores[c])[:CANDIDATES]
-        chances = {c: math.exp(-12 if c in {int(self.rows[k]) for k in known} else scores[c]) for c in likely}
+        chances = {
+            c: math.exp(-12 if c in {int(self.rows[k]) for k in known} else scores[c])
+            for c in likely
+        }
         total = sum(chances.values())
         words = float(self.scorer.knowledge.words[a, b])
         recorded = any(sorted(recipe[:2]) == sorted((a, b)) for recipe in self.recipes)
         strange = (a >= self.own) + (b >= self.own)
-        features = [1, math.log(total), self.uses(a) + self.uses(b), strange, words, recorded, a == b]
-        return np.array(features, dtype=float), 1 + sum(p * self.uses(c) for c, p in chances.items()) / total
+        features = [
+            1,
+            math.log(total),
+            self.uses(a) + self.uses(b),
+            strange,
+            words,
+            recorded,
+            a == b,
+        ]
+        return np.array(features, dtype=float), 1 + sum(
+            p * self.uses(c) for c, p in chances.items()
+        ) / total
 
     def weights(self, features, made):
         mean, variance = np.array(list(PRIOR.values())).T
         signs = np.where(made, 1, -1)
 
         def loss(weights):
-            return np.logaddexp(0, -signs * (features @ weights)).sum() + ((weights - mean) ** 2 / variance).sum() / 2
+            return (
+                np.logaddexp(0, -signs * (features @ weights)).sum()
+                + ((weights - mean) ** 2 / variance).sum() / 2
+            )
 
         return minimize(loss, mean, method="BFGS").x
 
 
-def test_the_player_tries_the_pair_of_the_highest_value_given_its_outcomes(labelled, world, monkeypatch):
+def test_the_player_tries_the_pair_of_the_highest_value_given_its_outcomes(
+    labelled, world, monkeypatch
+):
     monkeypatch.setattr(recipe_discovery, "_LIKELY", labelled.own)
     slow, player = Slow(labelled, world), RecipeDiscoverer(labelled)
     game, tried, seen, made = Discovery(world), set(), [], []
@@ -110,7 +130,11 @@ def test_the_player_tries_the_pair_of_the_highest_value_given_its_outcomes(label
             values = {p: worth / (1 + math.exp(-x @ weights)) for p, (x, worth) in found.items()}
             if is_cover:
                 least = min(min(attempts[one], attempts[other]) for one, other in values)
-                values = {p: value for p, value in values.items() if min(attempts[p[0]], attempts[p[1]]) == least}
+                values = {
+                    p: value
+                    for p, value in values.items()
+                    if min(attempts[p[0]], attempts[p[1]]) == least
+                }
             assert values.get(chosen, 0) >= 0.99 * max(values.values())
         tried.add(chosen)
         attempts.update(set(pair))
@@ -127,10 +151,14 @@ def test_no_attempt_depends_on_recipes_that_were_not_tried(labelled, world):
     log = play(player, world, 25)
     tried = {(min(pair), max(pair)) for pair, _ in log}
     is_tried = np.array([(min(a, b), max(a, b)) in tried for a, b, _ in world.recipes.tolist()])
-    others = np.column_stack([np.sort(rng.integers(len(world.entities), size=(90, 2))), rng.integers(18, size=90)])
+    others = np.column_stack(
+        [np.sort(rng.integers(len(world.entities), size=(90, 2))), rng.integers(18, size=90)]
+    )
     others = others[[(a, b) not in tried and c not in (a, b) for a, b, c in others.tolist()]]
     assert (~is_tried).sum() > 20
-    replaced = RecipeGraph(world.entities, np.concatenate([world.recipes[is_tried], others]), world.base_ids)
+    replaced = RecipeGraph(
+        world.entities, np.concatenate([world.recipes[is_tried], others]), world.base_ids
+    )
     assert replaced.hash != world.hash
     assert play(player, replaced, 25) == log
 
@@ -140,7 +168,11 @@ def test_outcomes_change_later_attempts_and_runs_start_afresh(labelled, world):
     log = play(player, world, 25)
     assert play(player, world, 25) == log
     assert play(player, world, 25, seed=1) != log
-    barren = RecipeGraph(world.entities, np.array([[*sorted(log[FREE][0]), 17], [0, 1, 5], [1, 2, 6]]), world.base_ids)
+    barren = RecipeGraph(
+        world.entities,
+        np.array([[*sorted(log[FREE][0]), 17], [0, 1, 5], [1, 2, 6]]),
+        world.base_ids,
+    )
     assert [pair for pair, _ in play(player, barren, 25)] != [pair for pair, _ in log]
 
 

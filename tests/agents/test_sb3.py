@@ -45,7 +45,9 @@ def ours():
 
 
 def make_env(**settings):
-    return gym.make("WordCraft-v0", **{"graph": "kitchen", "num_distractors": DISTRACTORS, **settings})
+    return gym.make(
+        "WordCraft-v0", **{"graph": "kitchen", "num_distractors": DISTRACTORS, **settings}
+    )
 
 
 def make_network(*, is_guided=True, **settings):
@@ -58,9 +60,15 @@ def make_network(*, is_guided=True, **settings):
 
 def make_model(algorithm, network=None, env=None, **settings):
     module = ours()
-    library = importlib.import_module("sb3_contrib" if algorithm == "MaskablePPO" else "stable_baselines3")
+    library = importlib.import_module(
+        "sb3_contrib" if algorithm == "MaskablePPO" else "stable_baselines3"
+    )
     policy = module.MaskableSB3Policy if algorithm == "MaskablePPO" else module.SB3Policy
-    settings = {**SHORT[algorithm], "policy_kwargs": {"network": network or make_network()}, **settings}
+    settings = {
+        **SHORT[algorithm],
+        "policy_kwargs": {"network": network or make_network()},
+        **settings,
+    }
     return getattr(library, algorithm)(policy, env or make_env(), seed=0, device="cpu", **settings)
 
 
@@ -83,7 +91,9 @@ def tensors(observations):
 def outputs_of(network, observations):
     """Probabilities and values according to the policy itself, without the library."""
     with torch.no_grad():
-        output = network(*(torch.as_tensor(observations[key]) for key in ("goal", "selection", "table")))
+        output = network(
+            *(torch.as_tensor(observations[key]) for key in ("goal", "selection", "table"))
+        )
     return torch.softmax(output.logits, dim=1), output.value
 
 
@@ -102,14 +112,20 @@ def test_training_changes_the_parameters_of_a_copy_and_no_scores(algorithm):
         assert torch.equal(tensor, before[name]) == (name in constants), name
         assert torch.isfinite(tensor).all(), name
     assert before["sources.u.scores"].count_nonzero() > 0
-    trained = [parameter for group in model.policy.optimizer.param_groups for parameter in group["params"]]
-    assert {id(parameter) for parameter in trained} == {id(p) for p in model.policy.network.parameters()}
+    trained = [
+        parameter for group in model.policy.optimizer.param_groups for parameter in group["params"]
+    ]
+    assert {id(parameter) for parameter in trained} == {
+        id(p) for p in model.policy.network.parameters()
+    }
     assert len(list(model.policy.parameters())) == len(trained)  # nothing of the library's own
 
 
 @both
 @every_kind
-def test_probabilities_and_values_are_those_of_the_policy_and_empty_slots_have_probability_zero(algorithm, kind):
+def test_probabilities_and_values_are_those_of_the_policy_and_empty_slots_have_probability_zero(
+    algorithm, kind
+):
     network, seen = make_network(**KINDS[kind]), states()
     assert (seen["action_mask"] == 0).any()
     model = make_model(algorithm, network)
@@ -135,7 +151,9 @@ def test_ids_and_masks_as_a_buffer_of_rollouts_keeps_them_change_nothing(algorit
     masks = {"action_masks": torch.as_tensor(seen["action_mask"], dtype=torch.float32)}
     with torch.no_grad():
         plain = model.policy.evaluate_actions(tensors(seen), actions)
-        buffered = model.policy.evaluate_actions(stored, actions, **(masks if algorithm == "MaskablePPO" else {}))
+        buffered = model.policy.evaluate_actions(
+            stored, actions, **(masks if algorithm == "MaskablePPO" else {})
+        )
     for one, other in zip(plain, buffered, strict=True):
         assert torch.equal(one, other)
 
@@ -150,7 +168,9 @@ def test_masks_of_the_user_take_slots_out_and_revive_none():
     assert (seen["action_mask"][:, -1] == 0).all()
     with torch.no_grad():
         found = model.policy.get_distribution(tensors(seen), mask).distribution.probs
-        values, _, entropy = model.policy.evaluate_actions(tensors(seen), torch.zeros(len(mask)), mask)
+        values, _, entropy = model.policy.evaluate_actions(
+            tensors(seen), torch.zeros(len(mask)), mask
+        )
     kept = everything * torch.as_tensor(mask)
     expected = kept / kept.sum(1, keepdim=True)
     torch.testing.assert_close(found, expected)
@@ -171,7 +191,10 @@ def test_a_deterministic_prediction_is_the_best_slot(algorithm):
     best = outputs_of(model.policy.network, seen)[0].argmax(1).numpy()
     together, _ = model.predict(seen, deterministic=True)
     np.testing.assert_array_equal(together, best)
-    singles = [model.predict({key: value[i] for key, value in seen.items()}, deterministic=True)[0] for i in range(9)]
+    singles = [
+        model.predict({key: value[i] for key, value in seen.items()}, deterministic=True)[0]
+        for i in range(9)
+    ]
     np.testing.assert_array_equal(singles, best[:9])
     assert all(np.shape(single) == () for single in singles)
     np.testing.assert_array_equal(model.policy(tensors(seen), deterministic=True)[0], best)
@@ -223,10 +246,20 @@ def test_without_the_library_the_error_names_the_extra(package, monkeypatch):
 @both
 @pytest.mark.slow
 def test_training_lifts_success_far_above_chance(algorithm):
-    settings = {"n_steps": 512, "batch_size": 128, "n_epochs": 8, "learning_rate": 1e-3, "gamma": 0.9}
-    success = Evaluator(World("kitchen", WordCraftConfig(num_distractors=DISTRACTORS)), distractor_seeds=3)
+    settings = {
+        "n_steps": 512,
+        "batch_size": 128,
+        "n_epochs": 8,
+        "learning_rate": 1e-3,
+        "gamma": 0.9,
+    }
+    success = Evaluator(
+        World("kitchen", WordCraftConfig(num_distractors=DISTRACTORS)), distractor_seeds=3
+    )
     for is_guided, steps, before, after in ((False, 8192, 0.15, 0.6), (True, 1024, 0.93, 0.96)):
-        model = make_model(algorithm, make_network(is_guided=is_guided, key_size=64, value_size=64), **settings)
+        model = make_model(
+            algorithm, make_network(is_guided=is_guided, key_size=64, value_size=64), **settings
+        )
         player = PolicyPlayer(model.policy.network)
         assert success(player).success.mean() < before
         model.learn(steps)

@@ -65,38 +65,68 @@ def assert_same_training(one, other):
     metrics = []
     for folder in (one, other):
         rows = lines_of(folder / "metrics.jsonl")
-        metrics.append([{key: row[key] for key in row if key not in ("seconds", "steps_per_second")} for row in rows])
+        metrics.append(
+            [
+                {key: row[key] for key in row if key not in ("seconds", "steps_per_second")}
+                for row in rows
+            ]
+        )
     assert metrics[0] == metrics[1]
     assert sha256_of(one / "policy.safetensors") == sha256_of(other / "policy.safetensors")
 
 
 def test_a_run_folder_holds_what_its_description_says(opened, done):
     tables = {"constants.safetensors", "policy.json", "policy.safetensors"}
-    records = {"README.md", "config.toml", "episodes.jsonl", "evaluation.json", "metrics.jsonl", "run.json"}
+    records = {
+        "README.md",
+        "config.toml",
+        "episodes.jsonl",
+        "evaluation.json",
+        "metrics.jsonl",
+        "run.json",
+    }
     assert {path.name for path in done.iterdir()} == tables | records
     run = json.loads((done / "run.json").read_text())
     assert (run["kind"], run["status"], run["seed"]) == ("train-agent", "done", 0)
-    assert (run["inputs"]["graph"], run["inputs"]["split"]) == (opened.graph.hash, opened.split.hash)
+    assert (run["inputs"]["graph"], run["inputs"]["split"]) == (
+        opened.graph.hash,
+        opened.split.hash,
+    )
     assert all(sha256_of(done / name) == value for name, value in run["outputs"].items())
     rows = lines_of(done / "metrics.jsonl")
     assert [row["step"] for row in rows] == [0, *range(160, 1_601, 160)]
     assert [row["step"] for row in rows if "test_success" in row] == [0, 800, 1_600]
-    assert {"success", "return", "loss", "entropy", "ratio_mean", "train_success"} <= rows[-1].keys()
+    assert {"success", "return", "loss", "entropy", "ratio_mean", "train_success"} <= rows[
+        -1
+    ].keys()
     assert rows[-1]["ratio_mean"] == pytest.approx(1, abs=1e-5)
     summary = open_agent(done).evaluation
     assert (summary.steps, summary.success["test"].mean) == (1_600, rows[-1]["test_success"])
 
 
 def test_the_differing_settings_are_those_that_were_changed(config, done, tmp_path):
-    changed = {"graph", "distractors", "steps", "batch_size", "log_every", "eval_every", "checkpoint_every"}
+    changed = {
+        "graph",
+        "distractors",
+        "steps",
+        "batch_size",
+        "log_every",
+        "eval_every",
+        "checkpoint_every",
+    }
     assert config.differing().keys() == changed
     assert AgentConfig.read(done) == config
-    assert replace(config, policy=PolicyConfig(key_size=20)).differing().keys() == {*changed, "key_size"}
+    assert replace(config, policy=PolicyConfig(key_size=20)).differing().keys() == {
+        *changed,
+        "key_size",
+    }
 
 
 def test_a_policy_is_loaded_from_its_folder_alone(done, tmp_path):
     for name in ("run.json", "policy.json", "policy.safetensors", "constants.safetensors"):
-        (tmp_path / name).write_bytes((done / name).read_bytes())  # the graph is named in config.toml only
+        (tmp_path / name).write_bytes(
+            (done / name).read_bytes()
+        )  # the graph is named in config.toml only
     policy = load_policy(tmp_path)
     state = torch.tensor([3]), torch.tensor([80]), torch.tensor([[1, 2, 80]])
     torch.testing.assert_close(policy(*state), open_agent(done).policy(*state), rtol=0, atol=0)
@@ -104,13 +134,18 @@ def test_a_policy_is_loaded_from_its_folder_alone(done, tmp_path):
 
 
 POINTS = [(37, 2)]
-OTHERS = [(update, lag) for update in (1, 20, 37, 99) for lag in (0, 2) if (update, lag) not in POINTS]
+OTHERS = [
+    (update, lag) for update in (1, 20, 37, 99) for lag in (0, 2) if (update, lag) not in POINTS
+]
 
 
 @pytest.mark.parametrize(
-    ("update", "lag"), [*POINTS, *(pytest.param(*point, marks=pytest.mark.slow) for point in OTHERS)]
+    ("update", "lag"),
+    [*POINTS, *(pytest.param(*point, marks=pytest.mark.slow) for point in OTHERS)],
 )
-def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(config, made_once, interrupted, update, lag):
+def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(
+    config, made_once, interrupted, update, lag
+):
     trainer = replace(config.trainer, policy_lag=lag, unroll=3, steps=2_400)
     config = replace(config, tasks=TaskConfig(depth=2, distractors=2), trainer=trainer)
     whole = made_once(f"kitchen-agent-lag-{lag}", lambda out: train_agent(config, out))
@@ -136,7 +171,9 @@ def test_metrics_after_the_checkpoint_are_cut_off_when_a_run_goes_on(done, inter
     assert_same_training(folder, done)
 
 
-def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(config, tmp_path, monkeypatch):
+def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(
+    config, tmp_path, monkeypatch
+):
     collect = Impala._collect
 
     def poisoned(self, weights):
@@ -146,7 +183,9 @@ def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpo
         return is_cut
 
     monkeypatch.setattr(Impala, "_collect", poisoned)
-    with pytest.raises(TrainingError, match=r"update 46 \(environment steps 720 to 736\).*step 640 is safe"):
+    with pytest.raises(
+        TrainingError, match=r"update 46 \(environment steps 720 to 736\).*step 640 is safe"
+    ):
         train_agent(config, tmp_path / "run")
     agent = open_agent(tmp_path / "run")
     assert (agent.run.status, agent.checkpoint) == ("failed", "step 640")
@@ -155,7 +194,11 @@ def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpo
 
 def test_training_leaves_global_generators_and_thread_counts_as_they_were(config, done, tmp_path):
     def states():
-        return torch.get_rng_state().tolist(), np.random.get_state()[1].tolist(), torch.get_num_threads()  # noqa: NPY002
+        return (
+            torch.get_rng_state().tolist(),
+            np.random.get_state()[1].tolist(),  # noqa: NPY002
+            torch.get_num_threads(),
+        )
 
     torch.manual_seed(7)
     before = states()
@@ -163,7 +206,9 @@ def test_training_leaves_global_generators_and_thread_counts_as_they_were(config
     assert states() == before
     assert_same_training(tmp_path / "run", done)
     train_agent(replace(config, trainer=replace(config.trainer, seed=1)), tmp_path / "other")
-    assert sha256_of(tmp_path / "other/policy.safetensors") != sha256_of(done / "policy.safetensors")
+    assert sha256_of(tmp_path / "other/policy.safetensors") != sha256_of(
+        done / "policy.safetensors"
+    )
 
 
 def test_without_held_out_recipes_only_train_tasks_are_evaluated(config, tmp_path):
@@ -180,7 +225,9 @@ def test_settings_that_were_changed_after_the_start_are_refused(config, interrup
             use(path.parent)
 
 
-def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_run(interrupted, monkeypatch):
+def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_run(
+    interrupted, monkeypatch
+):
     written, begun = [], []
 
     class Writer:
@@ -190,7 +237,9 @@ def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_
             self.add_scalar = lambda *scalar: written.append(scalar)
             self.close = lambda: begun.append(-1)
 
-    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", SimpleNamespace(SummaryWriter=Writer))
+    monkeypatch.setitem(
+        sys.modules, "torch.utils.tensorboard", SimpleNamespace(SummaryWriter=Writer)
+    )
     folder = interrupted(trackers=["tensorboard"])
     resume(folder)
     assert begun == [None, -1, 800, -1]
@@ -200,12 +249,18 @@ def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_
             assert timed or value is None or (name, value, row["step"]) in written
 
 
-def test_a_missing_compiler_leaves_the_run_that_was_to_be_replaced(config, interrupted, monkeypatch):
+def test_a_missing_compiler_leaves_the_run_that_was_to_be_replaced(
+    config, interrupted, monkeypatch
+):
     folder = interrupted()
     before = open_agent(folder)
-    monkeypatch.setattr(torch, "compile", lambda *_, **__: (_ for _ in ()).throw(RuntimeError("no compiler")))
+    monkeypatch.setattr(
+        torch, "compile", lambda *_, **__: (_ for _ in ()).throw(RuntimeError("no compiler"))
+    )
     with refuses("compile"):
-        train_agent(replace(config, trainer=replace(config.trainer, compile=True)), folder, force=True)
+        train_agent(
+            replace(config, trainer=replace(config.trainer, compile=True)), folder, force=True
+        )
     assert open_agent(folder).run == before.run
     assert [path.name for path in folder.parent.iterdir()] == ["run"]
 
@@ -227,15 +282,24 @@ def test_a_link_in_the_place_of_the_metrics_is_refused_and_its_target_stays(inte
     assert other.read_bytes() == before
 
 
-def test_features_without_half_of_the_words_are_refused_before_anything_is_written(config, opened, tmp_path):
+def test_features_without_half_of_the_words_are_refused_before_anything_is_written(
+    config, opened, tmp_path
+):
     words = tmp_path / "words.txt"
-    words.write_text("".join(f"{label} 1.0 2.0\n" for label in opened.graph.entities[::2] if " " not in label))
+    words.write_text(
+        "".join(f"{label} 1.0 2.0\n" for label in opened.graph.entities[::2] if " " not in label)
+    )
     policy = PolicyConfig(features=str(words))
     with pytest.raises(ConfigError, match=r"allow.missing"):
         train_agent(replace(config, policy=policy), tmp_path / "run")
     assert not (tmp_path / "run").exists()
-    trained = train_agent(replace(config, policy=replace(policy, allow_missing=True)), tmp_path / "run")
-    assert opened.graph.entities[1] in json.loads((trained.folder / "run.json").read_text())["missing_words"]
+    trained = train_agent(
+        replace(config, policy=replace(policy, allow_missing=True)), tmp_path / "run"
+    )
+    assert (
+        opened.graph.entities[1]
+        in json.loads((trained.folder / "run.json").read_text())["missing_words"]
+    )
 
 
 SELF_PAIRS = "a,a,c\nb,b,d\na,b,e\n"
@@ -264,9 +328,21 @@ COUNTS = ("steps", "batch_size", "unroll", "threads", "log_every", "checkpoint_e
     [
         *((name, value) for name in COUNTS for value in (0, -5)),
         *((name, -1) for name in ("policy_lag", "seed", "eval_every")),
-        *((name, value) for name in ("learning_rate", "rms_epsilon", "clip") for value in (0.0, -1.0, NAN, INF)),
-        *((name, value) for name in ("entropy_cost", "baseline_cost") for value in (-0.1, NAN, INF)),
-        *((name, value) for name in ("discount", "rms_decay", "momentum") for value in (-0.1, 1.1, NAN)),
+        *(
+            (name, value)
+            for name in ("learning_rate", "rms_epsilon", "clip")
+            for value in (0.0, -1.0, NAN, INF)
+        ),
+        *(
+            (name, value)
+            for name in ("entropy_cost", "baseline_cost")
+            for value in (-0.1, NAN, INF)
+        ),
+        *(
+            (name, value)
+            for name in ("discount", "rms_decay", "momentum")
+            for value in (-0.1, 1.1, NAN)
+        ),
         ("device", "gpu"),
         ("device", ""),
     ],
@@ -280,7 +356,10 @@ def test_a_setting_out_of_range_is_an_error_that_names_it_and_its_value(setting,
     ("setting", "value"),
     [
         *((name, 1) for name in COUNTS),
-        *((name, 0) for name in ("policy_lag", "seed", "eval_every", "entropy_cost", "baseline_cost")),
+        *(
+            (name, 0)
+            for name in ("policy_lag", "seed", "eval_every", "entropy_cost", "baseline_cost")
+        ),
         *((name, value) for name in ("discount", "rms_decay", "momentum") for value in (0.0, 1.0)),
         ("device", "cuda"),
         ("device", "cuda:1"),
@@ -292,10 +371,20 @@ def test_the_ends_of_the_ranges_are_allowed(setting, value):
 
 def test_the_defaults_are_the_papers():
     config = ImpalaConfig()
-    assert (config.steps, config.batch_size, config.unroll, config.discount) == (3_000_000, 128, 2, 0.99)
+    assert (config.steps, config.batch_size, config.unroll, config.discount) == (
+        3_000_000,
+        128,
+        2,
+        0.99,
+    )
     assert (config.learning_rate, config.rms_epsilon, config.entropy_cost) == (0.001, 0.01, 0.01)
     # Not in the paper but in its released code.
-    assert (config.rms_decay, config.momentum, config.clip, config.baseline_cost) == (0.99, 0.0, 40.0, 0.5)
+    assert (config.rms_decay, config.momentum, config.clip, config.baseline_cost) == (
+        0.99,
+        0.0,
+        40.0,
+        0.5,
+    )
     assert config.policy_lag == 0
 
 
@@ -323,7 +412,12 @@ def test_the_environment_gets_all_settings_of_the_tasks():
     other = {"depth": 2, "max_attempts": 3, "reward": "official", "distractor_weighting": "uniform"}
     other |= {"distractor_policy": "no_shortcut", "task_weighting": "goal", "ambiguity": "last"}
     tasks = TaskConfig(distractors=7, **other)
-    assert all(getattr(tasks, field.name) != getattr(TaskConfig(), field.name) for field in fields(TaskConfig))
+    assert all(
+        getattr(tasks, field.name) != getattr(TaskConfig(), field.name)
+        for field in fields(TaskConfig)
+    )
     assert tasks.environment("test") == WordCraftConfig(part="test", num_distractors=7, **other)
-    assert tasks.environment("train", 0) == WordCraftConfig(part="train", num_distractors=0, **other)
+    assert tasks.environment("train", 0) == WordCraftConfig(
+        part="train", num_distractors=0, **other
+    )
     assert TaskConfig().environment("train") == WordCraftConfig(part="train")

@@ -36,12 +36,16 @@ def test_only_regular_files_are_read(endless, read):
         read(endless)
 
 
-@pytest.mark.parametrize(("read", "largest"), [(read_small_file, SMALL_FILE), (read_large_file, LARGE_FILE)])
+@pytest.mark.parametrize(
+    ("read", "largest"), [(read_small_file, SMALL_FILE), (read_large_file, LARGE_FILE)]
+)
 def test_a_file_that_is_too_large_is_not_read(tmp_path, read, largest):
     path = tmp_path / "hole"
     path.touch()
     os.truncate(path, largest + 1)
-    with pytest.raises(ArtefactError, match=rf"hole is damaged: {largest + 1:,} bytes; the limit is {largest:,}"):
+    with pytest.raises(
+        ArtefactError, match=rf"hole is damaged: {largest + 1:,} bytes; the limit is {largest:,}"
+    ):
         read(path)
 
 
@@ -66,4 +70,6 @@ def test_weights_that_are_not_finite_are_refused_by_name(value):
     with pytest.raises(ArtefactError, match="the tensor entity_real holds NaN or infinity"):
         read_tensors(Path("model.safetensors"), safetensors.torch.save(tensors))
     del tensors["entity_real"]
-    assert list(read_tensors(Path("model.safetensors"), safetensors.torch.save(tensors))) == ["sound"]
+    assert list(read_tensors(Path("model.safetensors"), safetensors.torch.save(tensors))) == [
+        "sound"
+    ]

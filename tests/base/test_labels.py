@@ -18,13 +18,29 @@ WAYS = {
     "watch": ("WATCH", "watches"),
     "Fire": ("3", "Fire"),  # a number goes before a word
     "fire": ("fire",),
-    "fire brigade": ("fire b", "  fire   brigade ", "fire-brigade", "fire_brigade", "A Fire brigade."),
+    "fire brigade": (
+        "fire b",
+        "  fire   brigade ",
+        "fire-brigade",
+        "fire_brigade",
+        "A Fire brigade.",
+    ),
     "wood": ("wo", "WO", "'wood'", "**wood**"),
     "3": ("7",),
 }
 FORGIVEN = {
-    **{"berry": ("berries",), "glass": ("glass",), "glasses": ("glasses",), "knife": ("knives",), "leaf": ("leaves",)},
-    **{"box": ("boxes", "the boxes"), "t-shirt": ("T shirt", "t-shirts"), "the sun": ("sun", "the suns")},
+    **{
+        "berry": ("berries",),
+        "glass": ("glass",),
+        "glasses": ("glasses",),
+        "knife": ("knives",),
+        "leaf": ("leaves",),
+    },
+    **{
+        "box": ("boxes", "the boxes"),
+        "t-shirt": ("T shirt", "t-shirts"),
+        "the sun": ("sun", "the suns"),
+    },
     **{"salt": ("salt",), "salt and pepper": ("salt and",), "ashes": ("ash",)},
 }
 PAIRS = {
@@ -53,9 +69,13 @@ def test_articles_plurals_and_hyphens_are_forgiven(written, label):
     assert PANTRY[read_label(written, PANTRY)] == label
 
 
-@pytest.mark.parametrize("written", ["0", "-1", "8", "01", "²", "9" * 5_000, "1.0", "x" * 100, "\ufffd", "watr"])
+@pytest.mark.parametrize(
+    "written", ["0", "-1", "8", "01", "²", "9" * 5_000, "1.0", "x" * 100, "\ufffd", "watr"]
+)
 def test_what_is_not_there_is_answered_with_what_is_expected(written):
-    with pytest.raises(ActionError, match="expected 1 to 7, an item name, or the start of a name") as error:
+    with pytest.raises(
+        ActionError, match="expected 1 to 7, an item name, or the start of a name"
+    ) as error:
         read_label(written, TABLE)
     assert len(str(error.value)) < 160
 
@@ -70,7 +90,8 @@ def test_nothing_is_not_the_beginning_of_every_word():
 
 
 @pytest.mark.parametrize(
-    ("written", "expected"), [("wat", "water (1), watch (2)"), ("FIRE", "Fire (3), fire (4)"), ("w", "water (1)")]
+    ("written", "expected"),
+    [("wat", "water (1), watch (2)"), ("FIRE", "Fire (3), fire (4)"), ("w", "water (1)")],
 )
 def test_an_ambiguous_word_is_answered_with_the_choices(written, expected):
     with pytest.raises(ActionError) as error:
@@ -86,7 +107,9 @@ def test_a_misspelt_word_is_answered_with_the_nearest():
 
 def test_numbers_can_be_switched_off():
     assert read_label("3", TABLE, by_number=False) == 6
-    with pytest.raises(ActionError, match="unknown item '1': expected an item name, or the start of a name"):
+    with pytest.raises(
+        ActionError, match="unknown item '1': expected an item name, or the start of a name"
+    ):
         read_label("1", ["wood"], by_number=False)
 
 
@@ -111,7 +134,9 @@ def test_a_label_may_hold_what_stands_between_two(written, pair):
 
 def test_what_could_be_several_pairs_is_refused_with_all():
     labels = ("a", "a and b", "b", "b and a")
-    with pytest.raises(ActionError, match=r"is ambiguous: a \+ b and a or a and b \+ a\. Write the numbers"):
+    with pytest.raises(
+        ActionError, match=r"is ambiguous: a \+ b and a or a and b \+ a\. Write the numbers"
+    ):
         read_pair("a and b and a", labels)
     assert read_pair("1 + 4", labels) == (0, 3)
 
@@ -142,7 +167,9 @@ def test_a_long_message_is_read_at_once_among_thousands_of_labels():
         read_label("look up " + "water " * 15_000, labels, by_number=False)
     with pytest.raises(ActionError, match="'a': expected 1 to 700"):
         read_pair("a + " * 200, labels[:700])
-    assert time.perf_counter() - began < 5  # a second at most; once each form was made for each label, for a minute
+    assert (
+        time.perf_counter() - began < 5
+    )  # a second at most; once each form was made for each label, for a minute
 
 
 def test_an_empty_table_has_no_pair():
@@ -151,7 +178,11 @@ def test_an_empty_table_has_no_pair():
 
 
 LINES = {
-    "water + earth": ("I think of mud.\n\n  water + earth \n\n", "- **water + earth**\n```", "water + earth"),
+    "water + earth": (
+        "I think of mud.\n\n  water + earth \n\n",
+        "- **water + earth**\n```",
+        "water + earth",
+    ),
     "1 2": ("> `1 2`",),
     "": ("", "\n \n", "***\n---"),
 }
@@ -171,7 +202,11 @@ def test_every_label_of_a_book_means_itself_in_every_case_and_with_an_article(bo
             assert read_label(written, labels) == place
 
 
-LABEL = st.text("abs +&, the", min_size=1, max_size=8).map(lambda text: " ".join(text.split())).filter(bool)
+LABEL = (
+    st.text("abs +&, the", min_size=1, max_size=8)
+    .map(lambda text: " ".join(text.split()))
+    .filter(bool)
+)
 LABELS = st.lists(LABEL, min_size=1, max_size=6, unique=True)
 
 
@@ -190,16 +225,42 @@ def test_any_text_is_read_or_refused(written, labels):
             found = read(written, labels)
         except ActionError:
             continue
-        assert all(0 <= place < len(labels) for place in (found if isinstance(found, tuple) else (found,)))
+        assert all(
+            0 <= place < len(labels) for place in (found if isinstance(found, tuple) else (found,))
+        )
 
 
 def test_an_index_of_labels_reads_as_the_reader_does_one_by_one():
     labels = [
-        *("Moon", "moon", "berries", "berry", "box", "the box", "wolf", "knife", "ice-cream", "Ice Cream", "c++", "a")
+        *(
+            "Moon",
+            "moon",
+            "berries",
+            "berry",
+            "box",
+            "the box",
+            "wolf",
+            "knife",
+            "ice-cream",
+            "Ice Cream",
+            "c++",
+            "a",
+        )
     ]
     index = LabelIndex(labels)
     texts = [
-        *("MOON", "Berry", "berrys", "boxes", "a box", "wolves", "knives", "knife.", "'ice cream'", "ICE_CREAM"),
+        *(
+            "MOON",
+            "Berry",
+            "berrys",
+            "boxes",
+            "a box",
+            "wolves",
+            "knives",
+            "knife.",
+            "'ice cream'",
+            "ICE_CREAM",
+        ),
         *("icecream", "ox", "", "  ", "1", "mo", "an a", "as", "**berry**", "berry!", "the boxes"),
     ]
     for text in (*labels, *texts):

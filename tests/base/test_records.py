@@ -10,7 +10,15 @@ import pytest
 
 from wordcraft_kg.base import records
 from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import Count, Record, Share, as_values, checked_values, parse_record, schema_of
+from wordcraft_kg.base.records import (
+    Count,
+    Record,
+    Share,
+    as_values,
+    checked_values,
+    parse_record,
+    schema_of,
+)
 from wordcraft_kg.models.links.config import ComplExConfig
 
 
@@ -32,7 +40,10 @@ ROW = Row("a", (1, 2), share=0.5)
 def test_values_are_those_that_json_gives_back():
     values = as_values(Table((ROW, Row("b", (), at_one=1.0)), {"a": ROW}))
     assert values == {
-        "rows": [{"name": "a", "counts": [1, 2], "share": 0.5}, {"name": "b", "counts": [], "hits@1": 1.0}],
+        "rows": [
+            {"name": "a", "counts": [1, 2], "share": 0.5},
+            {"name": "b", "counts": [], "hits@1": 1.0},
+        ],
         "by_name": {"a": {"name": "a", "counts": [1, 2], "share": 0.5}},
     }
     assert json.loads(json.dumps(values)) == values

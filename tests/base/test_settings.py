@@ -7,12 +7,25 @@ import pytest
 
 from wordcraft_kg import ComplExConfig, ImpalaConfig, LinkModelConfig, PolicyConfig
 from wordcraft_kg.base.errors import ConfigError, reason
-from wordcraft_kg.base.settings import MAX_DIM, MAX_SIZE, MOST, check_memory, memory, number_in, whole
+from wordcraft_kg.base.settings import (
+    MAX_DIM,
+    MAX_SIZE,
+    MOST,
+    check_memory,
+    memory,
+    number_in,
+    whole,
+)
 
 
-@pytest.mark.parametrize("value", [1.5, 1.0, "1", True, None, [1], np.float64(2), Decimal(1), 2**63, -1])
+@pytest.mark.parametrize(
+    "value", [1.5, 1.0, "1", True, None, [1], np.float64(2), Decimal(1), 2**63, -1]
+)
 def test_what_is_no_whole_number_in_its_range_is_refused(value):
-    with pytest.raises(ConfigError, match=r"`seed` .*: expected a whole number, 0 (or more|to 9223372036854775807)\."):
+    with pytest.raises(
+        ConfigError,
+        match=r"`seed` .*: expected a whole number, 0 (or more|to 9223372036854775807)\.",
+    ):
         whole("seed", value, 0)
 
 
@@ -31,21 +44,32 @@ LIMITS = {
     ComplExConfig: {"dim": MAX_DIM, "batch_size": MAX_SIZE, "threads": 1_024},
     LinkModelConfig: {"negatives": MAX_SIZE},
     PolicyConfig: {"key_size": MAX_DIM, "value_size": MAX_DIM},
-    ImpalaConfig: {"unroll": MAX_SIZE, "batch_size": MAX_SIZE, "policy_lag": MAX_SIZE, "threads": 1_024},
+    ImpalaConfig: {
+        "unroll": MAX_SIZE,
+        "batch_size": MAX_SIZE,
+        "policy_lag": MAX_SIZE,
+        "threads": 1_024,
+    },
 }
 
 
-@pytest.mark.parametrize(("kind", "name"), [(kind, name) for kind, limits in LIMITS.items() for name in limits])
+@pytest.mark.parametrize(
+    ("kind", "name"), [(kind, name) for kind, limits in LIMITS.items() for name in limits]
+)
 def test_a_size_has_a_limit(kind, name):
     largest = LIMITS[kind][name]
     assert getattr(kind(**{name: largest}), name) == largest
-    with pytest.raises(ConfigError, match=rf"`{name}` {largest + 1}: expected a whole number, \d to {largest}\."):
+    with pytest.raises(
+        ConfigError, match=rf"`{name}` {largest + 1}: expected a whole number, \d to {largest}\."
+    ):
         kind(**{name: largest + 1})
 
 
 def test_a_size_beyond_the_machines_memory_is_refused_with_its_cost():
     check_memory("dim", 4, "the vectors", memory())
-    with pytest.raises(ConfigError, match=r"`dim` 4,000: the vectors would take [\d,.]+ GiB, and [\d,.]+ GiB"):
+    with pytest.raises(
+        ConfigError, match=r"`dim` 4,000: the vectors would take [\d,.]+ GiB, and [\d,.]+ GiB"
+    ):
         check_memory("dim", 4_000, "the vectors", memory() + 1)
 
 

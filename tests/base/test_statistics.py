@@ -32,7 +32,9 @@ def assert_between_quantiles(bounds, values):
 
 def test_intervals_are_repeatable_follow_the_seed_and_leave_the_global_generator_alone():
     def bounds(seed):
-        return task_bootstrap(np.random.default_rng(0).integers(0, 2, (50, 7)), draws=200, seed=seed)
+        return task_bootstrap(
+            np.random.default_rng(0).integers(0, 2, (50, 7)), draws=200, seed=seed
+        )
 
     np.random.seed(3)  # noqa: NPY002
     first = bounds(0)
@@ -65,16 +67,44 @@ def of_seeds_and_tasks(rng):
 
 REALS = (-math.inf, math.inf)
 COVERAGE = {
-    "three seeds, Student": (1_000, 0, lambda rng: student_interval(rng.normal(size=3), within=REALS), 0.93, 0.97),
-    "two seeds, Student": (1_000, 0, lambda rng: student_interval(rng.normal(size=2), within=REALS), 0.93, 0.97),
-    "three seeds and tasks": (1_000, 0, lambda rng: crossed_difference(of_seeds_and_tasks(rng))[0][1:], 0.93, 0.97),
+    "three seeds, Student": (
+        1_000,
+        0,
+        lambda rng: student_interval(rng.normal(size=3), within=REALS),
+        0.93,
+        0.97,
+    ),
+    "two seeds, Student": (
+        1_000,
+        0,
+        lambda rng: student_interval(rng.normal(size=2), within=REALS),
+        0.93,
+        0.97,
+    ),
+    "three seeds and tasks": (
+        1_000,
+        0,
+        lambda rng: crossed_difference(of_seeds_and_tasks(rng))[0][1:],
+        0.93,
+        0.97,
+    ),
     "tasks": (400, 0.5, lambda rng: task_bootstrap(successes(rng), draws=300), 0.9, 0.99),
-    "tasks, naively": (400, 0.5, lambda rng: wilson_interval(int(successes(rng).sum()), 480), 0, 0.8),
+    "tasks, naively": (
+        400,
+        0.5,
+        lambda rng: wilson_interval(int(successes(rng).sum()), 480),
+        0,
+        0.8,
+    ),
 }
 
 
-@pytest.mark.parametrize(("times", "truth", "bounds_of", "low", "high"), COVERAGE.values(), ids=COVERAGE)
-def test_intervals_of_fresh_scores_hold_the_truth_as_often_as_they_say(times, truth, bounds_of, low, high):
+@pytest.mark.parametrize(
+    ("times", "truth", "bounds_of", "low", "high"), COVERAGE.values(), ids=COVERAGE
+)
+def test_intervals_of_fresh_scores_hold_the_truth_as_often_as_they_say(
+    times, truth, bounds_of, low, high
+):
     rng = np.random.default_rng(0)
     bounds = [bounds_of(rng) for _ in range(times)]
     assert low < sum(left <= truth <= right for left, right in bounds) / times < high
@@ -102,7 +132,10 @@ def test_scores_that_cannot_be_summed_up_are_refused(scores, message):
 BY_TASK = r"expected \(tasks, attempts\)"
 REFUSED = [
     *((task_bootstrap, (np.ones(shape),), BY_TASK) for shape in ((), (2, 3, 4))),
-    *((task_bootstrap, (table,), "expected") for table in (np.ones(4), [[0, 2]], [[0.5, 1]], [[-1, 1]])),
+    *(
+        (task_bootstrap, (table,), "expected")
+        for table in (np.ones(4), [[0, 2]], [[0.5, 1]], [[-1, 1]])
+    ),
     *(
         (call, (table,), "scores")
         for call in (crossed_difference, rate_interval)
@@ -138,7 +171,9 @@ def test_a_difference_over_seeds_and_tasks_adds_the_variances_of_a_two_way_table
         of_seed, of_task = table[i].mean() - table.mean(), table[:, j].mean() - table.mean()
         squares["seeds"] += of_seed**2 / (size - 1)
         squares["tasks"] += of_task**2 / (number - 1)
-        squares["rest"] += (table[i, j] - of_seed - of_task - table.mean()) ** 2 / ((size - 1) * (number - 1))
+        squares["rest"] += (table[i, j] - of_seed - of_task - table.mean()) ** 2 / (
+            (size - 1) * (number - 1)
+        )
     variance = 4.302653**2 * (squares["seeds"] - squares["rest"]) + 1.959964**2 * squares["tasks"]
     (value, low, high), _ = crossed_difference(table)
     assert value == pytest.approx(table.mean())
@@ -150,12 +185,16 @@ def test_seeds_that_differ_less_than_the_rest_add_nothing_and_one_task_leaves_st
     half = 1.959964 * (0.01 / 9) ** 0.5
     assert crossed_difference(table)[0] == pytest.approx((0.7 / 3, 0.7 / 3 - half, 0.7 / 3 + half))
     scores = np.array([0.1, 0.5, 0.3])
-    assert crossed_difference(scores[:, None])[0][1:] == pytest.approx(student_interval(scores, within=REALS))
+    assert crossed_difference(scores[:, None])[0][1:] == pytest.approx(
+        student_interval(scores, within=REALS)
+    )
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.05, -0.3, 0.6])
 def test_the_p_value_is_the_level_at_which_the_interval_reaches_zero(shift):
-    table = np.random.default_rng(0).normal(0, 0.3, (3, 40)) + np.array([[0.1], [0.0], [0.0]]) + shift
+    table = (
+        np.random.default_rng(0).normal(0, 0.3, (3, 40)) + np.array([[0.1], [0.0], [0.0]]) + shift
+    )
     (value, low, _), p_value = crossed_difference(table)
     (_, shifted, _), at_bound = crossed_difference(table - low)
     assert (shifted, at_bound) == pytest.approx((0, 0.05), abs=1e-6)
@@ -163,19 +202,26 @@ def test_the_p_value_is_the_level_at_which_the_interval_reaches_zero(shift):
     import scipy.stats
 
     scores = table.mean(axis=1, keepdims=True)
-    assert crossed_difference(scores)[1] == pytest.approx(scipy.stats.ttest_1samp(scores[:, 0], 0).pvalue)
+    assert crossed_difference(scores)[1] == pytest.approx(
+        scipy.stats.ttest_1samp(scores[:, 0], 0).pvalue
+    )
 
 
 def test_equal_differences_leave_room_for_other_tasks():
     floor = 1.959964**2 / 4
     assert crossed_difference(np.zeros((3, 4))) == (pytest.approx((0, -floor, floor)), 1.0)
-    assert crossed_difference(np.ones((3, 4))) == (pytest.approx((1, 1 - floor, 1)), pytest.approx(0.0455, abs=1e-4))
+    assert crossed_difference(np.ones((3, 4))) == (
+        pytest.approx((1, 1 - floor, 1)),
+        pytest.approx(0.0455, abs=1e-4),
+    )
     assert rate_interval([[1, 0], [0, 1]]) == pytest.approx(wilson_interval(1, 2))
 
 
 def test_the_interval_of_a_rate_is_wilsons_and_stays_within_0_and_1():
     solved = np.repeat([0.0, 1.0], [30, 70])[None]
-    assert rate_interval(solved) == pytest.approx(wilson_interval(70, 100), abs=1e-3)  # n - 1 against n
+    assert rate_interval(solved) == pytest.approx(
+        wilson_interval(70, 100), abs=1e-3
+    )  # n - 1 against n
     assert rate_interval(np.ones((2, 30))) == pytest.approx(wilson_interval(30, 30))
     low, high = rate_interval([[1, 1, 1, 1], [0, 0.1, 0.2, 0.1], [1, 1, 1, 0.9]])
     assert 0 <= low < 0.1 < 0.97 < high <= 1
@@ -192,7 +238,9 @@ def test_holm_corrects_the_smallest_most():
 @given(st.lists(st.floats(0, 1), max_size=8))
 def test_holm_is_never_stricter_than_bonferroni_and_keeps_the_order(values):
     corrected = holm(values)
-    assert all(p <= q <= min(1.0, len(values) * p) + 1e-12 for p, q in zip(values, corrected, strict=True))
+    assert all(
+        p <= q <= min(1.0, len(values) * p) + 1e-12 for p, q in zip(values, corrected, strict=True)
+    )
     assert [corrected[i] for i in np.argsort(values, kind="stable")] == sorted(corrected)
 
 
@@ -205,7 +253,9 @@ def test_correlation_is_scipys_with_fishers_interval(kind):
     value, low, high = correlation(x, y, kind) or (0, 0, 0)
     assert value == pytest.approx(theirs(x, y).statistic)
     half = 1.959964 * (1 if kind == "pearson" else 1 + value**2 / 2) ** 0.5
-    assert (low, high) == pytest.approx((math.tanh(math.atanh(value) - half), math.tanh(math.atanh(value) + half)))
+    assert (low, high) == pytest.approx(
+        (math.tanh(math.atanh(value) - half), math.tanh(math.atanh(value) + half))
+    )
 
 
 def test_correlation_needs_three_cells_that_vary():

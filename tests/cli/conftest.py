@@ -32,7 +32,17 @@ def world(made_once):
         write_graph(root / "graph")
         train = ("train-agent", root / "graph", *SMALL, "--distractors", 2)
         succeed(
-            ("train-complex", root / "graph", "--dim", 8, "--epochs", 5, "--out", root / "scorer", "--quiet"),
+            (
+                "train-complex",
+                root / "graph",
+                "--dim",
+                8,
+                "--epochs",
+                5,
+                "--out",
+                root / "scorer",
+                "--quiet",
+            ),
             (*train, "--seeds", "0,1", "--out", root / "plain"),
             (*train, "--scorer", root / "scorer", "--out", root / "guided"),
             (*train, "--max-attempts", 3, "--seed", 5, "--out", root / "many"),

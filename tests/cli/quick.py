@@ -7,7 +7,17 @@ from wordcraft_kg.cli import main
 
 TINY = ("--dim", "8", "--epochs", "4", "--folds", "0", "--quiet")
 QUICK = (*TINY, "--n3", "0.1")
-SMALL = ("--steps", 1_600, "--batch-size", 16, "--eval-every", 800, "--checkpoint-every", 800, "--quiet")
+SMALL = (
+    "--steps",
+    1_600,
+    "--batch-size",
+    16,
+    "--eval-every",
+    800,
+    "--checkpoint-every",
+    800,
+    "--quiet",
+)
 
 
 def succeed(*commands):
@@ -25,7 +35,10 @@ def text_of(*command):
 
 def contents(folder):
     """Return all files and folders below, hidden ones too, with the bytes of files."""
-    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b"" for path in folder.rglob("*")}
+    return {
+        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else b""
+        for path in folder.rglob("*")
+    }
 
 
 def same(name, *folders):

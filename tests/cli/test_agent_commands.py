@@ -29,7 +29,9 @@ def train(world, tmp_path):
 
 
 def test_evaluate_agent_prints_what_the_documentation_promises(printed, world):
-    values = printed("evaluate-agent", world / "guided", "--distractors", "1,3", "--distractor-seeds", 2)
+    values = printed(
+        "evaluate-agent", world / "guided", "--distractors", "1,3", "--distractor-seeds", 2
+    )
     assert (values["part"], values["checkpoint"]) == ("test", "final")
     assert values["success"].keys() == {"1", "3"}
     for figures in values["success"].values():
@@ -42,7 +44,9 @@ def test_evaluate_agent_prints_what_the_documentation_promises(printed, world):
     for amount, beside in values["against_scorer"].items():
         gain = values["success"][amount]["mean"] - alone["success"][amount]["mean"]
         assert beside["gain"] == pytest.approx(gain)
-        assert beside["differs"] * (beside["success"] - beside["scorer_success"]) == pytest.approx(gain)
+        assert beside["differs"] * (beside["success"] - beside["scorer_success"]) == pytest.approx(
+            gain
+        )
 
 
 def test_train_agent_prints_what_the_documentation_promises(printed, world, tmp_path):
@@ -64,7 +68,9 @@ def test_the_figures_of_a_training_are_those_of_its_evaluation(printed, world, p
 
 def test_the_oracle_makes_every_goal_chance_few_and_the_scorer_alone_plays_too(printed, world):
     players = (("plain/seed-0", "oracle"), ("plain/seed-0", "random"), ("guided", "kg-only"))
-    oracle, chance, scorer = (printed("evaluate-agent", world / run, "--agent", agent) for run, agent in players)
+    oracle, chance, scorer = (
+        printed("evaluate-agent", world / run, "--agent", agent) for run, agent in players
+    )
     assert oracle["success"]["2"]["mean"] == 1.0
     assert chance["success"]["2"]["mean"] < 0.3
     assert scorer["scores"]
@@ -72,7 +78,9 @@ def test_the_oracle_makes_every_goal_chance_few_and_the_scorer_alone_plays_too(p
 
 def test_explain_plays_the_goal_it_is_asked_for(printed, run, world):
     goal = printed("explain", world / "plain/seed-0", "--episodes", 1)["episodes"][0]["goal"]
-    episodes = printed("explain", world / "plain/seed-0", "--goal", goal, "--episodes", 3)["episodes"]
+    episodes = printed("explain", world / "plain/seed-0", "--goal", goal, "--episodes", 3)[
+        "episodes"
+    ]
     assert [episode["goal"] for episode in episodes] == [goal] * 3
     text = run("explain", world / "guided", "--goal", goal).out
     assert f"make {goal}" in text
@@ -80,28 +88,47 @@ def test_explain_plays_the_goal_it_is_asked_for(printed, run, world):
     assert text.startswith("α  What the agent's own network gives")
 
 
-def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(printed, refused, world, tmp_path):
-    command = ("compare", world / "plain", world / "guided", "--out", tmp_path / "report", "--distractor-seeds", 2)
+def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(
+    printed, refused, world, tmp_path
+):
+    command = (
+        "compare",
+        world / "plain",
+        world / "guided",
+        "--out",
+        tmp_path / "report",
+        "--distractor-seeds",
+        2,
+    )
     agents = printed(*command)["agents"]
     assert agents.keys() == {"plain", "guided"}
     assert agents["plain"]["runs"] == ["plain-seed-0", "plain-seed-1"]
     assert agents["plain"]["seeds"] == [0, 1]
     assert (tmp_path / "report/index.html").is_file()
     refused(*command, kind="OutputExistsError")
-    alone = printed("compare", world / "plain/seed-1", "--distractor-seeds", 1, "--out", tmp_path / "alone")
+    alone = printed(
+        "compare", world / "plain/seed-1", "--distractor-seeds", 1, "--out", tmp_path / "alone"
+    )
     assert alone["agents"].keys() == {"plain-seed-1"}
 
 
 def test_a_report_that_was_not_written_any_more_is_written_by_the_same_command(world, tmp_path):
-    shutil.copytree(world / "plain/seed-0", tmp_path / "run", ignore=shutil.ignore_patterns("report"))
+    shutil.copytree(
+        world / "plain/seed-0", tmp_path / "run", ignore=shutil.ignore_patterns("report")
+    )
     (tmp_path / f"run/.report.killed{TEMPORARY}").mkdir()
     succeed(("train-agent", world / "graph", *SMALL, "--distractors", 2, "--out", tmp_path / "run"))
-    left, expected = ({path.name for path in folder.iterdir()} for folder in (tmp_path / "run", world / "plain/seed-0"))
+    left, expected = (
+        {path.name for path in folder.iterdir()}
+        for folder in (tmp_path / "run", world / "plain/seed-0")
+    )
     assert left == expected
     assert (tmp_path / "run/report/index.html").is_file()
 
 
-def test_the_same_command_goes_on_with_an_agent(printed, refused, run, world, tmp_path, monkeypatch):
+def test_the_same_command_goes_on_with_an_agent(
+    printed, refused, run, world, tmp_path, monkeypatch
+):
     step = Impala.update
 
     def interrupted(self):
@@ -129,7 +156,9 @@ def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(printed, refused, run, tmp_path):
+def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(
+    printed, refused, run, tmp_path
+):
     book = tmp_path / "small.csv"
     pairs = [(a, b) for a in "abcd" for b in "abcd" if a < b]
     rows = [f"{a},{b},{'uvwx'[i % 4]}" for i, (a, b) in enumerate(pairs)]
@@ -139,7 +168,10 @@ def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(pr
     assert not (tmp_path / "run").exists()
     assert run(*command, "--distractors", 5).code == 0
     options = ("--distractor-seeds", 1, "--episodes", 0, "--out", tmp_path / "report")
-    assert printed("compare", tmp_path / "run", *options)["agents"]["run"]["success"].keys() == {"1", "5"}
+    assert printed("compare", tmp_path / "run", *options)["agents"]["run"]["success"].keys() == {
+        "1",
+        "5",
+    }
 
 
 @pytest.mark.parametrize("depth", [2, pytest.param(3, marks=pytest.mark.slow)])
@@ -188,15 +220,39 @@ def test_every_choice_of_the_help_trains_and_is_judged(run, train, world, option
 
 @pytest.mark.parametrize("player", ["kitchen", "{world}/plain/seed-0"])
 def test_players_are_evaluated_on_tables_without_shortcuts(printed, run, world, player):
-    command = ("evaluate-agent", player.format(world=world), "--distractors", "8", "--distractor-seeds", "2")
-    free, without = (printed(*command, *more) for more in ((), ("--distractor-policy", "no_train_shortcut")))
-    assert (free.pop("distractor_policy"), without.pop("distractor_policy")) == ("any", "no_train_shortcut")
+    command = (
+        "evaluate-agent",
+        player.format(world=world),
+        "--distractors",
+        "8",
+        "--distractor-seeds",
+        "2",
+    )
+    free, without = (
+        printed(*command, *more) for more in ((), ("--distractor-policy", "no_train_shortcut"))
+    )
+    assert (free.pop("distractor_policy"), without.pop("distractor_policy")) == (
+        "any",
+        "no_train_shortcut",
+    )
     assert free != without
-    assert player != "kitchen" or "no_train_shortcut; " in run(*command, "--distractor-policy=no_train_shortcut").out
+    assert (
+        player != "kitchen"
+        or "no_train_shortcut; " in run(*command, "--distractor-policy=no_train_shortcut").out
+    )
 
 
 def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printed, run):
-    command = ("evaluate-agent", "kitchen", "--distractors", "2", "--depth", "2", "--distractor-seeds", "1")
+    command = (
+        "evaluate-agent",
+        "kitchen",
+        "--distractors",
+        "2",
+        "--depth",
+        "2",
+        "--distractor-seeds",
+        "1",
+    )
     result = printed(*command)
     assert (result["part"], result["depth"], result["distractor_seeds"]) == ("test", 2, 1)
     assert {row["episodes"] for row in result["rows"]} == {result["tasks"]}
@@ -204,7 +260,9 @@ def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printe
     assert {row["distractors"] for row in result["rows"]} == {2}
     assert all(0 <= row["low"] <= row["success"] <= row["high"] <= 1 for row in result["rows"])
     assert printed(*command) == result
-    shown = run("evaluate-agent", "kitchen", "--distractors", "1,4", "--distractor-seeds", "2").out.splitlines()
+    shown = run(
+        "evaluate-agent", "kitchen", "--distractors", "1,4", "--distractor-seeds", "2"
+    ).out.splitlines()
     assert next(row for row in shown if row.startswith("recipe oracle")).count("1.000 [") == 2
 
 
@@ -246,7 +304,11 @@ def test_what_is_shown_are_tasks_as_an_agent_sees_them(shown, kitchen, part, dep
         **{"tasks": len(made), "complete": depth < 3, "mixed": made.mixed},
     }
     known = {(task.goal, task.start): task for task in made}
-    assert len({(task["goal"], *task["start"]) for task in values["shown"]}) == len(values["shown"]) == 30
+    assert (
+        len({(task["goal"], *task["start"]) for task in values["shown"]})
+        == len(values["shown"])
+        == 30
+    )
     for task in values["shown"]:
         plans = tuple(tuple(Recipe(*row) for row in plan) for plan in task["plans"])
         assert plans == known[task["goal"], tuple(task["start"])].plans
@@ -274,7 +336,9 @@ def test_the_order_is_seeded_and_a_lower_limit_shows_the_first(shown):
 
 def test_a_limit_beyond_the_tasks_shows_each_once(shown):
     values = shown("kitchen", "--part", "all", "--limit", 10_000)
-    assert len({(task["goal"], *task["start"]) for task in values["shown"]}) == values["tasks"] == 326
+    assert (
+        len({(task["goal"], *task["start"]) for task in values["shown"]}) == values["tasks"] == 326
+    )
 
 
 def test_without_options_the_tasks_are_those_of_the_environment_without_settings(shown):
@@ -287,6 +351,8 @@ def test_without_options_the_tasks_are_those_of_the_environment_without_settings
 
 def test_a_graph_folder_brings_its_own_split(shown, home, kitchen):
     folder = write_graph(home / "graph", kind="by-goal", seed=3)
-    held_out = {recipe.result for recipe in kitchen.recipe_labels(open_graph(folder).split.recipes("test"))}
+    held_out = {
+        recipe.result for recipe in kitchen.recipe_labels(open_graph(folder).split.recipes("test"))
+    }
     values = shown(folder, "--part", "test", "--limit", 10_000)
     assert {task["goal"] for task in values["shown"]} == held_out

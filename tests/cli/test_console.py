@@ -31,7 +31,11 @@ HELPED = ["train-complex", "train-links", "train-agent", "score"]
         ("build-graph kitchen --train-ratio", "--train-ratio needs a value", "build-graph [BOOK]"),
         ("train-complex", "GRAPH is missing", "train-complex GRAPH"),
         ("compare --no-such", "Unknown option: --no-such", "compare RUNS..."),
-        ("train-complex kitchen --epoch 3", "Unknown option: --epoch. Did you mean --epochs?", "train-complex GRAPH"),
+        (
+            "train-complex kitchen --epoch 3",
+            "Unknown option: --epoch. Did you mean --epochs?",
+            "train-complex GRAPH",
+        ),
         ("describe kitchen everyday", "unexpected argument 'everyday'", "describe GRAPH"),
     ],
 )
@@ -42,16 +46,22 @@ def test_misuse_is_said_plainly_with_usage_and_an_example(refused, arguments, er
     assert hints == [f"usage:   wordcraft-kg {usage} [OPTIONS]", f"example: {example}"]
 
 
-@pytest.mark.parametrize("value", ["--epochs many", "--kg half", "--seed 1.5", "--batch-size 0.0", "--dim 1e0"])
+@pytest.mark.parametrize(
+    "value", ["--epochs many", "--kg half", "--seed 1.5", "--batch-size 0.0", "--dim 1e0"]
+)
 def test_a_value_of_the_wrong_kind_is_misuse(refused, value):
     name, given = value.split()
-    refused("train-complex", "kitchen", name, given, says=["Invalid value", name, f'"{given}"'], code=2)
+    refused(
+        "train-complex", "kitchen", name, given, says=["Invalid value", name, f'"{given}"'], code=2
+    )
 
 
 TRAININGS = '"train-recipes", "train-complex", "train-links", or "train-agent"'
 
 
-@pytest.mark.parametrize(("name", "nearest"), [("train", TRAININGS), ("build-grap", '"build-graph"')])
+@pytest.mark.parametrize(
+    ("name", "nearest"), [("train", TRAININGS), ("build-grap", '"build-graph"')]
+)
 def test_an_unknown_command_is_refused_with_the_nearest_ones(refused, name, nearest):
     error, *hints = refused(name, "kitchen", code=2, kind="UnknownCommandError").splitlines()
     assert error.startswith(f'error: Unknown command "{name}". Did you mean {nearest}')
@@ -66,7 +76,9 @@ def test_an_unknown_command_is_refused_with_the_nearest_ones(refused, name, near
         ("kitchen --entity x -q", 1, "UnknownEntityError"),
     ],
 )
-def test_a_failure_with_json_is_one_object_on_stdout_that_names_its_kind(run, home, arguments, code, kind):
+def test_a_failure_with_json_is_one_object_on_stdout_that_names_its_kind(
+    run, home, arguments, code, kind
+):
     command = ("describe", *arguments.split(), "--json")
     outcome = run(*command)
     assert (outcome.code, outcome.out.count("\n")) == (code, 1)
@@ -93,7 +105,10 @@ def test_an_error_is_red_on_a_terminal_only_and_not_with_no_color(run, home, mon
 def test_settings_in_errors_are_named_as_the_command_takes_them():
     message = "Give the right one as `graph`, or other `num_distractors`."
     assert with_options(message) == "Give the right one as --graph, or other --distractors."
-    assert with_options(message, {"graph": "GRAPH"}) == "Give the right one as GRAPH, or other --distractors."
+    assert (
+        with_options(message, {"graph": "GRAPH"})
+        == "Give the right one as GRAPH, or other --distractors."
+    )
 
 
 def test_help_is_a_command_too(run):
@@ -168,18 +183,36 @@ def test_a_fraction_in_a_file_is_refused_for_a_whole_number(refused, run, tmp_pa
     assert run("tasks", "kitchen", "--config", config).code == 0
 
 
-@pytest.mark.parametrize("name", ["train-complex", "evaluate-text", "mcp", "describe", "build-graph", "people serve"])
+@pytest.mark.parametrize(
+    "name", ["train-complex", "evaluate-text", "mcp", "describe", "build-graph", "people serve"]
+)
 def test_a_nul_character_in_an_option_or_a_config_file_is_refused(refused, tmp_path, name):
-    refused(*name.split(), "kitchen", "--out", "\0", says=r"holds a NUL character. Remove this character.")
-    refused(*name.split(), "kitchen", "--config", "a\0b", says=r"holds a NUL character. Remove this character.")
+    refused(
+        *name.split(),
+        "kitchen",
+        "--out",
+        "\0",
+        says=r"holds a NUL character. Remove this character.",
+    )
+    refused(
+        *name.split(),
+        "kitchen",
+        "--config",
+        "a\0b",
+        says=r"holds a NUL character. Remove this character.",
+    )
     for value in ('"\\u0000"', '["a", "b\\u0000"]', '{ c = "\\u0000" }'):
         (tmp_path / "nul.toml").write_text(f"[{name.replace(' ', '.')}]\nout = {value}\n")
         says = f"--config {tmp_path / 'nul.toml'}: "
-        assert "NUL" in refused(*name.split(), "kitchen", "--config", tmp_path / "nul.toml", says=says)
+        assert "NUL" in refused(
+            *name.split(), "kitchen", "--config", tmp_path / "nul.toml", says=says
+        )
 
 
 @pytest.mark.parametrize("command", ["train-complex", "train-links", "train-agent"])
-def test_an_output_that_exists_is_refused_before_torch_is_imported(refused, command, tmp_path, monkeypatch):
+def test_an_output_that_exists_is_refused_before_torch_is_imported(
+    refused, command, tmp_path, monkeypatch
+):
     for module in ("wordcraft_kg.models.links.training", "wordcraft_kg.agents.training"):
         monkeypatch.setitem(sys.modules, module, None)
     (tmp_path / "something").touch()
@@ -188,7 +221,9 @@ def test_an_output_that_exists_is_refused_before_torch_is_imported(refused, comm
 
 def test_torch_without_memory_is_an_error_in_a_sentence(refused, monkeypatch):
     def fail(*_):
-        raise RuntimeError("[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you tried")
+        raise RuntimeError(
+            "[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you tried"
+        )
 
     monkeypatch.setattr("wordcraft_kg.graphs.folder.open_graph", fail)
     assert refused("describe", "kitchen", kind="MemoryError").count("\n") == 1
@@ -205,8 +240,17 @@ def test_a_command_of_two_words_runs_and_the_first_alone_lists_all(run):
 
 def test_misuse_and_failure_of_a_command_of_two_words_are_said_as_those_of_others(refused):
     usage = "usage:   wordcraft-kg people serve GRAPH --out OUT [OPTIONS]"
-    assert refused("people", "serve", code=2).splitlines()[:2] == ["error: GRAPH is missing.", usage]
-    refused("people", "serv", "kitchen", says='error: Unknown command "serv". Did you mean "serve"?\n', code=2)
+    assert refused("people", "serve", code=2).splitlines()[:2] == [
+        "error: GRAPH is missing.",
+        usage,
+    ]
+    refused(
+        "people",
+        "serv",
+        "kitchen",
+        says='error: Unknown command "serv". Did you mean "serve"?\n',
+        code=2,
+    )
 
 
 @pytest.mark.parametrize(
@@ -216,13 +260,22 @@ def test_misuse_and_failure_of_a_command_of_two_words_are_said_as_those_of_other
         ("[people.serve]\n", "no table [people.summary]; found people.serve.\n"),
         *(
             (text, "is not a table named after a command")
-            for text in ("[people.sew]\nrows = 4\n", "people = 1\n", "[people]\nrows = 4\n", "people.summary = 1\n")
+            for text in (
+                "[people.sew]\nrows = 4\n",
+                "people = 1\n",
+                "[people]\nrows = 4\n",
+                "people.summary = 1\n",
+            )
         ),
     ],
 )
-def test_a_command_of_two_words_takes_its_options_from_a_table_in_a_table(refused, tmp_path, text, says):
+def test_a_command_of_two_words_takes_its_options_from_a_table_in_a_table(
+    refused, tmp_path, text, says
+):
     (tmp_path / "options.toml").write_text(text)
-    refused("people", "summary", "--config", tmp_path / "options.toml", says=says, kind="ConfigError")
+    refused(
+        "people", "summary", "--config", tmp_path / "options.toml", says=says, kind="ConfigError"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +286,12 @@ def folders(tmp_path_factory):
     for name, kind in (("agent", "train-agent"), ("model", "train-complex")):
         (root / name).mkdir()
         end_run(root / name, start_run(root / name, kind), "done")
-    files = {"report": "report.json", "words": "games.jsonl", "own": "chapter.tex", "damaged": "run.json"}
+    files = {
+        "report": "report.json",
+        "words": "games.jsonl",
+        "own": "chapter.tex",
+        "damaged": "run.json",
+    }
     for name, file in files.items():
         (root / name).mkdir()
         (root / name / file).write_text("{}")
@@ -261,7 +319,11 @@ MODEL = "expected a model folder from train-complex, train-links or train-recipe
     ("command", "taken", "expected"),
     [
         ("explain {}", ["agent"], RUN),
-        ("evaluate-agent {}", ["agent", "graph", "file", "nothing"], RUN),  # it takes a graph and a book too
+        (
+            "evaluate-agent {}",
+            ["agent", "graph", "file", "nothing"],
+            RUN,
+        ),  # it takes a graph and a book too
         ("compare {}", ["agent", "model"], "expected a run of an agent or a link predictor"),
         ("score {} flour combinesWith water", ["model"], MODEL),
         ("evaluate-links {}", ["model"], MODEL),
@@ -277,7 +339,9 @@ def test_the_wrong_kind_of_folder_is_named(refused, folders, command, taken, exp
         assert error == f"error: '{path}' {IS[name]}; {expected}.\n"
 
 
-@pytest.mark.parametrize("command", ["describe", "tasks", "train-complex", "build-graph", "check-book"])
+@pytest.mark.parametrize(
+    "command", ["describe", "tasks", "train-complex", "build-graph", "check-book"]
+)
 def test_other_folders_are_not_taken_for_graphs(refused, folders, command):
     for name in ("agent", "model", "report", "own", "empty"):
         refused(command, folders / name, says=f"error: '{folders / name}' {IS[name]}; expected a ")
@@ -297,7 +361,10 @@ def test_force_is_not_advised_where_it_would_not_help(refused, folders, command)
     ("words", "offered"),
     [
         ("describe ", ["everyday", "everyday-1", "kitchen", "paper-examples", "own.csv", "graph"]),
-        ("describe {}/", ["everyday", "everyday-1", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"]),
+        (
+            "describe {}/",
+            ["everyday", "everyday-1", "kitchen", "paper-examples", "{}/own.csv", "{}/graph"],
+        ),
         ("books --fetch ", ["little-alchemy-2"]),
     ],
 )
@@ -307,7 +374,11 @@ def test_books_and_paths_are_offered(run, home, monkeypatch, words, offered):
         (folder / name).mkdir(parents=True)
     (folder / "own.csv").touch()
     monkeypatch.chdir(folder)
-    lines = run("__complete", *words.format(folder).split(" ")).out.split("\n\x1fbegin\n")[1].splitlines()
+    lines = (
+        run("__complete", *words.format(folder).split(" "))
+        .out.split("\n\x1fbegin\n")[1]
+        .splitlines()
+    )
     assert set(lines) == {name.format(folder) for name in offered}
 
 
@@ -321,13 +392,38 @@ def test_completion_can_be_installed(run, tmp_path, monkeypatch):
 
 
 SHORTER = {
-    **{"train-complex": "--dim 8 --epochs 2 --n3 0.1 --folds 0", "train-links": "--dim 8 --epochs 1 --folds 0"},
-    **{"train-recipes": "--train-fraction 0.2", "train-agent": "--steps 320", "discover": "--attempts 20"},
+    **{
+        "train-complex": "--dim 8 --epochs 2 --n3 0.1 --folds 0",
+        "train-links": "--dim 8 --epochs 1 --folds 0",
+    },
+    **{
+        "train-recipes": "--train-fraction 0.2",
+        "train-agent": "--steps 320",
+        "discover": "--attempts 20",
+    },
 }
 """What is added to examples that would take minutes; recipe scorers are trained on the smaller book, too."""
 IN_ORDER = (
-    *("books", "check-book", "build-graph", "describe", "export", "tasks", "train-complex", "train-links"),
-    *("train-recipes", "evaluate-links", "score", "discover", "train-agent", "evaluate-agent", "explain", "reference"),
+    *(
+        "books",
+        "check-book",
+        "build-graph",
+        "describe",
+        "export",
+        "tasks",
+        "train-complex",
+        "train-links",
+    ),
+    *(
+        "train-recipes",
+        "evaluate-links",
+        "score",
+        "discover",
+        "train-agent",
+        "evaluate-agent",
+        "explain",
+        "reference",
+    ),
 )
 """Commands whose examples need nothing but the files of earlier examples; play needs a player."""
 
@@ -339,7 +435,9 @@ def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, mo
     (tmp_path / "pairs.csv").write_text("head,relation,tail\nflour,combinesWith,water\n")
     for name in IN_ORDER:
         for example in manual_of(name).module.EXAMPLES:
-            if re.search("--fetch|--with|little-alchemy-2|runs/deep", example):  # needs a network, or knowledge
+            if re.search(
+                "--fetch|--with|little-alchemy-2|runs/deep", example
+            ):  # needs a network, or knowledge
                 continue
             example = example.replace("train-recipes everyday", "train-recipes kitchen")
             outcome = run(*shlex.split(f"{example} {SHORTER.get(name, '')}")[1:])
@@ -352,29 +450,71 @@ BAD_VALUES = {
         *("--base=", "--base=,", "--base= , ", "--seed=-1"),
     ],
     "check-book kitchen": ["--limit=-1"],
-    "tasks kitchen": ["--depth=0", "--depth=50", "--distractors=-1", "--distractors=500", "--limit=-1", "--seed=-1"],
+    "tasks kitchen": [
+        "--depth=0",
+        "--depth=50",
+        "--distractors=-1",
+        "--distractors=500",
+        "--limit=-1",
+        "--seed=-1",
+    ],
     "evaluate-agent kitchen": [
         *(f"--distractors={bad}" for bad in ("x", "", -1, 80)),
         *("--seed=-1", "--depth=0", "--distractor-seeds=0"),
     ],
-    "evaluate-agent {world}/plain/seed-0": ["--distractor-seeds=0", "--distractors=many", "--depth=2"],
+    "evaluate-agent {world}/plain/seed-0": [
+        "--distractor-seeds=0",
+        "--distractors=many",
+        "--depth=2",
+    ],
     "evaluate-agent {world}/graph": ["--agent=oracle"],
     "explain {world}/plain/seed-0": ["--episodes=0"],
     "discover kitchen": [
-        *("--players=gredy", "--players=,", "--attempts=0", "--runs=0", "--seed=-1", "--base=moonstone", "--base=,")
+        *(
+            "--players=gredy",
+            "--players=,",
+            "--attempts=0",
+            "--runs=0",
+            "--seed=-1",
+            "--base=moonstone",
+            "--base=,",
+        )
     ],
     "train-agent kitchen": [
-        *("--distractors=500", "--distractors=-1", "--unroll=0", "--discount=1.5", "--seed=18446744073709551616"),
-        *("--learning-rate=nan", "--learning-rate=1e300", "--features=glov", "--device=cuda:77", "--device=abacus"),
+        *(
+            "--distractors=500",
+            "--distractors=-1",
+            "--unroll=0",
+            "--discount=1.5",
+            "--seed=18446744073709551616",
+        ),
+        *(
+            "--learning-rate=nan",
+            "--learning-rate=1e300",
+            "--features=glov",
+            "--device=cuda:77",
+            "--device=abacus",
+        ),
         *("--depth=9", "--use=u", "--kg-only", "--mixing=softmax"),
     ],
     "train-complex kitchen": [
-        *("--epochs=0", "--patience=3", "--learning-rate=nan", "--learning-rate=-1", "--n3=-1", "--eval-every=2"),
+        *(
+            "--epochs=0",
+            "--patience=3",
+            "--learning-rate=nan",
+            "--learning-rate=-1",
+            "--n3=-1",
+            "--eval-every=2",
+        ),
         *("--device=nonsense", "--seeds=4-0"),
     ],
     "train-links kitchen": ["--model=rotat", "--model=complex", "--model=ComplEx"],
     "score {trained}/one ? componentOf bread": ["--top=0", "--top=-1"],
-    "compare {trained}/one {trained}/two": ["--resamples=0", "--resamples=-5", "--distractor-seeds=3"],
+    "compare {trained}/one {trained}/two": [
+        "--resamples=0",
+        "--resamples=-5",
+        "--distractor-seeds=3",
+    ],
     "compare {world}/plain": ["--resamples=3"],
     "reference kitchen": ["--distractors=x", "--distractors=79", "--depth=0", "--base=water"],
     "reproduce knowledge": ["--seeds=0", "--metric=mrr"],
@@ -393,7 +533,9 @@ def empty(home, trained, world, monkeypatch):
     return lambda line: [word.format(trained=trained, world=world) for word in shlex.split(line)]
 
 
-@pytest.mark.parametrize(("command", "option"), [(line, bad) for line, values in BAD_VALUES.items() for bad in values])
+@pytest.mark.parametrize(
+    ("command", "option"), [(line, bad) for line, values in BAD_VALUES.items() for bad in values]
+)
 def test_a_bad_value_is_one_line_that_names_the_option(run, empty, home, command, option):
     outcome = run(*empty(command), option)
     name = option.partition("=")[0]
@@ -430,7 +572,10 @@ REFUSED = [
     ("discover everyday --scorer {trained}/one", "was trained on graph"),
     ("train-agent kitchen --scorer nowhere", "does not exist"),
     ("train-agent paper-examples --scorer {trained}/one", "was trained on graph"),
-    ("train-agent kitchen --unroll=16777216 --batch-size=16777216", "281,474,976,710,656 steps would take"),
+    (
+        "train-agent kitchen --unroll=16777216 --batch-size=16777216",
+        "281,474,976,710,656 steps would take",
+    ),
     ("train-complex kitchen --seeds 0-1 --seed 3", "--seed 3 and --seeds 0-1 cannot be combined"),
     ("train-complex kitchen --seeds 0,4294967296", "--seed 4294967296"),
     ("train-links", "needs a graph"),
@@ -460,12 +605,27 @@ REFUSED = [
     ("reference kitchen --open-ended --distractors 1", "--open-ended has no tasks"),
     ("reference kitchen --open-ended --part train", "--open-ended has no tasks"),
     ("reference kitchen --open-ended --attempts 7", "--open-ended has no tasks"),
-    ("reference kitchen --open-ended --external-results {world}/plain", "expected a folder of 'evaluate-text' or"),
-    ("reference kitchen --external-results {world}/graph", "is a graph folder; expected a run folder of 'train-agent'"),
-    ("reference kitchen --external-results nowhere", "does not exist; expected a run folder of 'train-agent'"),
-    ("reference kitchen --external-results {world}/plain --depth 2", "has test tasks of depth 1 with 1 attempt"),
+    (
+        "reference kitchen --open-ended --external-results {world}/plain",
+        "expected a folder of 'evaluate-text' or",
+    ),
+    (
+        "reference kitchen --external-results {world}/graph",
+        "is a graph folder; expected a run folder of 'train-agent'",
+    ),
+    (
+        "reference kitchen --external-results nowhere",
+        "does not exist; expected a run folder of 'train-agent'",
+    ),
+    (
+        "reference kitchen --external-results {world}/plain --depth 2",
+        "has test tasks of depth 1 with 1 attempt",
+    ),
     ("describe \udcff", "\\udcff' is not UTF-8. Rename the file or folder"),
-    ("export kitchen --format=tsv --out=\udcff", "\\udcff' is not UTF-8. Rename the file or folder"),
+    (
+        "export kitchen --format=tsv --out=\udcff",
+        "\\udcff' is not UTF-8. Rename the file or folder",
+    ),
 ]
 
 
@@ -478,12 +638,21 @@ def test_what_a_command_cannot_do_is_one_line_that_says_why(refused, empty, home
 TORN = {
     "build-graph kitchen": (1, 2, 5, 8),
     "train-complex kitchen --dim 8 --epochs 3 --n3 0.1 --folds 2": (1, 4, 6, 14),
-    "train-agent kitchen --steps 320 --batch-size 16 --eval-every 160 --checkpoint-every 160": (1, 4, 9, 16),
+    "train-agent kitchen --steps 320 --batch-size 16 --eval-every 160 --checkpoint-every 160": (
+        1,
+        4,
+        9,
+        16,
+    ),
 }
 
 
-@pytest.mark.parametrize("number", [errno.ENOSPC, pytest.param(errno.EROFS, marks=pytest.mark.slow)])
-@pytest.mark.parametrize(("command", "write"), [(line, write) for line, writes in TORN.items() for write in writes])
+@pytest.mark.parametrize(
+    "number", [errno.ENOSPC, pytest.param(errno.EROFS, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize(
+    ("command", "write"), [(line, write) for line, writes in TORN.items() for write in writes]
+)
 def test_a_disk_that_takes_no_more_files_is_one_line_and_the_same_command_goes_on(
     run, refused, home, monkeypatch, command, write, number
 ):

@@ -27,7 +27,12 @@ def test_json_holds_the_same_figures_and_the_setting(printed):
     figures = values["players"]["random"]["12"]
     assert figures["low"] <= figures["mean"] <= figures["high"]
     assert 0 <= figures["repeated"] <= 1
-    assert (values["attempts"], values["runs"], values["seed"], values["marks"]) == (12, 3, 4, [1, 10, 12])
+    assert (values["attempts"], values["runs"], values["seed"], values["marks"]) == (
+        12,
+        3,
+        4,
+        [1, 10, 12],
+    )
     assert values["hash"] == open_graph("kitchen").graph.hash
     assert values["people"] == {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
     assert values == printed(*arguments)
@@ -35,7 +40,9 @@ def test_json_holds_the_same_figures_and_the_setting(printed):
 
 def test_a_scorer_adds_a_player_and_another_base_is_where_play_begins(printed, trained):
     base = open_graph("kitchen").graph.base[1:]
-    values = printed("discover", "kitchen", *QUICK, "--scorer", trained / "one", "--base", ",".join(base))
+    values = printed(
+        "discover", "kitchen", *QUICK, "--scorer", trained / "one", "--base", ",".join(base)
+    )
     assert list(values["players"])[-1] == "empowerment-scorer"
     assert (values["scorer"], values["base"]) == ("one", list(base))
     assert "note: one was trained on recipes of kitchen" in text_of(
@@ -52,7 +59,9 @@ def test_a_single_run_has_no_interval(printed, run):
 
 def test_the_page_is_one_file_with_all_curves_and_people(tmp_path, trained):
     page = tmp_path / "deep" / "page.html"
-    assert f"wrote {page}" in text_of("discover", "kitchen", "--runs", 2, "--scorer", trained / "one", "--out", page)
+    assert f"wrote {page}" in text_of(
+        "discover", "kitchen", "--runs", 2, "--scorer", trained / "one", "--out", page
+    )
     assert list(page.parent.iterdir()) == [page]
     html = page.read_text(encoding="utf-8")
     assert not re.search(r"<link|src=|https?://", html)
@@ -69,13 +78,30 @@ def test_the_page_is_one_file_with_all_curves_and_people(tmp_path, trained):
 
 def test_players_that_never_repeat_a_pair_are_named_instead_of_drawn_at_zero(run, tmp_path):
     page = tmp_path / "page.html"
-    assert run("discover", "kitchen", *QUICK, "--players", "random,random-no-repeat,greedy", "--out", page).code == 0
+    assert (
+        run(
+            "discover",
+            "kitchen",
+            *QUICK,
+            "--players",
+            "random,random-no-repeat,greedy",
+            "--out",
+            page,
+        ).code
+        == 0
+    )
     html = page.read_text(encoding="utf-8")
     known, repeated = (ET.fromstring(svg) for svg in re.findall(r"<svg.*?</svg>", html, re.DOTALL))
-    names = [[line.find("title").text for line in svg if line.tag == "polyline"] for svg in (known, repeated)]
+    names = [
+        [line.find("title").text for line in svg if line.tag == "polyline"]
+        for svg in (known, repeated)
+    ]
     assert names == [["random", "random-no-repeat", "greedy", "people (another game)"], ["random"]]
     assert "Never repeated a pair: random-no-repeat, greedy." in html
-    assert run("discover", "kitchen", *QUICK, "--players", "greedy", "--out", page, "--force").code == 0
+    assert (
+        run("discover", "kitchen", *QUICK, "--players", "greedy", "--out", page, "--force").code
+        == 0
+    )
     assert page.read_text(encoding="utf-8").count("<svg") == 1
 
 
@@ -83,12 +109,17 @@ def test_a_recipe_scorer_of_another_book_explores_and_published_figures_stand_be
     printed, recipes_folder, tmp_path, refused
 ):
     book = tmp_path / "other.csv"
-    book.write_text("ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed wine\nfire,water,steam\n")
+    book.write_text(
+        "ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed wine\nfire,water,steam\n"
+    )
     start = ("discover", book, "--base", "seed,water,fire", "--scorer", recipes_folder)
     unseen = printed(*start, *QUICK)
     assert list(unseen["players"])[-1] == "recipe-learner"
     book.write_text(book.read_text() + "Eggs,animal,chicken\n")  # a train recipe of the scorer
-    assert ("knows_recipes" in unseen, printed(*start, *QUICK).get("knows_recipes")) == (False, True)
+    assert ("knows_recipes" in unseen, printed(*start, *QUICK).get("knows_recipes")) == (
+        False,
+        True,
+    )
     text = text_of(*start, "--runs", 1, "--attempts", 500, "--players", "recipe-learner")
     rows = {line.split("  ")[0]: line.split() for line in text.splitlines()}
     assert rows["entities known after"][-6:-1] == ["100", "200", "300", "400", "500"]

@@ -26,20 +26,36 @@ def test_a_sound_installation_passes_and_a_missing_extra_is_a_note(doctor, unins
     assert checks["extra mcp"] == ("note", "mcp is not installed", "pip install 'mcp<3,>=2.3'")
 
 
-@pytest.mark.parametrize(("missing", "code", "state"), [(["torch", "pykeen"], 0, "note"), (["pykeen"], 1, "error")])
-def test_only_a_deliberate_light_installation_passes_without_packages(doctor, uninstalled, missing, code, state):
+@pytest.mark.parametrize(
+    ("missing", "code", "state"), [(["torch", "pykeen"], 0, "note"), (["pykeen"], 1, "error")]
+)
+def test_only_a_deliberate_light_installation_passes_without_packages(
+    doctor, uninstalled, missing, code, state
+):
     uninstalled(*missing)
     actual, checks = doctor()
-    assert (actual, checks["packages"][0], "torch" in checks) == (code, state, "torch" not in missing)
+    assert (actual, checks["packages"][0], "torch" in checks) == (
+        code,
+        state,
+        "torch" not in missing,
+    )
     assert checks["packages"][2].endswith("pip install 'pykeen<1.12,>=1.11.1'")
 
 
-def test_an_old_package_a_changed_book_and_folders_without_permission_fail(doctor, home, monkeypatch):
-    monkeypatch.setattr("wordcraft_kg.base.extras.version", lambda name: "1.0" if name == "scipy" else "99")
+def test_an_old_package_a_changed_book_and_folders_without_permission_fail(
+    doctor, home, monkeypatch
+):
+    monkeypatch.setattr(
+        "wordcraft_kg.base.extras.version", lambda name: "1.0" if name == "scipy" else "99"
+    )
     (home / "cache").write_text("")
     (home / "alchemy2.json").write_text("{}")
     monkeypatch.setenv(DATA_VARIABLE, str(home))
     code, checks = doctor()
-    assert (code, checks["little-alchemy-2"][0], checks["folder for books"][0]) == (1, "error", "error")
+    assert (code, checks["little-alchemy-2"][0], checks["folder for books"][0]) == (
+        1,
+        "error",
+        "error",
+    )
     assert "scipy has version 1.0, expected >=1.11" in checks["packages"][1]
     assert "44136fa355b3, expected 757422df36f8" in checks["little-alchemy-2"][1]

@@ -11,13 +11,24 @@ from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
     """A folder with `mine`, a scorer, and `theirs`, a model that PyKEEN's pipeline has trained."""
-    home, opened, quiet = tmp_path_factory.mktemp("models"), open_graph("kitchen"), {"use_tqdm": False}
+    home, opened, quiet = (
+        tmp_path_factory.mktemp("models"),
+        open_graph("kitchen"),
+        {"use_tqdm": False},
+    )
     mine = NeighbourScorer(opened.graph, opened.split.partial)
     save_scorer(home / "mine", mine, opened, kg="partial", origin="neighbours")
-    settings = {"model": "DistMult", "model_kwargs": {"embedding_dim": 4}, "epochs": 1, "random_seed": 0}
+    settings = {
+        "model": "DistMult",
+        "model_kwargs": {"embedding_dim": 4},
+        "epochs": 1,
+        "random_seed": 0,
+    }
     data = {"dataset": "wordcraft", "dataset_kwargs": {"graph": "kitchen"}}
     result = pipeline(**data, **settings, training_kwargs=quiet, evaluation_kwargs=quiet)
-    save_scorer(home / "theirs", from_pykeen(result.model, result.training, opened), opened, kg="partial")
+    save_scorer(
+        home / "theirs", from_pykeen(result.model, result.training, opened), opened, kg="partial"
+    )
     return home
 
 
@@ -37,7 +48,9 @@ def test_links_commands_take_it(printed, name, run, models, tmp_path):
     assert run("evaluate-agent", "kitchen", *options).code == 0
 
 
-def test_a_scorer_that_has_seen_no_recipe_is_compared_with_baselines_of_the_train_recipes(printed, models, tmp_path):
+def test_a_scorer_that_has_seen_no_recipe_is_compared_with_baselines_of_the_train_recipes(
+    printed, models, tmp_path
+):
     opened = open_graph("kitchen")
     scorer = NeighbourScorer(opened.graph, opened.split.partial)
     folder = save_scorer(tmp_path / "model", scorer, opened, kg="none")
@@ -59,7 +72,9 @@ def test_an_agent_can_be_guided_by_it_explained_and_compared(run, models, tmp_pa
         assert run("train-agent", "kitchen", *SMALL, *options).code == 0
     explained = run("explain", tmp_path / "run-0", "--episodes", 1)
     assert (explained.code, "u" in explained.out) == (0, True)
-    compared = run("compare", tmp_path / "run-0", tmp_path / "run-1", "--out", tmp_path / "report", "--json")
+    compared = run(
+        "compare", tmp_path / "run-0", tmp_path / "run-1", "--out", tmp_path / "report", "--json"
+    )
     assert compared.code == 0
     assert (tmp_path / "report" / "index.html").is_file()
 

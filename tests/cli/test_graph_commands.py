@@ -80,31 +80,102 @@ BAD_TABLES = {
     "empty file": ("csv", "", "book.csv is empty; a recipe book needs at least one recipe"),
     "blanks only": ("csv", " \n\n", "book.csv is empty"),
     "header only": ("csv", TABLE, "book.csv has no recipe to keep"),
-    "self results only": ("csv", TABLE + "a,b,a\n", "has no recipe to keep (1 self results dropped)"),
-    "not UTF-8": ("csv", TABLE.encode() + b"a,b,c\nd,\xe9,f\n", "book.csv, line 3: not UTF-8 (byte 0xe9)"),
+    "self results only": (
+        "csv",
+        TABLE + "a,b,a\n",
+        "has no recipe to keep (1 self results dropped)",
+    ),
+    "not UTF-8": (
+        "csv",
+        TABLE.encode() + b"a,b,c\nd,\xe9,f\n",
+        "book.csv, line 3: not UTF-8 (byte 0xe9)",
+    ),
     "UTF-16": ("csv", (TABLE + "a,b,c\n").encode("utf-16"), "book.csv, line 1: not UTF-8"),
-    "header missing": ("csv", "a,b,c\nd,e,f\n", "line 1: the header is 'a,b,c'; expected 'ingredient_a,ingredient_b,"),
-    "column missing": ("csv", "ingredient_a,result\na,c\n", "line 1: the header is 'ingredient_a,result'"),
-    "header after comments": ("csv", "# one\n# two\na,b,c\n", "book.csv, line 3: the header is 'a,b,c'"),
+    "header missing": (
+        "csv",
+        "a,b,c\nd,e,f\n",
+        "line 1: the header is 'a,b,c'; expected 'ingredient_a,ingredient_b,",
+    ),
+    "column missing": (
+        "csv",
+        "ingredient_a,result\na,c\n",
+        "line 1: the header is 'ingredient_a,result'",
+    ),
+    "header after comments": (
+        "csv",
+        "# one\n# two\na,b,c\n",
+        "book.csv, line 3: the header is 'a,b,c'",
+    ),
     "commas in a tsv": ("tsv", TABLE, "separated by tabs"),
-    "one ingredient": ("csv", TABLE + "a,b,c\ngrass,dew\n", "line 3: 'grass,dew' has 1 ingredient and a result"),
-    "no ingredient": ("csv", TABLE + "dew\n", "line 2: 'dew' has 0 ingredients and a result missing"),
-    "three ingredients": ("csv", TABLE + "a,b,c\n\na,b,c,d\n", "line 4: 'a,b,c,d' has 3 ingredients and a result"),
-    "empty label": ("csv", TABLE + "a,b,\n", "line 2: the label '' is blank; every entity needs a name"),
-    "blank label": ("csv", TABLE + 'a,b,c\na,"  ",c\n', "book.csv, line 3: the label '  ' is blank"),
-    "tab in a label": ("csv", TABLE + "a,b\tb,c\n", r"line 2: the label 'b\tb' holds a tab, line break or control"),
-    "newline in a label": ("csv", TABLE + 'a,"b\nb",c\n', "line 2: unexpected end of data; a quoted cell ends in its"),
+    "one ingredient": (
+        "csv",
+        TABLE + "a,b,c\ngrass,dew\n",
+        "line 3: 'grass,dew' has 1 ingredient and a result",
+    ),
+    "no ingredient": (
+        "csv",
+        TABLE + "dew\n",
+        "line 2: 'dew' has 0 ingredients and a result missing",
+    ),
+    "three ingredients": (
+        "csv",
+        TABLE + "a,b,c\n\na,b,c,d\n",
+        "line 4: 'a,b,c,d' has 3 ingredients and a result",
+    ),
+    "empty label": (
+        "csv",
+        TABLE + "a,b,\n",
+        "line 2: the label '' is blank; every entity needs a name",
+    ),
+    "blank label": (
+        "csv",
+        TABLE + 'a,b,c\na,"  ",c\n',
+        "book.csv, line 3: the label '  ' is blank",
+    ),
+    "tab in a label": (
+        "csv",
+        TABLE + "a,b\tb,c\n",
+        r"line 2: the label 'b\tb' holds a tab, line break or control",
+    ),
+    "newline in a label": (
+        "csv",
+        TABLE + 'a,"b\nb",c\n',
+        "line 2: unexpected end of data; a quoted cell ends in its",
+    ),
     "NUL in a label": ("csv", TABLE + "a,b\0b,c\n", "book.csv, line 2: "),
-    "blank label in the base": ("csv", "# base: a,,b\n" + TABLE + "a,b,c\n", "book.csv, line 1: the label '' is"),
-    "long label": ("csv", TABLE + f"a,{'b' * 1001},c\n", "line 2: a label of 1,001 characters; the limit is 1,000"),
-    "unclosed quote": ("csv", TABLE + 'a,b,c\na,"b,c\n', "book.csv, line 3: unexpected end of data"),
-    "quote amid a label": ("csv", TABLE + 'a,"b"b,c\n', "book.csv, line 2: ',' expected after '\"'"),
-    "wrong ending": ("xml", TABLE + "a,b,c\n", "unknown ending '.xml'; a recipe book is .csv, .tsv or .json"),
+    "blank label in the base": (
+        "csv",
+        "# base: a,,b\n" + TABLE + "a,b,c\n",
+        "book.csv, line 1: the label '' is",
+    ),
+    "long label": (
+        "csv",
+        TABLE + f"a,{'b' * 1001},c\n",
+        "line 2: a label of 1,001 characters; the limit is 1,000",
+    ),
+    "unclosed quote": (
+        "csv",
+        TABLE + 'a,b,c\na,"b,c\n',
+        "book.csv, line 3: unexpected end of data",
+    ),
+    "quote amid a label": (
+        "csv",
+        TABLE + 'a,"b"b,c\n',
+        "book.csv, line 2: ',' expected after '\"'",
+    ),
+    "wrong ending": (
+        "xml",
+        TABLE + "a,b,c\n",
+        "unknown ending '.xml'; a recipe book is .csv, .tsv or .json",
+    ),
     "no ending": ("", TABLE + "a,b,c\n", "unknown ending ''; a recipe book is"),
 }
 
 BAD_JSON = {
-    "truncated": ('{"entities": [\n"a",', "book.json, line 2, column 5: not JSON (Expecting value)"),
+    "truncated": (
+        '{"entities": [\n"a",',
+        "book.json, line 2, column 5: not JSON (Expecting value)",
+    ),
     "text": ("a,b,c", "book.json, line 1, column 1: not JSON"),
     "not UTF-8": (b'{"entities":\n["\xff"]}', "book.json, line 2: not UTF-8 (byte 0xff)"),
     "empty file": ("", "book.json is empty"),
@@ -113,17 +184,50 @@ BAD_JSON = {
     "no recipes": ('{"entities": ["a"]}', "book.json: neither of the known layouts"),
     "nested too deeply": ("[" * 200_000, "book.json: nested too deeply for a recipe book"),
     "huge number": ('{"entities": ' + "1" * 5000 + "}", "book.json"),
-    "duplicate key": ('{"entities": {"a": {"recipes": []}, "a": {"recipes": []}}}', "the key 'a' occurs twice"),
-    "unlisted entity": ('{"entities": ["a"], "recipes": [["a", "a", "gold"]]}', "recipes[0]: 'gold' is not among the"),
-    "one ingredient": ('{"entities": ["a", "b"], "recipes": [["a", "b"]]}', "'a' is the only ingredient; a recipe"),
-    "three ingredients": ('{"entities": ["a"], "recipes": [["a", "a", "a", "a"]]}', "book.json: recipes[0] is ['a',"),
-    "number for a label": ('{"entities": ["a", 7], "recipes": []}', "entities[1]: 7 is not a label; a label is text"),
-    "null for a label": ('{"entities": ["a"], "recipes": [["a", "a", null]]}', "recipes[0]: None is not a label"),
-    "blank label": ('{"entities": [" "], "recipes": []}', "book.json: entities[0]: the label ' ' is blank"),
-    "tab in a label": ('{"entities": ["a\\tb"], "recipes": []}', r"entities[0]: the label 'a\tb' holds a tab"),
-    "newline in a label": ('{"entities": ["a\\nb"], "recipes": []}', r"entities[0]: the label 'a\nb' holds a tab"),
-    "half of a character": ('{"entities": ["a", "\\ud800"], "recipes": [["a", "a", "\\ud800"]]}', "entities[1]"),
-    "base is text": ('{"entities": ["a"], "base": "a", "recipes": []}', "'base' is str; expected a list of labels or"),
+    "duplicate key": (
+        '{"entities": {"a": {"recipes": []}, "a": {"recipes": []}}}',
+        "the key 'a' occurs twice",
+    ),
+    "unlisted entity": (
+        '{"entities": ["a"], "recipes": [["a", "a", "gold"]]}',
+        "recipes[0]: 'gold' is not among the",
+    ),
+    "one ingredient": (
+        '{"entities": ["a", "b"], "recipes": [["a", "b"]]}',
+        "'a' is the only ingredient; a recipe",
+    ),
+    "three ingredients": (
+        '{"entities": ["a"], "recipes": [["a", "a", "a", "a"]]}',
+        "book.json: recipes[0] is ['a',",
+    ),
+    "number for a label": (
+        '{"entities": ["a", 7], "recipes": []}',
+        "entities[1]: 7 is not a label; a label is text",
+    ),
+    "null for a label": (
+        '{"entities": ["a"], "recipes": [["a", "a", null]]}',
+        "recipes[0]: None is not a label",
+    ),
+    "blank label": (
+        '{"entities": [" "], "recipes": []}',
+        "book.json: entities[0]: the label ' ' is blank",
+    ),
+    "tab in a label": (
+        '{"entities": ["a\\tb"], "recipes": []}',
+        r"entities[0]: the label 'a\tb' holds a tab",
+    ),
+    "newline in a label": (
+        '{"entities": ["a\\nb"], "recipes": []}',
+        r"entities[0]: the label 'a\nb' holds a tab",
+    ),
+    "half of a character": (
+        '{"entities": ["a", "\\ud800"], "recipes": [["a", "a", "\\ud800"]]}',
+        "entities[1]",
+    ),
+    "base is text": (
+        '{"entities": ["a"], "base": "a", "recipes": []}',
+        "'base' is str; expected a list of labels or",
+    ),
     "official, one ingredient": (
         '{"entities": {"a": {"recipes": []}, "dew": {"recipes": [["a", "a"], ["a"]]}}}',
         "book.json: entities['dew'].recipes[1] is ['a']: 'a' is the only ingredient; a recipe needs two",
@@ -136,7 +240,10 @@ BAD_JSON = {
         '{"entities": {"dew": {"recipes": [["gold", "dew"]]}}}',
         "book.json: entities['dew'].recipes[0]: 'gold' is not among the file's entities",
     ),
-    "official, no recipes": ('{"entities": {"dew": {}}}', "book.json: entities['dew'] has no list 'recipes'"),
+    "official, no recipes": (
+        '{"entities": {"dew": {}}}',
+        "book.json: entities['dew'] has no list 'recipes'",
+    ),
 }
 
 
@@ -153,9 +260,15 @@ BAD_TOML = {
 BAD_OPTIONS = {
     "folder without a graph": ("{home}/out", "out' has none of graph.json"),
     "no such file": ("{home}/nowhere.csv", "nowhere.csv' is neither a file nor a known book"),
-    "misspelt book": ("kitchn", "'kitchn' is neither a file nor a known book. Did you mean 'kitchen'?"),
+    "misspelt book": (
+        "kitchn",
+        "'kitchn' is neither a file nor a known book. Did you mean 'kitchen'?",
+    ),
     "book to fetch": ("little-alchemy-2", "Fetch it: wordcraft-kg books --fetch little-alchemy-2"),
-    "unknown base entity": ("kitchen --base watr,fire", "base entity 'watr' is not in kitchen. Did you mean 'water'"),
+    "unknown base entity": (
+        "kitchen --base watr,fire",
+        "base entity 'watr' is not in kitchen. Did you mean 'water'",
+    ),
     "base file not UTF-8": ("kitchen --base-file {home}/latin.txt", "latin.txt is not UTF-8 text"),
     "empty base file": ("kitchen --base-file {home}/none.txt", "--base: the list is empty"),
     "no base file": ("kitchen --base-file {home}/nowhere.txt", "nowhere.txt': No such file"),
@@ -166,10 +279,19 @@ BAD_OPTIONS = {
     "misspelt split": ("kitchen --split by-gaol", '"by-goal"'),
 }
 NOT_BUILT = {
-    **{f"{end}, {name}": ("--split none", f"book.{end}", *row) for name, (end, *row) in BAD_TABLES.items()},
+    **{
+        f"{end}, {name}": ("--split none", f"book.{end}", *row)
+        for name, (end, *row) in BAD_TABLES.items()
+    },
     **{f"json, {name}": ("--split none", "book.json", *row) for name, row in BAD_JSON.items()},
-    **{f"toml, {name}": ("kitchen --config", "options.toml", *row) for name, row in BAD_TOML.items()},
-    **{f"option, {name}": (line, "none.txt", "\n", says) for name, (line, says) in BAD_OPTIONS.items()},
+    **{
+        f"toml, {name}": ("kitchen --config", "options.toml", *row)
+        for name, row in BAD_TOML.items()
+    },
+    **{
+        f"option, {name}": (line, "none.txt", "\n", says)
+        for name, (line, says) in BAD_OPTIONS.items()
+    },
 }
 
 
@@ -184,14 +306,28 @@ def test_bad_input_is_refused_naming_its_place(not_built, book, home, line, name
 @pytest.mark.parametrize(
     ("name", "head", "letter", "tail", "says"),
     [
-        ("book.csv", TABLE, "a", "\n", "book.csv, line 2: a line of 20,000,001 characters; the limit is 100,000"),
+        (
+            "book.csv",
+            TABLE,
+            "a",
+            "\n",
+            "book.csv, line 2: a line of 20,000,001 characters; the limit is 100,000",
+        ),
         ("book.csv", "", "a", "", "book.csv, line 1: the header is 'aaaa"),
-        ("book.json", '{"entities": ["', "a", '"], "recipes": []}', "entities[0]: a label of 20,000,000 characters"),
+        (
+            "book.json",
+            '{"entities": ["',
+            "a",
+            '"], "recipes": []}',
+            "entities[0]: a label of 20,000,000 characters",
+        ),
         ("book.json", '{"entities": ["', " ", '"], "recipes": []}', "entities[0]: "),
     ],
     ids=["csv", "csv without a header", "json", "json with blanks"],
 )
-def test_a_line_of_twenty_megabytes_is_refused_in_a_short_message(run, out, home, name, head, letter, tail, says):
+def test_a_line_of_twenty_megabytes_is_refused_in_a_short_message(
+    run, out, home, name, head, letter, tail, says
+):
     path = home / name
     try:
         with path.open("w", encoding="utf-8") as file:
@@ -249,7 +385,9 @@ def test_an_interrupted_build_leaves_nothing_half_written(not_built, run, out, m
     assert contents(out) == before
 
 
-def test_an_interrupt_while_the_folders_are_swapped_brings_the_earlier_one_back(not_built, monkeypatch):
+def test_an_interrupt_while_the_folders_are_swapped_brings_the_earlier_one_back(
+    not_built, monkeypatch
+):
     rename = os.rename
 
     def interrupt_the_last(source, target):
@@ -276,7 +414,16 @@ def test_an_interrupted_export_leaves_nothing_half_written(run, out, monkeypatch
 
 
 def test_build_graph_prints_what_it_made(printed, run, home, kitchen):
-    command = ("build-graph", "kitchen", "--split", "by-goal", "--seed", "2", "--out", home / "kitchen")
+    command = (
+        "build-graph",
+        "kitchen",
+        "--split",
+        "by-goal",
+        "--seed",
+        "2",
+        "--out",
+        home / "kitchen",
+    )
     values, split = printed(*command), make_split(kitchen, SplitConfig("by-goal", seed=2))
     assert (values["hash"], values["split"]["hash"]) == (kitchen.hash, split.hash)
     assert values["triples"] == {"combinesWith": 608, "componentOf": 353, "total": 961}
@@ -286,7 +433,10 @@ def test_build_graph_prints_what_it_made(printed, run, home, kitchen):
     *figures, following = (" ".join(line.split()) for line in outcome.out.splitlines())
     assert (outcome.code, outcome.err) == (0, "")
     assert {"recipes 326", "entities 80", "reachable 80", "rounds 8", "total 961"} <= set(figures)
-    assert following == f"wrote {home / 'kitchen'}/ next: wordcraft-kg train-recipes {home / 'kitchen'}"
+    assert (
+        following
+        == f"wrote {home / 'kitchen'}/ next: wordcraft-kg train-recipes {home / 'kitchen'}"
+    )
 
 
 def test_a_graph_folder_keeps_kinds(built):
@@ -312,7 +462,9 @@ def test_an_inferred_base_and_entities_that_cannot_be_made_are_warned_about(
         caplog.clear()
     assert printed(*command.split())["base_is_inferred"]
     inferred, unreachable = caplog.messages
-    assert inferred.startswith("no base is named, so the base is the 2 entities without a recipe: a, d. Name the base")
+    assert inferred.startswith(
+        "no base is named, so the base is the 2 entities without a recipe: a, d. Name the base"
+    )
     assert unreachable == "3 of 5 entities cannot be made from the base (a, d): b, c, e"
     caplog.clear()
     named = ("build-graph", path, "--base", "a,b,d", "--split", "none", "--out", "named")
@@ -326,14 +478,18 @@ def test_an_inferred_base_and_entities_that_cannot_be_made_are_warned_about(
 def test_shares_of_a_split_that_differ_from_the_settings_are_named_with_the_remedy(run, home):
     assert "note: split" not in run("describe", "kitchen").out
     text = run("build-graph", "kitchen", "--train-ratio", 0.3, "--out", home / "out").out
-    counts = re.search(r"\nnote: split (\d+)%/(\d+)% instead of 30%/70%: (\d+) recipes were moved to train", text)
+    counts = re.search(
+        r"\nnote: split (\d+)%/(\d+)% instead of 30%/70%: (\d+) recipes were moved to train", text
+    )
     train, test = (len(open_graph(home / "out").split.recipes(part)) for part in ("train", "test"))
     assert [round(100 * train / 326), round(100 * test / 326)] == [int(counts[1]), int(counts[2])]
     assert open_graph(home / "out").split.moved_for_coverage == int(counts[3])
     assert "--split by-recipe-plain" in text
 
 
-@pytest.mark.parametrize(("options", "recipes", "dropped"), [([], 1, 1), (["--keep-self-results"], 2, 0)])
+@pytest.mark.parametrize(
+    ("options", "recipes", "dropped"), [([], 1, 1), (["--keep-self-results"], 2, 0)]
+)
 def test_self_results_are_kept_when_asked_for(printed, home, book, options, recipes, dropped):
     path = book("book.csv", TABLE + "a,b,c\na,c,a\n")
     values = printed("build-graph", path, "--split", "none", "--out", home / "out", *options)
@@ -348,7 +504,11 @@ def test_a_graph_folder_is_a_recipe_book_too(built, kitchen, kitchen_folder):
 @pytest.mark.parametrize(
     ("content", "options", "expected"),
     [
-        ('seed = 3\ntrain-ratio = 0.5\nsplit = "by-goal"\n', ["--seed", "5"], SplitConfig("by-goal", 0.5, 0.0, 5)),
+        (
+            'seed = 3\ntrain-ratio = 0.5\nsplit = "by-goal"\n',
+            ["--seed", "5"],
+            SplitConfig("by-goal", 0.5, 0.0, 5),
+        ),
         ('seed = 3\n[describe]\nentity = "bread"\n', [], SplitConfig(seed=3)),
     ],
     ids=["the command line goes first", "a table of another command"],
@@ -358,11 +518,23 @@ def test_options_of_a_toml_file_are_used(built, book, content, options, expected
     assert built("kitchen", f"--config={config}", *options).split.config == expected
 
 
-def test_describe_shows_the_audit_of_a_folder_with_its_own_split(printed, run, kitchen, kitchen_folder):
+def test_describe_shows_the_audit_of_a_folder_with_its_own_split(
+    printed, run, kitchen, kitchen_folder
+):
     recorded = json.loads((kitchen_folder / "audit.json").read_text(encoding="utf-8"))
-    assert recorded == printed("describe", kitchen_folder) | {"dropped_self_results": 0, "merged_duplicates": 0}
+    assert recorded == printed("describe", kitchen_folder) | {
+        "dropped_self_results": 0,
+        "merged_duplicates": 0,
+    }
     text = run("describe", kitchen_folder).out
-    for part in ("graph kitchen\n", kitchen.hash, "animal farmer: cow pig, ", " and 6 more\n", "\n  rounds  ", "mean "):
+    for part in (
+        "graph kitchen\n",
+        kitchen.hash,
+        "animal farmer: cow pig, ",
+        " and 6 more\n",
+        "\n  rounds  ",
+        "mean ",
+    ):
         assert part in text
 
 
@@ -380,16 +552,21 @@ def test_describe_shows_an_entity_with_its_recipes_uses_and_derivation(printed, 
 
 
 @pytest.mark.parametrize(
-    ("base", "entity", "state"), [("water", "water", "base entity"), ("seed", "bread", "cannot be made from the base")]
+    ("base", "entity", "state"),
+    [("water", "water", "base entity"), ("seed", "bread", "cannot be made from the base")],
 )
-def test_describe_shows_no_derivation_for_base_entities_and_unreachable_ones(run, built, home, base, entity, state):
+def test_describe_shows_no_derivation_for_base_entities_and_unreachable_ones(
+    run, built, home, base, entity, state
+):
     built("kitchen", "--base", base)
     text = run("describe", home / "built", "--entity", entity).out
     assert text.startswith(f"{entity}: {state}\n")
     assert "derivation" not in text
 
 
-@pytest.mark.parametrize("command", ["describe {} --entity c", "describe {}", "export {} --format tsv --out {}.tsv"])
+@pytest.mark.parametrize(
+    "command", ["describe {} --entity c", "describe {}", "export {} --format tsv --out {}.tsv"]
+)
 def test_a_book_too_small_to_split_can_be_described_and_exported(run, book, command):
     assert run(*command.format(*[book("tiny.csv", TABLE + "a,b,c\n")] * 2).split()).code == 0
 
@@ -412,12 +589,17 @@ def test_books_lists_names_origins_and_what_can_be_fetched(printed, run, home):
     assert f"{DATA_VARIABLE} names (not set)" in text
 
 
-def test_fetch_reports_the_real_book_that_the_cache_holds(printed, run, home, alchemy_path, monkeypatch):
+def test_fetch_reports_the_real_book_that_the_cache_holds(
+    printed, run, home, alchemy_path, monkeypatch
+):
     monkeypatch.setattr(library, "_opened", lambda url: io.BytesIO(alchemy_path.read_bytes()))
     result = printed("books", "--fetch", "little-alchemy-2")
     assert Path(result["path"]).read_bytes() == alchemy_path.read_bytes()
     monkeypatch.setattr(library, "_opened", None)
-    assert "next: wordcraft-kg build-graph little-alchemy-2" in run("books", "--fetch", "little-alchemy-2").out
+    assert (
+        "next: wordcraft-kg build-graph little-alchemy-2"
+        in run("books", "--fetch", "little-alchemy-2").out
+    )
     assert run("build-graph", "little-alchemy-2", "--out", home / "la2").code == 0
 
 
@@ -425,18 +607,25 @@ def test_a_reader_that_goes_away_is_no_error(tmp_path):
     reader, writer = os.pipe()
     os.close(reader)
     command = [sys.executable, "-m", "wordcraft_kg", "describe", "kitchen"]
-    done = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, cwd=tmp_path, text=True, check=False)
+    done = subprocess.run(
+        command, stdout=writer, stderr=subprocess.PIPE, cwd=tmp_path, text=True, check=False
+    )
     os.close(writer)
     assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_check_book_lists_all_findings_with_lines_and_fails(run, book):
-    path = book("mine.csv", "# base: a\ningredient_a,ingredient_b,result\na,a,b\na,a,b\nx,a,y\nB,a,c\n")
+    path = book(
+        "mine.csv", "# base: a\ningredient_a,ingredient_b,result\na,a,b\na,a,b\nx,a,y\nB,a,c\n"
+    )
     before = path.read_bytes()
     outcome = run("check-book", path)
     assert outcome.code == 1
     assert "problem [duplicate] lines 3, 4: a + a -> b is listed 2 times" in outcome.out
-    assert "problem [unreachable] line 5: 2 entities cannot be made from the base (a): x, y" in outcome.out
+    assert (
+        "problem [unreachable] line 5: 2 entities cannot be made from the base (a): x, y"
+        in outcome.out
+    )
     assert "problem [spelling] lines 3, 6: 'B' and 'b' count as different entities" in outcome.out
     assert outcome.out.rstrip().endswith("4 problems, 1 to look at")
     assert path.read_bytes() == before
@@ -453,7 +642,9 @@ def test_check_book_of_a_good_book_prints_its_figures_and_passes(printed):
     assert {finding["severity"] for finding in result["findings"]} <= {"note"}
 
 
-def test_check_book_takes_the_base_and_a_graph_folder_and_names_words_without_a_vector(run, book, kitchen_folder):
+def test_check_book_takes_the_base_and_a_graph_folder_and_names_words_without_a_vector(
+    run, book, kitchen_folder
+):
     path = book("mine.csv", TABLE + "water,zqxjkv,mud\nzqxjkv,mud,water\n")
     assert run("check-book", path).code == 1
     outcome = run("check-book", path, "--base", "water,zqxjkv")
@@ -465,7 +656,10 @@ def test_check_book_takes_the_base_and_a_graph_folder_and_names_words_without_a_
 def test_check_book_shows_the_first_findings_of_each_kind_and_counts_the_others(run, book):
     rows = "".join(f"thing{i:03},thing{i:03},things{i:03}\n" * 2 for i in range(30))
     path = book("long.csv", TABLE + rows)
-    texts = [run("check-book", path, *more).out.splitlines() for more in ([], ["--limit", "2"], ["--all"])]
+    texts = [
+        run("check-book", path, *more).out.splitlines()
+        for more in ([], ["--limit", "2"], ["--all"])
+    ]
     for text, number in zip(texts, (10, 2, 30), strict=True):
         assert sum(line.startswith("problem [duplicate] line") for line in text) == number
         more = f"problem [duplicate] and {30 - number} more; --all shows them"
@@ -478,14 +672,30 @@ def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, refused,
     path = book("recipes.csv", TABLE + "a,b,c\na,a,d\n")
     assert built(path, "--split", "none", name="mine").graph.name == "mine"
     assert run("describe", home / "mine").out.startswith("graph mine\n")
-    assert built(path, "--split", "none", "--name", "My world", name="other").graph.name == "My world"
-    refused("build-graph", path, "--split", "none", "--out", home / "third", "--name", " ", setting="name")
+    assert (
+        built(path, "--split", "none", "--name", "My world", name="other").graph.name == "My world"
+    )
+    refused(
+        "build-graph",
+        path,
+        "--split",
+        "none",
+        "--out",
+        home / "third",
+        "--name",
+        " ",
+        setting="name",
+    )
     assert not (home / "third").exists()
 
 
 def test_shortened_lists_of_describe_count_all_and_invisible_characters_are_shown(run, book):
-    rows = "".join(f"thing {i},thing  {i},x{i}\nx{i},lost{i},y\nlost{i},y,lost{i}y\n" for i in range(25))
-    path = book("book.csv", "# base: thing 0\n" + TABLE + rows + "caf\u00e9,cafe\u0301,zero\u200bwidth\n")
+    rows = "".join(
+        f"thing {i},thing  {i},x{i}\nx{i},lost{i},y\nlost{i},y,lost{i}y\n" for i in range(25)
+    )
+    path = book(
+        "book.csv", "# base: thing 0\n" + TABLE + rows + "caf\u00e9,cafe\u0301,zero\u200bwidth\n"
+    )
     text = run("describe", path).out
     assert re.search(r"alike +26\n +alike labels .* and 16 more", text)
     unreachable = int(re.search(r"unreachable +(\d+)\n", text)[1])
@@ -497,7 +707,9 @@ def test_shortened_lists_of_describe_count_all_and_invisible_characters_are_show
 
 
 @pytest.mark.parametrize(("setting", "partner"), [("self", "sand"), ("furnace", "furnace")])
-def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built(run, book, built, not_built, setting, partner):
+def test_recipes_of_one_ingredient_are_refused_with_the_remedy_and_built(
+    run, book, built, not_built, setting, partner
+):
     path = book("furnace.csv", TABLE + "sand,,glass\nglass,glass,pane\n")
     not_built(path, says="furnace.csv, line 2: 'sand' is the only ingredient")
     not_built(path, says="--single-ingredient self")
@@ -521,4 +733,10 @@ def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monk
     assert sizes["bad"] == sizes["large"] == sizes["little-alchemy-2"] == (None, None)
     lines = run("books").out.splitlines()
     assert lines[0].split() == ["book", "origin", "entities", "recipes"]
-    assert next(line for line in lines if line.startswith("good")).split()[:5] == ["good", "data", "folder", "3", "1"]
+    assert next(line for line in lines if line.startswith("good")).split()[:5] == [
+        "good",
+        "data",
+        "folder",
+        "3",
+        "1",
+    ]

@@ -36,14 +36,24 @@ def evaluated(trained, tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("command", "parameters"),
-    [(("train-complex", *QUICK), 1_312), (("train-links", "--model", "SimplE", *TINY, "--negatives", 2), 1_312)],
+    [
+        (("train-complex", *QUICK), 1_312),
+        (("train-links", "--model", "SimplE", *TINY, "--negatives", 2), 1_312),
+    ],
 )
-def test_a_quiet_training_prints_one_object_and_nothing_on_stderr(run, tmp_path, command, parameters):
+def test_a_quiet_training_prints_one_object_and_nothing_on_stderr(
+    run, tmp_path, command, parameters
+):
     name, *options = command
     outcome = run(name, "kitchen", *options, "--out", tmp_path / "model", "--json")
     assert (outcome.code, outcome.err) == (0, "")
     values = json.loads(outcome.out)
-    expected = {"out": str(tmp_path / "model"), "kg": "partial", "epochs": 4, "parameters": parameters}
+    expected = {
+        "out": str(tmp_path / "model"),
+        "kg": "partial",
+        "epochs": 4,
+        "parameters": parameters,
+    }
     assert values.items() >= expected.items()
     assert 0 < values["train_mrr"] < 1
     assert values["seconds"] > 0
@@ -51,7 +61,18 @@ def test_a_quiet_training_prints_one_object_and_nothing_on_stderr(run, tmp_path,
 
 
 def test_progress_goes_to_stderr_and_the_result_to_stdout(run, tmp_path):
-    outcome = run("train-complex", "kitchen", "--epochs", 4, "--n3", 0.1, "--folds", 2, "--out", tmp_path / "model")
+    outcome = run(
+        "train-complex",
+        "kitchen",
+        "--epochs",
+        4,
+        "--n3",
+        0.1,
+        "--folds",
+        2,
+        "--out",
+        tmp_path / "model",
+    )
     assert "epoch 12 of 12, fold 2, folds 2\n" in outcome.err
     assert "epoch 12 of 24" not in outcome.out
     assert f"next: wordcraft-kg evaluate-links {tmp_path / 'model'}" in outcome.out
@@ -61,11 +82,24 @@ def test_models_go_to_a_folder_of_their_own_by_default(run, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path)
     run("train-complex", "kitchen", *QUICK, "--kg", "full")
     run("train-links", "kitchen", *TINY, "--model", "DistMult", "--loop", "symmetric")
-    assert sorted(path.name for path in (tmp_path / "models").iterdir()) == ["kitchen-distmult-partial", "kitchen-full"]
+    assert sorted(path.name for path in (tmp_path / "models").iterdir()) == [
+        "kitchen-distmult-partial",
+        "kitchen-full",
+    ]
 
 
-def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(refused, run, trained, workshop):
-    command = ("train-complex", workshop / "graph", *QUICK, "--seed", "5", "--out", workshop / "one")
+def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(
+    refused, run, trained, workshop
+):
+    command = (
+        "train-complex",
+        workshop / "graph",
+        *QUICK,
+        "--seed",
+        "5",
+        "--out",
+        workshop / "one",
+    )
     refused(*command, says="--force", kind="OutputExistsError")
     assert same(WEIGHTS, workshop / "one", trained / "one")
     assert run(*command, "--force").code == 0
@@ -73,7 +107,9 @@ def test_a_model_folder_that_exists_is_refused_before_anything_is_trained(refuse
 
 
 def test_settings_may_stand_in_a_toml_file_and_the_command_line_goes_first(printed, tmp_path):
-    (tmp_path / "mine.toml").write_text("[train-complex]\ndim = 4\nepochs = 3\nlearning_rate = 0.05\nfolds = 0\n")
+    (tmp_path / "mine.toml").write_text(
+        "[train-complex]\ndim = 4\nepochs = 3\nlearning_rate = 0.05\nfolds = 0\n"
+    )
     out = tmp_path / "model"
     options = ("--config", tmp_path / "mine.toml", "--epochs", "2", "--out", out, "--quiet")
     assert printed("train-complex", "kitchen", *options)["epochs"] == 2
@@ -92,11 +128,19 @@ def test_a_models_own_config_file_trains_the_same_model_again(run, trained, tmp_
     ("command", "says"),
     [
         ("train-complex --n3 0.1", "more --epochs, a larger --dim, or a smaller --n3."),
-        ("train-links --model distmult", "more --epochs, another --learning-rate, or --loop symmetric."),
-        ("train-links --model distmult --loop symmetric", "more --epochs, another --learning-rate."),
+        (
+            "train-links --model distmult",
+            "more --epochs, another --learning-rate, or --loop symmetric.",
+        ),
+        (
+            "train-links --model distmult --loop symmetric",
+            "more --epochs, another --learning-rate.",
+        ),
     ],
 )
-def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(run, tmp_path, caplog, command, says):
+def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(
+    run, tmp_path, caplog, command, says
+):
     name, *options = command.split()
     least = ("--dim", 1, "--epochs", 1, "--learning-rate", "1e-6", "--folds", 0, "--quiet")
     assert run(name, "kitchen", *options, *least, "--out", tmp_path / "model").code == 0
@@ -104,13 +148,31 @@ def test_a_model_that_hardly_fits_is_told_options_that_its_command_has(run, tmp_
     assert warning.endswith(f"try {says}")
 
 
-def test_ctrl_c_ends_with_130_and_the_same_command_goes_on(printed, refused, run, trained, tmp_path, monkeypatch):
+def test_ctrl_c_ends_with_130_and_the_same_command_goes_on(
+    printed, refused, run, trained, tmp_path, monkeypatch
+):
     settings = (trained / "graph", "--dim", "8", "--epochs", "6", "--seed", "3", "--folds", 2)
     command = ("train-complex", *settings, "--out", tmp_path / "model")
     with monkeypatch.context() as patch:
-        patch.setattr(Progress, "__call__", lambda self, done, *_: done == 2 and signal.raise_signal(signal.SIGINT))
-        refused(*command, code=130, says=f"epoch 3 is saved in '{tmp_path / 'model'}'. Repeat the command")
-    refused("score", tmp_path / "model", "flour", "combinesWith", "water", says="not done", kind="ArtefactError")
+        patch.setattr(
+            Progress,
+            "__call__",
+            lambda self, done, *_: done == 2 and signal.raise_signal(signal.SIGINT),
+        )
+        refused(
+            *command,
+            code=130,
+            says=f"epoch 3 is saved in '{tmp_path / 'model'}'. Repeat the command",
+        )
+    refused(
+        "score",
+        tmp_path / "model",
+        "flour",
+        "combinesWith",
+        "water",
+        says="not done",
+        kind="ArtefactError",
+    )
     refused(*command, "--n3", "0.5", says="--n3", kind="ConfigError")
     values = printed(*command, "--quiet")
     assert (values["out"], values["epochs"]) == (str(tmp_path / "model"), 6)
@@ -130,7 +192,10 @@ def test_evaluate_links_prints_one_object_with_the_headline_and_its_baselines(ev
     assert values["queries"] == 2 * len(split.held_out("test"))
     assert values["leaked_left_out"] == len(split.triples_of("test")) - len(split.held_out("test"))
     folder, text, _ = evaluated
-    assert all(part in text for part in ("leaked ones left out", "frequency", "random", "inflated", "index.html"))
+    assert all(
+        part in text
+        for part in ("leaked ones left out", "frequency", "random", "inflated", "index.html")
+    )
     assert values["report"] == str(folder / "index.html")
     assert f"{values['mrr']['all']:.3f}" in (folder / "index.html").read_text(encoding="utf-8")
     written = json.loads((folder / "report.json").read_text(encoding="utf-8"))
@@ -144,10 +209,15 @@ NOTHING = RankingMetrics(60, mrr=0.0, hits_at_1=0.0, hits_at_3=0.0, hits_at_10=0
 
 @pytest.mark.parametrize(
     ("changes", "says"),
-    [({"with_leaked": NOTHING}, "no better, though training contains them"), ({"leaked_left_out": 0}, "0 leaked ones")],
+    [
+        ({"with_leaked": NOTHING}, "no better, though training contains them"),
+        ({"leaked_left_out": 0}, "0 leaked ones"),
+    ],
     ids=["leaked triples lower the figure", "no leaked triples"],
 )
-def test_leaked_triples_are_inflation_only_where_they_inflate(run, trained, tmp_path, monkeypatch, changes, says):
+def test_leaked_triples_are_inflation_only_where_they_inflate(
+    run, trained, tmp_path, monkeypatch, changes, says
+):
     view_links = links.view_links
 
     def changed(*arguments, **settings):
@@ -160,10 +230,25 @@ def test_leaked_triples_are_inflation_only_where_they_inflate(run, trained, tmp_
 
 
 def test_a_full_graph_that_is_too_small_is_not_told_to_hold_out_more(refused, run, tmp_path):
-    (tmp_path / "tiny.csv").write_text("ingredient_a,ingredient_b,result\nwater,earth,mud\nmud,fire,brick\n")
-    assert run("train-complex", tmp_path / "tiny.csv", "--kg", "full", *QUICK, "--out", tmp_path / "full").code == 0
+    (tmp_path / "tiny.csv").write_text(
+        "ingredient_a,ingredient_b,result\nwater,earth,mud\nmud,fire,brick\n"
+    )
+    assert (
+        run(
+            "train-complex",
+            tmp_path / "tiny.csv",
+            "--kg",
+            "full",
+            *QUICK,
+            "--out",
+            tmp_path / "full",
+        ).code
+        == 0
+    )
     says = "only 8 triples in the whole graph"
-    assert "--train-ratio" not in refused("evaluate-links", tmp_path / "full", kind="SplitError", says=says)
+    assert "--train-ratio" not in refused(
+        "evaluate-links", tmp_path / "full", kind="SplitError", says=says
+    )
 
 
 def test_a_model_of_the_full_graph_is_evaluated_as_memory(printed, run, trained, tmp_path):
@@ -182,13 +267,22 @@ def test_a_leak_is_an_exit_code_of_1_and_said_on_stderr(run, trained, tmp_path, 
     assert not json.loads(outcome.out)["checks_passed"]
 
 
-def test_compare_links_prints_one_object_with_the_paired_difference(printed, run, evaluated, trained):
+def test_compare_links_prints_one_object_with_the_paired_difference(
+    printed, run, evaluated, trained
+):
     command = ("compare", *(trained / name for name in ("one", "two", "links")))
     values = printed(*command)
     assert {"graph", "split", "queries", "triples", "models", "best"} <= set(values)
     one, two, seeds = values["models"]
-    assert (one["name"], two["name"], seeds["name"], seeds["seeds"]) == ("one", "two", "links", [0, 3])
-    assert [one[metric] for metric in METRICS] == [evaluated[2][metric]["all"] for metric in METRICS]
+    assert (one["name"], two["name"], seeds["name"], seeds["seeds"]) == (
+        "one",
+        "two",
+        "links",
+        [0, 3],
+    )
+    assert [one[metric] for metric in METRICS] == [
+        evaluated[2][metric]["all"] for metric in METRICS
+    ]
     assert two["difference"] == pytest.approx(two["mrr"] - one["mrr"])
     assert two["difference_ci"][0] <= two["difference"] <= two["difference_ci"][1]
     assert "difference" not in one
@@ -206,7 +300,9 @@ def test_models_of_one_name_are_told_apart_by_their_paths(printed, workshop):
     assert [model["name"] for model in values["models"]] == [str(path) for path in paths]
 
 
-def test_several_models_are_compared_with_the_first_on_a_page(printed, refused, run, trained, tmp_path):
+def test_several_models_are_compared_with_the_first_on_a_page(
+    printed, refused, run, trained, tmp_path
+):
     page = tmp_path / "new" / "comparison.html"
     command = ("compare", *(trained / name for name in ("one", "two", "full")), "--out", page)
     text = run(*command).out.splitlines()
@@ -223,7 +319,10 @@ def test_several_models_are_compared_with_the_first_on_a_page(printed, refused, 
 
 
 def test_the_models_that_can_be_trained_are_listed_with_their_commands(printed, run):
-    listed = {model["name"]: model["command"] for model in printed("train-links", "--list-models")["models"]}
+    listed = {
+        model["name"]: model["command"]
+        for model in printed("train-links", "--list-models")["models"]
+    }
     assert listed["ComplEx"] == "train-complex"
     assert listed["RotatE"] == "train-links --model RotatE"
     assert not {"CompGCN", "DistMultLiteral", "NodePiece", "FixedModel"} & set(listed)
@@ -231,9 +330,14 @@ def test_the_models_that_can_be_trained_are_listed_with_their_commands(printed, 
 
 
 @pytest.mark.slow
-def test_complex_with_its_defaults_predicts_unseen_links_better_than_frequency(printed, run, tmp_path):
+def test_complex_with_its_defaults_predicts_unseen_links_better_than_frequency(
+    printed, run, tmp_path
+):
     assert run("train-complex", "kitchen", "--out", tmp_path / "partial").code == 0
     values = printed("evaluate-links", tmp_path / "partial")
     assert values["mrr"]["all"] > 1.2 * values["baselines"]["frequency"]["all"]
     assert values["mrr_with_leaked"] > values["mrr"]["all"]
-    assert printed("train-complex", "kitchen", "--kg", "full", "--out", tmp_path / "full")["train_mrr"] > 0.99
+    assert (
+        printed("train-complex", "kitchen", "--kg", "full", "--out", tmp_path / "full")["train_mrr"]
+        > 0.99
+    )

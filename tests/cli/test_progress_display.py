@@ -20,7 +20,11 @@ def terminal(monkeypatch):
         monkeypatch.setenv(name, value)
 
     def frames(text):
-        return [line for line in re.split(r"[\r\n]+", re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text)) if line.strip()]
+        return [
+            line
+            for line in re.split(r"[\r\n]+", re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", text))
+            if line.strip()
+        ]
 
     return frames
 
@@ -33,7 +37,9 @@ def at_once(monkeypatch):
 
 
 @pytest.mark.parametrize(("width", "num_figures"), [(80, 1), (120, 3), (200, 3)])
-def test_a_training_bar_has_room_and_its_figures_are_whole(terminal, capsys, monkeypatch, width, num_figures):
+def test_a_training_bar_has_room_and_its_figures_are_whole(
+    terminal, capsys, monkeypatch, width, num_figures
+):
     monkeypatch.setenv("COLUMNS", str(width))
     with Progress.session():
         progress = Progress("agent", unit="step")
@@ -56,7 +62,9 @@ def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
             signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(Progress, "__call__", press)
-    outcome = run("train-complex", "kitchen", "--dim", "8", "--epochs", "6", "--out", home / "model")
+    outcome = run(
+        "train-complex", "kitchen", "--dim", "8", "--epochs", "6", "--out", home / "model"
+    )
     assert outcome.code == 130
     bar, message = terminal(outcome.err)[-2:]
     assert bar.startswith("partial graph")
@@ -67,17 +75,31 @@ def test_ctrl_c_is_answered_below_the_bar(run, home, terminal, monkeypatch):
 @pytest.mark.parametrize(
     ("command", "stages"),
     [
-        (["build-graph", "kitchen", "--out", "{home}/graph"], ["reading the book", "writing the graph folder"]),
+        (
+            ["build-graph", "kitchen", "--out", "{home}/graph"],
+            ["reading the book", "writing the graph folder"],
+        ),
         (["describe", "kitchen"], ["auditing the graph"]),
-        (["export", "kitchen", "--format", "tsv", "--out", "{home}/out.tsv"], ["writing the export"]),
+        (
+            ["export", "kitchen", "--format", "tsv", "--out", "{home}/out.tsv"],
+            ["writing the export"],
+        ),
         (["check-book", "kitchen"], ["checking the book"]),
         (["tasks", "kitchen", "--depth", "2"], ["finding tasks"]),
-        (["discover", "kitchen", "--runs", "2", "--attempts", "5"], ["playing random: 1 of 2", "playing greedy"]),
-        (["evaluate-agent", "kitchen"], ["playing recipe oracle, 8 distractors, table 5 of 5, action: 1 of 2"]),
+        (
+            ["discover", "kitchen", "--runs", "2", "--attempts", "5"],
+            ["playing random: 1 of 2", "playing greedy"],
+        ),
+        (
+            ["evaluate-agent", "kitchen"],
+            ["playing recipe oracle, 8 distractors, table 5 of 5, action: 1 of 2"],
+        ),
     ],
     ids=lambda value: value[0],
 )
-def test_commands_name_their_stages_on_stderr_and_are_silent_with_quiet(run, home, at_once, command, stages):
+def test_commands_name_their_stages_on_stderr_and_are_silent_with_quiet(
+    run, home, at_once, command, stages
+):
     command = [part.replace("{home}", str(home)) for part in command]
     force = ["--force"] if "--out" in command else []
     outcome = run(*command, "--json")
@@ -91,7 +113,9 @@ def test_commands_name_their_stages_on_stderr_and_are_silent_with_quiet(run, hom
 
 def test_verbose_logs_how_long_stages_took(run, home, caplog):
     run("describe", "kitchen", "--verbose")
-    assert any(re.fullmatch(r"auditing the graph: \d+\.\d s", message) for message in caplog.messages)
+    assert any(
+        re.fullmatch(r"auditing the graph: \d+\.\d s", message) for message in caplog.messages
+    )
     caplog.clear()
     run("describe", "kitchen")
     assert caplog.messages == []

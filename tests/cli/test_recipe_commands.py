@@ -52,13 +52,21 @@ def test_a_recipe_may_be_written_in_many_ways(words, slots):
 @pytest.mark.parametrize(
     ("words", "kind", "said"),
     [
-        (["flour", "+", "waater"], "UnknownEntityError", "no entity 'waater'. Did you mean 'water'"),
+        (
+            ["flour", "+", "waater"],
+            "UnknownEntityError",
+            "no entity 'waater'. Did you mean 'water'",
+        ),
         (["_", "+", "water"], "ConfigError", "_ + water = _ has several open slots"),
         (["_", "+", "_", "=", "dough"], "ConfigError", "_ + _ = dough has several open slots"),
         (["flour", "+"], "ConfigError", "cannot parse recipe 'flour +'"),
         (["flour", "water", "+"], "ConfigError", "cannot parse recipe 'flour water +'"),
         (["flour", "+", "water", "+", "dough"], "ConfigError", "cannot parse recipe"),
-        (["flour", "+", "water", "dough", "bread"], "ConfigError", "Quote labels with several words"),
+        (
+            ["flour", "+", "water", "dough", "bread"],
+            "ConfigError",
+            "Quote labels with several words",
+        ),
         (["flour", "combinesWith", "water", "+"], "ConfigError", "cannot parse query"),
         (["flour"], "ConfigError", "a recipe such as a + b"),
     ],
@@ -78,7 +86,11 @@ def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes
     assert [row["result"] for row in values["top"]] == [scorer.entities[entity] for entity in best]
     assert [row["score"] for row in values["top"]] == pytest.approx(scores[best].tolist(), rel=1e-4)
     opened = open_graph("kitchen")
-    parts = {opened.graph.labels(one): part for part in ("test", "train") for one in opened.split.recipes(part)}
+    parts = {
+        opened.graph.labels(one): part
+        for part in ("test", "train")
+        for one in opened.split.recipes(part)
+    }
     for row in values["top"]:
         recipe = (row["ingredient_a"], row["ingredient_b"], row["result"])
         assert row["known"] == parts.get((*sorted(recipe[:2]), recipe[2]), "new")
@@ -91,7 +103,9 @@ def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes
     assert lines[0].split() == ["nats", "part", "recipe", "probability"]
     assert sum(" because " in line for line in lines) == 3
     assert "because: similar train recipes" in lines[-2]
-    assert any(f"train  {a} + {b} -> {result}" in line for line in lines if line.endswith("(in-sample)"))
+    assert any(
+        f"train  {a} + {b} -> {result}" in line for line in lines if line.endswith("(in-sample)")
+    )
     assert NOTE in lines[-1]
 
 
@@ -120,7 +134,9 @@ def test_a_recipe_has_a_score_and_ranks_and_in_sample_is_only_its_training(
 @pytest.mark.parametrize(
     ("query", "slot"), [("_ + {b} {result}", "ingredient_a"), ("{b} + _ {result}", "ingredient_b")]
 )
-def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder, scorer, query, slot):
+def test_partners_are_listed_and_new_ones_only_if_asked(
+    printed, recipes_folder, scorer, query, slot
+):
     a, b, result = in_part("train")
     command = ("score", recipes_folder, *query.format(b=b, result=result).split(), "--top", "80")
     top = printed(*command)["top"]
@@ -134,7 +150,9 @@ def test_partners_are_listed_and_new_ones_only_if_asked(printed, recipes_folder,
 
 
 @pytest.mark.parametrize("termination", ["csv", "tsv"])
-def test_a_file_of_recipes_gives_what_single_ones_give(printed, refused, recipes_folder, tmp_path, termination):
+def test_a_file_of_recipes_gives_what_single_ones_give(
+    printed, refused, recipes_folder, tmp_path, termination
+):
     (a, b, result), (c, d, other) = in_part("train"), in_part("test")
     queries = tmp_path / "in.csv"
     header = "ingredient_a,ingredient_b,result\n"
@@ -153,9 +171,22 @@ def test_a_file_of_recipes_gives_what_single_ones_give(printed, refused, recipes
         assert row["score"] == pytest.approx(expected["score"], abs=1e-4)
     out = tmp_path / f"out.{termination}"
     assert printed(*command, "--out", out)["out"] == str(out)
-    header, *lines = [line.split("," if termination == "csv" else "\t") for line in out.read_text().splitlines()]
-    assert header == ["line", "ingredient_a", "ingredient_b", "result", "score", "rank", "known", "in_sample"]
-    assert [line[1:4] for line in lines] == [[row[name] for name in header[1:4]] for row in found["rows"]]
+    header, *lines = [
+        line.split("," if termination == "csv" else "\t") for line in out.read_text().splitlines()
+    ]
+    assert header == [
+        "line",
+        "ingredient_a",
+        "ingredient_b",
+        "result",
+        "score",
+        "rank",
+        "known",
+        "in_sample",
+    ]
+    assert [line[1:4] for line in lines] == [
+        [row[name] for name in header[1:4]] for row in found["rows"]
+    ]
     assert [line[7] for line in lines] == [str(row["in_sample"]).lower() for row in found["rows"]]
     rows = printed(*command, "--new-only")["rows"]
     assert {row["known"] for row in rows} == {"new"}
@@ -174,10 +205,15 @@ def test_without_its_graph_memory_is_still_known(tmp_path, scorer):
     assert result in [row.result for row in view.top if row.in_sample]
 
 
-def test_explain_and_the_report_name_the_recipes_that_support_a_pair(printed, run, recipes_folder, tmp_path):
+def test_explain_and_the_report_name_the_recipes_that_support_a_pair(
+    printed, run, recipes_folder, tmp_path
+):
     agent = tmp_path / "agent"
     settings = ("--use", "u,v,w", "--steps", "512", "--features", "random", "--distractors", "3")
-    assert run("train-agent", "kitchen", "--scorer", recipes_folder, *settings, "--out", agent).code == 0
+    assert (
+        run("train-agent", "kitchen", "--scorer", recipes_folder, *settings, "--out", agent).code
+        == 0
+    )
     (trained,) = json.loads((agent / "report" / "report.json").read_text())["agents"]
     evaluated = printed("evaluate-agent", agent, "--distractor-seeds", 1)
     compared = trained["success"]["3"]["against_scorer"], evaluated["against_scorer"]["3"]
@@ -186,13 +222,20 @@ def test_explain_and_the_report_name_the_recipes_that_support_a_pair(printed, ru
     for episode in printed("explain", agent, "--part", "train", "--episodes", "4")["episodes"]:
         plans = {recipe for plan in episode["plans"] for recipe in plan}
         for step in episode["steps"]:
-            labels = {step["selection"]} if step["selection"] else {slot["entity"] for slot in step["slots"]}
+            labels = (
+                {step["selection"]}
+                if step["selection"]
+                else {slot["entity"] for slot in step["slots"]}
+            )
             for evidence in (slot["evidence"] for slot in step["slots"] if slot["evidence"]):
                 evidences += 1
                 assert evidence["source"] == "w"
                 assert evidence["partner"] in labels
                 for one in evidence["because"]:
-                    assert f"{one['ingredient_a']} + {one['ingredient_b']} -> {one['result']}" not in plans
+                    assert (
+                        f"{one['ingredient_a']} + {one['ingredient_b']} -> {one['result']}"
+                        not in plans
+                    )
     assert evidences
     text = run("explain", agent, "--episodes", "2").out
     assert sum(line.startswith("  w: ") for line in text.splitlines()) >= 2

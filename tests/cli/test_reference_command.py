@@ -9,12 +9,25 @@ from wordcraft_kg import TaskConfig, WordCraftConfig, World, open_graph
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import Study, kept_answers
 from wordcraft_kg.apps.text_agents import result_reader
-from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GamesHeader, PlayedSettings, PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.records import (
+    GAMES_FILE,
+    GamesHeader,
+    PlayedSettings,
+    PlayedTask,
+    PlayedWorld,
+)
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, result_of
 from wordcraft_kg.base.records import as_lines
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.evaluation import reference
-from wordcraft_kg.evaluation.reference import Figure, OpenPlay, PlayedGraph, ReferencePack, ReferenceRow, TaskPlay
+from wordcraft_kg.evaluation.reference import (
+    Figure,
+    OpenPlay,
+    PlayedGraph,
+    ReferencePack,
+    ReferenceRow,
+    TaskPlay,
+)
 
 DEPTH_1 = TaskPlay("test", 1, 1)
 TWO = ("reference", "kitchen", "--distractors", "1,4")
@@ -23,7 +36,12 @@ OPEN = ("reference", "kitchen", "--open-ended")
 
 def row(player, kind, figures, **more):
     figures = {column: Figure(value) for column, value in figures.items()}
-    settings = {"measure": "success", "origin": "ours", "source": "a command", "play": DEPTH_1} | more
+    settings = {
+        "measure": "success",
+        "origin": "ours",
+        "source": "a command",
+        "play": DEPTH_1,
+    } | more
     return ReferenceRow(player=player, kind=kind, figures=figures, **settings)
 
 
@@ -48,7 +66,9 @@ def pack(monkeypatch):
         row("of depth 2", "agent", {"1": 0.5}, play=TaskPlay("test", 2, 2)),
         row("explorer", "other", {"1": 5.5, "10": 6.25}, measure="entities known", play=base),
     )
-    found = ReferencePack(format=reference.FORMAT, title="kitchen", rows=rows, graph=PlayedGraph.of(opened))
+    found = ReferencePack(
+        format=reference.FORMAT, title="kitchen", rows=rows, graph=PlayedGraph.of(opened)
+    )
     real = [one for one in reference.read_packs() if one.graph is None]
     monkeypatch.setattr(reference, "_packs", lambda: (found, *real))
     return found
@@ -72,19 +92,25 @@ def person(path, *, right, wrong, graph="kitchen", distractors=4):
 def test_a_graph_without_a_pack_is_measured_as_baselines_does(printed, run):
     values = printed(*TWO)
     assert (values["pack"], values["measured"], values["columns"]) == (None, [1, 4], [1, 4])
-    measured = {(one["player"], at): found for one in values["rows"] for at, found in one["figures"].items()}
+    measured = {
+        (one["player"], at): found for one in values["rows"] for at, found in one["figures"].items()
+    }
     expected = printed("evaluate-agent", "kitchen", "--distractors", "1,4")["rows"]
     assert measured.keys() == {(one["player"], str(one["distractors"])) for one in expected}
     for one in expected:
         found = measured[one["player"], str(one["distractors"])]
-        assert (found["value"], found["low"]) == pytest.approx((one["success"], one["low"]), abs=1e-6)
+        assert (found["value"], found["low"]) == pytest.approx(
+            (one["success"], one["low"]), abs=1e-6
+        )
     text = run(*TWO).out
     assert "measured now: scripted players with 1, 4 distractors" in text
     assert "the pack does not have this graph and split" in text
     assert "with 1 distractor, because" in run(*TWO[:3], "1").out
 
 
-def test_ours_and_the_literature_are_apart_in_the_text_and_each_of_the_latter_has_a_source(run, pack):
+def test_ours_and_the_literature_are_apart_in_the_text_and_each_of_the_latter_has_a_source(
+    run, pack
+):
     ours, theirs = run(*TWO).out.split("\nFrom the literature")
     assert "our agent" in ours
     assert "gpt-4o-mini" not in ours
@@ -118,7 +144,9 @@ def test_open_ended_play_stands_beside_people_and_language_models(printed, run, 
     people = next(line for line in text.splitlines() if "people, Little Alchemy 2" in line)
     assert people.split()[-5:] == ["5", "9.95", "14.05", "23.47", "35.96"]
     assert "192 new combinations after 500 attempts" in text
-    assert "o1 [5], language model: 177 entities known after 500 attempts\n" in text  # no column is at 500
+    assert (
+        "o1 [5], language model: 177 entities known after 500 attempts\n" in text
+    )  # no column is at 500
     assert "Success" not in text
 
 
@@ -126,7 +154,9 @@ def test_open_ended_play_from_another_base_is_measured(printed, pack):
     base = pack.rows[-1].play.base
     values = printed(*OPEN, "--base", ",".join(base[1:]))
     assert values["measured"] == [1, 10, 20, 50, 100]
-    assert {"random", "random-no-repeat", "greedy", "empowerment"} == {one["player"] for one in values["rows"]}
+    assert {"random", "random-no-repeat", "greedy", "empowerment"} == {
+        one["player"] for one in values["rows"]
+    }
     assert values["play"]["base"] == list(base[1:])
 
 
@@ -134,7 +164,9 @@ def test_an_agent_beside_has_the_figures_of_its_evaluation(printed, run, pack, w
     (row,) = own(printed(*TWO, "--external-results", world / "plain"))
     assert (row["player"], row["seeds"]) == ("plain", 2)
     seeds = (world / "plain" / "seed-0", world / "plain" / "seed-1")
-    of_seeds = [printed("evaluate-agent", seed, "--distractors", "1,4")["success"] for seed in seeds]
+    of_seeds = [
+        printed("evaluate-agent", seed, "--distractors", "1,4")["success"] for seed in seeds
+    ]
     for amount in ("1", "4"):
         mean = sum(one[amount]["mean"] for one in of_seeds) / 2
         figure = row["figures"][amount]
@@ -173,13 +205,21 @@ def tasks_made(number, world, most=None):
     """Games on tasks in which the first goals are made."""
     about = {"goal": "", "table": (), "actions": 2, "distractor_seed": 0, "last": None, **COUNTS}
     return [
-        PlayedTask(task=task, success=made, by_plan=made, termination="goal" if made else "no_recipe", **about)
+        PlayedTask(
+            task=task,
+            success=made,
+            by_plan=made,
+            termination="goal" if made else "no_recipe",
+            **about,
+        )
         for place, task in enumerate(chosen_tasks(world, most).tolist())
         for made in [place < number]
     ]
 
 
-def test_results_of_text_agents_are_one_row_by_distractors(printed, refused, run, pack, kitchen_world, tmp_path):
+def test_results_of_text_agents_are_one_row_by_distractors(
+    printed, refused, run, pack, kitchen_world, tmp_path
+):
     four = result(tmp_path / "four", settings_of(kitchen_world), tasks_made(21, kitchen_world))
     other = settings_of(kitchen_world.variant(num_distractors=1))
     one = result(tmp_path / "one", other, tasks_made(42, kitchen_world))
@@ -187,14 +227,27 @@ def test_results_of_text_agents_are_one_row_by_distractors(printed, refused, run
     assert figures(row) == {"4": 0.333333, "1": 0.666667}
     assert (row["player"], row["tasks"], row["distractor_seeds"]) == ("parrot", 63, 1)
     assert "63 attempts lost by invalid actions" in run(*TWO, "--external-results", four).out
-    refused(*TWO[:3], "2", "--external-results", four, says="has 4 distractors, but the columns are 2")
-    refused(*TWO, "--depth", "2", "--external-results", four, says="add --part test --depth 1, or remove")
-    refused("reference", "everyday", *TWO[2:], "--external-results", four, kind="GraphMismatchError")
+    refused(
+        *TWO[:3], "2", "--external-results", four, says="has 4 distractors, but the columns are 2"
+    )
+    refused(
+        *TWO,
+        "--depth",
+        "2",
+        "--external-results",
+        four,
+        says="add --part test --depth 1, or remove",
+    )
+    refused(
+        "reference", "everyday", *TWO[2:], "--external-results", four, kind="GraphMismatchError"
+    )
     refused(*OPEN, "--external-results", four, says="was recorded on tasks")
 
 
 @pytest.mark.slow
-def test_results_with_several_attempts_are_compared_with_as_many_only(refused, run, pack, kitchen_world, tmp_path):
+def test_results_with_several_attempts_are_compared_with_as_many_only(
+    refused, run, pack, kitchen_world, tmp_path
+):
     settings = settings_of(kitchen_world.variant(max_attempts=3), tasks=50)
     tries = result(tmp_path / "tries", settings, tasks_made(15, kitchen_world, 50))
     refused(*TWO, "--external-results", tries, says="add --part test --depth 1 --attempts 3")
@@ -203,33 +256,47 @@ def test_results_with_several_attempts_are_compared_with_as_many_only(refused, r
     assert "an even sample of 50 tasks, 50 attempts lost" in text
 
 
-def test_a_player_that_has_played_the_same_twice_has_two_rows(printed, pack, kitchen_world, tmp_path):
+def test_a_player_that_has_played_the_same_twice_has_two_rows(
+    printed, pack, kitchen_world, tmp_path
+):
     settings = settings_of(kitchen_world)
     other = settings_of(kitchen_world.variant(num_distractors=1))
     played = {"first": (settings, 7), "second": (settings, 9), "other": (other, 7)}
-    folders = [result(tmp_path / name, one, tasks_made(made, kitchen_world)) for name, (one, made) in played.items()]
-    rows = own(printed(*TWO, *(option for folder in folders for option in ("--external-results", folder))))
+    folders = [
+        result(tmp_path / name, one, tasks_made(made, kitchen_world))
+        for name, (one, made) in played.items()
+    ]
+    rows = own(
+        printed(*TWO, *(option for folder in folders for option in ("--external-results", folder)))
+    )
     assert [figures(row) for row in rows] == [{"4": 0.111111, "1": 0.111111}, {"4": 0.142857}]
 
 
 @pytest.mark.slow
-def test_an_open_ended_result_is_a_row_and_so_is_a_log_of_inspect(printed, refused, pack, tmp_path, monkeypatch):
+def test_an_open_ended_result_is_a_row_and_so_is_a_log_of_inspect(
+    printed, refused, pack, tmp_path, monkeypatch
+):
     env = OpenEndedEnv("kitchen", max_attempts=20)
     played = [
-        PlayedWorld(game=game, known_after=(9 + game,) * 9 + (11,) * 2, repeated=0, **COUNTS) for game in range(2)
+        PlayedWorld(game=game, known_after=(9 + game,) * 9 + (11,) * 2, repeated=0, **COUNTS)
+        for game in range(2)
     ]
     settings = PlayedSettings.of(env, open_graph("kitchen").split, distractor_seeds=2)
     folder = result(tmp_path / "open", settings, played)
     (row,) = own(printed(*OPEN, "--external-results", folder))
     assert (figures(row), row["runs"]) == ({"1": 9.5, "10": 11, "20": 11}, 2)
     other = ",".join(pack.rows[-1].play.base[1:])
-    refused(*OPEN, "--base", other, "--external-results", folder, says="expected open-ended mode from")
+    refused(
+        *OPEN, "--base", other, "--external-results", folder, says="expected open-ended mode from"
+    )
     refused("reference", "kitchen", "--external-results", folder, says="add --open-ended")
     log = tmp_path / "log.eval"
     log.write_bytes(b"")
     # Logs have their own tests, which need Inspect AI.
     header, played, _ = read_games(folder / GAMES_FILE)
-    monkeypatch.setattr(result_reader, "read_inspect_log", {log: result_of("", header.settings, played)}.get)
+    monkeypatch.setattr(
+        result_reader, "read_inspect_log", {log: result_of("", header.settings, played)}.get
+    )
     (row,) = own(printed(*OPEN, "--external-results", log))
     assert (row["kind"], row["source"], figures(row)["1"]) == ("language model", str(log), 9.5)
 
@@ -237,26 +304,59 @@ def test_an_open_ended_result_is_a_row_and_so_is_a_log_of_inspect(printed, refus
 @pytest.mark.parametrize(
     ("make", "options", "says"),
     [
-        (lambda path: path.mkdir(), "", "is an empty folder; expected a run folder of 'train-agent'"),
-        (lambda path: path.write_text("hello"), "", "is a file; expected a run folder of 'train-agent'"),
-        (lambda path: person(path, right=1, wrong=0, graph="everyday"), "", "was played on graph 82dcde20aeb1, but"),
-        (lambda path: person(path, right=1, wrong=0, distractors=3), "--distractors 1,4", "tasks with 3 distractors"),
+        (
+            lambda path: path.mkdir(),
+            "",
+            "is an empty folder; expected a run folder of 'train-agent'",
+        ),
+        (
+            lambda path: path.write_text("hello"),
+            "",
+            "is a file; expected a run folder of 'train-agent'",
+        ),
+        (
+            lambda path: person(path, right=1, wrong=0, graph="everyday"),
+            "",
+            "was played on graph 82dcde20aeb1, but",
+        ),
+        (
+            lambda path: person(path, right=1, wrong=0, distractors=3),
+            "--distractors 1,4",
+            "tasks with 3 distractors",
+        ),
     ],
     ids=["empty folder", "text", "another graph", "other distractors"],
 )
-def test_results_that_the_table_cannot_show_are_refused(refused, pack, tmp_path, make, options, says):
+def test_results_that_the_table_cannot_show_are_refused(
+    refused, pack, tmp_path, make, options, says
+):
     make(tmp_path / "one")
-    refused("reference", "kitchen", *options.split(), "--external-results", tmp_path / "one", says=says)
+    refused(
+        "reference", "kitchen", *options.split(), "--external-results", tmp_path / "one", says=says
+    )
 
 
-def test_a_report_of_agents_shows_the_pack_apart_and_has_the_same_figures(run, world, monkeypatch, tmp_path, pack):
-    command = ("compare", world / "plain", "--distractors", "1,4", "--distractor-seeds", 1, "--episodes", 0)
+def test_a_report_of_agents_shows_the_pack_apart_and_has_the_same_figures(
+    run, world, monkeypatch, tmp_path, pack
+):
+    command = (
+        "compare",
+        world / "plain",
+        "--distractors",
+        "1,4",
+        "--distractor-seeds",
+        1,
+        "--episodes",
+        0,
+    )
     options = "--part test --depth 1 --distractors 1,4"
     with_pack = run(*command, "--out", tmp_path / "with")
     assert f"for comparison: wordcraft-kg reference {world / 'graph'} {options}" in with_pack.out
     monkeypatch.setattr(reference, "_packs", lambda: ())
     assert "for comparison" not in run(*command, "--out", tmp_path / "without").out
-    reports = [json.loads((tmp_path / name / "report.json").read_text()) for name in ("with", "without")]
+    reports = [
+        json.loads((tmp_path / name / "report.json").read_text()) for name in ("with", "without")
+    ]
     assert [one["player"] for one in reports[0].pop("references")] == ["our agent"]
     assert reports[1].pop("references") == []
     assert reports[0] == reports[1]

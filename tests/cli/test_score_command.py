@@ -11,7 +11,9 @@ from quick import QUICK
 from wordcraft_kg.graphs import RELATIONS, open_book, open_graph
 from wordcraft_kg.models.scorers.folder import load_scorer
 
-QUERIES = "head,relation,tail\nflour,combinesWith,water\n\n_,componentOf,bread\nflour,componentOf,\n"
+QUERIES = (
+    "head,relation,tail\nflour,combinesWith,water\n\n_,componentOf,bread\nflour,componentOf,\n"
+)
 
 
 @functools.cache
@@ -21,14 +23,20 @@ def parts_of(graph):
     parts = {}
     for part in ("test", "valid", "train"):
         for head, relation, tail in opened.split.triples_of(part).tolist():
-            parts[opened.graph.entities[head], RELATIONS[relation], opened.graph.entities[tail]] = part
+            parts[opened.graph.entities[head], RELATIONS[relation], opened.graph.entities[tail]] = (
+                part
+            )
     return parts
 
 
 def test_score_prints_one_object_with_the_score_of_a_triple(printed, trained):
     values = printed("score", trained / "one", "flour", "combinesWith", "water")
     scorer = load_scorer(trained / "one")
-    assert (values["head"], values["relation"], values["tail"]) == ("flour", "combinesWith", "water")
+    assert (values["head"], values["relation"], values["tail"]) == (
+        "flour",
+        "combinesWith",
+        "water",
+    )
     assert values["score"] == pytest.approx(float(scorer.score("flour", "combinesWith", "water")))
     better = (scorer.score("flour", "combinesWith", torch.arange(80)) > values["score"]).sum()
     assert values["rank_as_tail"] == 1 + int(better)
@@ -36,12 +44,20 @@ def test_score_prints_one_object_with_the_score_of_a_triple(printed, trained):
 
 @pytest.mark.parametrize(
     "question",
-    ["_ componentOf bread", "? componentOf bread", "flour componentOf _", "flour componentOf ?", "flour componentOf"],
+    [
+        "_ componentOf bread",
+        "? componentOf bread",
+        "flour componentOf _",
+        "flour componentOf ?",
+        "flour componentOf",
+    ],
 )
 def test_score_lists_the_best_entities_of_an_open_slot(printed, run, trained, question):
     command = ("score", trained / "one", *question.split(), "--top", "3")
     values = printed(*command)
-    head, relation, tail = ("" if slot in ("_", "?") else slot for slot in [*question.split(), ""][:3])
+    head, relation, tail = (
+        "" if slot in ("_", "?") else slot for slot in [*question.split(), ""][:3]
+    )
     expected = load_scorer(trained / "one").top(head or None, relation, tail or None, limit=3)
     assert (values["head"], values["tail"]) == (head or None, tail or None)
     assert [(row["entity"], row["score"]) for row in values["top"]] == expected
@@ -58,7 +74,9 @@ def test_score_says_which_recipes_give_each_triple(printed, run, trained):
     new = printed(*query[:-1], "7", "--new-only")["top"]
     assert new == [row for row in values["top"] if row["known"] == "new"][:7]
     parts = [row["known"] for row in values["top"]]
-    assert parts == [known.get((row["entity"], "componentOf", "bread"), "new") for row in values["top"]]
+    assert parts == [
+        known.get((row["entity"], "componentOf", "bread"), "new") for row in values["top"]
+    ]
     assert set(parts) == {"train", "test", "new"}
     assert values["trained_on"] == "partial"
     assert [line.split()[1] for line in run(*query).out.splitlines()] == ["part", *parts]
@@ -80,7 +98,9 @@ def test_score_says_how_probable_triples_outside_training_are(printed, run, worl
     single = run("score", model, new["entity"], "componentOf", "bread").out
     assert f"  {100 * new['probability']:.2g} %" in single
     queries = tmp_path / "queries.csv"
-    queries.write_text(f"head,relation,tail\n{new['entity']},componentOf,bread\n_,componentOf,bread\n")
+    queries.write_text(
+        f"head,relation,tail\n{new['entity']},componentOf,bread\n_,componentOf,bread\n"
+    )
     rows = printed("score", model, "--in", queries, "--top", "80")["rows"]
     assert rows[0]["probability"] == pytest.approx(new["probability"])
     assert [row["probability"] for row in rows[1:]] == [row["probability"] for row in top]
@@ -100,7 +120,9 @@ def test_score_says_that_a_model_of_the_full_graph_has_seen_the_test_triples(run
     assert note not in run(*query, "--new-only").out
 
 
-def test_without_its_graph_a_model_still_scores_but_not_new_only(printed, refused, run, trained, tmp_path, caplog):
+def test_without_its_graph_a_model_still_scores_but_not_new_only(
+    printed, refused, run, trained, tmp_path, caplog
+):
     write_graph(tmp_path / "graph")
     run("train-complex", tmp_path / "graph", *QUICK, "--out", tmp_path / "one")
     (tmp_path / "graph").rename(tmp_path / "moved")
@@ -136,12 +158,19 @@ def test_a_file_of_queries_gives_what_single_ones_give(printed, trained, tmp_pat
     single = printed("score", trained / "one", "flour", "combinesWith", "water")
     assert (triple["line"], triple["rank"], triple["known"]) == (2, None, single["known"])
     assert triple["score"] == pytest.approx(single["score"])
-    cases = (4, ("_", "componentOf", "bread"), listed[:3], "head"), (5, ("flour", "componentOf"), listed[3:], "tail")
+    cases = (
+        (4, ("_", "componentOf", "bread"), listed[:3], "head"),
+        (5, ("flour", "componentOf"), listed[3:], "tail"),
+    )
     for line, query, rows, slot in cases:
         best = printed("score", trained / "one", *query, "--top", "3")["top"]
         for rank, (row, one) in enumerate(zip(rows, best, strict=True), 1):
             assert (row["line"], row["rank"]) == (line, rank)
-            assert (row[slot], row["score"], row["known"]) == (one["entity"], one["score"], one["known"])
+            assert (row[slot], row["score"], row["known"]) == (
+                one["entity"],
+                one["score"],
+                one["known"],
+            )
 
 
 @pytest.mark.parametrize("termination", ["csv", "tsv"])
@@ -151,11 +180,17 @@ def test_the_scores_of_a_file_go_to_a_file(printed, refused, run, trained, tmp_p
     command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--top", "3", "--out", out)
     assert printed(*command)["out"] == str(out)
     rows = printed(*command[:6])["rows"]
-    header, *lines = [line.split("," if termination == "csv" else "\t") for line in out.read_text().splitlines()]
+    header, *lines = [
+        line.split("," if termination == "csv" else "\t") for line in out.read_text().splitlines()
+    ]
     assert header == ["line", "head", "relation", "tail", "score", "rank", "known", "probability"]
-    assert [line[1:4] for line in lines] == [[row["head"], row["relation"], row["tail"]] for row in rows]
+    assert [line[1:4] for line in lines] == [
+        [row["head"], row["relation"], row["tail"]] for row in rows
+    ]
     assert [np.float32(line[4]) for line in lines] == [np.float32(row["score"]) for row in rows]
-    assert [line[5] for line in lines] == ["" if row["rank"] is None else str(row["rank"]) for row in rows]
+    assert [line[5] for line in lines] == [
+        "" if row["rank"] is None else str(row["rank"]) for row in rows
+    ]
     before = out.read_bytes()
     refused(*command, says="--force", kind="OutputExistsError")
     assert out.read_bytes() == before
@@ -166,13 +201,18 @@ def test_new_only_leaves_known_triples_out_of_a_file_too(printed, trained):
     triples, known = trained / "graph" / "triples" / "full.tsv", parts_of(trained / "graph")
     assert printed("score", trained / "one", "--in", triples, "--new-only").get("rows", []) == []
     rows = printed("score", trained / "one", "--in", triples)["rows"]
-    assert [row["known"] for row in rows] == [known[row["head"], row["relation"], row["tail"]] for row in rows]
+    assert [row["known"] for row in rows] == [
+        known[row["head"], row["relation"], row["tail"]] for row in rows
+    ]
 
 
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("flour,combinesWith,water\nflour,combinesWith,watr\n", "line 2: no entity 'watr'. Did you mean 'water'"),
+        (
+            "flour,combinesWith,water\nflour,combinesWith,watr\n",
+            "line 2: no entity 'watr'. Did you mean 'water'",
+        ),
         ("flour,combineWith,water\n", "line 1: no relation 'combineWith'"),
         ("head,relation,tail\n_,componentOf,?\n", "line 2: both slots are open"),
         ("\n\nflour,water\n", "line 3: 'flour,water' has 2 columns; expected head, relation, tail"),
@@ -182,9 +222,18 @@ def test_new_only_leaves_known_triples_out_of_a_file_too(printed, trained):
         ("\xff", "not UTF-8"),
     ],
 )
-def test_a_wrong_file_of_queries_is_refused_with_the_line(refused, trained, tmp_path, content, message):
+def test_a_wrong_file_of_queries_is_refused_with_the_line(
+    refused, trained, tmp_path, content, message
+):
     (tmp_path / "pairs.csv").write_text(content, encoding="latin-1")
-    command = ("score", trained / "one", "--in", tmp_path / "pairs.csv", "--out", tmp_path / "scores.csv")
+    command = (
+        "score",
+        trained / "one",
+        "--in",
+        tmp_path / "pairs.csv",
+        "--out",
+        tmp_path / "scores.csv",
+    )
     refused(*command, says=message, kind="QueryFileError")
     assert [path.name for path in tmp_path.iterdir()] == ["pairs.csv"]
 
@@ -192,13 +241,27 @@ def test_a_wrong_file_of_queries_is_refused_with_the_line(refused, trained, tmp_
 @pytest.mark.parametrize(
     ("query", "by_words", "notes"),
     [
-        ("yogurt componentOf cake", ["yogurt"], ["new   yogurt componentOf cake", "among all 81 entities"]),
-        ("yogurt combinesWith rice", ["yogurt", "rice"], ["'yogurt', 'rice' are not in the graph: scored by"]),
-        ("bakery combinesWith water", ["bakery"], ["scored by its words alone. Did you mean 'baker'"]),
+        (
+            "yogurt componentOf cake",
+            ["yogurt"],
+            ["new   yogurt componentOf cake", "among all 81 entities"],
+        ),
+        (
+            "yogurt combinesWith rice",
+            ["yogurt", "rice"],
+            ["'yogurt', 'rice' are not in the graph: scored by"],
+        ),
+        (
+            "bakery combinesWith water",
+            ["bakery"],
+            ["scored by its words alone. Did you mean 'baker'"],
+        ),
         ("flour combinesWith water", [], []),
     ],
 )
-def test_entities_outside_the_graph_are_scored_by_words(printed, run, recipes_folder, query, by_words, notes):
+def test_entities_outside_the_graph_are_scored_by_words(
+    printed, run, recipes_folder, query, by_words, notes
+):
     command = ("score", recipes_folder, *query.split())
     assert printed(*command)["by_words"] == by_words
     text = run(*command).out
@@ -211,10 +274,16 @@ def test_the_best_entities_for_a_new_word_are_listed_on_both_sides(printed, reci
     assert (parts["by_words"], len(parts["top"])) == (["yogurt"], 81)
     assert {row["known"] for row in parts["top"]} == {"new"}
     partners = printed("score", recipes_folder, "yogurt", "combinesWith", "--top", "3")
-    assert (partners["head"], len(partners["top"]), partners["by_words"]) == ("yogurt", 3, ["yogurt"])
+    assert (partners["head"], len(partners["top"]), partners["by_words"]) == (
+        "yogurt",
+        3,
+        ["yogurt"],
+    )
 
 
-def test_new_words_in_a_file_are_scored_and_unknown_words_refused(printed, refused, run, recipes_folder, tmp_path):
+def test_new_words_in_a_file_are_scored_and_unknown_words_refused(
+    printed, refused, run, recipes_folder, tmp_path
+):
     queries, out = tmp_path / "pairs.csv", tmp_path / "scores.csv"
     command = ("score", recipes_folder, "--in", queries, "--top", "2")
     queries.write_text("yogurt,combinesWith,water\nflour,combinesWith,flouurr\n")
@@ -235,6 +304,8 @@ def test_new_words_in_a_file_are_scored_and_unknown_words_refused(printed, refus
         ("links", "yogurt", ["no entity 'yogurt'.", "knows only the graph's entities"]),
     ],
 )
-def test_words_that_a_model_cannot_score_are_refused(refused, recipes_folder, trained, folder, word, says):
+def test_words_that_a_model_cannot_score_are_refused(
+    refused, recipes_folder, trained, folder, word, says
+):
     model = recipes_folder if folder == "recipes" else trained / "one"
     refused("score", model, word, "combinesWith", "water", says=says, kind="UnknownEntityError")

@@ -17,13 +17,21 @@ AGENT = (*SMALL, "--distractors", 2)
 
 @pytest.mark.parametrize(
     ("text", "expected"),
-    [("0-4", [0, 1, 2, 3, 4]), ("7", [7]), ("0,3,7", [0, 3, 7]), ("2-3, 0-2", [2, 3, 0, 1]), ("5-5,5", [5])],
+    [
+        ("0-4", [0, 1, 2, 3, 4]),
+        ("7", [7]),
+        ("0,3,7", [0, 3, 7]),
+        ("2-3, 0-2", [2, 3, 0, 1]),
+        ("5-5,5", [5]),
+    ],
 )
 def test_seeds_are_numbers_and_ranges_each_once(text, expected):
     assert read_seeds(text) == expected
 
 
-@pytest.mark.parametrize("text", ["", "a", "4-0", "-1", "1-", "0,,1", "1.5", "0-1000", "0-999,2000", "9" * 30])
+@pytest.mark.parametrize(
+    "text", ["", "a", "4-0", "-1", "1-", "0,,1", "1.5", "0-1000", "0-999,2000", "9" * 30]
+)
 def test_what_is_no_list_of_seeds_is_refused(text):
     with pytest.raises(ConfigError) as error:
         read_seeds(text)
@@ -40,14 +48,20 @@ def test_what_is_no_list_of_seeds_is_refused(text):
 def test_each_seed_is_an_ordinary_run(run, world, trained, tmp_path, command, weights):
     name, *options = command
     assert run(name, world / "graph", *options, "--out", tmp_path / "single").code == 0
-    assert same(weights[0], (trained if "links" in weights[1] else world) / weights[1], tmp_path / "single")
+    assert same(
+        weights[0], (trained if "links" in weights[1] else world) / weights[1], tmp_path / "single"
+    )
 
 
 @pytest.mark.parametrize(("command", "options"), [("train-agent", AGENT), ("train-complex", TINY)])
-def test_seeds_that_are_done_are_kept_and_others_are_added(printed, world, trained, tmp_path, command, options):
+def test_seeds_that_are_done_are_kept_and_others_are_added(
+    printed, world, trained, tmp_path, command, options
+):
     source = trained / "links" if command == "train-complex" else world / "plain"
     shutil.copytree(source, tmp_path / "seeds")
-    values = printed(command, world / "graph", *options, "--seeds", "0,4", "--out", tmp_path / "seeds")
+    values = printed(
+        command, world / "graph", *options, "--seeds", "0,4", "--out", tmp_path / "seeds"
+    )
     assert values["out"] == str(tmp_path / "seeds")
     assert values["seeds"].keys() == {"0", "4"}
     assert all(Path(one["out"]).is_dir() for one in values["seeds"].values())
@@ -70,12 +84,22 @@ def test_ctrl_c_leaves_the_rest_to_the_same_command(run, world, tmp_path, monkey
         if updates == 80:  # in the second seed, which has its first checkpoint by then
             raise KeyboardInterrupt
 
-    command = ("train-agent", world / "graph", *AGENT, "--seeds", "0-2", "--out", tmp_path / "plain")
+    command = (
+        "train-agent",
+        world / "graph",
+        *AGENT,
+        "--seeds",
+        "0-2",
+        "--out",
+        tmp_path / "plain",
+    )
     with monkeypatch.context() as patch:
         patch.setattr(Impala, "update", interrupted)
         stopped = run(*command)
     assert (stopped.code, stopped.out) == (130, "")
-    assert stopped.err == "interrupted; 1 of 3 seeds are done, repeat the command to train the rest\n"
+    assert (
+        stopped.err == "interrupted; 1 of 3 seeds are done, repeat the command to train the rest\n"
+    )
     assert json.loads((tmp_path / "plain/seed-1/run.json").read_text())["status"] == "interrupted"
     assert not (tmp_path / "plain/seed-2").exists()
     assert run(*command).code == 0
@@ -85,12 +109,16 @@ def test_ctrl_c_leaves_the_rest_to_the_same_command(run, world, tmp_path, monkey
     assert (tmp_path / "plain/seed-2/report/index.html").is_file()
 
 
-def test_a_seed_that_was_killed_at_once_begins_again_and_a_missing_report_is_written(world, tmp_path):
+def test_a_seed_that_was_killed_at_once_begins_again_and_a_missing_report_is_written(
+    world, tmp_path
+):
     shutil.copytree(world / "plain", tmp_path / "plain")
     shutil.rmtree(tmp_path / "plain/seed-0/report")
     killed = tmp_path / "plain/seed-1"
     record = json.loads((killed / "run.json").read_text())
-    (killed / "run.json").write_text(json.dumps(record | {"status": "running", "ended": None, "outputs": {}}))
+    (killed / "run.json").write_text(
+        json.dumps(record | {"status": "running", "ended": None, "outputs": {}})
+    )
     succeed(("train-agent", world / "graph", *AGENT, "--seeds", "0-1", "--out", tmp_path / "plain"))
     assert same("policy.safetensors", killed, world / "plain/seed-1")
     assert (tmp_path / "plain/seed-0/report/index.html").is_file()
@@ -106,23 +134,47 @@ def test_a_seed_that_was_killed_at_once_begins_again_and_a_missing_report_is_wri
         ("everyday", "another graph"),
     ],
 )
-def test_a_seed_with_other_settings_or_data_is_not_taken_for_the_same(refused, world, trained, tmp_path, options, says):
+def test_a_seed_with_other_settings_or_data_is_not_taken_for_the_same(
+    refused, world, trained, tmp_path, options, says
+):
     write_graph(tmp_path / "other", seed=1)
     words = options.format(trained=trained, other=tmp_path / "other").split()
     graph = [] if words[0].startswith("--") else [words.pop()]
-    command = ("train-agent", *(graph or [world / "graph"]), *AGENT, *words, "--seeds", "0-1", "--out")
+    command = (
+        "train-agent",
+        *(graph or [world / "graph"]),
+        *AGENT,
+        *words,
+        "--seeds",
+        "0-1",
+        "--out",
+    )
     before = contents(world / "plain")
     refused(*command, world / "plain", says=says, kind="ConfigError")
     assert contents(world / "plain") == before
 
 
-def test_the_same_graph_by_another_name_keeps_the_seeds_and_another_trainer_does_not(run, refused, world, trained):
+def test_the_same_graph_by_another_name_keeps_the_seeds_and_another_trainer_does_not(
+    run, refused, world, trained
+):
     before = contents(world / "plain")
-    assert run("train-agent", "kitchen", *AGENT, "--seeds", "0-1", "--out", world / "plain").code == 0
+    assert (
+        run("train-agent", "kitchen", *AGENT, "--seeds", "0-1", "--out", world / "plain").code == 0
+    )
     links = ("train-complex", trained / "graph", *TINY, "--seeds", "0", "--out")
     refused(*links, world / "plain", kind="OutputExistsError")
-    refused(*links, trained / "links", "--n3", "0.2", says="this command has 0.2", kind="ConfigError")
-    single = ("train-agent", world / "graph", *AGENT, "--seeds", "0-1", "--out", world / "plain/seed-0")
+    refused(
+        *links, trained / "links", "--n3", "0.2", says="this command has 0.2", kind="ConfigError"
+    )
+    single = (
+        "train-agent",
+        world / "graph",
+        *AGENT,
+        "--seeds",
+        "0-1",
+        "--out",
+        world / "plain/seed-0",
+    )
     refused(*single, says="is a single run", kind="OutputExistsError")
     assert contents(world / "plain") == before
 
@@ -137,7 +189,9 @@ def test_the_same_graph_by_another_name_keeps_the_seeds_and_another_trainer_does
         "train-agent kitchen --out {trained}/links/never --scorer {trained}/links",
     ],
 )
-def test_where_one_run_is_needed_a_folder_of_seeds_is_refused_with_one_of_them(refused, world, trained, command):
+def test_where_one_run_is_needed_a_folder_of_seeds_is_refused_with_one_of_them(
+    refused, world, trained, command
+):
     message = refused(*command.format(world=world, trained=trained).split(), kind="ArtefactError")
     folder = world / "plain" if "{world}" in command else trained / "links"
     assert f"holds a run for each of 2 seeds; give one run, such as {folder / 'seed-0'}." in message

@@ -39,16 +39,27 @@ def needed(name):
 print(json.dumps({name: needed(name) for name in wordcraft_kg.__all__}))
 """
 WORKING = (
-    *("books", "build-graph kitchen --out graph", "describe graph", "describe graph --entity bread"),
+    *(
+        "books",
+        "build-graph kitchen --out graph",
+        "describe graph",
+        "describe graph --entity bread",
+    ),
     *("tasks graph --limit 2", "export graph --format nt --out graph.nt"),
-    *("export graph --format graphml --out graph.graphml", "play graph", "discover graph --runs 1 --attempts 5"),
+    *(
+        "export graph --format graphml --out graph.graphml",
+        "play graph",
+        "discover graph --runs 1 --attempts 5",
+    ),
 )
 
 
 def run(folder, *lines, program=COMMANDS):
     """Run commands in one process, and return their exit codes and its stderr."""
     command = [sys.executable, "-c", PROGRAM + program, *lines]
-    done = subprocess.run(command, cwd=folder, input="q\n", capture_output=True, text=True, timeout=120, check=True)
+    done = subprocess.run(
+        command, cwd=folder, input="q\n", capture_output=True, text=True, timeout=120, check=True
+    )
     return json.loads(done.stdout.splitlines()[-1]), done.stderr
 
 
@@ -57,7 +68,9 @@ def test_graphs_tasks_exports_play_and_discovery_need_no_torch(tmp_path):
     assert codes == [0] * len(WORKING), errors
 
 
-@pytest.mark.parametrize(("line", "package"), [("train-complex kitchen", "pykeen"), ("check-book kitchen", "")])
+@pytest.mark.parametrize(
+    ("line", "package"), [("train-complex kitchen", "pykeen"), ("check-book kitchen", "")]
+)
 def test_a_command_that_needs_more_names_the_package(tmp_path, line, package):
     codes, errors = run(tmp_path, line)
     assert codes == [1]
@@ -71,8 +84,12 @@ def test_a_public_name_that_needs_more_names_the_package(tmp_path):
     assert errors["open_graph"] is errors["LinksConfig"] is None
     needs = "train_agent needs torch, which is not installed. Install it: " + CPU_TORCH
     assert errors["train_agent"] == f"MissingExtraError: {needs}"
-    assert errors["train_links"].startswith("MissingExtraError: train_links needs pykeen, which is not installed.")
-    assert all(error is None or error.startswith("MissingExtraError: ") for error in errors.values())
+    assert errors["train_links"].startswith(
+        "MissingExtraError: train_links needs pykeen, which is not installed."
+    )
+    assert all(
+        error is None or error.startswith("MissingExtraError: ") for error in errors.values()
+    )
 
 
 def test_packages_that_need_torch_come_after_its_cpu_build(uninstalled):
@@ -84,8 +101,13 @@ def test_packages_that_need_torch_come_after_its_cpu_build(uninstalled):
 
 def test_constraints_and_lock_file_pin_the_tested_versions_of_all_direct_dependencies():
     root = Path(__file__).parents[2]
-    pins = [(root / name).read_text() for name in ("constraints.txt", "benchmarks/requirements-results.txt")]
-    pinned, locked = (dict(re.findall(r"^([\w.-]+)==([^+\s]+)", text, re.MULTILINE)) for text in pins)
+    pins = [
+        (root / name).read_text()
+        for name in ("constraints.txt", "benchmarks/requirements-results.txt")
+    ]
+    pinned, locked = (
+        dict(re.findall(r"^([\w.-]+)==([^+\s]+)", text, re.MULTILINE)) for text in pins
+    )
     locked = {name.lower().replace("_", "-"): pin for name, pin in locked.items()}
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
     extras = {**project["optional-dependencies"], "docs": [], "tensorboard": [], "wandb": []}

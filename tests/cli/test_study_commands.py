@@ -36,15 +36,20 @@ def study(tmp_path):
     return path
 
 
-def test_a_sweep_trains_missing_runs_and_writes_its_results(printed, run, study, tmp_path, monkeypatch):
+def test_a_sweep_trains_missing_runs_and_writes_its_results(
+    printed, run, study, tmp_path, monkeypatch
+):
     monkeypatch.setattr(
-        "wordcraft_kg.studies.local_workers.LocalWorkers", lambda root, jobs, work, threads: Inline(root, work)
+        "wordcraft_kg.studies.local_workers.LocalWorkers",
+        lambda root, jobs, work, threads: Inline(root, work),
     )
     out = tmp_path / "results"
     assert printed("reproduce", study, "--out", out, "--jobs", 1)["studies"]["study"]["done"] == 6
     results = json.loads((out / "reports/study/results.json").read_text())
     assert [row["variant"] for row in results["runs"]] == ["none", "none", "guided", "guided"]
-    assert printed("reproduce", "--show", "--out", out)["study"]["command"].startswith("wordcraft-kg")
+    assert printed("reproduce", "--show", "--out", out)["study"]["command"].startswith(
+        "wordcraft-kg"
+    )
     again = run("reproduce", study, "--out", out, "--seeds", 1)
     assert again.code == 0
     assert "0 tasks done, 4 already done, 0 failed" in again.out
@@ -62,7 +67,9 @@ def test_the_list_has_every_study_with_hours_and_source(printed, refused):
     values = printed("reproduce", "--list")
     studies = values["studies"]
     assert list(studies) == built_in()
-    assert 0 < values["hours"] < sum(study["hours"] for study in studies.values()), "they share trainings"
+    assert 0 < values["hours"] < sum(study["hours"] for study in studies.values()), (
+        "they share trainings"
+    )
     assert all(study["hours"] > 0 and study["source"] for study in studies.values())
     shorter = printed("reproduce", "--list", "--steps", "300000", "--seeds", "3")
     assert 0 < shorter["hours"] < values["hours"] / 5
@@ -85,8 +92,16 @@ def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("distractors = 2", "distractor = 2", "unknown setting 'settings.distractor'. Did you mean 'distractors'"),
-        ("[variants.none]", '[variants.other]\nscorer = "plain"\n[variants.none]', "'other' and 'guided' are the same"),
+        (
+            "distractors = 2",
+            "distractor = 2",
+            "unknown setting 'settings.distractor'. Did you mean 'distractors'",
+        ),
+        (
+            "[variants.none]",
+            '[variants.other]\nscorer = "plain"\n[variants.none]',
+            "'other' and 'guided' are the same",
+        ),
         ('[variants.none]\n[variants.guided]\nscorer = "plain"', "", "variants"),
         ("title =", "title", "not a TOML file"),
         ('command = "kernel"', 'command = "kernle"', "Did you mean 'kernel'"),
@@ -94,7 +109,9 @@ def test_a_failed_task_makes_the_exit_code_1_and_is_named(run, study, tmp_path):
         ("", "", "is a file; expected a results folder"),
     ],
 )
-def test_a_wrong_study_or_output_is_refused_before_anything_starts(refused, study, tmp_path, old, new, says):
+def test_a_wrong_study_or_output_is_refused_before_anything_starts(
+    refused, study, tmp_path, old, new, says
+):
     assert old in STUDY
     study.write_text(STUDY.replace(old, new) if old else STUDY)
     refused("reproduce", study, "--out", tmp_path / "results" if old else study, says=says)
@@ -105,9 +122,20 @@ def test_a_wrong_study_or_output_is_refused_before_anything_starts(refused, stud
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
 def test_a_study_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(study, tmp_path, by):
     study.write_text(STUDY.replace("steps = 512", "steps = 60000\neval_every = 6000"))
-    command = [sys.executable, "-m", "wordcraft_kg", "reproduce", str(study), "--jobs", "2", "--out"]
+    command = [
+        sys.executable,
+        "-m",
+        "wordcraft_kg",
+        "reproduce",
+        str(study),
+        "--jobs",
+        "2",
+        "--out",
+    ]
     subprocess.run([*command, str(tmp_path / "whole")], check=True)
-    process = subprocess.Popen([*command, str(tmp_path / "parts")], start_new_session=True, stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [*command, str(tmp_path / "parts")], start_new_session=True, stderr=subprocess.PIPE
+    )
     while not list(tmp_path.glob("parts/runs/*/checkpoints/*.json")):
         time.sleep(0.05)
     if by == signal.SIGINT:
@@ -118,14 +146,23 @@ def test_a_study_that_is_interrupted_goes_on_and_ends_with_the_same_bytes(study,
     assert process.returncode == 130
     assert b"repeat the command to perform the rest" in said
     subprocess.run([*command, str(tmp_path / "parts")], check=True)
-    resumed = [json.loads(path.read_text()).get("resumed") for path in tmp_path.glob("parts/runs/*/run.json")]
+    resumed = [
+        json.loads(path.read_text()).get("resumed")
+        for path in tmp_path.glob("parts/runs/*/run.json")
+    ]
     assert any(resumed)
     for name in ("policy.safetensors", "episodes.jsonl"):
-        whole = {path.parent.name: path.read_bytes() for path in tmp_path.glob(f"whole/runs/*/{name}")}
-        assert whole == {path.parent.name: path.read_bytes() for path in tmp_path.glob(f"parts/runs/*/{name}")}
+        whole = {
+            path.parent.name: path.read_bytes() for path in tmp_path.glob(f"whole/runs/*/{name}")
+        }
+        assert whole == {
+            path.parent.name: path.read_bytes() for path in tmp_path.glob(f"parts/runs/*/{name}")
+        }
         assert len(whole) == 4
     for name in ("table.csv", "figure.svg"):
-        one, other = (tmp_path / folder / "reports" / "study" / name for folder in ("whole", "parts"))
+        one, other = (
+            tmp_path / folder / "reports" / "study" / name for folder in ("whole", "parts")
+        )
         assert one.read_bytes() == other.read_bytes()
 
 
@@ -163,7 +200,9 @@ def test_a_file_of_results_is_shown(run, file):
 def test_json_has_all_figures_and_the_report(printed, run, file, tmp_path):
     found = printed("reproduce", file, "--show", "--plot")
     assert found["report"] == str(tmp_path / "reports" / "made-up")
-    assert found["study"]["points"][0]["variants"][1]["comparison"]["difference"] == pytest.approx(0.6)
+    assert found["study"]["points"][0]["variants"][1]["comparison"]["difference"] == pytest.approx(
+        0.6
+    )
     assert (tmp_path / "reports" / "made-up" / "figure.svg").is_file()
     assert run("reproduce", file, "--show", "--plot").kind == "OutputExistsError"
     assert run("reproduce", file, "--show", "--plot", "--force").code == 0

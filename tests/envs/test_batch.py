@@ -26,8 +26,14 @@ SHAPED = RewardConfig(wrong_pair_penalty=0.25, irrelevant_penalty=0.5, intermedi
 def ambiguous():
     """Few entities, many pairs with two and three results, self pairs, several plans: everything happens often."""
     rng = np.random.default_rng(3)
-    rows = [(f"e{a:02d}", f"e{b:02d}", f"e{c:02d}") for a, b, c in rng.integers(0, 24, size=(260, 3)).tolist()]
-    rows += [(a, b, f"e{c:02d}") for (a, b, _), c in zip(rows[:90], rng.integers(0, 24, 90).tolist(), strict=True)]
+    rows = [
+        (f"e{a:02d}", f"e{b:02d}", f"e{c:02d}")
+        for a, b, c in rng.integers(0, 24, size=(260, 3)).tolist()
+    ]
+    rows += [
+        (a, b, f"e{c:02d}")
+        for (a, b, _), c in zip(rows[:90], rng.integers(0, 24, 90).tolist(), strict=True)
+    ]
     graph = RecipeGraph.from_recipes(rows)
     return OpenedGraph(graph, make_split(graph, SplitConfig()), "ambiguous")
 
@@ -98,7 +104,11 @@ class Twins:
         rows = self.state.world.graph.recipes[list(plan)].tolist()
         a, b, _ = next((row for row in rows if row[2] not in table), rows[-1])
         wanted = b if seen["selection"] == a else a
-        return table.index(wanted) if wanted in table and rng.random() < 0.8 else int(rng.choice(slots))
+        return (
+            table.index(wanted)
+            if wanted in table and rng.random() < 0.8
+            else int(rng.choice(slots))
+        )
 
 
 @pytest.fixture(params=DEVICES)
@@ -108,19 +118,31 @@ def device(request):
 
 @pytest.mark.parametrize("part", ["train", "test"])
 def test_a_batch_on_the_kitchen_agrees_in_every_part(opened_kitchen, part):
-    twins = Twins(opened_kitchen, 8, seed=5, part=part, depth=2, num_distractors=6, reward="official")
+    twins = Twins(
+        opened_kitchen, 8, seed=5, part=part, depth=2, num_distractors=6, reward="official"
+    )
     assert twins.run(100, np.random.default_rng(1))["goal"] > 5
 
 
 @pytest.mark.parametrize(
     ("depth", "ambiguity", "reward"),
     [
-        pytest.param(*case, marks=[pytest.mark.slow] * (case[0] == 2 and case[1:] != ("all", SHAPED)))
+        pytest.param(
+            *case, marks=[pytest.mark.slow] * (case[0] == 2 and case[1:] != ("all", SHAPED))
+        )
         for case in product((1, 2, 3), ("all", "last"), ("sparse", "official", SHAPED))
     ],
 )
-def test_a_batch_does_step_for_step_what_the_readable_environment_does(ambiguous, depth, ambiguity, reward):
-    settings = {"part": "all", "depth": depth, "ambiguity": ambiguity, "reward": reward, "num_tasks": 50}
+def test_a_batch_does_step_for_step_what_the_readable_environment_does(
+    ambiguous, depth, ambiguity, reward
+):
+    settings = {
+        "part": "all",
+        "depth": depth,
+        "ambiguity": ambiguity,
+        "reward": reward,
+        "num_tasks": 50,
+    }
     twins = Twins(ambiguous, 12, seed=depth, num_distractors=4, max_attempts=depth + 1, **settings)
     count = twins.run(60, np.random.default_rng(0))
     assert min(count["goal"], count["over"], count["illegal"]) > 3
@@ -137,10 +159,15 @@ def test_torch_arrays_give_the_same_as_numpy_arrays(opened_kitchen):
             np.testing.assert_array_equal(getattr(other, name).numpy(), getattr(one, name))
         # The oracle, chance, and for a while nothing but empty slots, which end an episode a pick.
         oracle = recipe_oracle(one, rng)
-        actions = np.where(rng.random(16) < 0.7, oracle, rng.integers(one.engine.num_slots, size=16))
+        actions = np.where(
+            rng.random(16) < 0.7, oracle, rng.integers(one.engine.num_slots, size=16)
+        )
         if turn % 50 > 25:
             actions[:] = one.engine.num_slots - 1
-        (one, a), (other, b) = one.engine.step(one, actions), other.engine.step(other, torch.from_numpy(actions))
+        (one, a), (other, b) = (
+            one.engine.step(one, actions),
+            other.engine.step(other, torch.from_numpy(actions)),
+        )
         for name in GIVEN:
             np.testing.assert_allclose(getattr(b, name).numpy(), getattr(a, name), atol=1e-6)
         goals += int((a.outcome == 1).sum())
@@ -151,7 +178,9 @@ def episodes(state, steps, rng_of):
     """What each environment sees when its own actions are the same, whoever runs beside it."""
     seen = [[] for _ in range(state.num_envs)]
     for _ in range(steps):
-        actions = np.array([rng.integers(state.engine.num_slots) for rng in rng_of[: state.num_envs]])
+        actions = np.array(
+            [rng.integers(state.engine.num_slots) for rng in rng_of[: state.num_envs]]
+        )
         state, step = state.engine.step(state, actions)
         for i in range(state.num_envs):
             seen[i].append((state.table[i].tolist(), int(state.goal[i]), float(step.reward[i])))
@@ -160,11 +189,17 @@ def episodes(state, steps, rng_of):
 
 def test_two_engines_of_any_size_see_what_a_whole_one_sees(opened_kitchen):
     world = World(opened_kitchen, WordCraftConfig(num_distractors=5))
-    whole, low, high = (batch(world, n, 7, first_env=first) for n, first in ((1_500, 0), (3, 0), (1_497, 3)))
+    whole, low, high = (
+        batch(world, n, 7, first_env=first) for n, first in ((1_500, 0), (3, 0), (1_497, 3))
+    )
     rngs = [[np.random.default_rng(i) for i in range(1_500)] for _ in range(2)]
-    assert episodes(whole, 60, rngs[0]) == episodes(low, 60, rngs[1]) + episodes(high, 60, rngs[1][3:])
+    assert episodes(whole, 60, rngs[0]) == episodes(low, 60, rngs[1]) + episodes(
+        high, 60, rngs[1][3:]
+    )
     tasks = np.arange(1_500) % len(world.tasks)
-    posed = (state.engine.pose(some, 2, seed=7) for state, some in ((low, tasks[:3]), (high, tasks[3:])))
+    posed = (
+        state.engine.pose(some, 2, seed=7) for state, some in ((low, tasks[:3]), (high, tasks[3:]))
+    )
     np.testing.assert_array_equal(
         whole.engine.pose(tasks, 2, seed=7).table, np.concatenate([state.table for state in posed])
     )
@@ -204,8 +239,14 @@ def test_tables_hold_the_start_and_distractors_that_may_lie_there(opened_kitchen
         held_out.setdefault(result, []).append((a, b))
     world = World(opened_kitchen, WordCraftConfig(part=part, depth=depth, num_distractors=7))
     for task, table in drawn_tables(world, 2_000):
-        start = {entity for entity in world.tasks.starts[task].tolist() if entity < graph.num_entities}
-        made = {entity for entity in world.tasks.intermediates[task].tolist() if entity < graph.num_entities}
+        start = {
+            entity for entity in world.tasks.starts[task].tolist() if entity < graph.num_entities
+        }
+        made = {
+            entity
+            for entity in world.tasks.intermediates[task].tolist()
+            if entity < graph.num_entities
+        }
         goal = int(world.tasks.goals[task])
         assert len(table) == len(set(table)) == len(start) + 7
         assert start <= set(table)
@@ -226,14 +267,22 @@ def pairs_to(goal, have, recipes, attempts):
     pairs = {(a, b) for a, b, result in recipes if result == goal and {a, b} <= have}
     for first in {(a, b) for a, b, _ in recipes if {a, b} <= have and attempts > 1}:
         there = have | {result for a, b, result in recipes if (a, b) == first and result != goal}
-        pairs |= {(*first, *pair) for pair in pairs_to(goal, there, recipes, 1) if not have.issuperset(pair)}
+        pairs |= {
+            (*first, *pair)
+            for pair in pairs_to(goal, there, recipes, 1)
+            if not have.issuperset(pair)
+        }
     return pairs
 
 
 @pytest.mark.parametrize("tables", [50, pytest.param(500, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("depth", "attempts"), [(1, 1), (1, 2), (2, 2)])
-@pytest.mark.parametrize("policy", ["no_shortcut-all", "no_train_shortcut-test", "no_train_shortcut-train"])
-def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, opened_kitchen, depth, attempts, tables, policy):
+@pytest.mark.parametrize(
+    "policy", ["no_shortcut-all", "no_train_shortcut-test", "no_train_shortcut-train"]
+)
+def test_without_shortcuts_only_the_plans_make_the_goal(
+    ambiguous, opened_kitchen, depth, attempts, tables, policy
+):
     policy, part = policy.split("-")
     # The ambiguous graph is so dense that at depth 2 some goals have a shortcut with any distractors.
     opened = ambiguous if attempts == 1 else opened_kitchen
@@ -243,12 +292,19 @@ def test_without_shortcuts_only_the_plans_make_the_goal(ambiguous, opened_kitche
 
     def has_shortcut(task, table):
         start = set(world.tasks.starts[task].tolist()) - {world.nothing}
-        ways = [pairs_to(world.tasks.goals[task], have, recipes.tolist(), attempts) for have in (start, set(table))]
+        ways = [
+            pairs_to(world.tasks.goals[task], have, recipes.tolist(), attempts)
+            for have in (start, set(table))
+        ]
         return ways[0] != ways[1]
 
     env = WordCraftEnv(world)
-    drawn = [(env.state.task, env.state.table) for seed in range(tables // 5) if env.reset(seed=seed)]
-    assert not any(has_shortcut(*row) for row in [*drawn, *drawn_tables(world, tables, at_once=tables)])
+    drawn = [
+        (env.state.task, env.state.table) for seed in range(tables // 5) if env.reset(seed=seed)
+    ]
+    assert not any(
+        has_shortcut(*row) for row in [*drawn, *drawn_tables(world, tables, at_once=tables)]
+    )
     free = world.variant(distractor_policy="any", num_distractors=8)
     assert any(has_shortcut(*row) for row in drawn_tables(free, 500))
 
@@ -311,7 +367,9 @@ def played(state, rng, steps):
     return state, rows
 
 
-def test_a_step_changes_neither_the_state_that_it_begins_with_nor_a_later_step_from_there(opened_kitchen, device):
+def test_a_step_changes_neither_the_state_that_it_begins_with_nor_a_later_step_from_there(
+    opened_kitchen, device
+):
     settings = {"depth": 2, "num_distractors": 4, "reward": "official"}
     state = batch(opened_kitchen, 6, 3, device=device, **settings)
     kept, states = [], []
@@ -320,20 +378,30 @@ def test_a_step_changes_neither_the_state_that_it_begins_with_nor_a_later_step_f
         kept.append(state.saved())
         state, _ = played(state, np.random.default_rng(turn), 1)
     assert (states[-1].saved()["episode"] - kept[0]["episode"]).min() > state.ahead.size
-    for before, expected, (turn, after) in zip(states, kept, enumerate([*states[1:], state]), strict=True):
+    for before, expected, (turn, after) in zip(
+        states, kept, enumerate([*states[1:], state]), strict=True
+    ):
         np.testing.assert_equal(before.saved(), expected)
-        np.testing.assert_equal(played(before, np.random.default_rng(turn), 1)[0].saved(), after.saved())
+        np.testing.assert_equal(
+            played(before, np.random.default_rng(turn), 1)[0].saved(), after.saved()
+        )
 
 
 @pytest.mark.parametrize(("device", "after"), [*product(DEVICES, DEVICES)])
 @pytest.mark.parametrize("steps", [0, 1, 16, 40])
 def test_a_restored_state_goes_on_with_the_same_episodes(opened_kitchen, device, after, steps):
     settings = {"depth": 2, "num_distractors": 4, "reward": "official", "task_weighting": "goal"}
-    state, _ = played(batch(opened_kitchen, 6, 3, device=device, **settings), np.random.default_rng(0), steps)
-    other, _ = played(batch(opened_kitchen, 6, 3, device=after, **settings), np.random.default_rng(5), 7)
+    state, _ = played(
+        batch(opened_kitchen, 6, 3, device=device, **settings), np.random.default_rng(0), steps
+    )
+    other, _ = played(
+        batch(opened_kitchen, 6, 3, device=after, **settings), np.random.default_rng(5), 7
+    )
     other = other.restored(state.saved())
     np.testing.assert_equal(other.saved(), state.saved())
-    (one, rows), (other, same) = (played(each, np.random.default_rng(1), 60) for each in (state, other))
+    (one, rows), (other, same) = (
+        played(each, np.random.default_rng(1), 60) for each in (state, other)
+    )
     assert rows == same
     np.testing.assert_equal(other.saved(), one.saved())
 
@@ -344,11 +412,16 @@ def test_a_posed_episode_can_be_restored_too(opened_kitchen, device):
     one, _ = first.engine.step(posed, first.engine.arrays.array(np.zeros(5, dtype=np.int64)))
     other = first.restored(one.saved())
     np.testing.assert_array_equal(np.asarray(other.task), np.arange(5))
-    assert played(one, np.random.default_rng(0), 30)[1] == played(other, np.random.default_rng(0), 30)[1]
+    assert (
+        played(one, np.random.default_rng(0), 30)[1]
+        == played(other, np.random.default_rng(0), 30)[1]
+    )
 
 
 def test_a_saved_state_is_a_copy_when_taken_and_when_restored(opened_kitchen, device):
-    state = batch(opened_kitchen, 6, 3, device=device, depth=2, num_distractors=3, reward="official")
+    state = batch(
+        opened_kitchen, 6, 3, device=device, depth=2, num_distractors=3, reward="official"
+    )
     saved, again = state.saved(), state.saved()
     other = state.restored(saved)
     for array in saved.values():
@@ -364,7 +437,9 @@ def test_a_state_of_another_engine_is_refused(opened_kitchen, device):
     wider = batch(opened_kitchen, 4, 1, num_distractors=4).saved()
     wrong = {"goal": (more, r"\(4,\)"), "wide": (wider, rf"\(4, {state.engine.num_slots + 1}\)")}
     for name, (saved, shape) in wrong.items():
-        with pytest.raises(ConfigError, match=f"state of another engine: '{name}' should have shape {shape}"):
+        with pytest.raises(
+            ConfigError, match=f"state of another engine: '{name}' should have shape {shape}"
+        ):
             state.restored(saved)
     own = state.saved()
     for name in own:
@@ -470,11 +545,15 @@ def test_no_environments_and_missing_devices_are_refused(opened_kitchen):
 
 @pytest.mark.parametrize("policy", ["no_shortcut", "no_train_shortcut"])
 @pytest.mark.parametrize("tries", [30, pytest.param(SHORTCUT_TRIES, marks=pytest.mark.slow)])
-def test_a_table_without_shortcuts_that_cannot_be_is_given_up(ambiguous, monkeypatch, tries, policy):
+def test_a_table_without_shortcuts_that_cannot_be_is_given_up(
+    ambiguous, monkeypatch, tries, policy
+):
     monkeypatch.setattr("wordcraft_kg.envs.world.SHORTCUT_TRIES", tries)
     settings = {"part": "all", "depth": 2, "num_distractors": 8, "distractor_policy": policy}
     world = World(ambiguous, WordCraftConfig(**settings))
-    expected = rf"`num_distractors` 8: found no distractors without a shortcut to 'e.*' in {tries} tries"
+    expected = (
+        rf"`num_distractors` 8: found no distractors without a shortcut to 'e.*' in {tries} tries"
+    )
     with pytest.raises(ConfigError, match=expected):
         batch(world, 1)
     with pytest.raises(ConfigError, match=expected):

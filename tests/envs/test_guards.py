@@ -19,7 +19,9 @@ def world(request):
     """Goals with more recipes than one table of marks holds, and self pairs among them."""
     rows = np.random.default_rng(1).integers(0, [40, 40, 10], size=(520, 3)).tolist()
     graph = RecipeGraph.from_recipes([tuple(f"e{entity:02d}" for entity in row) for row in rows])
-    split = SplitConfig("by-recipe-plain", train_ratio=0.8 if request.param == "no_train_shortcut" else 0.3)
+    split = SplitConfig(
+        "by-recipe-plain", train_ratio=0.8 if request.param == "no_train_shortcut" else 0.3
+    )
     opened = OpenedGraph(graph, make_split(graph, split), "dense")
     if request.param == "train":
         return World(opened, WordCraftConfig(part="train"))
@@ -48,7 +50,9 @@ def test_candidates_are_refused_that_complete_a_guarded_recipe(world, device):
     candidates = np.stack([rng.permutation(world.nothing)[:4] for _ in tasks], axis=1)
     allowed = rng.random(candidates.shape) < 0.8
     risk = arrays.numpy(guards.at_risk(arrays.array(candidates), arrays.array(tasks)))
-    found = arrays.numpy(guards.refuse(arrays.array(candidates), arrays.array(allowed.copy()), arrays.array(tasks)))
+    found = arrays.numpy(
+        guards.refuse(arrays.array(candidates), arrays.array(allowed.copy()), arrays.array(tasks))
+    )
     assert guards
     refused = safe = most = 0
     for column, task in enumerate(tasks.tolist()):
@@ -70,13 +74,18 @@ def test_candidates_are_refused_that_complete_a_guarded_recipe(world, device):
 
 @pytest.fixture(
     scope="module",
-    params=["random", *(pytest.param(name, marks=pytest.mark.slow) for name in ("everyday", "little alchemy 2"))],
+    params=[
+        "random",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("everyday", "little alchemy 2")),
+    ],
 )
 def train(request):
     """Train tasks of a book; in the random one, one attempt or two make nearly everything."""
     rows = np.random.default_rng(2).integers(0, 60, size=(500, 3)).tolist()
     if request.param == "random":
-        graph = RecipeGraph.from_recipes([tuple(f"e{entity:02d}" for entity in row) for row in rows])
+        graph = RecipeGraph.from_recipes(
+            [tuple(f"e{entity:02d}" for entity in row) for row in rows]
+        )
     elif request.param == "everyday":
         graph = RecipeGraph.from_book(open_book("everyday"))
     else:
@@ -94,7 +103,9 @@ def test_no_distractor_completes_a_held_out_recipe_of_the_goal(train, depth, att
         distractors = set(table) - set(world.tasks.starts[task].tolist()) - {world.nothing}
         there = near | distractors
         closest += any(a in there or b in there for a, b in pairs)
-        if any(there.issuperset(pair) for pair in pairs):  # what the start alone completes, nobody can prevent
+        if any(
+            there.issuperset(pair) for pair in pairs
+        ):  # what the start alone completes, nobody can prevent
             assert not any(completes(pairs, entity, there) for entity in distractors), (task, table)
     assert closest > 10
 
@@ -105,7 +116,9 @@ def tables(world, engine, count):
         batch = BatchEngine(world, count).reset()
         return zip(batch.task.tolist(), batch.table.tolist(), strict=True)
     env = WordCraftEnv(world)
-    return [(env.state.task, list(env.state.table)) for seed in range(count) if env.reset(seed=seed)]
+    return [
+        (env.state.task, list(env.state.table)) for seed in range(count) if env.reset(seed=seed)
+    ]
 
 
 @pytest.mark.parametrize("attempts", [1, 2, 3])
@@ -129,7 +142,9 @@ def test_nothing_is_at_risk_where_nothing_is_guarded(world):
 def test_the_memory_of_guards_grows_with_recipes_not_with_goals_times_entities():
     rows = np.random.default_rng(0).integers(0, 3_000, size=(15_000, 3)).tolist()
     graph = RecipeGraph.from_recipes([tuple(f"e{entity:04d}" for entity in row) for row in rows])
-    world = World(OpenedGraph(graph, make_split(graph, SplitConfig()), "wide"), WordCraftConfig(part="train"))
+    world = World(
+        OpenedGraph(graph, make_split(graph, SplitConfig()), "wide"), WordCraftConfig(part="train")
+    )
     world.makeable  # noqa: B018 - computed here, because it is not the guards' own
     tracemalloc.start()
     guards = Guards(world, arrays_of("cpu"))
@@ -137,4 +152,6 @@ def test_the_memory_of_guards_grows_with_recipes_not_with_goals_times_entities()
     tracemalloc.stop()
     guarded_goals = len(np.unique(graph.recipes[world.guarded_recipes, 2]))
     assert guards
-    assert peak < 5_000_000 < guarded_goals * graph.num_entities  # bytes, and cells of a square table
+    assert (
+        peak < 5_000_000 < guarded_goals * graph.num_entities
+    )  # bytes, and cells of a square table

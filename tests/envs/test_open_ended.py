@@ -14,7 +14,11 @@ from wordcraft_kg.graphs import RecipeGraph
 
 RECIPES = [
     *(("fire", "water", "steam"), ("fire", "water", "fog")),  # an ambiguous pair
-    *(("fire", "fire", "blaze"), ("blaze", "steam", "train"), ("moon", "water", "tide")),  # the last is never reached
+    *(
+        ("fire", "fire", "blaze"),
+        ("blaze", "steam", "train"),
+        ("moon", "water", "tide"),
+    ),  # the last is never reached
 ]
 GRAPH = RecipeGraph.from_recipes(RECIPES, base=["fire", "water"], name="small")
 NAMES = ("fire", "water", "steam", "fog", "blaze", "train", "moon")
@@ -38,14 +42,22 @@ def test_gymnasium_finds_nothing_to_complain_about(render_mode):
     register()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        env = gym.make("WordCraft-OpenEnded-v0", graph="kitchen", max_attempts=7, render_mode=render_mode)
+        env = gym.make(
+            "WordCraft-OpenEnded-v0", graph="kitchen", max_attempts=7, render_mode=render_mode
+        )
         check_env(env.unwrapped)
         env.reset(seed=0)
         while not env.step(env.action_space.sample())[2]:
             pass
 
 
-@given(pairs=st.lists(st.tuples(st.integers(0, 2**16), st.integers(0, 2**16), st.booleans()), min_size=1, max_size=60))
+@given(
+    pairs=st.lists(
+        st.tuples(st.integers(0, 2**16), st.integers(0, 2**16), st.booleans()),
+        min_size=1,
+        max_size=60,
+    )
+)
 def test_every_step_equals_a_slow_reading_of_the_book(kitchen, pairs):
     env = OpenEndedEnv(kitchen, max_attempts=len(pairs))
     observation, info = env.reset()
@@ -60,7 +72,11 @@ def test_every_step_equals_a_slow_reading_of_the_book(kitchen, pairs):
         observation, reward, terminated, truncated, info = env.step(np.array([one, other]))
         assert env.observation_space.contains(observation)
         assert reward == len(new)
-        assert set(info["new_entities"]) == new == set(np.flatnonzero(observation["last_results"]).tolist())
+        assert (
+            set(info["new_entities"])
+            == new
+            == set(np.flatnonzero(observation["last_results"]).tolist())
+        )
         assert info["illegal_action"] is not is_legal
         assert info["repeated"] is (is_legal and frozenset((one, other)) in tried)
         known |= new
@@ -79,7 +95,9 @@ def test_every_step_equals_a_slow_reading_of_the_book(kitchen, pairs):
 
 
 @pytest.mark.parametrize("pair", [[FIRE, WATER], [WATER, FIRE]])
-def test_all_results_become_known_and_a_pair_is_repeated_in_the_other_order_but_not_in_the_next_episode(pair):
+def test_all_results_become_known_and_a_pair_is_repeated_in_the_other_order_but_not_in_the_next_episode(
+    pair,
+):
     env = make()
     first, _ = env.reset()
     _, reward, _, _, info = env.step(pair)
@@ -101,7 +119,18 @@ def test_an_entity_that_is_not_known_may_be_an_error_that_wastes_no_attempt():
 
 
 @pytest.mark.parametrize(
-    "action", [[0], [0, 1, 2], [0, -1], [0, GRAPH.num_entities], [0.0, 1.0], ["fire", "water"], 3, None, [[0], [1, 2]]]
+    "action",
+    [
+        [0],
+        [0, 1, 2],
+        [0, -1],
+        [0, GRAPH.num_entities],
+        [0.0, 1.0],
+        ["fire", "water"],
+        3,
+        None,
+        [[0], [1, 2]],
+    ],
 )
 @pytest.mark.parametrize("illegal_action", ["waste", "raise"])
 def test_an_action_outside_the_space_is_always_an_error(action, illegal_action):

@@ -28,7 +28,12 @@ from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_spli
 
 # water + earth makes two things, sun + sand glass, and so does fire + sand.
 ROWS = [
-    *(("earth", "water", "mud"), ("earth", "water", "clay"), ("mud", "mud", "brick"), ("brick", "fire", "house")),
+    *(
+        ("earth", "water", "mud"),
+        ("earth", "water", "clay"),
+        ("mud", "mud", "brick"),
+        ("brick", "fire", "house"),
+    ),
     *(("sand", "sun", "glass"), ("fire", "sand", "glass"), ("clay", "fire", "pot")),
 ]
 
@@ -40,7 +45,9 @@ def world():
 
 
 def labels_on(env, seen):
-    return [env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.nothing]
+    return [
+        env.world.graph.entities[entity] for entity in seen["table"] if entity < env.world.nothing
+    ]
 
 
 def posed(world, goal, table, **options):
@@ -74,7 +81,12 @@ def test_the_last_attempt_ends_the_episode_and_is_seen_coming(world):
     env = posed(world, "glass", ["sand", "sun", "earth"], max_attempts=2)
     assert pick(env, "sand", "earth")[0]["attempts_left"] == 1
     seen, reward, terminated, truncated, info = pick(env, "earth", "earth")
-    assert (seen["attempts_left"], str(reward), terminated, truncated) == (0, "0.0", True, False)  # not -0.0
+    assert (seen["attempts_left"], str(reward), terminated, truncated) == (
+        0,
+        "0.0",
+        True,
+        False,
+    )  # not -0.0
     assert info["outcome"] == "out_of_attempts"
 
 
@@ -91,10 +103,17 @@ def test_an_empty_slot_loses_the_attempt_and_conjures_nothing(world):
     pick(env, "sand")
     seen, reward, terminated, _, info = env.step(env.num_slots - 1)
     assert info["illegal_action"]
-    assert (seen["selection"], seen["attempts_left"], reward, terminated) == (env.world.nothing, 1, 0, False)
+    assert (seen["selection"], seen["attempts_left"], reward, terminated) == (
+        env.world.nothing,
+        1,
+        0,
+        False,
+    )
     assert seen["action_mask"].sum() == 2
     env = posed(world, "glass", ["sand", "sun"], illegal_action="raise")
-    with pytest.raises(ActionError, match="action 2: the slot is empty; slots 0 to 1 hold entities"):
+    with pytest.raises(
+        ActionError, match="action 2: the slot is empty; slots 0 to 1 hold entities"
+    ):
         env.step(2)
 
 
@@ -128,16 +147,25 @@ def test_every_plan_carried_out_by_picks_makes_its_goal(opened_kitchen):
         env = WordCraftEnv(opened_kitchen, part="all", depth=depth, num_distractors=2, num_tasks=60)
         for index in range(0, len(env.tasks), 7):
             env.reset(seed=index, options={"task": index})
-            attempts = dict.fromkeys((recipe.ingredient_a, recipe.ingredient_b) for recipe in env.task.plans[0])
+            attempts = dict.fromkeys(
+                (recipe.ingredient_a, recipe.ingredient_b) for recipe in env.task.plans[0]
+            )
             last = [pick(env, *pair) for pair in attempts][-1]
-            assert (last[1], last[2], last[4]["outcome"], last[4]["by_plan"]) == (1, True, "goal", True)
+            assert (last[1], last[2], last[4]["outcome"], last[4]["by_plan"]) == (
+                1,
+                True,
+                "goal",
+                True,
+            )
 
 
 @pytest.mark.parametrize("depth", [1, 3])
 def test_gymnasiums_checker_finds_nothing(depth):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        env = gym.make("WordCraft-v0", graph="kitchen", depth=depth, num_distractors=4, num_tasks=30)
+        env = gym.make(
+            "WordCraft-v0", graph="kitchen", depth=depth, num_distractors=4, num_tasks=30
+        )
         check_env(env.unwrapped)
     assert env.spec.kwargs["graph"] == "kitchen"
     assert gym.make(env.spec).spec == env.spec
@@ -153,7 +181,9 @@ def test_it_renders_in_words(opened_kitchen):
     assert WordCraftEnv(opened_kitchen).render() is None
 
 
-def test_a_graph_too_small_to_split_is_played_as_a_whole_with_as_many_distractors_as_it_has_room_for(world):
+def test_a_graph_too_small_to_split_is_played_as_a_whole_with_as_many_distractors_as_it_has_room_for(
+    world,
+):
     env = WordCraftEnv(RecipeGraph.from_recipes(ROWS[:2]), part="all", num_distractors=0)
     assert len(env.tasks) == 2
     most = WordCraftEnv(world, part="all", num_distractors=0).world.max_distractors
@@ -173,7 +203,10 @@ def test_random_settings_and_actions_keep_every_rule(opened_kitchen, data):
         "ambiguity": data.draw(st.sampled_from(["all", "last"])),
         "distractor_weighting": data.draw(st.sampled_from(["use", "uniform"])),
         "task_weighting": data.draw(st.sampled_from(["task", "goal"])),
-        "reward": data.draw(st.sampled_from(["sparse", "official"]) | st.builds(RewardConfig, amount, amount, amount)),
+        "reward": data.draw(
+            st.sampled_from(["sparse", "official"])
+            | st.builds(RewardConfig, amount, amount, amount)
+        ),
         "num_tasks": 20,
     }
     config["max_attempts"] = config["depth"] + data.draw(st.integers(0, 3))
@@ -227,7 +260,10 @@ def test_random_settings_and_actions_keep_every_rule(opened_kitchen, data):
         {"reward": "dense"},
         {"ambiguity": "first"},
         {"max_attempts": 1, "depth": 2},
-        *[{"max_attempts": 20, "distractor_policy": policy} for policy in ("no_shortcut", "no_train_shortcut")],
+        *[
+            {"max_attempts": 20, "distractor_policy": policy}
+            for policy in ("no_shortcut", "no_train_shortcut")
+        ],
         {"render_mode": "text"},
         *[{"graph": graph} for graph in (None, 5)],
     ],
@@ -241,7 +277,11 @@ def test_bad_settings_are_refused_by_name(changes):
     ("changes", "error", "says"),
     [
         ({"part": "valid"}, TaskError, "kitchen has no task of depth 1 in the valid part"),
-        ({"distractors": 3}, ConfigError, "argument 'distractors'; .* Did you mean 'num_distractors'"),
+        (
+            {"distractors": 3},
+            ConfigError,
+            "argument 'distractors'; .* Did you mean 'num_distractors'",
+        ),
         ({"graph": "kitchn"}, RecipeFileError, "Did you mean 'kitchen'"),
         ({"graph": "tests"}, ArtefactError, "expected a graph folder"),
     ],
@@ -251,7 +291,9 @@ def test_graphs_tasks_and_settings_that_are_not_there_are_refused(changes, error
         WordCraftEnv(**{"graph": "kitchen", **changes})
 
 
-@pytest.mark.parametrize("name", ["wrong_pair_penalty", "irrelevant_penalty", "intermediate_reward"])
+@pytest.mark.parametrize(
+    "name", ["wrong_pair_penalty", "irrelevant_penalty", "intermediate_reward"]
+)
 @pytest.mark.parametrize("value", [-0.1, float("nan"), float("inf"), "a", None])
 def test_rewards_are_magnitudes(name, value):
     with refuses(name):
@@ -294,16 +336,26 @@ def test_bad_reset_options_are_refused(opened_kitchen, options, error, says):
         WordCraftEnv(opened_kitchen).reset(options=options)
 
 
-@pytest.mark.parametrize("first", ["import gymnasium, wordcraft_kg", "import wordcraft_kg, gymnasium"])
+@pytest.mark.parametrize(
+    "first", ["import gymnasium, wordcraft_kg", "import wordcraft_kg, gymnasium"]
+)
 def test_gymnasium_knows_the_environments_in_either_order(first):
     code = f"{first}\nfor name in ('WordCraft-v0', 'WordCraft-OpenEnded-v0'): print(gymnasium.spec(name).id)"
-    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert out.split() == ["WordCraft-v0", "WordCraft-OpenEnded-v0"]
 
 
 @pytest.mark.parametrize("make", [gym.make, gym.make_vec])
 def test_everyday_is_played_if_no_graph_is_named(make):
-    options = {"num_envs": 2, "vectorization_mode": "vector_entry_point"} if make is gym.make_vec else {}
+    options = (
+        {"num_envs": 2, "vectorization_mode": "vector_entry_point"} if make is gym.make_vec else {}
+    )
     env = make("WordCraft-v0", **options).unwrapped
-    assert env.world.graph.name == gym.make("WordCraft-OpenEnded-v0").unwrapped.graph.name == "everyday"
+    assert (
+        env.world.graph.name
+        == gym.make("WordCraft-OpenEnded-v0").unwrapped.graph.name
+        == "everyday"
+    )
     assert make("WordCraft-v0", graph="kitchen", **options).unwrapped.world.graph.name == "kitchen"

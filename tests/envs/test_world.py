@@ -20,9 +20,25 @@ from wordcraft_kg.graphs.task_search import make_tasks
 POLICIES = ("no_shortcut", "no_train_shortcut")
 DRAWN = {"depth": 3, "num_tasks": 20}
 CHANGES = [
-    *({"part": "test"}, {"part": "all"}, {"depth": 2}, {"num_distractors": 3}, {"reward": "official"}),
-    *(DRAWN, {**DRAWN, "task_seed": 1}, {**DRAWN, "task_weighting": "goal"}, {"distractor_weighting": "uniform"}),
-    *({"illegal_action": "raise"}, {"max_attempts": 3}, {"max_attempts": 2}, {"max_attempts": 2, "ambiguity": "last"}),
+    *(
+        {"part": "test"},
+        {"part": "all"},
+        {"depth": 2},
+        {"num_distractors": 3},
+        {"reward": "official"},
+    ),
+    *(
+        DRAWN,
+        {**DRAWN, "task_seed": 1},
+        {**DRAWN, "task_weighting": "goal"},
+        {"distractor_weighting": "uniform"},
+    ),
+    *(
+        {"illegal_action": "raise"},
+        {"max_attempts": 3},
+        {"max_attempts": 2},
+        {"max_attempts": 2, "ambiguity": "last"},
+    ),
     {"max_attempts": 2, "part": "all"},
     *({"max_attempts": 2, "part": "all", "distractor_policy": policy} for policy in POLICIES),
 ]
@@ -38,7 +54,9 @@ def opened():
 
 def content(world):
     arrays = ("distractor_weights", "guarded_recipes", "makeable")
-    values = {name: getattr(world, name) for name in ("num_slots", "max_results", "tasks", "outcomes")}
+    values = {
+        name: getattr(world, name) for name in ("num_slots", "max_results", "tasks", "outcomes")
+    }
     return values | {name: getattr(world, name).tolist() for name in arrays}
 
 
@@ -48,14 +66,25 @@ def test_variants_are_what_worlds_of_their_settings_are(opened):
     for changes, values in zip(CHANGES, expected, strict=True):
         assert content(first.variant(**changes)) == values, changes
     # The changes tell the properties apart: each has several values.
-    assert all(any(values[name] != expected[0][name] for values in expected) for name in expected[0])
+    assert all(
+        any(values[name] != expected[0][name] for values in expected) for name in expected[0]
+    )
 
 
 def test_variants_share_what_does_not_depend_on_their_settings(opened):
     world = World(opened, WordCraftConfig(part="train", num_distractors=1))
     more = world.variant(num_distractors=4)
     assert more.config == WordCraftConfig(part="train", num_distractors=4)
-    for name in ("graph", "split", "search", "tasks", "outcomes", "distractor_weights", "guarded_recipes", "makeable"):
+    for name in (
+        "graph",
+        "split",
+        "search",
+        "tasks",
+        "outcomes",
+        "distractor_weights",
+        "guarded_recipes",
+        "makeable",
+    ):
         assert getattr(more, name) is getattr(world, name)
     test = more.variant(part="test")
     assert test.search is world.search
@@ -108,7 +137,9 @@ def test_environments_of_a_world_are_those_of_its_settings(opened):
             np.testing.assert_array_equal(seen[key], expected[key])
 
 
-@pytest.mark.parametrize("make", [WordCraftEnv, lambda world, **settings: WordCraftVectorEnv(2, world, **settings)])
+@pytest.mark.parametrize(
+    "make", [WordCraftEnv, lambda world, **settings: WordCraftVectorEnv(2, world, **settings)]
+)
 def test_settings_beside_a_world_are_refused(opened, make):
     world = World(opened, WordCraftConfig())
     with pytest.raises(ConfigError, match=r"world\.variant\(depth=2, part='test'\)"):
@@ -136,5 +167,7 @@ def test_entities_that_a_task_does_not_need_can_all_be_distractors():
     graph = RecipeGraph.from_recipes([("a", "b", "c"), ("c", "a", "d")])
     world = World(graph, WordCraftConfig(part="all", depth=2, num_distractors=0))
     assert sorted(world.tasks.starts[0].tolist())[:2] == [graph.id_of("a"), graph.id_of("b")]
-    with pytest.raises(ConfigError, match="graph has 4 entities, of which a task needs up to 4; expected at most 0"):
+    with pytest.raises(
+        ConfigError, match="graph has 4 entities, of which a task needs up to 4; expected at most 0"
+    ):
         world.variant(num_distractors=1)

@@ -12,7 +12,12 @@ import wordcraft_kg  # noqa: F401 - registers the environments
 from wordcraft_kg import RecipeGraph, make_sources, open_book, open_graph
 from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError
 from wordcraft_kg.envs.words import numbered
-from wordcraft_kg.envs.wrappers import FeatureObservation, KGScoreObservation, TextObservation, VectorKGScoreObservation
+from wordcraft_kg.envs.wrappers import (
+    FeatureObservation,
+    KGScoreObservation,
+    TextObservation,
+    VectorKGScoreObservation,
+)
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer
 
 SETTINGS = {"graph": "kitchen", "part": "all", "depth": 2, "num_distractors": 3}
@@ -30,7 +35,9 @@ def single():
 
 def vector(num_envs=5, **more):
     settings = {**SETTINGS, **more}
-    return gym.make_vec("WordCraft-v0", num_envs=num_envs, vectorization_mode="vector_entry_point", **settings)
+    return gym.make_vec(
+        "WordCraft-v0", num_envs=num_envs, vectorization_mode="vector_entry_point", **settings
+    )
 
 
 def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets():
@@ -43,7 +50,9 @@ def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets()
         rng, ended = np.random.default_rng(0), 0
         for _ in range(100):
             assert envs.observation_space.contains(seen)
-            seen, rewards, terminated, truncated, infos = envs.step(rng.integers(envs.single_action_space.n, size=5))
+            seen, rewards, terminated, truncated, infos = envs.step(
+                rng.integers(envs.single_action_space.n, size=5)
+            )
             assert rewards.shape == terminated.shape == truncated.shape == (5,)
             assert not truncated.any()
             assert ((infos["outcome"] == "in_progress") == ~terminated).all()
@@ -108,9 +117,17 @@ def test_one_seed_decides_all_streams_and_a_reset_without_one_goes_on():
     ("call", "error", "says"),
     [
         (lambda envs: envs.step(np.zeros(5, dtype=np.int64)), EpisodeError, "call reset"),
-        (lambda envs: envs.reset(seed=[1, 2, 3, 4, 5]), ConfigError, "`seed`: expected one integer"),
+        (
+            lambda envs: envs.reset(seed=[1, 2, 3, 4, 5]),
+            ConfigError,
+            "`seed`: expected one integer",
+        ),
         (lambda envs: envs.reset(options={"task": 1}), ConfigError, "unknown reset option 'task'"),
-        (lambda envs: envs.reset(seed=-1), ConfigError, "`seed` -1: expected a whole number, 0 or more"),
+        (
+            lambda envs: envs.reset(seed=-1),
+            ConfigError,
+            "`seed` -1: expected a whole number, 0 or more",
+        ),
     ],
 )
 def test_the_vector_environment_refuses_what_it_cannot_do(call, error, says):
@@ -130,7 +147,9 @@ def test_features_are_those_of_the_ids_and_zeros_for_nothing():
             np.testing.assert_allclose(seen["table"][i], vectors[entity], rtol=1e-6)
         assert not seen["table"][len(ids.state.table) :].any()
         np.testing.assert_allclose(seen["goal"], vectors[ids.state.goal], rtol=1e-6)
-        held = vectors[ids.state.selection] if ids.state.selection < ids.world.nothing else np.zeros(7)
+        held = (
+            vectors[ids.state.selection] if ids.state.selection < ids.world.nothing else np.zeros(7)
+        )
         np.testing.assert_allclose(seen["selection"], held, rtol=1e-6)
         seen, *_ = env.step(slot)
     with refuses("vectors"):
@@ -189,7 +208,9 @@ def test_text_says_what_there_is_and_words_are_actions():
     assert "Attempts left: 1" in text
     assert env.parse("1") == 0
     before = env.unwrapped.state.table.copy()
-    with pytest.raises(ActionError, match=f"unknown item 'unicorn': expected 1 to {len(before)}, an item name"):
+    with pytest.raises(
+        ActionError, match=f"unknown item 'unicorn': expected 1 to {len(before)}, an item name"
+    ):
         env.step("unicorn")
     assert (env.unwrapped.state.table, env.unwrapped.state.attempts_left) == (before, 1)
 
@@ -213,7 +234,9 @@ def test_the_open_ended_world_takes_pairs_of_words():
 
 def features():
     opened = open_graph("kitchen")
-    vectors = np.random.default_rng(0).normal(size=(opened.graph.num_entities, 4)).astype(np.float32)
+    vectors = (
+        np.random.default_rng(0).normal(size=(opened.graph.num_entities, 4)).astype(np.float32)
+    )
     return FeatureObservation(gym.make("WordCraft-v0", graph="kitchen", num_distractors=2), vectors)
 
 
@@ -226,7 +249,9 @@ def test_stable_baselines_checks_and_trains():
         # The table has a row a slot, which is neither an image nor flat; its policies flatten it.
         warnings.filterwarnings("ignore", message=r".*unconventional shape")
         checker.check_env(features())
-    model = sb3_contrib.MaskablePPO("MultiInputPolicy", features(), n_steps=32, batch_size=32, n_epochs=1, seed=0)
+    model = sb3_contrib.MaskablePPO(
+        "MultiInputPolicy", features(), n_steps=32, batch_size=32, n_epochs=1, seed=0
+    )
     model.learn(64)
     seen, _ = features().reset(seed=0)
     action, _ = model.predict(seen, action_masks=seen["action_mask"].astype(bool))

@@ -51,7 +51,9 @@ def noises(opened_kitchen):
 
 @pytest.fixture
 def frequency(opened_kitchen):
-    return model(FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial), opened_kitchen)
+    return model(
+        FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial), opened_kitchen
+    )
 
 
 @pytest.fixture
@@ -78,19 +80,26 @@ def test_a_model_that_knows_the_answers_is_surely_better(facts, frequency):
 
 def test_the_difference_is_that_of_the_mean_reciprocal_ranks(facts, frequency, opened_kitchen):
     queries = opened_kitchen.split.held_out("test")
-    ranks = [rank_triples(one.scorer, queries, opened_kitchen.graph.triples) for one in (facts, frequency)]
+    ranks = [
+        rank_triples(one.scorer, queries, opened_kitchen.graph.triples)
+        for one in (facts, frequency)
+    ]
     metrics = [ranking_metrics(one) for one in ranks]
     values = compared(facts, frequency, resamples=300, seed=1)
     other = values.models[1]
     assert values.queries == metrics[0].queries == 2 * len(queries) == 2 * values.triples
     assert other.difference == pytest.approx(metrics[1].mrr - metrics[0].mrr)
     found = {name: getattr(other, name) for name in RankingMetrics.__struct_fields__}
-    clusters = np.tile(recipe_clusters(opened_kitchen.graph, opened_kitchen.split.is_in("test"), queries), 2)
+    clusters = np.tile(
+        recipe_clusters(opened_kitchen.graph, opened_kitchen.split.is_in("test"), queries), 2
+    )
     assert found == asdict(with_interval(ranks[1], clusters, resamples=300, seed=1))
     assert other.difference_ci[0] <= other.difference <= other.difference_ci[1]
 
 
-def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(frequency, opened_kitchen, monkeypatch):
+def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(
+    frequency, opened_kitchen, monkeypatch
+):
     everything = len(opened_kitchen.split.held_out("test"))
     assert compared(frequency, frequency).sampled_from is None
     monkeypatch.setattr(link_comparison, "MAX_QUERIES", 80)
@@ -100,9 +109,14 @@ def test_of_very_many_queries_a_sample_is_ranked_and_said_to_be_one(frequency, o
 
 def test_a_paired_interval_is_narrower_than_the_separate_ones(opened_kitchen):
     table = noise(opened_kitchen, 1).table("combinesWith")
-    nudged = torch.stack([table, table]) + 1e-3 * torch.stack([noise(opened_kitchen, 2).table(r) for r in (0, 1)])
+    nudged = torch.stack([table, table]) + 1e-3 * torch.stack(
+        [noise(opened_kitchen, 2).table(r) for r in (0, 1)]
+    )
     graph = opened_kitchen.graph
-    scorers = [TableScorer(scores, graph.entities, graph.hash) for scores in (torch.stack([table, table]), nudged)]
+    scorers = [
+        TableScorer(scores, graph.entities, graph.hash)
+        for scores in (torch.stack([table, table]), nudged)
+    ]
     other = second(*(model(scorer, opened_kitchen) for scorer in scorers))
     assert other.difference_ci[1] - other.difference_ci[0] < (other.mrr_ci[1] - other.mrr_ci[0]) / 2
 
@@ -119,7 +133,12 @@ def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(
     assert two.models[0] == four.models[0]
     one, other = two.models[1], four.models[1]
     assert (one.difference, one.mrr_ci) == (other.difference, other.mrr_ci)
-    assert other.difference_ci[0] < one.difference_ci[0] < one.difference_ci[1] < other.difference_ci[1]
+    assert (
+        other.difference_ci[0]
+        < one.difference_ci[0]
+        < one.difference_ci[1]
+        < other.difference_ci[1]
+    )
 
 
 def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(facts, noises):
@@ -133,7 +152,9 @@ def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(facts,
     assert values.not_told_apart == (min(mrr, key=mrr.__getitem__),)
 
 
-def test_a_model_of_the_full_graph_is_marked_and_is_never_the_best(frequency, facts, opened_kitchen):
+def test_a_model_of_the_full_graph_is_marked_and_is_never_the_best(
+    frequency, facts, opened_kitchen
+):
     full = model(facts.scorer, opened_kitchen, kg="full")
     values = compared(full, frequency)
     assert [found.has_seen_the_test_recipes for found in values.models] == [True, False]
@@ -149,18 +170,24 @@ def test_seeds_are_averaged_query_by_query(frequency, opened_kitchen):
     assert (other.name, other.seeds) == ("noise", (5, 6))
     assert other.mrr_of_seeds == tuple(single.mrr for single in singles)
     for name in ("mrr", "hits_at_10", "mean_rank", "difference"):
-        assert getattr(other, name) == pytest.approx(np.mean([getattr(single, name) for single in singles]))
+        assert getattr(other, name) == pytest.approx(
+            np.mean([getattr(single, name) for single in singles])
+        )
     widths = [single.mrr_ci[1] - single.mrr_ci[0] for single in singles]
     assert other.mrr_ci[1] - other.mrr_ci[0] < max(widths)
 
 
 def test_seeds_with_other_settings_are_refused(frequency, opened_kitchen):
     runs = [model(noise(opened_kitchen, 1), opened_kitchen, dim=dim) for dim in (8, 9)]
-    with pytest.raises(ConfigError, match="the seeds of 'noise' were trained with different settings"):
+    with pytest.raises(
+        ConfigError, match="the seeds of 'noise' were trained with different settings"
+    ):
         compare([Contender("frequency", [frequency]), Contender("noise", runs)])
 
 
-@pytest.mark.parametrize("other", [("kitchen", SplitConfig(seed=1)), ("paper-examples",)], ids=["split", "graph"])
+@pytest.mark.parametrize(
+    "other", [("kitchen", SplitConfig(seed=1)), ("paper-examples",)], ids=["split", "graph"]
+)
 def test_models_of_different_graphs_or_splits_are_refused(frequency, other):
     opened = open_graph(*other)
     with pytest.raises(GraphMismatchError):
@@ -183,9 +210,16 @@ def test_the_page_holds_every_model_and_needs_no_other_file(frequency, facts, op
 
     odd = noise(opened_kitchen, 1)
     odd.name = 'a <b> & "c"'
-    values = compared(frequency, facts, model(odd, opened_kitchen), model(odd, opened_kitchen, kg="full"))
+    values = compared(
+        frequency, facts, model(odd, opened_kitchen), model(odd, opened_kitchen, kg="full")
+    )
     page = comparison_page(values)
-    for shown in ("a &lt;b&gt; &amp;", "(Bonferroni)", "including these triples", f"{values.best} (best)"):
+    for shown in (
+        "a &lt;b&gt; &amp;",
+        "(Bonferroni)",
+        "including these triples",
+        f"{values.best} (best)",
+    ):
         assert shown in page
     for found in values.models:
         assert f"{found.mrr:.3f}" in page

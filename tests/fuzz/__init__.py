@@ -9,4 +9,6 @@ is done: ``python -m tests.fuzz --replay artefacts:123`` does it again and shows
 
 import os
 
-os.environ.setdefault("OMP_STACKSIZE", "512K")  # so that 1,024 threads fit into the memory limit of a command
+os.environ.setdefault(
+    "OMP_STACKSIZE", "512K"
+)  # so that 1,024 threads fit into the memory limit of a command

@@ -41,7 +41,9 @@ def main():
     torch.set_num_threads(1)
     cases = [("books", given.first + i) for i in range(given.books)]
     cases += [("artefacts", given.first + i) for i in range(given.artefacts)]
-    cases += [("values", i) for i in range(given.first, given.values * len(values.cases()), given.every)]
+    cases += [
+        ("values", i) for i in range(given.first, given.values * len(values.cases()), given.every)
+    ]
     if given.replay:
         part, _, number = given.replay.partition(":")
         cases = [(part, int(number))]
@@ -51,12 +53,18 @@ def main():
         for done, (part, number) in enumerate(cases, 1):
             for problem in run_case(part, number, home, is_shown=bool(given.replay)):
                 place = re.findall(r'File "(.*?)", line (\d+)', problem)
-                kind = f"{':'.join(place[-1]) if place else ''} {problem.strip().splitlines()[-1]}"[:200]
+                kind = f"{':'.join(place[-1]) if place else ''} {problem.strip().splitlines()[-1]}"[
+                    :200
+                ]
                 kinds[kind] += 1
                 if kinds[kind] <= 3:
                     print(f"--- {problem}", flush=True)
             if done % 100 == 0 or done == len(cases):
-                print(f"{done:,} of {len(cases):,} cases, {kinds.total():,} problems", file=sys.stderr, flush=True)
+                print(
+                    f"{done:,} of {len(cases):,} cases, {kinds.total():,} problems",
+                    file=sys.stderr,
+                    flush=True,
+                )
     for kind, count in kinds.most_common():
         print(f"{count:>6}  {kind}")
     return bool(kinds)

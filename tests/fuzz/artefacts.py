@@ -23,10 +23,32 @@ GRAPH = (
     ("evaluate-agent", "in/agent", "--graph", "{}", "--distractor-seeds", "1"),
     ("evaluate-links", "in/model", "--graph", "{}", "--out", "out"),
 )
-LINKS = ("train-complex", "in/graph", "--dim", "4", "--epochs", "3", "--checkpoint-every", "1", "--out", "{}")
+LINKS = (
+    "train-complex",
+    "in/graph",
+    "--dim",
+    "4",
+    "--epochs",
+    "3",
+    "--checkpoint-every",
+    "1",
+    "--out",
+    "{}",
+)
 EVERY = ("--log-every", "64", "--eval-every", "160", "--checkpoint-every", "64")
 TRAINED = (
-    *("train-agent", "in/graph", "--scorer", "in/model", "--distractors", "1", "--steps", "320", "--batch-size", "16"),
+    *(
+        "train-agent",
+        "in/graph",
+        "--scorer",
+        "in/model",
+        "--distractors",
+        "1",
+        "--steps",
+        "320",
+        "--batch-size",
+        "16",
+    ),
     *(*EVERY, "--out", "{}"),
 )
 MODEL = (
@@ -35,17 +57,82 @@ MODEL = (
     ("evaluate-links", "{}", "--out", "out"),
     ("compare", "{}", "in/model", "--resamples", "2"),
     LINKS,
-    ("evaluate-agent", "in/graph", "--distractor-seeds", "1", "--distractors", "1", "--scorer", "{}"),
-    ("discover", "in/graph", "--runs", "1", "--attempts", "3", "--scorer", "{}", "--players", "empowerment-scorer"),
-    ("train-agent", "in/graph", "--scorer", "{}", "--steps", "64", "--batch-size", "16", "--out", "out"),
-    ("train-complex", "in/graph", "--config", "{}/config.toml", "--epochs", "1", "--dim", "4", "--out", "out"),
+    (
+        "evaluate-agent",
+        "in/graph",
+        "--distractor-seeds",
+        "1",
+        "--distractors",
+        "1",
+        "--scorer",
+        "{}",
+    ),
+    (
+        "discover",
+        "in/graph",
+        "--runs",
+        "1",
+        "--attempts",
+        "3",
+        "--scorer",
+        "{}",
+        "--players",
+        "empowerment-scorer",
+    ),
+    (
+        "train-agent",
+        "in/graph",
+        "--scorer",
+        "{}",
+        "--steps",
+        "64",
+        "--batch-size",
+        "16",
+        "--out",
+        "out",
+    ),
+    (
+        "train-complex",
+        "in/graph",
+        "--config",
+        "{}/config.toml",
+        "--epochs",
+        "1",
+        "--dim",
+        "4",
+        "--out",
+        "out",
+    ),
 )
 AGENT = (
     ("evaluate-agent", "{}", "--distractor-seeds", "1"),
     ("evaluate-agent", "{}", "--distractor-seeds", "1", "--agent", "kg-only", "--json"),
     ("explain", "{}", "--episodes", "1"),
-    ("compare", "{}", "--distractor-seeds", "1", "--distractors", "1", "--episodes", "1", "--out", "out"),
-    ("compare", "{}", "in/agent", "--distractor-seeds", "1", "--distractors", "1", "--episodes", "0", "--out", "out"),
+    (
+        "compare",
+        "{}",
+        "--distractor-seeds",
+        "1",
+        "--distractors",
+        "1",
+        "--episodes",
+        "1",
+        "--out",
+        "out",
+    ),
+    (
+        "compare",
+        "{}",
+        "in/agent",
+        "--distractor-seeds",
+        "1",
+        "--distractors",
+        "1",
+        "--episodes",
+        "0",
+        "--out",
+        "out",
+    ),
     TRAINED,
 )
 SERVED = ("--port", "0", "--no-browser")
@@ -53,10 +140,28 @@ STUDY = (
     ("people", "summary", "{}"),
     ("people", "summary", "{}", "--run", "in/agent"),
     ("people", "summary", "{}", "--export", "out"),
-    (*("people", "serve", "in/graph", "--tasks", "3", "--forms", "2", "--distractors", "1,2", "--out", "{}"), *SERVED),
+    (
+        *(
+            "people",
+            "serve",
+            "in/graph",
+            "--tasks",
+            "3",
+            "--forms",
+            "2",
+            "--distractors",
+            "1,2",
+            "--out",
+            "{}",
+        ),
+        *SERVED,
+    ),
 )
 PLAYED = ("evaluate-text", "in/graph", "--player", "cat", "--distractors", "2", "--tasks", "4")
-TEXT = (("reference", "in/graph", "--distractors", "2", "--external-results", "{}"), (*PLAYED, "--out", "{}"))
+TEXT = (
+    ("reference", "in/graph", "--distractors", "2", "--external-results", "{}"),
+    (*PLAYED, "--out", "{}"),
+)
 READERS = {
     "graph": GRAPH,
     **dict.fromkeys(("model", "model-table", "model-interrupted"), MODEL),
@@ -75,14 +180,18 @@ def trial(number, home, sandbox):
     turn, which = divmod(number, len(READERS))
     kind = list(READERS)[which]
     chosen = rng.sample(READERS[kind], 2)
-    goes_on = any(one == "--out" and "{}" in other for command in chosen for one, other in pairwise(command))
+    goes_on = any(
+        one == "--out" and "{}" in other for command in chosen for one, other in pairwise(command)
+    )
     place = CONTINUED if goes_on else f"{IN}/spoilt"
     folder = copied(home, kind, sandbox / place)
     is_mended = rng.random() < 0.67
     done = [kind, "mended" if is_mended else "not mended"]
     for more in range(rng.choice((1, 1, 1, 2))):
         # What is a device, a pipe or a hole by now is left as it is.
-        files = sorted(path for path in folder.rglob("*") if path.is_file() and 0 < path.stat().st_size < 2**30)
+        files = sorted(
+            path for path in folder.rglob("*") if path.is_file() and 0 < path.stat().st_size < 2**30
+        )
         if not files:  # the only one is gone
             break
         path = rng.choice(files) if more else files[turn % len(files)]
@@ -91,10 +200,17 @@ def trial(number, home, sandbox):
         if is_mended:
             _mend(folder, name)
     commands = tuple(
-        tuple(f"{part}{number}" if part == "out" else part.replace("{}", place) for part in (*command, "--quiet"))
+        tuple(
+            f"{part}{number}" if part == "out" else part.replace("{}", place)
+            for part in (*command, "--quiet")
+        )
         for number, command in enumerate(chosen)
     )
-    return Trial("; ".join(done), commands, may_be_interrupted=goes_on or any("--config" in one for one in chosen))
+    return Trial(
+        "; ".join(done),
+        commands,
+        may_be_interrupted=goes_on or any("--config" in one for one in chosen),
+    )
 
 
 def _spoil(path, home, rng):
@@ -102,7 +218,12 @@ def _spoil(path, home, rng):
         return _replace(path, home, rng)
     data = path.read_bytes()
     by_kind = {
-        **{".json": _of_json, ".jsonl": _of_json_lines, ".toml": _of_toml, ".safetensors": _of_tensors},
+        **{
+            ".json": _of_json,
+            ".jsonl": _of_json_lines,
+            ".toml": _of_toml,
+            ".safetensors": _of_tensors,
+        },
         **dict.fromkeys((".tsv", ".csv"), _of_text),
     }
     spoil = by_kind.get(path.suffix, spoilt_bytes) if rng.random() < 0.75 else spoilt_bytes
@@ -117,7 +238,9 @@ def _spoil(path, home, rng):
 def _replace(path, home, rng):
     """Put something else in the place of a file."""
     others = sorted(other for other in home.rglob("*") if other.is_file())
-    other = rng.choice([one for one in others if one.suffix == path.suffix] if rng.random() < 0.6 else others)
+    other = rng.choice(
+        [one for one in others if one.suffix == path.suffix] if rng.random() < 0.6 else others
+    )
     ways = {
         "/dev/zero": lambda: path.symlink_to("/dev/zero"),
         "/dev/null": lambda: path.symlink_to("/dev/null"),
@@ -160,11 +283,19 @@ def _of_toml(data, rng):
     key, equals, _ = lines[at].partition(" = ")
     odd = toml_of(rng.choice(ODD_VALUES))[:200]
     new = rng.choice(
-        ([f"{key} = {odd}"], [f"{key} = {odd}"], [], [lines[at], lines[at]], [f"unheard = {odd}", lines[at]])
+        (
+            [f"{key} = {odd}"],
+            [f"{key} = {odd}"],
+            [],
+            [lines[at], lines[at]],
+            [f"unheard = {odd}", lines[at]],
+        )
     )
     if not equals:
         new = rng.choice(([f"[{odd}]"], [], ["[tasks]"], [lines[at], "x = 1"]))
-    return f"{lines[at]} -> {new}"[:200], "\n".join([*lines[:at], *new, *lines[at + 1 :]]).encode("utf-8", "replace")
+    return f"{lines[at]} -> {new}"[:200], "\n".join([*lines[:at], *new, *lines[at + 1 :]]).encode(
+        "utf-8", "replace"
+    )
 
 
 def _of_tensors(data, rng):
@@ -179,13 +310,21 @@ def _of_tensors(data, rng):
     tensor = tensors[name]
     flat = tensor.flatten().clone()
     if flat.is_floating_point() and len(flat):
-        flat[rng.randrange(len(flat))] = rng.choice((float("nan"), float("inf"), -float("inf"), 3e38))
+        flat[rng.randrange(len(flat))] = rng.choice(
+            (float("nan"), float("inf"), -float("inf"), 3e38)
+        )
     ways = {
         "gone": lambda: {key: value for key, value in tensors.items() if key != name},
         "not finite": lambda: {**tensors, name: flat.reshape(tensor.shape)},
-        "all not finite": lambda: {**tensors, name: torch.full_like(tensor, 1, dtype=torch.float32) / 0},
+        "all not finite": lambda: {
+            **tensors,
+            name: torch.full_like(tensor, 1, dtype=torch.float32) / 0,
+        },
         "shorter": lambda: {**tensors, name: flat[:-1].clone()},
-        "transposed": lambda: {**tensors, name: tensor.permute(tuple(range(tensor.ndim))[::-1]).contiguous()},
+        "transposed": lambda: {
+            **tensors,
+            name: tensor.permute(tuple(range(tensor.ndim))[::-1]).contiguous(),
+        },
         "flat": lambda: {**tensors, name: flat},
         "whole numbers": lambda: {**tensors, name: torch.ones(tensor.shape, dtype=torch.int64)},
         "halves": lambda: {**tensors, name: tensor.to(torch.float16)},
@@ -193,7 +332,9 @@ def _of_tensors(data, rng):
         "complex": lambda: {**tensors, name: tensor.to(torch.complex64)},
         "empty": lambda: {**tensors, name: torch.zeros(0)},
         "more": lambda: {**tensors, "unheard": torch.zeros(2)},
-        "renamed": lambda: {f"{key}x" if key == name else key: value for key, value in tensors.items()},
+        "renamed": lambda: {
+            f"{key}x" if key == name else key: value for key, value in tensors.items()
+        },
         "a number": lambda: {**tensors, name: torch.tensor(1.0)},
     }
     way = rng.choice(list(ways))
@@ -205,7 +346,9 @@ def _mend(folder, name):
     try:
         if name == "graph.json":
             _mend_graph(folder)
-        elif all(path.is_file() and path.stat().st_size < 2**30 for path in records_of(folder, name)):
+        elif all(
+            path.is_file() and path.stat().st_size < 2**30 for path in records_of(folder, name)
+        ):
             mended(folder, name)
     except Exception:
         return

@@ -27,7 +27,9 @@ def trial(number, home, sandbox):
         ending = rng.choice((".txt", "", ".CSV", ".Json", ".tab"))
     (sandbox / IN).mkdir()
     (sandbox / IN / f"book{ending}").write_bytes(data)
-    return Trial(f"{ending} of {len(rows)} recipes; {oddities}; {what}", _commands(f"{IN}/book{ending}", rng))
+    return Trial(
+        f"{ending} of {len(rows)} recipes; {oddities}; {what}", _commands(f"{IN}/book{ending}", rng)
+    )
 
 
 def _commands(book, rng):
@@ -35,14 +37,25 @@ def _commands(book, rng):
     if rng.random() < 0.6:
         build += ["--split", rng.choice(list(SPLITS)), f"--seed={rng.randrange(9)}"]
     if rng.random() < 0.3:
-        build += [f"--train-ratio={rng.choice((0.01, 0.5, 0.99))}", f"--valid-ratio={rng.choice((0.0, 0.005, 0.3))}"]
+        build += [
+            f"--train-ratio={rng.choice((0.01, 0.5, 0.99))}",
+            f"--valid-ratio={rng.choice((0.0, 0.005, 0.3))}",
+        ]
     if rng.random() < 0.2:
         build.append(f"--base={rng.choice(('water', 'water,flour', 'é', '?'))}")
     if rng.random() < 0.2:
         build.append("--keep-self-results")
     json_too = ("--json",) * (rng.random() < 0.5)
-    exports = (("export", book, "--format", kind, "--out", f"out-{kind}") for kind in rng.sample(list(EXPORTERS), 2))
-    return (("check-book", book, *json_too), (*build, *json_too), *exports, ("describe", "out-graph", *json_too))
+    exports = (
+        ("export", book, "--format", kind, "--out", f"out-{kind}")
+        for kind in rng.sample(list(EXPORTERS), 2)
+    )
+    return (
+        ("check-book", book, *json_too),
+        (*build, *json_too),
+        *exports,
+        ("describe", "out-graph", *json_too),
+    )
 
 
 def _rows(rng):
@@ -59,9 +72,16 @@ def _rows(rng):
             rows = [tuple(odd if label == known else label for label in row) for row in rows]  # type: ignore[misc]
             kind = f"{odd[:20]!r}"
         elif kind == "chain":
-            rows += [(f"link {i}", f"link {i}", f"link {i + 1}") for i in range(rng.choice((3, 300)))]
+            rows += [
+                (f"link {i}", f"link {i}", f"link {i + 1}") for i in range(rng.choice((3, 300)))
+            ]
         else:
-            new = {"self": (a, b, a), "twice": (a, b, result), "turned": (b, a, result), "loop": (result, result, a)}
+            new = {
+                "self": (a, b, a),
+                "twice": (a, b, result),
+                "turned": (b, a, result),
+                "loop": (result, result, a),
+            }
             rows.append(new[kind])
         oddities.append(kind)
     return rows, " ".join(oddities) or "sound"
@@ -77,14 +97,28 @@ def _written(rows, ending, rng):
     labels = sorted({label for row in rows for label in row})
     if ending != ".json":
         buffer = io.StringIO()
-        writer = csv.writer(buffer, delimiter=ENDINGS[ending], lineterminator=rng.choice(("\n", "\n", "\r\n")))
+        writer = csv.writer(
+            buffer, delimiter=ENDINGS[ending], lineterminator=rng.choice(("\n", "\n", "\r\n"))
+        )
         writer.writerows([CSV_HEADER, *rows])
-        head = f"# base: {','.join(rng.sample(labels, min(3, len(labels))))}\n" * (rng.random() < 0.3)
+        head = f"# base: {','.join(rng.sample(labels, min(3, len(labels))))}\n" * (
+            rng.random() < 0.3
+        )
         return head + buffer.getvalue()
     if rng.random() < 0.5:
-        return {"entities": {label: {"recipes": [row[:2] for row in rows if row[2] == label]} for label in labels}}
+        return {
+            "entities": {
+                label: {"recipes": [row[:2] for row in rows if row[2] == label]} for label in labels
+            }
+        }
     base = rng.choice((None, [], labels[:3], labels))
-    return {"format": "wordcraft-kg recipe book 1", "name": "x", "base": base, "entities": labels, "recipes": rows}
+    return {
+        "format": "wordcraft-kg recipe book 1",
+        "name": "x",
+        "base": base,
+        "entities": labels,
+        "recipes": rows,
+    }
 
 
 def _spoilt(book, ending, rng):

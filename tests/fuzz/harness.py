@@ -24,7 +24,10 @@ from wordcraft_kg import cli
 
 _app = cache(cli.make_app)
 """Making the application takes longer than most commands."""
-INTERRUPT_AFTER, TIME_LIMIT = (4, 7), 10  # seconds of computing until Ctrl-C, Ctrl-C again, and failure
+INTERRUPT_AFTER, TIME_LIMIT = (
+    (4, 7),
+    10,
+)  # seconds of computing until Ctrl-C, Ctrl-C again, and failure
 WAIT_LIMIT = 30  # seconds without computing until a command counts as waiting for ever
 SERVERS = ("explore",), ("people", "serve"), ("mcp",)  # commands that wait for requests
 SERVED = 1  # seconds of waiting until Ctrl-C for a server
@@ -44,7 +47,9 @@ class Trial:
 
     what: str
     commands: tuple[tuple[str, ...], ...]  # paths are relative to the sandbox
-    may_be_interrupted: bool = False  # the amount of work may have been spoilt, so that Ctrl-C is a fair end
+    may_be_interrupted: bool = (
+        False  # the amount of work may have been spoilt, so that Ctrl-C is a fair end
+    )
     typed: bytes = b"1\n" * 40 + b"q\n"
 
 
@@ -82,7 +87,11 @@ def limits(*, is_server: bool = False) -> Iterator[None]:
             raise Hang(f"waits for ever: {WAIT_LIMIT} s")
         signal.alarm(SERVED if is_server and not is_pressed else WAIT_LIMIT)
 
-    handlers = {signal.SIGPROF: tick, signal.SIGALRM: alarm, signal.SIGINT: signal.default_int_handler}
+    handlers = {
+        signal.SIGPROF: tick,
+        signal.SIGALRM: alarm,
+        signal.SIGINT: signal.default_int_handler,
+    }
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     memory = resource.getrlimit(resource.RLIMIT_AS)
     in_use = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
@@ -164,7 +173,11 @@ def state_of(folder: Path) -> dict[str, tuple[Any, ...]]:
         if path.is_symlink():
             entry: tuple[Any, ...] = ("link", os.readlink(path))
         else:
-            entry = (stat.st_mode, stat.st_size, stat.st_mtime_ns, stat.st_ino) if path.is_file() else (stat.st_mode,)
+            entry = (
+                (stat.st_mode, stat.st_size, stat.st_mtime_ns, stat.st_ino)
+                if path.is_file()
+                else (stat.st_mode,)
+            )
         entries[str(path.relative_to(folder))] = entry
     return entries
 
@@ -179,7 +192,9 @@ def problems_of(trial: Trial, sandbox: Path) -> list[str]:
         after = state_of(sandbox)
         wrong = [*_of_answer(outcome, trial), *_of_files(outcome, before, after, sandbox)]
         shown = " ".join(map(repr, command))
-        problems += [f"{trial.what}\n  {number + 1}: wordcraft-kg {shown}\n  {reason}" for reason in wrong]
+        problems += [
+            f"{trial.what}\n  {number + 1}: wordcraft-kg {shown}\n  {reason}" for reason in wrong
+        ]
     return problems
 
 
@@ -199,7 +214,10 @@ def _of_answer(outcome: Outcome, trial: Trial) -> Iterator[str]:
 
 
 def _of_files(
-    outcome: Outcome, before: dict[str, tuple[Any, ...]], after: dict[str, tuple[Any, ...]], sandbox: Path
+    outcome: Outcome,
+    before: dict[str, tuple[Any, ...]],
+    after: dict[str, tuple[Any, ...]],
+    sandbox: Path,
 ) -> Iterator[str]:
     """Name inputs that changed, temporary files that stayed, and outputs that a failed command left behind."""
     changed = [path for path in before | after if before.get(path) != after.get(path)]
@@ -217,9 +235,14 @@ def _may_stay(outcome: Outcome, out: Path) -> bool:
     """Return whether an output of a command that failed is whole nevertheless, or a run that can be resumed."""
     if "CHECK FAILED" in outcome.err or (outcome.code == 1 and (out / "report.json").is_file()):
         return True
-    if out.suffix == ".jsonl" or (out / "games.jsonl").is_file():  # answers and games are kept one by one
+    if (
+        out.suffix == ".jsonl" or (out / "games.jsonl").is_file()
+    ):  # answers and games are kept one by one
         return True
     try:
-        return bool(json.loads((out / "run.json").read_text())["status"] in ("interrupted", "failed", "done"))
+        return bool(
+            json.loads((out / "run.json").read_text())["status"]
+            in ("interrupted", "failed", "done")
+        )
     except (OSError, ValueError, KeyError):
         return False

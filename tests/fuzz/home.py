@@ -22,7 +22,9 @@ def make_home(home):
     graph = str(write_graph(home / "graph", train_ratio=0.6, valid_ratio=0.1))
     links = LinksConfig(graph, ComplExConfig(dim=4, epochs=3, n3=0.1, folds=2, checkpoint_every=1))
     other = LinksConfig(graph, LinkModelConfig(model="distmult", dim=4, epochs=2))
-    trainer = ImpalaConfig(steps=320, batch_size=16, log_every=64, eval_every=160, checkpoint_every=64)
+    trainer = ImpalaConfig(
+        steps=320, batch_size=16, log_every=64, eval_every=160, checkpoint_every=64
+    )
     agent = AgentConfig(graph, str(home / "model"), TaskConfig(distractors=1), trainer=trainer)
 
     def press(done, *_):
@@ -35,7 +37,18 @@ def make_home(home):
     train_agent(agent, home / "agent")
     (home / "agent" / "report").mkdir()
     assert train_agent(agent, home / "agent-interrupted", progress=press).interrupted
-    played = ("evaluate-text", "graph", "--player", "cat", "--distractors", "2", "--tasks", "4", "--out", "text")
+    played = (
+        "evaluate-text",
+        "graph",
+        "--player",
+        "cat",
+        "--distractors",
+        "2",
+        "--tasks",
+        "4",
+        "--out",
+        "text",
+    )
     assert call((*played, "--quiet"), home).code == 0
     _make_study(home)
     return home

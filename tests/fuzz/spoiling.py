@@ -3,12 +3,57 @@
 import json
 
 ODD_LABELS = (
-    *("", " ", "?", "-x", "a,b", 'a"b', "a\tb", "a\nb", "a\x00b", "a\x1bb", "\ufeff", "é", "e\u0301", "İ", "ß", "𝒳"),
-    *("👩‍🍳", "\u202eabc", "\u2028", "\ud800", "x" * 999, "x" * 1_001, "../../x", "/", "<&>]]>", "%s{0}", "nan"),
+    *(
+        "",
+        " ",
+        "?",
+        "-x",
+        "a,b",
+        'a"b',
+        "a\tb",
+        "a\nb",
+        "a\x00b",
+        "a\x1bb",
+        "\ufeff",
+        "é",
+        "e\u0301",
+        "İ",
+        "ß",
+        "𝒳",
+    ),
+    *(
+        "👩‍🍳",
+        "\u202eabc",
+        "\u2028",
+        "\ud800",
+        "x" * 999,
+        "x" * 1_001,
+        "../../x",
+        "/",
+        "<&>]]>",
+        "%s{0}",
+        "nan",
+    ),
     *("None", "true", "0", "=1+1", "#x", "http://x/?a=b#c", "\\", "'", "Water", "water "),
 )
 ODD_VALUES = (
-    *(None, True, 0, -1, 1.5, 2**31, 2**63, 2**64, 10**400, 1e308, 1e-320, float("nan"), float("inf"), "", "text"),
+    *(
+        None,
+        True,
+        0,
+        -1,
+        1.5,
+        2**31,
+        2**63,
+        2**64,
+        10**400,
+        1e308,
+        1e-320,
+        float("nan"),
+        float("inf"),
+        "",
+        "text",
+    ),
     *("1", "1979-05-27", "\ud800", "x" * 100_000, [], [[]], {}, {"a": 1}, [None], [1, "a", None]),
 )
 
@@ -17,7 +62,9 @@ def spoilt_bytes(data, rng):
     """Flip, cut, insert, remove or repeat bytes."""
     at = rng.randrange(len(data) + 1)
     to = min(len(data), at + rng.choice((1, 2, 10, 1_000)))
-    new = rng.choice((b"\x00", b"\xff\xfe", b"\n", b'"', b",", b"\r", rng.randbytes(20), b"{", b"\xed\xa0\x80"))
+    new = rng.choice(
+        (b"\x00", b"\xff\xfe", b"\n", b'"', b",", b"\r", rng.randbytes(20), b"{", b"\xed\xa0\x80")
+    )
     flipped = bytes(byte ^ (1 << rng.randrange(8)) for byte in data[at : at + 1])
     ways = {
         f"byte {at} flipped": data[:at] + flipped + data[at + 1 :],
@@ -54,14 +101,22 @@ def spoilt_lines(text, rng):
         ("another separator", lambda: [line.replace(separator, rng.choice((";", "\t", ",", " ")))]),
         ("an open quote", lambda: ['"' + line]),
         ("quoted", lambda: [separator.join(f'"{one}"' for one in cells)]),
-        ("a directive", lambda: [rng.choice(("# base: ", "# entities: ", "#base:", "# base: ,,")) + label, line]),
+        (
+            "a directive",
+            lambda: [
+                rng.choice(("# base: ", "# entities: ", "#base:", "# base: ,,")) + label,
+                line,
+            ],
+        ),
         ("a comment", lambda: ["# " + label, line]),
         ("a return", lambda: [line + "\r"]),
         ("a long one", lambda: [line + "x" * 200_000]),
         ("another place", lambda: [lines[rng.randrange(len(lines))]]),
     )
     what, change = rng.choice(changes)
-    return f"line {at + 1}: {what} ({label[:20]!r})", "\n".join([*lines[:at], *change(), *lines[at + 1 :]])
+    return f"line {at + 1}: {what} ({label[:20]!r})", "\n".join(
+        [*lines[:at], *change(), *lines[at + 1 :]]
+    )
 
 
 def spoilt_value(value, rng):
@@ -95,12 +150,18 @@ def _changed(node, rng):
     }
     if isinstance(node, dict):
         ways["more"] = lambda: {**node, "unheard": odd}
-        ways["renamed"] = lambda: {(f"{key}x" if rng.random() < 0.3 else key): entry for key, entry in node.items()}
+        ways["renamed"] = lambda: {
+            (f"{key}x" if rng.random() < 0.3 else key): entry for key, entry in node.items()
+        }
     elif isinstance(node, list):
         ways["repeated"] = lambda: node * rng.choice((2, 1_000))
         ways |= {"reversed": lambda: node[::-1], "shorter": lambda: node[: len(node) // 2]}
     elif isinstance(node, int | float) and not isinstance(node, bool):
-        ways |= {"negative": lambda: -node - 1, "next": lambda: node + 1, "large": lambda: node * 10**9}
+        ways |= {
+            "negative": lambda: -node - 1,
+            "next": lambda: node + 1,
+            "large": lambda: node * 10**9,
+        }
         ways["float"] = lambda: 0.5 if abs(node) > 1e300 else node + 0.5
     elif isinstance(node, str):
         ways |= {"longer": lambda: node * 2, "upper": lambda: node.upper()}

@@ -8,7 +8,10 @@ from .values import cases
 
 SHORT = {"books": 8, "artefacts": 6, "values": 8}
 LONG = {"books": 2_000, "artefacts": 1_000, "values": len(cases()) // 4}
-COUNTS = [*SHORT.items(), *(pytest.param(part, count, marks=pytest.mark.slow) for part, count in LONG.items())]
+COUNTS = [
+    *SHORT.items(),
+    *(pytest.param(part, count, marks=pytest.mark.slow) for part, count in LONG.items()),
+]
 
 
 @pytest.fixture(scope="module")
@@ -20,6 +23,12 @@ def sound(tmp_path_factory):
 @pytest.mark.parametrize(("part", "count"), COUNTS)
 def test_bad_input_is_answered_with_a_sentence(sound, part, count, monkeypatch):
     monkeypatch.setenv("HOME", "/nowhere")
-    total = len(cases()) if part == "values" else count  # of the values there is an end: take some of all kinds
-    problems = [problem for i in range(count) for problem in run_case(part, i * total // count, sound)]
-    assert not problems, "\n".join([*problems, "Again: python -m tests.fuzz --replay <what stands first in a line>"])
+    total = (
+        len(cases()) if part == "values" else count
+    )  # of the values there is an end: take some of all kinds
+    problems = [
+        problem for i in range(count) for problem in run_case(part, i * total // count, sound)
+    ]
+    assert not problems, "\n".join(
+        [*problems, "Again: python -m tests.fuzz --replay <what stands first in a line>"]
+    )

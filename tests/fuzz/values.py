@@ -27,11 +27,21 @@ GIVEN = {
     **dict.fromkeys(("limit", "runs"), "2"),
     **{"model folder": "in/model", "studies folder": "in/study"},
     **{"agent": "trained", "batch_size": "16", "device": "cpu"},
-    **{"features": "random", "format": "tsv", "mcp transport": "http", "model": "distmult", "player": "cat"},
+    **{
+        "features": "random",
+        "format": "tsv",
+        "mcp transport": "http",
+        "model": "distmult",
+        "player": "cat",
+    },
     **{"head": "flour", "relation": "combinesWith", "tail": "?", "resamples": "5", "steps": "64"},
     **{"repository": "me/mine", "hub push folder folder": "in/graph"},
     **{"elicit model": "in/model", "encoder": "in/model"},
-    **{"track": "craft-8-lite", "bench run player": "random", "bench leaderboard folder folder": "in/study"},
+    **{
+        "track": "craft-8-lite",
+        "bench run player": "random",
+        "bench leaderboard folder folder": "in/study",
+    },
     # A list, and a file that is not there: a study would train for minutes.
     "study": "list",
 }
@@ -39,23 +49,122 @@ GIVEN = {
 ``folder`` is added where the option is a path.
 """
 NUMBERS = (
-    *("0", "-1", "-0", "1", "1.5", "1.0", "1e3", "0x10", "1_000", " 1", "1 ", "١", "true", "1,2", "null"),
-    *("2147483647", "2147483648", "4294967296", "9223372036854775807", "9223372036854775808", "1" + 30 * "0"),
-    *("100000000", "16777216", "65536", "1024", "1e308", "1e-320", "1e400", "nan", "inf", "-inf", "", "--", "½"),
+    *(
+        "0",
+        "-1",
+        "-0",
+        "1",
+        "1.5",
+        "1.0",
+        "1e3",
+        "0x10",
+        "1_000",
+        " 1",
+        "1 ",
+        "١",
+        "true",
+        "1,2",
+        "null",
+    ),
+    *(
+        "2147483647",
+        "2147483648",
+        "4294967296",
+        "9223372036854775807",
+        "9223372036854775808",
+        "1" + 30 * "0",
+    ),
+    *(
+        "100000000",
+        "16777216",
+        "65536",
+        "1024",
+        "1e308",
+        "1e-320",
+        "1e400",
+        "nan",
+        "inf",
+        "-inf",
+        "",
+        "--",
+        "½",
+    ),
     *("1" * 5_000, "\udcff", "a\nb"),
 )
 TEXTS = (
-    *("", " ", "?", ",", ",,a", "-", "a,b", "é", "\udcff", "a\nb", "a\tb", "\x1b[31m", "x" * 300, "x" * 5_000, "nan"),
-    *("0", "-1", "None", "in", "in/graph", "in/graph/graph.json", "in/model", "in/agent", "in/agent/run.json"),
-    *("odd/empty", "odd/fifo", "odd/loop", "odd/dangling", "odd/none", "odd/none/x", "in/graph/graph.json/x", "~"),
+    *(
+        "",
+        " ",
+        "?",
+        ",",
+        ",,a",
+        "-",
+        "a,b",
+        "é",
+        "\udcff",
+        "a\nb",
+        "a\tb",
+        "\x1b[31m",
+        "x" * 300,
+        "x" * 5_000,
+        "nan",
+    ),
+    *(
+        "0",
+        "-1",
+        "None",
+        "in",
+        "in/graph",
+        "in/graph/graph.json",
+        "in/model",
+        "in/agent",
+        "in/agent/run.json",
+    ),
+    *(
+        "odd/empty",
+        "odd/fifo",
+        "odd/loop",
+        "odd/dangling",
+        "odd/none",
+        "odd/none/x",
+        "in/graph/graph.json/x",
+        "~",
+    ),
     *(".", ".."),
 )
 SOURCES = (
-    *("/dev/null", "/dev/zero", "/proc/self/mem", "shuffled:", "cuda", "cuda:99", "meta", "complex", "Cuda", "cpu:x"),
+    *(
+        "/dev/null",
+        "/dev/zero",
+        "/proc/self/mem",
+        "shuffled:",
+        "cuda",
+        "cuda:99",
+        "meta",
+        "complex",
+        "Cuda",
+        "cpu:x",
+    ),
 )
 """Not for outputs: the tests may run as root."""
 TOML = (
-    *(0, -1, 1.5, 1.0, 2**31, 2**63, 10**30, float("nan"), float("inf"), 1e308, True, "", "1", "x", "é"),
+    *(
+        0,
+        -1,
+        1.5,
+        1.0,
+        2**31,
+        2**63,
+        10**30,
+        float("nan"),
+        float("inf"),
+        1e308,
+        True,
+        "",
+        "1",
+        "x",
+        "é",
+    ),
     *("1979-05-27", [], [1, 2], ["a", "b"], {}, {"a": 1}, [[]]),
 )
 
@@ -88,7 +197,11 @@ def _of(command):
     for word in command.split():
         app = app[word]
     for argument in app.assemble_argument_collection():
-        kinds = {kind for hint in (argument.hint, *get_args(argument.hint)) for kind in (hint, *get_args(hint))}
+        kinds = {
+            kind
+            for hint in (argument.hint, *get_args(argument.hint))
+            for kind in (hint, *get_args(hint))
+        }
         if argument.children or bool in kinds:
             continue
         name = argument.names[0]
@@ -127,7 +240,9 @@ def trial(number, home, sandbox):
         if other.name == option.name:
             continue
         if given is None and other.is_required:
-            raise LookupError(f"`{other.parameter}` of {other.command} is required; give GIVEN a sound value for it")
+            raise LookupError(
+                f"`{other.parameter}` of {other.command} is required; give GIVEN a sound value for it"
+            )
         if given is not None:
             command.append(f"{other.name}={given}" if other.name.startswith("--") else given)
     if where == "file":
@@ -136,7 +251,9 @@ def trial(number, home, sandbox):
         command.append(f"--config={IN}/config.toml")
     else:
         command.append(f"{option.name}={value}" if option.name.startswith("--") else value)
-    return Trial(f"{option.name} {value!r:.60} from the {where}", (tuple(command),), may_be_interrupted=True)
+    return Trial(
+        f"{option.name} {value!r:.60} from the {where}", (tuple(command),), may_be_interrupted=True
+    )
 
 
 def _odd_paths(folder):

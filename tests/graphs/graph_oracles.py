@@ -9,7 +9,9 @@ def results(rows, one, other):
 
 def triples(rows):
     pairs = [pair for a, b, result in rows for pair in ((a, b, result), (b, a, result))]
-    return {(a, "combinesWith", b) for a, b, _ in pairs} | {(a, "componentOf", result) for a, _, result in pairs}
+    return {(a, "combinesWith", b) for a, b, _ in pairs} | {
+        (a, "componentOf", result) for a, _, result in pairs
+    }
 
 
 def known_after_rounds(rows, start):

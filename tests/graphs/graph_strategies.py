@@ -26,7 +26,9 @@ def graphs(draw, letters=FEW, min_size=0, max_size=24):
     entities = sorted({label for recipe in recipes for label in recipe} | listed)
     base = draw(st.none() | st.sets(st.sampled_from(entities))) if entities else None
     book = RecipeBook.of("random", recipes, base=base, listed=listed, keep_self_results=True)
-    return RecipeGraph.from_book(replace(book, kinds={recipe: recipe.ingredient_a for recipe in book.recipes}))
+    return RecipeGraph.from_book(
+        replace(book, kinds={recipe: recipe.ingredient_a for recipe in book.recipes})
+    )
 
 
 def splittable_graphs():
@@ -36,16 +38,22 @@ def splittable_graphs():
 
 def configs(kind):
     ratio = st.sampled_from([0.4, 0.5, 0.6, 0.7])
-    return st.builds(SplitConfig, st.just(kind), ratio, st.sampled_from([0.0, 0.1, 0.2]), st.integers(0, 2**32))
+    return st.builds(
+        SplitConfig, st.just(kind), ratio, st.sampled_from([0.0, 0.1, 0.2]), st.integers(0, 2**32)
+    )
 
 
 AWKWARD = st.sampled_from(" ,\"'#\\;:&<>|é火🍞\u00a0\ufeff\u200b0aB")
-PRINTED = st.characters(exclude_categories=["Cc", "Cs", "Zl", "Zp"], exclude_characters="\ufffe\uffff")
+PRINTED = st.characters(
+    exclude_categories=["Cc", "Cs", "Zl", "Zp"], exclude_characters="\ufffe\uffff"
+)
 
 
 def labels():
     """Any label that a book may hold: commas, quotes, outer blanks, '#', and anything of Unicode but controls."""
-    return st.text(AWKWARD | PRINTED, min_size=1, max_size=6).filter(lambda label: not label.isspace())
+    return st.text(AWKWARD | PRINTED, min_size=1, max_size=6).filter(
+        lambda label: not label.isspace()
+    )
 
 
 def _canonical(row):  # Hypothesis takes the text of a lambda for a regular expression
@@ -56,7 +64,9 @@ def _canonical(row):  # Hypothesis takes the text of a lambda for a regular expr
 def books(draw, name="book"):
     known = draw(st.lists(labels(), min_size=1, max_size=8, unique=True))
     label = st.sampled_from(known)
-    recipes = draw(st.lists(st.tuples(label, label, label), min_size=1, max_size=10, unique_by=_canonical))
+    recipes = draw(
+        st.lists(st.tuples(label, label, label), min_size=1, max_size=10, unique_by=_canonical)
+    )
     base = draw(st.none() | st.sets(label))
     listed = draw(st.sets(label))
     book = RecipeBook.of(name, recipes, base=base, listed=listed, keep_self_results=True)

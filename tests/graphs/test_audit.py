@@ -23,7 +23,12 @@ def test_the_audit_counts_and_names_everything():
     ]
     book = RecipeBook.of("book", rows, base=["a"], listed=["idle"], keep_self_results=True)
     values = audited(RecipeGraph.from_book(book))
-    assert (values["entities"], values["recipes"], values["pairs"], values["base"]) == (9, 7, 6, ["a"])
+    assert (values["entities"], values["recipes"], values["pairs"], values["base"]) == (
+        9,
+        7,
+        6,
+        ["a"],
+    )
     assert values["triples"] == {"combinesWith": 10, "componentOf": 12, "total": 22}
     assert values["ambiguity"] == {
         "pairs_by_number_of_results": {"1": 5, "2": 1},
@@ -35,23 +40,37 @@ def test_the_audit_counts_and_names_everything():
         **{"unreachable": 3, "unreachable_entities": ["found", "idle", "lost"]},
     }
     degrees = values["degrees"]
-    assert (degrees["craftable"], degrees["terminal"], degrees["idle"], degrees["self_pairs"]) == (7, 2, 1, 2)
+    assert (degrees["craftable"], degrees["terminal"], degrees["idle"], degrees["self_pairs"]) == (
+        7,
+        2,
+        1,
+        2,
+    )
     assert degrees["recipes_per_craftable"] == {"mean": 1.0, "median": 1.0, "max": 1}
     assert degrees["most_used"][:2] == [["a", 4], ["b", 3]]
     assert values["labels"] == {"alike": 1, "alike_labels": [["D", "d"]]}
 
 
 def test_lists_of_the_audit_are_cut_but_counts_are_complete():
-    rows = [("a", "b", f"made {i}") for i in range(50)] + [("lost", f"lost {i}", "end") for i in range(50)]
+    rows = [("a", "b", f"made {i}") for i in range(50)] + [
+        ("lost", f"lost {i}", "end") for i in range(50)
+    ]
     reachability = audited(RecipeGraph.from_recipes(rows, base=["a", "b"]))["reachability"]
     assert (reachability["unreachable"], len(reachability["unreachable_entities"])) == (52, SHOWN)
     empty = audited(RecipeGraph(["a"], [], []))
-    counts = empty["recipes"], empty["pairs"], empty["triples"]["total"], empty["reachability"]["rounds"]
+    counts = (
+        empty["recipes"],
+        empty["pairs"],
+        empty["triples"]["total"],
+        empty["reachability"]["rounds"],
+    )
     assert counts == (0, 0, 0, 0)
 
 
 def test_the_audit_of_a_graph_without_its_book_says_nothing_of_dropped_rows():
-    book = RecipeBook.of("book", [("a", "b", "c"), ("a", "b", "c"), ("a", "b", "a")], base=["a", "b"])
+    book = RecipeBook.of(
+        "book", [("a", "b", "c"), ("a", "b", "c"), ("a", "b", "a")], base=["a", "b"]
+    )
     graph = RecipeGraph.from_book(book)
     split = make_split(graph, SplitConfig("none"))
     rows = {"dropped_self_results": 1, "merged_duplicates": 1}
@@ -68,7 +87,9 @@ def test_nearness_to_train_equals_counts_over_labels(kind, graph, config):
     sizes = as_values(audit(graph, split))["split"]
     assert sizes["test_goals"] == len({result for *_, result in test})
     assert sizes["test_goals_in_train"] == len({result for *_, result in test} & made)
-    near = [any(r.result == known.result and {*r[:2]} & {*known[:2]} for known in train) for r in test]
+    near = [
+        any(r.result == known.result and {*r[:2]} & {*known[:2]} for known in train) for r in test
+    ]
     assert sizes["one_ingredient_away"] == sum(near)
     assert one_ingredient_away(split).tolist() == near
     if kind in ("by-slot", "by-goal"):
@@ -79,14 +100,25 @@ def test_nearness_to_train_equals_counts_over_labels(kind, graph, config):
 @given(graph=splittable_graphs(), config=configs("by-recipe"))
 def test_leakage_counts_equal_sets_of_triples(kind, graph, config):
     split = drawn(graph, replace(config, kind=kind))
-    of = {part: oracles.triples(graph.recipe_labels(split.recipes(part))) for part in ("train", "valid", "test")}
+    of = {
+        part: oracles.triples(graph.recipe_labels(split.recipes(part)))
+        for part in ("train", "valid", "test")
+    }
     evaluated = of["test"] - of["train"] - of["valid"]
     result = as_values(audit(graph, split))
     assert result["split"]["evaluated_triples"] == len(evaluated)
     assert result["split"]["leaked_triples"] == len(of["test"]) - len(evaluated)
     for relation, row in result["leakage"].items():
-        train, test, left = (Counter(r for _, r, _ in part)[relation] for part in (of["train"], of["test"], evaluated))
+        train, test, left = (
+            Counter(r for _, r, _ in part)[relation]
+            for part in (of["train"], of["test"], evaluated)
+        )
         mirrored = sum(r == relation and (t, r, h) in of["train"] for h, r, t in evaluated)
-        counts = {"train": train, "from_test_recipes": test, "already_in_train": test - left, "evaluated": left}
+        counts = {
+            "train": train,
+            "from_test_recipes": test,
+            "already_in_train": test - left,
+            "evaluated": left,
+        }
         assert row == counts | {"mirror_in_train": mirrored}
     assert result["leakage"]["combinesWith"]["mirror_in_train"] == 0

@@ -32,7 +32,11 @@ def kinds(checked):
 
 
 def problems(checked):
-    return [(finding.kind, finding.lines) for finding in checked.findings if finding.severity == "problem"]
+    return [
+        (finding.kind, finding.lines)
+        for finding in checked.findings
+        if finding.severity == "problem"
+    ]
 
 
 def messages(checked, kind):
@@ -77,13 +81,24 @@ def test_everything_wrong_is_reported_in_one_run_with_its_lines(check):
         ("row", (12,)),
     ]
     assert message(found, "duplicate") == "earth + water -> mud is listed 2 times"
-    assert message(found, "spelling") == "'Mud' and 'mud' count as different entities; use one spelling"
-    assert message(found, "comma") == "the label 'salt, white' contains a comma, at which other tools may split it"
-    assert message(found, "cycle") == "every recipe of these needs another of them, so none can be made first: egg, hen"
+    assert (
+        message(found, "spelling")
+        == "'Mud' and 'mud' count as different entities; use one spelling"
+    )
+    assert (
+        message(found, "comma")
+        == "the label 'salt, white' contains a comma, at which other tools may split it"
+    )
+    assert (
+        message(found, "cycle")
+        == "every recipe of these needs another of them, so none can be made first: egg, hen"
+    )
 
 
 def test_a_clean_book_passes_and_notes_do_not_fail_it(check):
-    found = check("# base: water, earth\n" + HEADER + "water,earth,mud\nmud,mud,brick\nbrick,mud,bricks\n")
+    found = check(
+        "# base: water, earth\n" + HEADER + "water,earth,mud\nmud,mud,brick\nbrick,mud,bricks\n"
+    )
     assert found.passed
     assert kinds(found) == [("lonely", "note", (3, 5)), ("plural", "note", (4, 5))]
     assert message(found, "plural") == "'brick' and 'bricks' are singular and plural of one word"
@@ -93,11 +108,20 @@ def test_a_clean_book_passes_and_notes_do_not_fail_it(check):
 @pytest.mark.parametrize(
     ("kind", "one", "other", "expected"),
     [
-        *[("plural", *pair, True) for pair in (("fly", "flies"), ("box", "boxes"), ("glass", "glasses"))],
+        *[
+            ("plural", *pair, True)
+            for pair in (("fly", "flies"), ("box", "boxes"), ("glass", "glasses"))
+        ],
         ("plural", "gras", "grass", True),
-        *[("plural", *pair, False) for pair in (("fly", "flown"), ("bus", "busy"), ("sea", "seas ide"))],
+        *[
+            ("plural", *pair, False)
+            for pair in (("fly", "flown"), ("bus", "busy"), ("sea", "seas ide"))
+        ],
         # Case, blanks and composition.
-        *[("spelling", *pair, True) for pair in (("ice cream", "ice-cream"), ("Mud", "mud"), ("café", "cafe\u0301"))],
+        *[
+            ("spelling", *pair, True)
+            for pair in (("ice cream", "ice-cream"), ("Mud", "mud"), ("café", "cafe\u0301"))
+        ],
         *[("spelling", *pair, False) for pair in (("c", "c++"), ("कम", "काम"))],
     ],
 )
@@ -112,18 +136,30 @@ def test_what_reads_is_checked_as_the_graph_it_makes(tmp_path_factory, name, boo
     path = tmp_path_factory.mktemp("books") / name
     write_book(book, path)
     found = check_book(path)
-    read = read_book(path, keep_self_results=False) if any(not r.is_self_result for r in book.recipes) else None
+    read = (
+        read_book(path, keep_self_results=False)
+        if any(not r.is_self_result for r in book.recipes)
+        else None
+    )
     if read is None:
         assert found.graph is None
         assert not found.passed
     else:
         assert found.graph == RecipeGraph.from_book(read)
-        assert not {"row", "label", "header", "directive", "bom", "line-ends"} & {f.kind for f in found.findings}
-        assert ("self-result" in {f.kind for f in found.findings}) == (read.dropped_self_results > 0)
+        assert not {"row", "label", "header", "directive", "bom", "line-ends"} & {
+            f.kind for f in found.findings
+        }
+        assert ("self-result" in {f.kind for f in found.findings}) == (
+            read.dropped_self_results > 0
+        )
 
 
-def test_every_island_is_a_finding_and_a_component_that_waits_for_something_else_is_no_circle(check):
-    assert messages(check("# base: a\n" + HEADER + "a,a,b\nx,a,y\ny,a,z\nu,u,v\n"), "unreachable") == [
+def test_every_island_is_a_finding_and_a_component_that_waits_for_something_else_is_no_circle(
+    check,
+):
+    assert messages(
+        check("# base: a\n" + HEADER + "a,a,b\nx,a,y\ny,a,z\nu,u,v\n"), "unreachable"
+    ) == [
         "3 entities cannot be made from the base (a): x, y, z",
         "2 entities cannot be made from the base (a): u, v",
     ]
@@ -140,19 +176,30 @@ def test_the_base_may_be_given(check):
     assert finding.message == "base entities that are not in book: q"
     misspelt = check("# a book\n# base: water, fier\n" + HEADER + "water,fire,steam\n")
     assert ("base", (2,)) in problems(misspelt)
-    assert message(misspelt, "base").startswith("the base entity 'fier' is in no recipe. Did you mean 'fire'?")
+    assert message(misspelt, "base").startswith(
+        "the base entity 'fier' is in no recipe. Did you mean 'fire'?"
+    )
     assert misspelt.graph.base == ("water",)
 
 
 MESSAGES = {
-    "base": ("# base: a, idle\n# entities: idle\n" + HEADER + "a,a,b\n", "base entities that no recipe uses: idle"),
+    "base": (
+        "# base: a, idle\n# entities: idle\n" + HEADER + "a,a,b\n",
+        "base entities that no recipe uses: idle",
+    ),
     "idle": ("# base: a\n# entities: z\n" + HEADER + "a,a,b\n", "listed, but in no recipe: z"),
-    "duplicate": (HEADER.replace(",", ", ") + "a, b, c\na,b,c\n", "a + b -> c is listed 2 times"),  # cells as read
+    "duplicate": (
+        HEADER.replace(",", ", ") + "a, b, c\na,b,c\n",
+        "a + b -> c is listed 2 times",
+    ),  # cells as read
     "header": (
         "a,a,b\na,b,c\n",
         "the header is 'a,a,b'; expected 'ingredient_a,ingredient_b,result'; kind may follow.",
     ),
-    "directive": ("# base: a, \t\n" + HEADER + "a,a,b\n", "the label '' is blank; every entity needs a name."),
+    "directive": (
+        "# base: a, \t\n" + HEADER + "a,a,b\n",
+        "the label '' is blank; every entity needs a name.",
+    ),
 }
 
 
@@ -162,7 +209,9 @@ def test_a_finding_says_what_is_wrong(check, kind):
     found = check(text)
     assert message(found, kind) == expected
     assert found.passed == (kind == "idle")
-    assert found.figures.recipes == (2 if kind == "header" else 1)  # the line in the header's place still counts
+    assert found.figures.recipes == (
+        2 if kind == "header" else 1
+    )  # the line in the header's place still counts
 
 
 def test_a_check_reads_single_ingredients_as_asked_and_is_a_problem_otherwise(check):
@@ -170,8 +219,12 @@ def test_a_check_reads_single_ingredients_as_asked_and_is_a_problem_otherwise(ch
     assert "'sand' is the only ingredient" in message(check(text), "label")
     both = r"'milk' is the only ingredient.* Also, the label '' is blank"
     assert re.search(both, message(check(HEADER + "milk,, \n"), "label"))
-    assert check(text, single_ingredient="self").graph.recipe_labels() == [("sand", "sand", "glass")]
-    assert check(text, single_ingredient="oven").graph.recipe_labels() == [("oven", "sand", "glass")]
+    assert check(text, single_ingredient="self").graph.recipe_labels() == [
+        ("sand", "sand", "glass")
+    ]
+    assert check(text, single_ingredient="oven").graph.recipe_labels() == [
+        ("oven", "sand", "glass")
+    ]
 
 
 @pytest.mark.parametrize("text", ["", HEADER, HEADER + "a,b\n", "# only a comment\n"])
@@ -188,16 +241,27 @@ def test_a_json_book_reports_its_first_error_or_its_counts(check):
     text = json.dumps({"entities": ["a", "b", "c"], "base": ["a", "b"], "recipes": rows})
     found = check(text, "book.json")
     problems = [finding.message for finding in found.findings if finding.severity == "problem"]
-    assert problems == ["1 row listed before", "1 recipe made from the result itself; such rows are dropped"]
+    assert problems == [
+        "1 row listed before",
+        "1 recipe made from the result itself; such rows are dropped",
+    ]
 
 
 JSON = json.dumps({"entities": ["a", "b, c"], "base": ["a"], "recipes": [["a", "a", "b, c"]]})
 LINE = "# base: a, b\n" + HEADER + "a,b,c\na,b\n"
 BYTES = {
-    "not UTF-8": (HEADER.encode() + b"caf\xe9,a,b\na,b\n", "book.csv", [("encoding", (2,)), ("row", (3,))]),
+    "not UTF-8": (
+        HEADER.encode() + b"caf\xe9,a,b\na,b\n",
+        "book.csv",
+        [("encoding", (2,)), ("row", (3,))],
+    ),
     "CR": (LINE.replace("\n", "\r"), "book.csv", [("line-ends", ()), ("row", (4,))]),
     "CRLF": (LINE.replace("\n", "\r\n"), "book.csv", [("line-ends", ()), ("row", (4,))]),
-    "JSON": ("\ufeff" + JSON.replace(",", ",\r\n", 1), "book.json", [("comma", ()), ("line-ends", ()), ("bom", (1,))]),
+    "JSON": (
+        "\ufeff" + JSON.replace(",", ",\r\n", 1),
+        "book.json",
+        [("comma", ()), ("line-ends", ()), ("bom", (1,))],
+    ),
 }
 
 
@@ -212,7 +276,10 @@ LINES = [
 ]
 
 
-@given(lines=st.lists(st.sampled_from(LINES), max_size=6), head=st.sampled_from(["", HEADER, '"ingredient_a",b,c\n']))
+@given(
+    lines=st.lists(st.sampled_from(LINES), max_size=6),
+    head=st.sampled_from(["", HEADER, '"ingredient_a",b,c\n']),
+)
 def test_what_passes_can_be_read(tmp_path_factory, lines, head):
     path = tmp_path_factory.mktemp("books") / "book.csv"
     path.write_text("# base: a\n" + head + "\n".join(lines), encoding="utf-8")
@@ -225,8 +292,20 @@ def test_the_figures_count_the_book(check):
     text = "# base: a, b\n" + HEADER + "a,b,c\na,b,d\na,a,c\nc,d,e\na,e,f\n"
     figures = check(text).figures
     assert as_values(figures) == {
-        **{"entities": 6, "recipes": 5, "pairs": 4, "base": ["a", "b"], "reachable": 6, "max_layer": 3},
-        **{"mean_recipes_per_craftable": 5 / 4, "share_with_two_recipes": 1 / 4, "terminal": 1, "self_pairs": 1},
+        **{
+            "entities": 6,
+            "recipes": 5,
+            "pairs": 4,
+            "base": ["a", "b"],
+            "reachable": 6,
+            "max_layer": 3,
+        },
+        **{
+            "mean_recipes_per_craftable": 5 / 4,
+            "share_with_two_recipes": 1 / 4,
+            "terminal": 1,
+            "self_pairs": 1,
+        },
         **{"pairs_with_two_or_three_results": 1, "pairs_with_more_results": 0},
         **{"most_used": "a", "most_used_share": 4 / 5},
     }
@@ -247,25 +326,42 @@ def test_everyday_has_the_size_and_the_shape_it_was_written_for():
 
 
 def test_version_1_of_everyday_stays():
-    assert RecipeGraph.from_book(open_book("everyday-1")).hash.startswith("917cafc4ad2040cee7b8bef270ef37db")
+    assert RecipeGraph.from_book(open_book("everyday-1")).hash.startswith(
+        "917cafc4ad2040cee7b8bef270ef37db"
+    )
 
 
-def test_everyday_is_written_in_lower_case_words_grouped_by_result_and_differs_from_little_alchemy_2(alchemy):
+def test_everyday_is_written_in_lower_case_words_grouped_by_result_and_differs_from_little_alchemy_2(
+    alchemy,
+):
     book = open_book("everyday")
     shared = set(book.recipes) & set(alchemy.recipe_labels())
     assert len(shared) == 410
-    assert all(label == label.lower() and label.replace(" ", "").replace("-", "").isalpha() for label in book.entities)
+    assert all(
+        label == label.lower() and label.replace(" ", "").replace("-", "").isalpha()
+        for label in book.entities
+    )
     lines = locate_book("everyday").path.read_text(encoding="utf-8").splitlines()
     results = [line.split(",")[2] for line in lines if not line.startswith("#")][1:]
     groups = [result for i, result in enumerate(results) if i == 0 or results[i - 1] != result]
     assert len(groups) == len(set(groups))
 
 
-def test_long_lists_are_cut_short_and_a_file_that_is_no_book_is_not_read_to_its_end(check, monkeypatch):
-    (duplicate,) = (finding for finding in check(HEADER + "a,a,b\n" * 40).findings if finding.kind == "duplicate")
+def test_long_lists_are_cut_short_and_a_file_that_is_no_book_is_not_read_to_its_end(
+    check, monkeypatch
+):
+    (duplicate,) = (
+        finding
+        for finding in check(HEADER + "a,a,b\n" * 40).findings
+        if finding.kind == "duplicate"
+    )
     assert len(duplicate.lines) == 15
     assert duplicate.message.endswith("listed 40 times")
     monkeypatch.setattr("wordcraft_kg.graphs.book_check.MAX_FINDINGS", 5)
     found = check("ingredient_a,ingredient_b,result\n" + "no recipe\n" * 1_000)
-    assert [(kind, lines) for kind, _, lines in kinds(found)] == [("row", (number,)) for number in range(2, 8)]
-    assert found.findings[-1].message == "5 findings above; this line and those below it were not read"
+    assert [(kind, lines) for kind, _, lines in kinds(found)] == [
+        ("row", (number,)) for number in range(2, 8)
+    ]
+    assert (
+        found.findings[-1].message == "5 findings above; this line and those below it were not read"
+    )

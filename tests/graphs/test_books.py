@@ -19,7 +19,9 @@ from wordcraft_kg.models.scorers.features import glove_features
 NAME = "little-alchemy-2"
 BASE = ("air", "earth", "fire", "time", "water")
 RECIPES = {**{label: [] for label in BASE}, "mud": [["water", "earth"]], "water": [["mud", "fire"]]}
-PUBLISHED = json.dumps({"entities": {label: {"recipes": pairs} for label, pairs in RECIPES.items()}}).encode()
+PUBLISHED = json.dumps(
+    {"entities": {label: {"recipes": pairs} for label, pairs in RECIPES.items()}}
+).encode()
 """Water has a recipe, as in the real file, so the base cannot be inferred from it."""
 
 
@@ -100,7 +102,10 @@ def test_made_up_words_keep_the_graph_and_hide_the_words(home):
     graph, other = map(RecipeGraph.from_book, (book, twin))
     assert other.recipes.tolist() == graph.recipes.tolist()
     assert other.base_ids.tolist() == graph.base_ids.tolist()
-    assert make_split(other, SplitConfig()).parts.tolist() == make_split(graph, SplitConfig()).parts.tolist()
+    assert (
+        make_split(other, SplitConfig()).parts.tolist()
+        == make_split(graph, SplitConfig()).parts.tolist()
+    )
     assert Counter(twin.kinds.values()) == Counter(book.kinds.values())
     assert not glove_features(twin.entities).known.any()
     with pytest.raises(RecipeFileError, match="it is made from 'kitchen'; give that book"):
@@ -109,9 +114,13 @@ def test_made_up_words_keep_the_graph_and_hide_the_words(home):
 
 def test_made_up_words_keep_blanks_and_names_keep_seeds(tmp_path):
     path = tmp_path / "blanks.csv"
-    path.write_text("ingredient_a,ingredient_b,result\nblack hole,c,d\nblack  hole,c,e\n", encoding="utf-8")
+    path.write_text(
+        "ingredient_a,ingredient_b,result\nblack hole,c,d\nblack  hole,c,e\n", encoding="utf-8"
+    )
     book, twin = open_book(path), open_book(f"made-up-7:{path}")
-    assert RecipeGraph.from_book(twin).recipes.tolist() == RecipeGraph.from_book(book).recipes.tolist()
+    assert (
+        RecipeGraph.from_book(twin).recipes.tolist() == RecipeGraph.from_book(book).recipes.tolist()
+    )
     assert twin.name == "made-up-7-blanks"
     assert hash(twin) != hash(book)
 
@@ -134,7 +143,10 @@ def test_books_of_the_data_folder_are_known_by_name(data, monkeypatch):
 def test_a_book_that_was_not_fetched_says_how_to_fetch_it(home):
     with pytest.raises(FetchError, match=rf"no book 'kitchen' to fetch; expected one of {NAME}"):
         fetch_book("kitchen")
-    with pytest.raises(RecipeFileError, match=f"not on this machine yet. Fetch it: wordcraft-kg books --fetch {NAME}"):
+    with pytest.raises(
+        RecipeFileError,
+        match=f"not on this machine yet. Fetch it: wordcraft-kg books --fetch {NAME}",
+    ):
         open_book(NAME)
 
 
@@ -155,14 +167,20 @@ def test_a_damaged_book_in_the_cache_is_refused_and_downloaded_again(home, publi
     server(PUBLISHED, PUBLISHED)
     path = fetch_book(NAME)
     path.write_bytes(PUBLISHED[:-3])
-    with pytest.raises(RecipeFileError, match=rf"alchemy2\.json is not the published '{NAME}'.*Fetch the book again"):
+    with pytest.raises(
+        RecipeFileError,
+        match=rf"alchemy2\.json is not the published '{NAME}'.*Fetch the book again",
+    ):
         open_book(NAME)
     assert fetch_book(NAME).read_bytes() == PUBLISHED
 
 
 def test_other_bytes_than_the_pinned_ones_are_not_kept(home, published, server):
     server(b"<html>not found</html>")
-    with pytest.raises(FetchError, match=rf"expected {published.sha256[:12]}…; not kept\. Or place the file by hand"):
+    with pytest.raises(
+        FetchError,
+        match=rf"expected {published.sha256[:12]}…; not kept\. Or place the file by hand",
+    ):
         fetch_book(NAME)
     assert not cache_folder().exists()
     cache_folder().mkdir(parents=True)
@@ -197,9 +215,12 @@ def test_a_failed_download_says_how_to_place_the_file_by_hand(home, published, s
 
 
 @pytest.mark.parametrize(
-    ("limit", "value", "says"), [("_MAX_BYTES", 9, "more than 9 bytes"), ("_DEADLINE", -1, "not complete after")]
+    ("limit", "value", "says"),
+    [("_MAX_BYTES", 9, "more than 9 bytes"), ("_DEADLINE", -1, "not complete after")],
 )
-def test_a_download_is_bounded_in_size_and_time(home, published, server, monkeypatch, limit, value, says):
+def test_a_download_is_bounded_in_size_and_time(
+    home, published, server, monkeypatch, limit, value, says
+):
     server(PUBLISHED)
     monkeypatch.setattr(library, limit, value)
     with pytest.raises(FetchError, match=says):
@@ -215,7 +236,9 @@ def test_a_redirect_is_not_followed(home, published, monkeypatch):
 
     monkeypatch.setenv("no_proxy", "*")
     with HTTPServer(("127.0.0.1", 0), Elsewhere) as host:
-        monkeypatch.setitem(FETCHABLE, NAME, replace(published, url=f"http://127.0.0.1:{host.server_port}/"))
+        monkeypatch.setitem(
+            FETCHABLE, NAME, replace(published, url=f"http://127.0.0.1:{host.server_port}/")
+        )
         threading.Thread(target=host.handle_request, daemon=True).start()
         with pytest.raises(FetchError, match="Found"):
             fetch_book(NAME)
@@ -230,6 +253,9 @@ def test_a_file_placed_in_the_data_folder_by_hand_is_known_by_the_published_name
 def test_another_file_in_its_place_is_refused_by_name_but_opens_by_path(data):
     path = data / "alchemy2.json"
     path.write_bytes(PUBLISHED)
-    with pytest.raises(RecipeFileError, match=rf"is not the published '{NAME}' \(its SHA-256 differs\).*{path.name}"):
+    with pytest.raises(
+        RecipeFileError,
+        match=rf"is not the published '{NAME}' \(its SHA-256 differs\).*{path.name}",
+    ):
         open_book(NAME)
     assert open_book(path).name == "alchemy2"

@@ -30,7 +30,11 @@ def opened(graph, config=None):
 def source(request, kitchen):
     if request.param == "kitchen":
         return opened(kitchen, SplitConfig(train_ratio=0.7, valid_ratio=0.1))
-    rows = [(one, other, AWKWARD[(i * j) % 11]) for i, one in enumerate(AWKWARD) for j, other in enumerate(AWKWARD[:i])]
+    rows = [
+        (one, other, AWKWARD[(i * j) % 11])
+        for i, one in enumerate(AWKWARD)
+        for j, other in enumerate(AWKWARD[:i])
+    ]
     rows += [(one, one, AWKWARD[0]) for one in AWKWARD]
     book = RecipeBook.of("awkward", rows, base=AWKWARD[:3], listed=["idle"], keep_self_results=True)
     return opened(RecipeGraph.from_book(book))
@@ -53,7 +57,9 @@ def test_tables_hold_the_triples(source, tmp_path, format):
     else:
         pytest.importorskip("pyarrow")
         frame = pd.read_parquet(path)
-    pd.testing.assert_frame_equal(frame, triples_frame(source.graph, source.graph.triples), check_dtype=False)
+    pd.testing.assert_frame_equal(
+        frame, triples_frame(source.graph, source.graph.triples), check_dtype=False
+    )
 
 
 @pytest.mark.parametrize("format", ["csv", "json"])
@@ -92,7 +98,9 @@ def test_graphml_holds_each_recipe_as_a_node(source, tmp_path):
     for label, node in view.nodes(data=True):
         if node["kind"] == "entity":
             assert (node["recipes"], node["uses"]) == tuple(frame.loc[label, ["recipes", "uses"]])
-            assert node.get("layer") == (None if pd.isna(frame.loc[label, "layer"]) else frame.loc[label, "layer"])
+            assert node.get("layer") == (
+                None if pd.isna(frame.loc[label, "layer"]) else frame.loc[label, "layer"]
+            )
 
 
 def test_rdf_holds_the_triples_and_labels(source, tmp_path):
@@ -100,7 +108,11 @@ def test_rdf_holds_the_triples_and_labels(source, tmp_path):
     store = rdflib.Graph().parse(exported(source, "nt", tmp_path), format="nt")
     entity, relation = f"{NAMESPACE}entity:", f"{NAMESPACE}relation:"
     found = {
-        (unquote(head.removeprefix(entity)), predicate.removeprefix(relation), unquote(tail.removeprefix(entity)))
+        (
+            unquote(head.removeprefix(entity)),
+            predicate.removeprefix(relation),
+            unquote(tail.removeprefix(entity)),
+        )
         for head, predicate, tail in (map(str, triple) for triple in store)
         if predicate.startswith(relation)
     }
@@ -111,7 +123,9 @@ def test_rdf_holds_the_triples_and_labels(source, tmp_path):
     for recipe, predicate, thing in store:
         if str(predicate).startswith(f"{NAMESPACE}role:"):
             roles = made.setdefault(str(recipe), ([], []))
-            roles[str(predicate).endswith("result")].append(unquote(str(thing).removeprefix(entity)))
+            roles[str(predicate).endswith("result")].append(
+                unquote(str(thing).removeprefix(entity))
+            )
     recipes = [Recipe.of(parts[0], parts[-1], result) for parts, (result,) in made.values()]
     assert sorted(recipes) == source.graph.recipe_labels()
     roles = sum(len(parts) + 1 for parts, _ in made.values())
@@ -145,7 +159,10 @@ def test_an_export_holds_the_part_that_is_asked_for(source, tmp_path, part):
     assert lines == [line.rstrip("\n") for line in triple_lines(triples, graph.entities)]
     export_graph(source, "csv", tmp_path / "a.csv", part=part)
     book = read_book(tmp_path / "a.csv", keep_self_results=True)
-    assert (list(book.recipes), book.entities) == (graph.recipe_labels(graph.recipes[rows]), graph.entities)
+    assert (list(book.recipes), book.entities) == (
+        graph.recipe_labels(graph.recipes[rows]),
+        graph.entities,
+    )
     export_graph(source, "graphml", tmp_path / "a.graphml", part=part)
     assert recipes_in(nx.read_graphml(tmp_path / "a.graphml")) == list(book.recipes)
     export_graph(source, "nt", tmp_path / "a.nt", part=part)
@@ -156,7 +173,11 @@ def test_an_export_holds_the_part_that_is_asked_for(source, tmp_path, part):
 
 @pytest.mark.parametrize(
     ("setting", "format", "part"),
-    [("part", "tsv", "parts"), ("format", "graphm", "full"), ("format", "graphml", "full")],  # it needs too much memory
+    [
+        ("part", "tsv", "parts"),
+        ("format", "graphm", "full"),
+        ("format", "graphml", "full"),
+    ],  # it needs too much memory
 )
 def test_an_export_that_cannot_be_is_refused(kitchen, tmp_path, monkeypatch, setting, format, part):
     monkeypatch.setattr("wordcraft_kg.graphs.export.MOST_BYTES", 2**20)

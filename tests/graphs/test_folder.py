@@ -8,7 +8,12 @@ import pytest
 from graph_folders import write_graph
 
 from wordcraft_kg import graphs
-from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, OutputExistsError, RecipeFileError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    GraphMismatchError,
+    OutputExistsError,
+    RecipeFileError,
+)
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs import (
     RecipeBook,
@@ -28,7 +33,9 @@ from wordcraft_kg.graphs.triples import triple_lines
 @pytest.fixture(scope="module")
 def pristine(tmp_path_factory, kitchen):
     folder = tmp_path_factory.mktemp("graphs") / "kitchen"
-    write_graph_folder(folder, open_book("kitchen"), make_split(kitchen, SplitConfig(valid_ratio=0.1, seed=4)))
+    write_graph_folder(
+        folder, open_book("kitchen"), make_split(kitchen, SplitConfig(valid_ratio=0.1, seed=4))
+    )
     return folder
 
 
@@ -39,7 +46,9 @@ def folder(pristine, tmp_path):
 
 
 def test_a_graph_folder_has_its_files_and_no_others(pristine):
-    files = sorted(str(path.relative_to(pristine)) for path in pristine.rglob("*") if path.is_file())
+    files = sorted(
+        str(path.relative_to(pristine)) for path in pristine.rglob("*") if path.is_file()
+    )
     assert files == [
         *("audit.json", "entities.tsv", "graph.json", "recipes.csv", "split.json"),
         *("triples/full.tsv", "triples/partial.tsv", "triples/unseen.tsv"),
@@ -58,15 +67,23 @@ def test_a_graph_folder_opens_to_the_graph_and_split_that_were_written(pristine,
 
 def test_the_files_of_a_graph_folder_agree_with_the_graph(pristine, kitchen):
     split = make_split(kitchen, SplitConfig(valid_ratio=0.1, seed=4))
-    for name, triples in (("full", kitchen.triples), ("partial", split.partial), ("unseen", split.unseen)):
+    for name, triples in (
+        ("full", kitchen.triples),
+        ("partial", split.partial),
+        ("unseen", split.unseen),
+    ):
         text = (pristine / "triples" / f"{name}.tsv").read_text(encoding="utf-8")
         assert text == "".join(triple_lines(triples, kitchen.entities))
     assert read_book(pristine / "recipes.csv").recipes == tuple(kitchen.recipe_labels())
     lines = (pristine / "entities.tsv").read_text(encoding="utf-8").splitlines()
     assert lines[0] == "id\tentity\tbase\tlayer\trecipes\tuses"
-    assert [line.split("\t")[:2] for line in lines[1:]] == [[str(i), label] for i, label in enumerate(kitchen.entities)]
+    assert [line.split("\t")[:2] for line in lines[1:]] == [
+        [str(i), label] for i, label in enumerate(kitchen.entities)
+    ]
     recorded = json.loads((pristine / "audit.json").read_text(encoding="utf-8"))
-    assert recorded == {"dropped_self_results": 0, "merged_duplicates": 0} | as_values(audit(kitchen, split))
+    assert recorded == {"dropped_self_results": 0, "merged_duplicates": 0} | as_values(
+        audit(kitchen, split)
+    )
 
 
 def test_idle_entities_and_kept_self_results_survive_the_folder(tmp_path):
@@ -100,7 +117,11 @@ def test_an_existing_folder_is_kept_unless_forced(folder, kitchen):
 @pytest.mark.parametrize(
     ("name", "error", "says"),
     [
-        ("", ArtefactError, r"is an empty folder; expected a graph folder.*wordcraft-kg build-graph"),
+        (
+            "",
+            ArtefactError,
+            r"is an empty folder; expected a graph folder.*wordcraft-kg build-graph",
+        ),
         ("nowhere", RecipeFileError, "is neither a file nor a known book"),
     ],
 )
@@ -112,9 +133,19 @@ def test_a_folder_that_is_empty_or_not_there_is_refused(tmp_path, name, error, s
 CHANGED = "is damaged or was edited: its content does not match its hash"
 EDITS = {
     "label": ("graph.json", '"bread"', '"broad"', rf"graph\.json {CHANGED}"),
-    "label in one recipe": ("graph.json", '"earth", "pig"]', '"earth", "pug"]', r"recipes\[0\]: 'pug' is not among"),
+    "label in one recipe": (
+        "graph.json",
+        '"earth", "pig"]',
+        '"earth", "pug"]',
+        r"recipes\[0\]: 'pug' is not among",
+    ),
     "base": ("graph.json", '"base": ["animal", ', '"base": [', CHANGED),
-    "name": ("graph.json", '"name": "kitchen"', '"name": {"a": 1}', r"its name is .'a': 1.; expected a text"),
+    "name": (
+        "graph.json",
+        '"name": "kitchen"',
+        '"name": {"a": 1}',
+        r"its name is .'a': 1.; expected a text",
+    ),
     "ratio": ("split.json", '"train_ratio": 0.8', '"train_ratio": 0.7', CHANGED),
 }
 
@@ -130,8 +161,14 @@ def test_an_edited_file_is_noticed(folder, name, old, new, says):
 
 DAMAGED = {
     **{"empty": (b"", ""), "list": (b"[]", ""), "number": (b"7", ""), "no keys": (b"{}", "")},
-    **{"nested too deeply": (b"[" * 200_000, ""), "truncated": (b'{"format": "wordcraft', "Unterminated string")},
-    **{"not UTF-8": (b"\xff\xfe", "0xff"), "huge number": (b'{"format": ' + b"1" * 5000 + b"}", "4300 digits")},
+    **{
+        "nested too deeply": (b"[" * 200_000, ""),
+        "truncated": (b'{"format": "wordcraft', "Unterminated string"),
+    },
+    **{
+        "not UTF-8": (b"\xff\xfe", "0xff"),
+        "huge number": (b'{"format": ' + b"1" * 5000 + b"}", "4300 digits"),
+    },
 }
 
 
@@ -154,7 +191,9 @@ def test_a_missing_split_and_the_split_of_another_graph_are_refused(folder):
     other = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d")])
     text = "".join(make_split(other, SplitConfig("none")).to_json())
     (folder / "split.json").write_text(text, encoding="utf-8")
-    with pytest.raises(GraphMismatchError, match=rf"belongs to graph {other.hash[:12]} but the folder's graph is"):
+    with pytest.raises(
+        GraphMismatchError, match=rf"belongs to graph {other.hash[:12]} but the folder's graph is"
+    ):
         open_graph(folder)
 
 
@@ -162,7 +201,9 @@ def global_states():
     return random.getstate(), np.random.get_state()[1].tolist(), np.random.get_state()[2]  # noqa: NPY002
 
 
-@pytest.mark.parametrize("kind", [kind for kind in graphs.SPLITS if kind != "by-kind"])  # the kitchen has none
+@pytest.mark.parametrize(
+    "kind", [kind for kind in graphs.SPLITS if kind != "by-kind"]
+)  # the kitchen has none
 def test_nothing_touches_the_global_generators(tmp_path, kind):
     random.seed(1)
     np.random.seed(1)  # noqa: NPY002

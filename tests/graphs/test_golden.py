@@ -27,7 +27,12 @@ def test_the_small_graph_has_its_ids_recipes_and_base(mud):
 
 def test_the_kitchen_is_the_book_that_was_published(kitchen):
     assert kitchen.hash == "43fe37e2e912f6b42e9b5f510cde548bc69cc02f72d403c5365572355e54e772"
-    assert (kitchen.num_entities, kitchen.num_recipes, kitchen.num_pairs, len(kitchen.triples)) == (80, 326, 310, 961)
+    assert (kitchen.num_entities, kitchen.num_recipes, kitchen.num_pairs, len(kitchen.triples)) == (
+        80,
+        326,
+        310,
+        961,
+    )
 
 
 SPLIT_HASHES = {

@@ -23,7 +23,9 @@ def from_start(graph, numbers):
 def test_layers_and_rounds_equal_a_closure_round_by_round(graph, numbers):
     start, labels = from_start(graph, numbers)
     rows = graph.recipe_labels()
-    assert layers(graph, start).tolist() == [oracles.layer(rows, label, labels) for label in graph.entities]
+    assert layers(graph, start).tolist() == [
+        oracles.layer(rows, label, labels) for label in graph.entities
+    ]
     known = [len(after) for after in oracles.known_after_rounds(rows, labels)]
     assert rounds(layers(graph, start)) == (known if labels else [])
 
@@ -73,11 +75,19 @@ DERIVATIONS = {
     "a base entity costs nothing": (["aab", "bba"], "a", "a", [], 0),
     "a shared step counts each time": (["aab", "bbc"], "a", "c", ["aab", "bbc"], 3),
     "the earlier of equal recipes": (["bbg", "abg", "acg"], "abc", "g", ["abg"], 1),
-    "cheaper, but made later": (["bbc", "ccg", *(chain := ["aab", "abd", "ade", "aef", "afg"])], "a", "g", chain, 5),
+    "cheaper, but made later": (
+        ["bbc", "ccg", *(chain := ["aab", "abd", "ade", "aef", "afg"])],
+        "a",
+        "g",
+        chain,
+        5,
+    ),
 }
 
 
-@pytest.mark.parametrize(("rows", "base", "goal", "steps", "cost"), DERIVATIONS.values(), ids=DERIVATIONS)
+@pytest.mark.parametrize(
+    ("rows", "base", "goal", "steps", "cost"), DERIVATIONS.values(), ids=DERIVATIONS
+)
 def test_the_cheapest_derivation_is_found(rows, base, goal, steps, cost):
     derivation = Planner(RecipeGraph.from_recipes(rows, base=base)).derivation(goal)
     assert derivation == Derivation(goal, tuple(Recipe(*row) for row in steps), cost)
@@ -85,9 +95,15 @@ def test_the_cheapest_derivation_is_found(rows, base, goal, steps, cost):
 
 def test_long_derivations_have_exact_costs_and_do_not_exhaust_the_stack():
     doubling = [(f"{i:04}", f"{i:04}", f"{i + 1:04}") for i in range(1100)]
-    assert Planner(RecipeGraph.from_recipes(doubling, base=["0000"])).derivation("1100").cost == 2**1100 - 1
+    assert (
+        Planner(RecipeGraph.from_recipes(doubling, base=["0000"])).derivation("1100").cost
+        == 2**1100 - 1
+    )
     chain = [("0000", f"{i:04}", f"{i + 1:04}") for i in range(3000)]
-    assert len(Planner(RecipeGraph.from_recipes(chain, base=["0000"])).derivation("3000").steps) == 3000
+    assert (
+        len(Planner(RecipeGraph.from_recipes(chain, base=["0000"])).derivation("3000").steps)
+        == 3000
+    )
     steps = [Recipe(f"x{i}", f"x{i}", f"x{i + 1}") for i in range(3_000)]
     assert sum(1 for _ in derivation_tree("x3000", steps)) == 3_000
 
@@ -104,7 +120,13 @@ def test_an_unreachable_goal_and_an_unknown_goal_or_start_are_refused(kitchen):
 def test_a_derivation_is_shown_as_a_tree_in_which_nothing_is_made_twice():
     rows = [("a", "b", "c"), ("c", "a", "d"), ("d", "c", "e"), ("e", "e", "f")]
     derivation = Planner(RecipeGraph.from_recipes(rows)).derivation("f")
-    lines = "f = e + e", "└─ e = c + d", "   ├─ c = a + b", "   └─ d = a + c", "      └─ c (see above)"
+    lines = (
+        "f = e + e",
+        "└─ e = c + d",
+        "   ├─ c = a + b",
+        "   └─ d = a + c",
+        "      └─ c (see above)",
+    )
     assert tuple(str(derivation).splitlines()) == lines
     assert repr(derivation) == "Derivation('f', 4 steps, cost 9)"
     assert str(Planner(RecipeGraph.from_recipes(rows)).derivation("a")) == "a"

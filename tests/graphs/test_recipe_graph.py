@@ -10,14 +10,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wordcraft_kg.base.errors import GraphError, UnknownEntityError
-from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, SplitConfig, make_split, open_graph, recipe_triples
+from wordcraft_kg.graphs import (
+    Recipe,
+    RecipeBook,
+    RecipeGraph,
+    SplitConfig,
+    make_split,
+    open_graph,
+    recipe_triples,
+)
 from wordcraft_kg.graphs.export import to_networkx, triples_frame
 from wordcraft_kg.graphs.folder import entities_frame
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, triple_keys
 
 
 def labelled(graph, triples):
-    return [(graph.entities[head], RELATIONS[relation], graph.entities[tail]) for head, relation, tail in triples]
+    return [
+        (graph.entities[head], RELATIONS[relation], graph.entities[tail])
+        for head, relation, tail in triples
+    ]
 
 
 @given(graphs())
@@ -31,8 +42,12 @@ def test_results_of_every_pair_equal_a_search_through_all_recipes(graph):
 
 @given(rows())
 def test_a_graph_keeps_each_distinct_recipe_once_and_no_other(recipes):
-    assert set(RecipeGraph.from_recipes(recipes).recipe_labels()) == {Recipe.of(*row) for row in recipes}
-    assert RecipeGraph.from_recipes(recipes).num_recipes == len({Recipe.of(*row) for row in recipes})
+    assert set(RecipeGraph.from_recipes(recipes).recipe_labels()) == {
+        Recipe.of(*row) for row in recipes
+    }
+    assert RecipeGraph.from_recipes(recipes).num_recipes == len(
+        {Recipe.of(*row) for row in recipes}
+    )
 
 
 @given(graphs())
@@ -69,15 +84,24 @@ def test_membership_and_keys_of_triples_equal_sets_of_tuples(graph, data):
     triples = graph.triples
     some = triples[[i for i in range(len(triples)) if data.draw(st.booleans())]]
     chosen = set(map(tuple, some.tolist()))
-    assert is_in(triples, some, graph.num_entities).tolist() == [tuple(row) in chosen for row in triples.tolist()]
+    assert is_in(triples, some, graph.num_entities).tolist() == [
+        tuple(row) in chosen for row in triples.tolist()
+    ]
     assert np.all(np.diff(triple_keys(triples, graph.num_entities)) > 0)
 
 
 @given(rows(min_size=1), st.randoms(use_true_random=False))
-def test_graphs_are_equal_whatever_the_order_of_rows_and_ingredients_and_the_name(recipes, shuffler):
-    shuffled = [(b, a, result) if shuffler.random() < 0.5 else (a, b, result) for a, b, result in recipes]
+def test_graphs_are_equal_whatever_the_order_of_rows_and_ingredients_and_the_name(
+    recipes, shuffler
+):
+    shuffled = [
+        (b, a, result) if shuffler.random() < 0.5 else (a, b, result) for a, b, result in recipes
+    ]
     shuffler.shuffle(shuffled)
-    one, other = RecipeGraph.from_recipes(recipes, name="one"), RecipeGraph.from_recipes(shuffled, name="other")
+    one, other = (
+        RecipeGraph.from_recipes(recipes, name="one"),
+        RecipeGraph.from_recipes(shuffled, name="other"),
+    )
     assert one == other
     assert hash(one) == hash(other)
     assert one.hash == other.hash
@@ -87,7 +111,10 @@ def test_graphs_are_equal_whatever_the_order_of_rows_and_ingredients_and_the_nam
 OTHERS = {
     **{"recipe less": (["abc"], "ab", ""), "other ingredient": (["abd", "acd"], "ab", "")},
     **{"other base": (["abc", "acd"], "a", ""), "other label": (["abc", "ace"], "ab", "")},
-    **{"recipe more": (["abc", "acd", "acb"], "ab", ""), "idle entity more": (["abc", "acd"], "ab", "i")},
+    **{
+        "recipe more": (["abc", "acd", "acb"], "ab", ""),
+        "idle entity more": (["abc", "acd"], "ab", "i"),
+    },
 }
 
 
@@ -101,7 +128,10 @@ def test_graphs_with_another_content_are_unequal(rows, base, listed):
 
 
 ARRAYS = {
-    **{name: attrgetter(name) for name in ("recipes", "base_ids", "triples", "pair_starts", "pair_of_recipe")},
+    **{
+        name: attrgetter(name)
+        for name in ("recipes", "base_ids", "triples", "pair_starts", "pair_of_recipe")
+    },
     "results": lambda graph: graph.results("seed", "water"),
     "recipes_of": lambda graph: graph.recipes_of("tree"),
     "uses_of": lambda graph: graph.uses_of("water"),
@@ -130,9 +160,21 @@ def test_a_graph_does_not_change_with_the_arrays_it_was_made_from():
 @pytest.mark.parametrize(
     ("call", "error", "says"),
     [
-        (lambda kitchen: kitchen.results("bred", "water"), UnknownEntityError, "in kitchen. Did you mean 'bread"),
-        (lambda kitchen: kitchen.recipes_of(-1), UnknownEntityError, "no entity id -1 in kitchen; ids are 0 .. 79"),
-        (lambda kitchen: kitchen.recipes_of(80), UnknownEntityError, "no entity id 80 in kitchen; ids are 0 .. 79"),
+        (
+            lambda kitchen: kitchen.results("bred", "water"),
+            UnknownEntityError,
+            "in kitchen. Did you mean 'bread",
+        ),
+        (
+            lambda kitchen: kitchen.recipes_of(-1),
+            UnknownEntityError,
+            "no entity id -1 in kitchen; ids are 0 .. 79",
+        ),
+        (
+            lambda kitchen: kitchen.recipes_of(80),
+            UnknownEntityError,
+            "no entity id 80 in kitchen; ids are 0 .. 79",
+        ),
         (lambda _: RecipeGraph(["b", "a"], np.empty((0, 3)), []), GraphError, "sorted and unique"),
         (lambda _: RecipeGraph(["a", "a"], np.empty((0, 3)), []), GraphError, "sorted and unique"),
         (lambda _: RecipeGraph("ab", [[0, 1, 2]], []), GraphError, "a recipe id is outside 0 .. 1"),
@@ -164,7 +206,9 @@ def test_the_networkx_view_with_recipe_nodes_keeps_which_pair_makes_what(graph):
     view = to_networkx(graph)
     nodes = [node for node, kind in view.nodes(data="kind") if kind == "recipe"]
     found = [
-        Recipe.of(*(a for a, _, role in view.in_edges(node, data="role") if role == "ingredient"), result)
+        Recipe.of(
+            *(a for a, _, role in view.in_edges(node, data="role") if role == "ingredient"), result
+        )
         for node in nodes
         for _, result in view.out_edges(node)
     ]
@@ -174,18 +218,30 @@ def test_the_networkx_view_with_recipe_nodes_keeps_which_pair_makes_what(graph):
 
 
 def test_an_entity_named_like_a_recipe_node_stays_an_entity():
-    graph = RecipeGraph.from_recipes([("recipe 0", "recipe 1", "recipe 2"), ("recipe 0", "recipe 2", "meal")])
+    graph = RecipeGraph.from_recipes(
+        [("recipe 0", "recipe 1", "recipe 2"), ("recipe 0", "recipe 2", "meal")]
+    )
     view = to_networkx(graph)
     assert len(view) == graph.num_entities + graph.num_recipes
-    assert {node for node, kind in view.nodes(data="kind") if kind == "entity"} == set(graph.entities)
+    assert {node for node, kind in view.nodes(data="kind") if kind == "entity"} == set(
+        graph.entities
+    )
 
 
 def test_frames_have_a_row_per_entity_and_triple():
-    book = RecipeBook.of("book", [("a", "b", "c"), ("c", "c", "d")], base=["a", "b"], listed=["idle"])
+    book = RecipeBook.of(
+        "book", [("a", "b", "c"), ("c", "c", "d")], base=["a", "b"], listed=["idle"]
+    )
     graph = RecipeGraph.from_book(book)
     entities = entities_frame(graph).set_index("entity")
     assert entities["layer"].fillna(-1).to_dict() == {"a": 0, "b": 0, "c": 1, "d": 2, "idle": -1}
-    assert entities["base"].to_dict() == {"a": True, "b": True, "c": False, "d": False, "idle": False}
+    assert entities["base"].to_dict() == {
+        "a": True,
+        "b": True,
+        "c": False,
+        "d": False,
+        "idle": False,
+    }
     assert entities["recipes"].to_dict() == {"a": 0, "b": 0, "c": 1, "d": 1, "idle": 0}
     assert entities["uses"].to_dict() == {"a": 1, "b": 1, "c": 1, "d": 0, "idle": 0}
     triples = triples_frame(graph, graph.triples).itertuples(index=False, name=None)

@@ -38,7 +38,9 @@ def shelf(tmp_path_factory):
 
 @pytest.mark.parametrize("ending", ["csv", "tsv", "json"])
 @given(book=books())
-@example(book=RecipeBook.of("book", [("# a", ' "b, c" ', " lead")], base=None, listed=["ä, ö", "'"]))
+@example(
+    book=RecipeBook.of("book", [("# a", ' "b, c" ', " lead")], base=None, listed=["ä, ö", "'"])
+)
 @example(book=RecipeBook.of("book", [("a", "b", "c")], base=[], listed=["idle"]))
 @example(book=RecipeBook.of("book", [("a", "b", "c")], base=[" lead"], listed=["trail "]))
 @example(book=RecipeBook.of("book", [("a", "b", "c")], base=["# hash", "a,b", '"', " é "]))
@@ -51,10 +53,14 @@ def test_a_book_written_and_read_back_is_equal(shelf, ending, book):
 
 
 @pytest.mark.parametrize(("ending", "delimiter"), [("csv", ","), ("tsv", "\t")])
-def test_a_row_that_starts_with_a_hash_is_quoted_so_that_no_reader_takes_it_for_a_comment(tmp_path, ending, delimiter):
+def test_a_row_that_starts_with_a_hash_is_quoted_so_that_no_reader_takes_it_for_a_comment(
+    tmp_path, ending, delimiter
+):
     path = tmp_path / f"book.{ending}"
     write_book(RecipeBook.of("book", [("#a", "b", "c")]), path)
-    assert path.read_text(encoding="utf-8").splitlines()[1] == delimiter.join(['"#a"', '"b"', '"c"'])
+    assert path.read_text(encoding="utf-8").splitlines()[1] == delimiter.join(
+        ['"#a"', '"b"', '"c"']
+    )
 
 
 @pytest.mark.parametrize("ending", [".csv", ".tsv", ".json"])
@@ -64,11 +70,15 @@ def test_writing_a_book_twice_gives_the_same_bytes(tmp_path, ending):
     for name, book in (("one", one), ("other", other)):
         (tmp_path / name).mkdir()
         write_book(book, tmp_path / name / f"book{ending}")
-    assert (tmp_path / "one" / f"book{ending}").read_bytes() == (tmp_path / "other" / f"book{ending}").read_bytes()
+    assert (tmp_path / "one" / f"book{ending}").read_bytes() == (
+        tmp_path / "other" / f"book{ending}"
+    ).read_bytes()
 
 
 def test_a_book_is_not_written_under_another_ending(tmp_path):
-    with pytest.raises(RecipeFileError, match=r"unknown ending '\.xml'; a recipe book is written as"):
+    with pytest.raises(
+        RecipeFileError, match=r"unknown ending '\.xml'; a recipe book is written as"
+    ):
         write_book(RecipeBook.of("book", [("a", "b", "c")]), tmp_path / "book.xml")
     assert not list(tmp_path.iterdir())
 
@@ -122,7 +132,9 @@ def test_labels_are_kept_verbatim_and_matched_exactly(read):
     assert book.entities == (" tea", "Tea", "green  tea", "tea", "tea ", "\u00a0tea")
 
 
-@pytest.mark.parametrize("row", ["a b, c,d", " a b , c , d ", ' "a b" ,c,  "d"  ', "a b,c ,d", '"a b", c ,d'])
+@pytest.mark.parametrize(
+    "row", ["a b, c,d", " a b , c , d ", ' "a b" ,c,  "d"  ', "a b,c ,d", '"a b", c ,d']
+)
 @pytest.mark.parametrize(("ending", "delimiter"), [("csv", ","), ("tsv", "\t")])
 def test_spaces_around_a_cell_do_not_belong_to_it(read, row, ending, delimiter):
     book = read((TABLE + row + "\n" + row).replace(",", delimiter), f"book.{ending}")
@@ -134,7 +146,9 @@ def test_spaces_around_a_cell_do_not_belong_to_it(read, row, ending, delimiter):
     around=st.lists(st.text(" ", max_size=2), min_size=6, max_size=6),
     delimiter=st.sampled_from(",\t"),
 )
-def test_trimming_a_line_takes_the_spaces_outside_of_quotes_and_nothing_else(cells, around, delimiter):
+def test_trimming_a_line_takes_the_spaces_outside_of_quotes_and_nothing_else(
+    cells, around, delimiter
+):
     quoted = ['"' + cell.replace('"', '""') + '"' for cell in cells]
     padded = zip(around[::2], quoted, around[1::2], strict=True)
     loose = delimiter.join("".join(parts) for parts in padded)
@@ -157,7 +171,11 @@ def test_a_fourth_column_names_kinds(read):
     ("name", "text", "says"),
     [
         ("book.csv", KINDS + "a,b,c,\x01\n", "line 2: the label '\\\\x01' holds a tab"),
-        ("book.csv", KINDS + "a,b,c,d\nb,a,c,e\n", "line 3: a . b -> c has the kind 'e' here, and 'd' above"),
+        (
+            "book.csv",
+            KINDS + "a,b,c,d\nb,a,c,e\n",
+            "line 3: a . b -> c has the kind 'e' here, and 'd' above",
+        ),
         ("book.csv", "ingredient_a,ingredient_b,result,type\na,b,c,d\n", "; kind may follow"),
         ("book.csv", TABLE + "a,b,c,d\n", "line 2: 'a,b,c,d' has 3 ingredients"),
         (
@@ -165,8 +183,16 @@ def test_a_fourth_column_names_kinds(read):
             '{"entities": ["a"], "recipes": [["a", "a", "a"]], "kinds": ["x", "y"]}',
             "expected a list with a kind",
         ),
-        ("book.json", '{"entities": ["a"], "recipes": [["a", "a", "a"]], "kinds": 3}', "kinds is 3; expected a list"),
-        ("book.json", '{"entities": ["a"], "recipes": [["a", "a", "a"]], "kinds": [3]}', "3 is not a label"),
+        (
+            "book.json",
+            '{"entities": ["a"], "recipes": [["a", "a", "a"]], "kinds": 3}',
+            "kinds is 3; expected a list",
+        ),
+        (
+            "book.json",
+            '{"entities": ["a"], "recipes": [["a", "a", "a"]], "kinds": [3]}',
+            "3 is not a label",
+        ),
     ],
 )
 def test_bad_kinds_are_refused(read, name, text, says):
@@ -210,7 +236,9 @@ def test_recipes_of_one_ingredient_are_read_as_asked(read, name):
             read(SINGLE[name], name, **options)
     for setting, sand, ore in (("self", "sand", "ore"), ("furnace", "furnace", "furnace")):
         expected = {("sand", sand, "glass"), ("ore", ore, "iron"), ("coal", "iron", "steel")}
-        assert set(read(SINGLE[name], name, single_ingredient=setting).recipes) == {Recipe.of(*row) for row in expected}
+        assert set(read(SINGLE[name], name, single_ingredient=setting).recipes) == {
+            Recipe.of(*row) for row in expected
+        }
 
 
 def test_a_label_that_xml_cannot_hold_is_refused_and_any_other_can_be_written_as_xml():
@@ -231,7 +259,11 @@ def test_a_files_name_that_no_label_may_have_is_replaced_in_the_name_of_the_book
 
 
 def test_self_results_are_dropped_and_counted_unless_kept(read):
-    text = "# base: fire, a, x\n# entities: x\n" + TABLE + "rabbit,rabbit,rabbit\nfire,coal,fire\na,b,c\n"
+    text = (
+        "# base: fire, a, x\n# entities: x\n"
+        + TABLE
+        + "rabbit,rabbit,rabbit\nfire,coal,fire\na,b,c\n"
+    )
     dropped, kept = read(text), read(text, keep_self_results=True)
     assert (dropped.recipes, dropped.dropped_self_results) == ((Recipe("a", "b", "c"),), 2)
     assert (len(kept.recipes), kept.dropped_self_results) == (3, 0)

@@ -12,10 +12,20 @@ from hypothesis import assume, given, settings
 from refusals import refuses
 
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, SplitError
-from wordcraft_kg.graphs import RELATIONS, SPLITS, RecipeGraph, Split, SplitConfig, make_split, open_graph
+from wordcraft_kg.graphs import (
+    RELATIONS,
+    SPLITS,
+    RecipeGraph,
+    Split,
+    SplitConfig,
+    make_split,
+    open_graph,
+)
 from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, groups_of, read_split
 
-HELD_OUT_KINDS = [kind for kind in SPLITS if kind not in ("none", "by-kind")]  # the kitchen names no kinds
+HELD_OUT_KINDS = [
+    kind for kind in SPLITS if kind not in ("none", "by-kind")
+]  # the kitchen names no kinds
 
 
 def drawn(graph, config):
@@ -39,7 +49,9 @@ def parts_by(split, key):
 
 def labelled(split, triples):
     names = split.graph.entities
-    return {(names[h], ("combinesWith", "componentOf")[r], names[t]) for h, r, t in triples.tolist()}
+    return {
+        (names[h], ("combinesWith", "componentOf")[r], names[t]) for h, r, t in triples.tolist()
+    }
 
 
 def on_every_split(test):
@@ -60,7 +72,9 @@ def on_every_split(test):
 
 @on_every_split
 def test_every_recipe_is_in_exactly_one_part(split):
-    recipes = [recipe for part in PARTS for recipe in split.graph.recipe_labels(split.recipes(part))]
+    recipes = [
+        recipe for part in PARTS for recipe in split.graph.recipe_labels(split.recipes(part))
+    ]
     assert sorted(recipes) == split.graph.recipe_labels()
 
 
@@ -88,7 +102,9 @@ def test_each_triple_belongs_to_the_first_part_that_gives_it(split):
     grid = np.stack(np.meshgrid(range(size), range(2), range(size)), axis=-1).reshape(-1, 3)
     triples = np.concatenate([split.graph.triples, grid])
     names = split.graph.entities
-    for (head, relation, tail), part in zip(triples.tolist(), split.part_of(triples).tolist(), strict=True):
+    for (head, relation, tail), part in zip(
+        triples.tolist(), split.part_of(triples).tolist(), strict=True
+    ):
         triple = (names[head], RELATIONS[relation], names[tail])
         assert part == next((i for i, given_by in enumerate(of) if triple in given_by), -1)
 
@@ -101,12 +117,17 @@ def mentioned(graph, ids=None):
 def test_uncovered_entities_and_pairs_on_both_sides_are_counted(split):
     covered = mentioned(split.graph, split.recipes("train"))
     assert set(split.graph.labels(split.uncovered)) == set(split.graph.entities) - covered
-    assert split.pairs_on_both_sides == sum(len(parts) > 1 for parts in parts_by(split, slice(2)).values())
+    assert split.pairs_on_both_sides == sum(
+        len(parts) > 1 for parts in parts_by(split, slice(2)).values()
+    )
 
 
 @on_every_split
 def test_a_split_made_again_or_read_back_from_its_json_is_the_same(split):
-    for again in (read_split(json.loads("".join(split.to_json())), split.graph), make_split(split.graph, split.config)):
+    for again in (
+        read_split(json.loads("".join(split.to_json())), split.graph),
+        make_split(split.graph, split.config),
+    ):
         assert np.array_equal(again.parts, split.parts)
         assert (again.config, again.hash) == (split.config, split.hash)
         assert again.moved_for_coverage == split.moved_for_coverage
@@ -122,30 +143,47 @@ def test_a_by_recipe_split_moves_whole_pairs_to_train_until_every_entity_is_cove
     assert not np.any(split.parts[moved])
 
 
-@pytest.mark.parametrize(("kind", "key"), [("by-recipe-plain", slice(2)), ("by-goal", 2), ("by-kind", "kind")])
+@pytest.mark.parametrize(
+    ("kind", "key"), [("by-recipe-plain", slice(2)), ("by-goal", 2), ("by-kind", "kind")]
+)
 @given(graph=splittable_graphs(), config=configs("by-goal"))
 def test_pairs_goals_and_kinds_are_held_out_whole_in_exact_shares(kind, key, graph, config):
-    sides = [tuple(parts) for parts in parts_by(drawn(graph, replace(config, kind=kind)), key).values()]
+    sides = [
+        tuple(parts) for parts in parts_by(drawn(graph, replace(config, kind=kind)), key).values()
+    ]
     assert all(len(side) == 1 for side in sides)
     assert sides.count((0,)) == round(config.train_ratio * len(sides))
     assert sides.count((1,)) == round(config.valid_ratio * len(sides))
 
 
 @given(splittable_graphs(), configs("by-slot"))
-def test_in_a_by_slot_split_no_ingredient_and_result_of_a_held_out_recipe_occur_in_an_earlier_part(graph, config):
+def test_in_a_by_slot_split_no_ingredient_and_result_of_a_held_out_recipe_occur_in_an_earlier_part(
+    graph, config
+):
     split = drawn(graph, config)
-    seen = [{(x, r.result) for r in graph.recipe_labels(split.recipes(part)) for x in r[:2]} for part in PARTS]
+    seen = [
+        {(x, r.result) for r in graph.recipe_labels(split.recipes(part)) for x in r[:2]}
+        for part in PARTS
+    ]
     assert not any(one & other for one, other in combinations(seen, 2))
 
 
 @given(splittable_graphs(), configs("by-slot"))
-def test_the_groups_of_a_by_slot_split_are_as_small_as_they_can_be_and_drawn_in_exact_shares(graph, config):
+def test_the_groups_of_a_by_slot_split_are_as_small_as_they_can_be_and_drawn_in_exact_shares(
+    graph, config
+):
     # Merge groups that share a slot until none do: a slow search for the connected components.
-    groups = [({row}, {(x, r.result) for x in r[:2]}) for row, r in enumerate(graph.recipe_labels())]
+    groups = [
+        ({row}, {(x, r.result) for x in r[:2]}) for row, r in enumerate(graph.recipe_labels())
+    ]
     while found := next(((g, h) for g, h in combinations(groups, 2) if g[1] & h[1]), None):
-        groups = [g for g in groups if g not in found] + [tuple(one | other for one, other in zip(*found, strict=True))]
+        groups = [g for g in groups if g not in found] + [
+            tuple(one | other for one, other in zip(*found, strict=True))
+        ]
     slots, parts = groups_of(graph, "by-slot"), drawn(graph, config).parts
-    assert {frozenset(np.flatnonzero(slots == slot).tolist()) for slot in slots} == {frozenset(g) for g, _ in groups}
+    assert {frozenset(np.flatnonzero(slots == slot).tolist()) for slot in slots} == {
+        frozenset(g) for g, _ in groups
+    }
     sides = [set(parts[list(rows)].tolist()) for rows, _ in groups]
     assert all(len(side) == 1 for side in sides)
     assert sides.count({0}) == round(config.train_ratio * len(groups))
@@ -165,11 +203,19 @@ def test_the_hash_of_a_split_covers_its_graph(kitchen):
     assert one.hash != two.hash
 
 
-def test_a_split_registered_from_outside_is_made_read_back_and_offered_by_the_command(kitchen, monkeypatch):
+def test_a_split_registered_from_outside_is_made_read_back_and_offered_by_the_command(
+    kitchen, monkeypatch
+):
     def by_first_letter(graph, config, rng):
-        return Draw(np.where([graph.entities[i] < "m" for i in graph.recipes[:, 2]], 0, 2).astype(np.int8))
+        return Draw(
+            np.where([graph.entities[i] < "m" for i in graph.recipes[:, 2]], 0, 2).astype(np.int8)
+        )
 
-    monkeypatch.setitem(SPLITS, "by-letter", SplitKind(lambda graph: graph.recipes[:, 2], "by letter", by_first_letter))
+    monkeypatch.setitem(
+        SPLITS,
+        "by-letter",
+        SplitKind(lambda graph: graph.recipes[:, 2], "by letter", by_first_letter),
+    )
     split = make_split(kitchen, SplitConfig("by-letter"))
     assert all(kitchen.entities[i] >= "m" for i in split.recipes("test")[:, 2])
     assert read_split(json.loads("".join(split.to_json())), kitchen).hash == split.hash
@@ -182,7 +228,9 @@ def test_a_split_registered_from_outside_is_made_read_back_and_offered_by_the_co
     ("name", "value"),
     [
         *[("train_ratio", ratio) for ratio in (0.0, 1.0, -0.1, 1.5, math.nan, math.inf)],
-        *[("valid_ratio", ratio) for ratio in (-0.1, 0.2, 0.3, 1.0, math.nan)],  # of train and test together, or more
+        *[
+            ("valid_ratio", ratio) for ratio in (-0.1, 0.2, 0.3, 1.0, math.nan)
+        ],  # of train and test together, or more
         ("seed", -1),
         ("kind", "by-goals"),
     ],
@@ -196,7 +244,8 @@ def test_a_setting_outside_its_range_is_refused(name, value):
 def test_a_graph_too_small_for_the_ratios_is_refused(kind):
     graph = RecipeGraph.from_recipes([("a", "b", "c")])
     with pytest.raises(
-        SplitError, match=rf"the test part of a {kind} split of 1 recipe in 1 group is empty; .*`kind` none"
+        SplitError,
+        match=rf"the test part of a {kind} split of 1 recipe in 1 group is empty; .*`kind` none",
     ):
         make_split(graph, SplitConfig(kind))
 
@@ -204,16 +253,25 @@ def test_a_graph_too_small_for_the_ratios_is_refused(kind):
 def test_a_split_of_another_graph_is_refused(kitchen):
     content = json.loads("".join(make_split(kitchen, SplitConfig()).to_json()))
     other = RecipeGraph.from_recipes([("a", "b", "c")])
-    with pytest.raises(GraphMismatchError, match=rf"belongs to graph {kitchen.hash[:12]} but .* {other.hash[:12]} \(3"):
+    with pytest.raises(
+        GraphMismatchError,
+        match=rf"belongs to graph {kitchen.hash[:12]} but .* {other.hash[:12]} \(3",
+    ):
         read_split(content, other)
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": "wordcraft-kg split 9"}, "has the format 'wordcraft-kg split 9'; expected 'wordcraft-kg split 1'"),
+        (
+            {"format": "wordcraft-kg split 9"},
+            "has the format 'wordcraft-kg split 9'; expected 'wordcraft-kg split 1'",
+        ),
         ({"train": []}, "its content does not match its hash"),
-        (lambda parts: parts["test"].append(parts["train"].pop()), "its content does not match its hash"),
+        (
+            lambda parts: parts["test"].append(parts["train"].pop()),
+            "its content does not match its hash",
+        ),
         (lambda parts: parts["train"].append(parts["test"][0]), r"split\.json is damaged"),
         ({"test": [["seed", "water", "gold"]]}, "is damaged .*gold"),
         ({"test": [["seed"]]}, "is damaged .*TypeError"),

@@ -80,7 +80,10 @@ def test_plans_are_all_that_trying_every_pair_finds(graph, data):
     search = PlanSearch(graph)
     for goal in graph.entities:
         expected = next((plans[goal] for plans in rounds if goal in plans), set())
-        found = [tuple(graph.recipe_labels(graph.recipes[list(rows)])) for rows in search.plans(goal, start, 3)]
+        found = [
+            tuple(graph.recipe_labels(graph.recipes[list(rows)]))
+            for rows in search.plans(goal, start, 3)
+        ]
         if goal in start:
             assert found == [()]
         else:
@@ -101,7 +104,11 @@ def test_a_plan_may_use_both_results_of_one_attempt():
     assert rows == (0, 1, 2)
     assert PlanSearch(graph).plans("e", ["a", "b"], 1) == []
     made = make_tasks(graph, 2)
-    assert [(task.goal, "".join(task.start)) for task in made] == [("e", "ab"), ("e", "abc"), ("e", "abd")]
+    assert [(task.goal, "".join(task.start)) for task in made] == [
+        ("e", "ab"),
+        ("e", "abc"),
+        ("e", "abd"),
+    ]
     assert made.intermediates.tolist()[0] == [graph.id_of("c"), graph.id_of("d")]
 
 
@@ -124,7 +131,8 @@ def test_ways_are_also_longer_than_the_shortest_but_never_go_in_circles():
 
 
 @pytest.mark.parametrize(
-    ("plan", "says"), [("acd", "a \\+ c -> d: c is not at hand"), ("abd", "a \\+ b -> d: there is no such recipe")]
+    ("plan", "says"),
+    [("acd", "a \\+ c -> d: c is not at hand"), ("abd", "a \\+ b -> d: there is no such recipe")],
 )
 def test_a_plan_that_cannot_be_carried_out_is_refused(plan, says):
     graph = RecipeGraph.from_recipes(["abc", "acd"])
@@ -137,7 +145,9 @@ def test_a_plan_that_cannot_be_carried_out_is_refused(plan, says):
 def test_tasks_are_all_that_trying_every_start_finds(depth, graph):
     expected = tasks_by_trying(graph, depth)
     found = tasks_made(graph, depth)
-    assert {(task.goal, task.start): {pairs(plan) for plan in task.plans} for task in found} == expected
+    assert {
+        (task.goal, task.start): {pairs(plan) for plan in task.plans} for task in found
+    } == expected
     assert len(found) == len(expected)
 
 
@@ -146,7 +156,9 @@ def kitchen_tasks(kitchen, request):
     return make_tasks(kitchen, request.param, limit=300)
 
 
-def test_every_plan_of_every_task_makes_the_goal_and_one_attempt_fewer_never_does(kitchen, kitchen_tasks):
+def test_every_plan_of_every_task_makes_the_goal_and_one_attempt_fewer_never_does(
+    kitchen, kitchen_tasks
+):
     book = outcomes(kitchen)
     assert len({(task.goal, task.start) for task in kitchen_tasks}) == len(kitchen_tasks)
     assert kitchen_tasks.is_complete == (kitchen_tasks.depth <= 2)
@@ -167,13 +179,20 @@ def test_arrays_and_labels_of_tasks_agree(kitchen, kitchen_tasks):
     assert made.starts.shape == (len(made), made.depth + 1)
     for index, task in enumerate(made):
         assert kitchen.entities[made.goals[index]] == task.goal
-        padded = [*map(kitchen.id_of, task.start), *[kitchen.num_entities] * (made.depth + 1 - len(task.start))]
+        padded = [
+            *map(kitchen.id_of, task.start),
+            *[kitchen.num_entities] * (made.depth + 1 - len(task.start)),
+        ]
         assert made.starts[index].tolist() == padded
         between = {recipe.result for plan in task.plans for recipe in plan} - {task.goal}
-        assert set(made.intermediates[index].tolist()) - {kitchen.num_entities} == {*map(kitchen.id_of, between)}
+        assert set(made.intermediates[index].tolist()) - {kitchen.num_entities} == {
+            *map(kitchen.id_of, between)
+        }
         last = {tuple(map(kitchen.id_of, plan[-1][:2])) for plan in task.plans}
         firsts = kitchen.recipes[kitchen.pair_starts[:-1], :2].tolist()
-        assert {tuple(firsts[pair]) for pair in made.final_pairs[index].tolist() if pair >= 0} == last
+        assert {
+            tuple(firsts[pair]) for pair in made.final_pairs[index].tolist() if pair >= 0
+        } == last
 
 
 def test_task_sets_of_equal_content_are_equal(kitchen):
@@ -182,7 +201,11 @@ def test_task_sets_of_equal_content_are_equal(kitchen):
     assert make_tasks(again, 3, limit=20) == drawn
     assert hash(make_tasks(again, 3, limit=20)) == hash(drawn)
     assert hash(drawn[0]) == hash(make_tasks(again, 3, limit=20)[0])
-    for other in (make_tasks(kitchen, 3, limit=20, seed=1), make_tasks(kitchen, 3, limit=21), make_tasks(kitchen, 2)):
+    for other in (
+        make_tasks(kitchen, 3, limit=20, seed=1),
+        make_tasks(kitchen, 3, limit=21),
+        make_tasks(kitchen, 2),
+    ):
         assert other != drawn
         assert list(other) != list(drawn)
     assert list(make_tasks(kitchen, 3, limit=50))[:20] == list(drawn)
@@ -207,7 +230,9 @@ def test_weights_are_equal_for_all_tasks_or_for_all_goals(kitchen_tasks):
 
 def part_of(task, split):
     """The part that a task belongs to, or "mixed"."""
-    parts = dict(zip(split.graph.recipe_labels(), (PARTS[part] for part in split.parts), strict=True))
+    parts = dict(
+        zip(split.graph.recipe_labels(), (PARTS[part] for part in split.parts), strict=True)
+    )
     uses = [{parts[recipe] for recipe in plan} for plan in task.plans]
     if all(used == {"train"} for used in uses):
         return "train"
@@ -217,13 +242,16 @@ def part_of(task, split):
 
 
 @pytest.mark.parametrize(
-    ("depth", "valid_ratio"), [(1, 0), (1, 0.1), (2, 0.1), pytest.param(2, 0, marks=pytest.mark.slow)]
+    ("depth", "valid_ratio"),
+    [(1, 0), (1, 0.1), (2, 0.1), pytest.param(2, 0, marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("kind", ["by-recipe", "by-goal"])
 def test_each_task_belongs_to_the_part_of_its_plans_or_to_none(kitchen, kind, valid_ratio, depth):
     split = make_split(kitchen, SplitConfig(kind, 0.7, valid_ratio, seed=1))
     every = make_tasks(kitchen, depth, split, "all")
-    expected = {part: [task for task in every if part_of(task, split) == part] for part in (*PARTS, "mixed")}
+    expected = {
+        part: [task for task in every if part_of(task, split) == part] for part in (*PARTS, "mixed")
+    }
     assert expected["train"]
     assert expected["test"]
     assert bool(expected["valid"]) == bool(valid_ratio)
@@ -244,11 +272,21 @@ BRANCHED = RecipeGraph.from_recipes(
         *[("b", "h", "d"), ("g", "h", "g")],  # a circle, by way of e, and a self result
     ]
 )
-PART_OF_ROW = {("a", "c", "e"): "test", ("e", "f", "g"): "test", ("a", "x", "f"): "valid", ("e", "e", "h"): "test"}
+PART_OF_ROW = {
+    ("a", "c", "e"): "test",
+    ("e", "f", "g"): "test",
+    ("a", "x", "f"): "valid",
+    ("e", "e", "h"): "test",
+}
 BRANCHED_SPLIT = Split(
     BRANCHED,
     SplitConfig("by-recipe"),
-    Draw(np.array([PARTS.index(PART_OF_ROW.get(row, "train")) for row in BRANCHED.recipe_labels()], dtype=np.int8)),
+    Draw(
+        np.array(
+            [PARTS.index(PART_OF_ROW.get(row, "train")) for row in BRANCHED.recipe_labels()],
+            dtype=np.int8,
+        )
+    ),
 )
 
 
@@ -272,12 +310,16 @@ def drawn_distribution(depth, part, weighting):
             for pair in makes[leaf]:
                 if not (made | {leaf}) & set(pair):
                     share = probability / len(open_leaves) / len(makes[leaf])
-                    replace_leaves(goal, made | {leaf}, (leaves | set(pair)) - {leaf}, left - 1, share)
+                    replace_leaves(
+                        goal, made | {leaf}, (leaves | set(pair)) - {leaf}, left - 1, share
+                    )
 
     num_last = sum(map(len, last.values()))
     for goal, ends in last.items():
         for pair in ends:
-            probability = Fraction(1, num_last) if weighting == "task" else Fraction(1, len(last) * len(ends))
+            probability = (
+                Fraction(1, num_last) if weighting == "task" else Fraction(1, len(last) * len(ends))
+            )
             replace_leaves(goal, {goal}, set(pair), depth - 1, probability)
     accepted = {}
     tasks = tasks_by_trying(BRANCHED, depth)
@@ -290,7 +332,9 @@ def drawn_distribution(depth, part, weighting):
             if part in ("all", part_of(Task(goal, start, depth, plans), BRANCHED_SPLIT)):
                 accepted[goal, start] = probability
     assert 0 < sum(accepted.values()) < 1  # some draws are refused
-    return {key: float(probability / sum(accepted.values())) for key, probability in accepted.items()}
+    return {
+        key: float(probability / sum(accepted.values())) for key, probability in accepted.items()
+    }
 
 
 @pytest.mark.parametrize("weighting", ["task", "goal"])
@@ -300,12 +344,19 @@ def test_the_first_task_drawn_has_the_probability_of_the_ways_to_draw_it(part, w
     draws = 2_000
     counts = Counter()
     for seed in range(draws):
-        [task] = make_tasks(BRANCHED, 3, BRANCHED_SPLIT, part, weighting=weighting, limit=1, seed=seed)
+        [task] = make_tasks(
+            BRANCHED, 3, BRANCHED_SPLIT, part, weighting=weighting, limit=1, seed=seed
+        )
         counts[task.goal, task.start] += 1
     assert counts.keys() <= expected.keys()
     assert len(expected) >= 4
     assert min(expected.values()) * draws >= 5  # for the chi-square approximation
-    assert chisquare([counts[key] for key in expected], [draws * share for share in expected.values()]).pvalue > 0.001
+    assert (
+        chisquare(
+            [counts[key] for key in expected], [draws * share for share in expected.values()]
+        ).pvalue
+        > 0.001
+    )
 
 
 @pytest.mark.parametrize(
@@ -315,7 +366,11 @@ def test_the_first_task_drawn_has_the_probability_of_the_ways_to_draw_it(part, w
         ({"depth": 7}, ConfigError, "`depth` 7: expected a whole number, 1 to 5"),
         ({"part": "tests"}, ConfigError, "`part` 'tests': expected one of all, train, valid, test"),
         ({"part": "test"}, TaskError, "`part` 'test' needs a split"),
-        ({"part": "train", "split": BRANCHED_SPLIT}, TaskError, "the split belongs to another graph"),
+        (
+            {"part": "train", "split": BRANCHED_SPLIT},
+            TaskError,
+            "the split belongs to another graph",
+        ),
     ],
 )
 def test_tasks_that_make_no_sense_are_refused(kitchen, arguments, error, says):
@@ -323,7 +378,9 @@ def test_tasks_that_make_no_sense_are_refused(kitchen, arguments, error, says):
         make_tasks(kitchen, **arguments)
 
 
-@pytest.mark.parametrize("recipes", [[], [("a", "b", "a")], [("a", "a", "a")]], ids=["none", "self result", "one"])
+@pytest.mark.parametrize(
+    "recipes", [[], [("a", "b", "a")], [("a", "a", "a")]], ids=["none", "self result", "one"]
+)
 @pytest.mark.parametrize("depth", range(1, MAX_DEPTH + 1))
 def test_a_graph_without_tasks_is_refused(recipes, depth):
     with pytest.raises(TaskError, match=f"graph has no task of depth {depth}"):
@@ -332,16 +389,23 @@ def test_a_graph_without_tasks_is_refused(recipes, depth):
 
 def test_a_part_without_tasks_is_refused_saying_how_many_belong_to_none():
     # d is made from a, b with c as the intermediate, or with e; one of the two plans is held out.
-    graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "c", "d"), ("a", "a", "e"), ("b", "e", "d")])
+    graph = RecipeGraph.from_recipes(
+        [("a", "b", "c"), ("a", "c", "d"), ("a", "a", "e"), ("b", "e", "d")]
+    )
     parts = np.array([row == ("b", "e", "d") for row in graph.recipe_labels()], dtype=np.int8) * 2
     split = Split(graph, SplitConfig(), Draw(parts))
-    with pytest.raises(TaskError, match=r"graph has no task of depth 2 in the test part \(1 belong to no part\)"):
+    with pytest.raises(
+        TaskError, match=r"graph has no task of depth 2 in the test part \(1 belong to no part\)"
+    ):
         make_tasks(graph, 2, split, "test")
 
 
 @pytest.mark.parametrize(
     ("depth", "number", "train", "test", "mixed"),
-    [(1, 3_417, 2_718, 653, 46), pytest.param(2, 26_859, 16_435, 9_434, 990, marks=pytest.mark.slow)],
+    [
+        (1, 3_417, 2_718, 653, 46),
+        pytest.param(2, 26_859, 16_435, 9_434, 990, marks=pytest.mark.slow),
+    ],
 )
 def test_little_alchemy_has_its_tasks(alchemy, depth, number, train, test, mixed):
     everything, split = make_tasks(alchemy, depth), make_split(alchemy, SplitConfig())
@@ -359,7 +423,9 @@ def test_little_alchemy_has_its_tasks(alchemy, depth, number, train, test, mixed
 
 def test_tasks_of_depth_two_are_drawn_where_too_many_plans_lead_to_them(kitchen, monkeypatch):
     everything = make_tasks(kitchen, 2)
-    plans = sum(len(PlanSearch(kitchen).recipes_of[part]) for a, b, _ in kitchen.recipes for part in (a, b))
+    plans = sum(
+        len(PlanSearch(kitchen).recipes_of[part]) for a, b, _ in kitchen.recipes for part in (a, b)
+    )
     monkeypatch.setattr(task_search, "MAX_ENUMERATED", plans)
     assert make_tasks(kitchen, 2) == everything
     monkeypatch.setattr(task_search, "MAX_ENUMERATED", plans - 1)

@@ -35,7 +35,9 @@ def test_everything_as_it_is_is_the_train_part():
     known = "72814deb4a209acd106e701d5f964c98eb7136c8c2e2cdd55fae8ac618fe044b"
     assert draw_train_sample(split, 0.5, 0.2).hash == known
     wrong = draw_train_sample(split, 1, 1.0).recipes
-    before, after = (np.bincount(recipes[:, 2], minlength=80) for recipes in (train_sample.recipes, wrong))
+    before, after = (
+        np.bincount(recipes[:, 2], minlength=80) for recipes in (train_sample.recipes, wrong)
+    )
     assert np.corrcoef(before, after)[0, 1] > 0.5
     assert not np.any(after[before == 0])
 
@@ -45,7 +47,10 @@ def test_everything_as_it_is_is_the_train_part():
 def test_a_smaller_share_is_part_of_a_larger_one(kind, seed):
     split = split_of(kind)
     shares = (0.1, 0.3, 0.5, 1.0)
-    train_samples = [draw_train_sample(split, train_fraction, seed=seed).is_trained_on for train_fraction in shares]
+    train_samples = [
+        draw_train_sample(split, train_fraction, seed=seed).is_trained_on
+        for train_fraction in shares
+    ]
     larger = [*train_samples[1:], split.is_in("train")]
     for train_fraction, train_sample, more in zip(shares, train_samples, larger, strict=True):
         assert train_sample.sum() == round(train_fraction * split.is_in("train").sum())
@@ -55,7 +60,9 @@ def test_a_smaller_share_is_part_of_a_larger_one(kind, seed):
 
 def test_what_is_wrong_with_less_noise_is_wrong_with_more():
     split = split_of()
-    train_samples = [draw_train_sample(split, 0.5, label_noise, seed=3) for label_noise in (0.1, 0.4, 1.0)]
+    train_samples = [
+        draw_train_sample(split, 0.5, label_noise, seed=3) for label_noise in (0.1, 0.4, 1.0)
+    ]
     for train_sample, more in pairwise(train_samples):
         np.testing.assert_array_equal(train_sample.is_trained_on, more.is_trained_on)
         assert (more.is_wrong | ~train_sample.is_wrong).all()
@@ -98,17 +105,27 @@ def test_wrong_results_come_from_recipes_of_the_same_fold(kind):
 def test_folds_are_those_of_all_train_recipes_whatever_the_sample(train_fraction, label_noise):
     split = split_of()
     folds = make_folds(split, 5)
-    train_sample = draw_train_sample(split, train_fraction, label_noise, seed=4, of_recipe=folds.of_recipe)
+    train_sample = draw_train_sample(
+        split, train_fraction, label_noise, seed=4, of_recipe=folds.of_recipe
+    )
     with_train_sample = folds.with_train_sample(train_sample)
     assert with_train_sample.hash == folds.hash
     assert with_train_sample.is_subsample
     assert not folds.is_subsample
     np.testing.assert_array_equal(with_train_sample.of_recipe, folds.of_recipe)
     for fold in range(5):
-        rows = [row for row in np.flatnonzero(train_sample.is_trained_on) if folds.of_recipe[row] != fold]
-        expected = [(*split.graph.recipes[row, :2].tolist(), int(train_sample.results[row])) for row in rows]
+        rows = [
+            row
+            for row in np.flatnonzero(train_sample.is_trained_on)
+            if folds.of_recipe[row] != fold
+        ]
+        expected = [
+            (*split.graph.recipes[row, :2].tolist(), int(train_sample.results[row])) for row in rows
+        ]
         assert [tuple(row) for row in with_train_sample.recipes([fold]).tolist()] == expected
-        np.testing.assert_array_equal(with_train_sample.triples([fold]), recipe_triples(np.array(expected)))
+        np.testing.assert_array_equal(
+            with_train_sample.triples([fold]), recipe_triples(np.array(expected))
+        )
         # A fold and the model without it share nothing, and together they are the train sample.
         own = {tuple(row) for row in with_train_sample.recipes_of(fold).tolist()}
         assert own | set(expected) == {tuple(row) for row in train_sample.recipes.tolist()}
@@ -133,11 +150,16 @@ def test_too_few_recipes_for_a_sample_are_refused():
 def test_a_train_sample_says_what_it_is():
     assert describe_train_sample(1, 0) == ""
     assert describe_train_sample(0.2, 0) == "20 % of the train recipes"
-    assert describe_train_sample(1, 0.5) == "100 % of the train recipes, 50 % of them with a wrong result"
+    assert (
+        describe_train_sample(1, 0.5)
+        == "100 % of the train recipes, 50 % of them with a wrong result"
+    )
 
 
 @given(splittable_graphs(), st.sampled_from(HELD_OUT_KINDS).flatmap(configs))
-def test_folds_partition_the_train_recipes_and_keep_together_what_the_split_keeps_together(graph, config):
+def test_folds_partition_the_train_recipes_and_keep_together_what_the_split_keeps_together(
+    graph, config
+):
     split = drawn(graph, config)
     groups = groups_of(graph, config.kind)
     train = split.is_in("train")
@@ -161,9 +183,15 @@ def test_a_fold_is_unseen_and_nothing_else_of_train_is():
     split = open_graph("kitchen").split
     folds = make_folds(split, 4)
     for fold in range(4):
-        expected = [row for row in range(split.graph.num_recipes) if folds.of_recipe[row] not in (OUTSIDE, fold)]
+        expected = [
+            row
+            for row in range(split.graph.num_recipes)
+            if folds.of_recipe[row] not in (OUTSIDE, fold)
+        ]
         assert np.flatnonzero(folds.seen([fold])).tolist() == expected
-        np.testing.assert_array_equal(folds.triples([fold]), recipe_triples(split.graph.recipes[expected]))
+        np.testing.assert_array_equal(
+            folds.triples([fold]), recipe_triples(split.graph.recipes[expected])
+        )
     np.testing.assert_array_equal(folds.triples(), split.partial)
 
 
@@ -187,7 +215,10 @@ def test_the_same_seed_gives_the_same_folds_and_their_hash_names_them():
     first, again, other = (make_folds(split, 5, seed) for seed in (0, 0, 1))
     np.testing.assert_array_equal(first.of_recipe, again.of_recipe)
     assert first.hash == again.hash != other.hash
-    assert first.hash != Folds(make_split(split.graph, SplitConfig(seed=1)), 5, 0, first.of_recipe.copy()).hash
+    assert (
+        first.hash
+        != Folds(make_split(split.graph, SplitConfig(seed=1)), 5, 0, first.of_recipe.copy()).hash
+    )
 
 
 @pytest.mark.parametrize("count", [0, 1, 10_000, 2.5])

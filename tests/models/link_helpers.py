@@ -24,7 +24,9 @@ def train(opened, settings, out, **options):
 def random_graph(seed=0, num_entities=10, num_recipes=25):
     """A graph of random recipes, with self pairs, ambiguous pairs and self results as they come."""
     rows = np.random.default_rng(seed).integers(num_entities, size=(num_recipes, 3))
-    return RecipeGraph.from_recipes([tuple(f"e{i}" for i in row) for row in rows], name=f"random-{seed}")
+    return RecipeGraph.from_recipes(
+        [tuple(f"e{i}" for i in row) for row in rows], name=f"random-{seed}"
+    )
 
 
 def interrupt_after(*epochs, times=1):

@@ -19,8 +19,12 @@ def equation_2(entity, relation, triples, candidates=None):
     """
     total, candidates = 0.0, entity if candidates is None else candidates
     for s, p, o in triples:
-        over_objects = sum(math.exp(equation_1(entity[s], relation[p], other)) for other in candidates)
-        over_subjects = sum(math.exp(equation_1(other, relation[p], entity[o])) for other in candidates)
+        over_objects = sum(
+            math.exp(equation_1(entity[s], relation[p], other)) for other in candidates
+        )
+        over_subjects = sum(
+            math.exp(equation_1(other, relation[p], entity[o])) for other in candidates
+        )
         total += math.log(over_objects) + math.log(over_subjects)
         total -= 2 * equation_1(entity[s], relation[p], entity[o])
     return total / len(triples)
@@ -39,7 +43,9 @@ def slow_ranks(table, triples, known):
     """Rank each triple's tail, then each triple's head, among all entities but the other known answers."""
     facts = {tuple(int(i) for i in triple) for triple in known}
     rows = []
-    for side, (head, relation, tail) in product(("tail", "head"), [tuple(int(i) for i in t) for t in triples]):
+    for side, (head, relation, tail) in product(
+        ("tail", "head"), [tuple(int(i) for i in t) for t in triples]
+    ):
         true = tail if side == "tail" else head
 
         def with_entity(entity, h=head, r=relation, t=tail, side=side):

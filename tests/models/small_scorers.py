@@ -34,7 +34,9 @@ def embeddings(size, dim, seed=0):
 
 def complex_scorer(size, dim, seed=0, scale=1.0, shift=0.0):
     drawn = embeddings(size, dim, seed)
-    return ComplExScorer({name: x * scale + shift for name, x in drawn.items()}, labels_of(size), "0" * 64)
+    return ComplExScorer(
+        {name: x * scale + shift for name, x in drawn.items()}, labels_of(size), "0" * 64
+    )
 
 
 class BareScorer:
@@ -47,7 +49,9 @@ class BareScorer:
         self.scores = normal(len(RELATIONS), size, size, seed=seed).requires_grad_()
 
     def score(self, heads, relations, tails):
-        return self.scores[RELATIONS.index(relations) if isinstance(relations, str) else relations, heads, tails]
+        return self.scores[
+            RELATIONS.index(relations) if isinstance(relations, str) else relations, heads, tails
+        ]
 
     def table(self, relation):
         return self.scores[RELATIONS.index(relation) if isinstance(relation, str) else relation]

@@ -52,10 +52,16 @@ def test_a_run_that_went_on_has_the_bits_of_one_without_interruption(own, folder
 
 def test_it_is_opened_with_what_its_evaluation_needs(own, folder):
     model = open_model(folder)
-    assert (model.kg, model.seed, model.comparable_settings) == ("partial", 0, {"kg": "partial", "epochs": 20})
+    assert (model.kg, model.seed, model.comparable_settings) == (
+        "partial",
+        0,
+        {"kg": "partial", "epochs": 20},
+    )
     assert (model.triples == model.opened.split.partial).all()
     assert model.provenance["what it is"].startswith("how often")
-    torch.testing.assert_close(load_scorer(folder).table("componentOf"), model.scorer.table("componentOf"))
+    torch.testing.assert_close(
+        load_scorer(folder).table("componentOf"), model.scorer.table("componentOf")
+    )
     assert 0 < own.unseen_mrr(model.opened, folder) < 1
 
 
@@ -76,7 +82,19 @@ def test_commands_take_it_like_any_other(run, folder, tmp_path, monkeypatch, com
 
 def test_an_agent_learns_with_it_and_is_explained(run, folder, tmp_path):
     small = ("--steps", 64, "--batch-size", 16, "--distractors", 1)
-    assert run("train-agent", "kitchen", "--scorer", folder, *small, "--out", tmp_path / "run", "--quiet").code == 0
+    assert (
+        run(
+            "train-agent",
+            "kitchen",
+            "--scorer",
+            folder,
+            *small,
+            "--out",
+            tmp_path / "run",
+            "--quiet",
+        ).code
+        == 0
+    )
     explained = run("explain", tmp_path / "run", "--episodes", 1)
     assert (explained.code, "u" in explained.out) == (0, True)
 
@@ -88,7 +106,9 @@ def test_the_explorer_shows_it(folder):
 
 def test_a_model_of_an_unknown_kind_is_refused_with_those_that_are_known(folder, monkeypatch):
     monkeypatch.delitem(MODELS, "train-hubs")
-    with pytest.raises(ArtefactError, match=r"a model from train-hubs, an unknown command.*train-recipes"):
+    with pytest.raises(
+        ArtefactError, match=r"a model from train-hubs, an unknown command.*train-recipes"
+    ):
         open_model(folder)
 
 

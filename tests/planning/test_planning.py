@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_sources, make_split, open_graph
+from wordcraft_kg import (
+    RecipeGraph,
+    SplitConfig,
+    WordCraftConfig,
+    World,
+    make_sources,
+    make_split,
+    open_graph,
+)
 from wordcraft_kg.agents.players import knowledge_player, scorer_alone
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.errors import ConfigError
@@ -38,7 +46,10 @@ def random_search(seed, width=SIZE, recipes=6):
     kernel = kernel @ kernel.T + torch.eye(SIZE)
     knowledge = knowledge_of(known, kernel, text @ text.T / 10, (a + a.T, b), (c + c.T, d))
     shapes = ((len(FEATURES), 4), (4,), (4,), ())
-    weights = {name: torch.randn(shape, generator=generator) for name, shape in zip(RANKER, shapes, strict=True)}
+    weights = {
+        name: torch.randn(shape, generator=generator)
+        for name, shape in zip(RANKER, shapes, strict=True)
+    }
     return PlanSearch(knowledge.with_ranker(weights), CURVE, width=width)
 
 
@@ -52,9 +63,13 @@ def slow_log_probability(search, a, b, result, prior=0.0):
     results = knowledge.results[0, int(knowledge.numbers[0, a, b])].tolist()
     if result in results:
         return 0.0
-    score = float(knowledge(torch.tensor([result]), torch.tensor([[a, b]]), torch.tensor([0]))[0, 0, 1])
+    score = float(
+        knowledge(torch.tensor([result]), torch.tensor([[a, b]]), torch.tensor([0]))[0, 0, 1]
+    )
     kind = 2 * bool(knowledge.numbers[0, a, b]) + (float(knowledge.counts[0, result, 1]) > 0)
-    return -math.log1p(math.exp(-(CURVE.intercepts[kind] + CURVE.shift + prior + CURVE.slope * score)))
+    return -math.log1p(
+        math.exp(-(CURVE.intercepts[kind] + CURVE.shift + prior + CURVE.slope * score))
+    )
 
 
 def slow_value(search, goal, table, attempts, cache):
@@ -93,7 +108,9 @@ def test_values_are_those_of_all_plans(seed, attempts):
     pair = divmod(int(values.argmax()), 4)
     steps = search.plan(goal, table, pair, model=0, attempts_left=attempts)
     assert steps[-1][2] == goal
-    assert sum(math.log(max(chance, 1e-13)) for *_, chance in steps) == pytest.approx(float(values.max()), abs=2e-3)
+    assert sum(math.log(max(chance, 1e-13)) for *_, chance in steps) == pytest.approx(
+        float(values.max()), abs=2e-3
+    )
 
 
 def test_a_batch_has_the_values_of_single_states():
@@ -130,7 +147,9 @@ def test_a_plan_avoids_tried_pairs_as_its_value_does():
     best = divmod(int(values.argmax()), 3)
     steps = search.plan(goal, table, best, model=0, attempts_left=3, tried=tried)
     assert {table[slot] for slot in pair} not in [{a, b} for a, b, *_ in steps]
-    assert sum(math.log(chance) for *_, chance in steps) == pytest.approx(float(values.max()), abs=2e-3)
+    assert sum(math.log(chance) for *_, chance in steps) == pytest.approx(
+        float(values.max()), abs=2e-3
+    )
     assert search.plan(goal, table, pair, model=0, attempts_left=3, tried=tried) == []
 
 
@@ -138,7 +157,8 @@ def test_an_entity_alone_has_the_values_of_a_table_with_empty_slots():
     search = random_search(10, width=2)
     for left in (2, 3, 4):
         alone, padded = (
-            search.values(*state_of(0, [1, *empty]), torch.tensor([left]))[0, 0, 0] for empty in ([], [SIZE, SIZE])
+            search.values(*state_of(0, [1, *empty]), torch.tensor([left]))[0, 0, 0]
+            for empty in ([], [SIZE, SIZE])
         )
         assert alone == pytest.approx(float(padded), abs=1e-5)
 
@@ -156,7 +176,9 @@ def test_all_tensors_are_on_the_device_of_the_table():
 def test_a_search_that_does_not_fit_into_memory_says_what_it_would_take():
     search = random_search(0, width=10**6)
     search.knowledge.num_entities = 10**6
-    with pytest.raises(ConfigError, match=r"`plan_width` 1,000,000: candidate plans would take [\d,.]+ GiB"):
+    with pytest.raises(
+        ConfigError, match=r"`plan_width` 1,000,000: candidate plans would take [\d,.]+ GiB"
+    ):
         next(search._chunks(torch.arange(3), 4, 5))
 
 
@@ -171,10 +193,14 @@ def test_the_curve_fits_known_probabilities():
     curve = fit_recipe_curve([counts], folds)
     assert curve.intercepts == pytest.approx(CURVE.intercepts, abs=0.05)
     assert curve.slope == pytest.approx(CURVE.slope, abs=0.02)
-    half = folds.with_train_sample(draw_train_sample(folds.split, 0.5, 0.0, 1, of_recipe=folds.of_recipe))
+    half = folds.with_train_sample(
+        draw_train_sample(folds.split, 0.5, 0.0, 1, of_recipe=folds.of_recipe)
+    )
     for one in (folds, half):
         seen, everything = int(one.seen().sum()), folds.split.graph.num_recipes
-        assert fit_recipe_curve([counts], one).shift == pytest.approx(math.log((everything - seen) * 5 / seen))
+        assert fit_recipe_curve([counts], one).shift == pytest.approx(
+            math.log((everything - seen) * 5 / seen)
+        )
     assert half.seen().sum() < folds.seen().sum()
 
 
@@ -196,7 +222,9 @@ def success(world, source):
 def test_planning_with_all_recipes_solves_every_task(opened):
     source = BestPlan.of_recipes(opened.graph.num_entities, opened.graph.recipes)
     for depth in (1, 2, 3):
-        world = World(opened, WordCraftConfig(part="test", depth=depth, num_distractors=3, num_tasks=60))
+        world = World(
+            opened, WordCraftConfig(part="test", depth=depth, num_distractors=3, num_tasks=60)
+        )
         assert success(world, source) == 1
 
 
@@ -223,7 +251,9 @@ def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened, scorer):
     other = RecipeGraph.from_recipes(recipes)
     assert other.entities == graph.entities
     trained = {tuple(row) for row in graph.recipes[is_train].tolist()}
-    parts = np.array([0 if tuple(row) in trained else 2 for row in other.recipes.tolist()], dtype=np.int8)
+    parts = np.array(
+        [0 if tuple(row) in trained else 2 for row in other.recipes.tolist()], dtype=np.int8
+    )
     worlds = [
         World(OpenedGraph(one, part, ""), WordCraftConfig(part="test", depth=2, num_distractors=4))
         for one, part in ((graph, split), (other, Split(other, SplitConfig(), Draw(parts, 0))))
@@ -237,7 +267,9 @@ def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened, scorer):
     wide[:, : table.shape[1]] = table[:, : wide.shape[1]]
     posed = posed._replace(wide=wide, selection=np.full_like(goal, posed.nothing))
     slots = min(table.shape[1], wide.shape[1] - 1)
-    first, again = (source(*states_of(one)[:3], attempts=states_of(one).attempts) for one in (state, posed))
+    first, again = (
+        source(*states_of(one)[:3], attempts=states_of(one).attempts) for one in (state, posed)
+    )
     assert torch.equal(first[:, :slots], again[:, :slots])
 
 
@@ -245,7 +277,9 @@ def test_p_of_a_batch_follows_selection_and_attempts(scorer, opened):
     (p,) = make_sources(["p"], scorer)
     world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=2))
     states = states_of(BatchEngine(world, 50).pose(np.arange(50)))
-    values = p.search.values(states.goal, states.table, torch.zeros(50, dtype=torch.int64), states.attempts.left)
+    values = p.search.values(
+        states.goal, states.table, torch.zeros(50, dtype=torch.int64), states.attempts.left
+    )
     empty = states.table == opened.graph.num_entities
     free = p(*states[:4], attempts=states.attempts)
     torch.testing.assert_close(free, values.amax(2).masked_fill(empty, 0), rtol=0, atol=1e-5)
@@ -274,7 +308,9 @@ def test_evidence_is_a_plan_whose_probability_is_p(scorer, opened):
                     )
                     first, result = {*evidence.plan[0][:2]}, evidence.plan[0][2]
                     assert first == {int(table[0, slot]), evidence.partner}
-                    expected = p.knowledge.supporting_recipes(int(table[0, slot]), evidence.partner, result, limit=3)
+                    expected = p.knowledge.supporting_recipes(
+                        int(table[0, slot]), evidence.partner, result, limit=3
+                    )
                     assert evidence.supporting == tuple(expected)
                 elif evidence:
                     assert scores[slot] == NO_PLAN
@@ -308,7 +344,9 @@ def test_of_equally_probable_plans_the_shortest_is_best(attempts):
 
 
 def test_one_ingredient_recipes_are_planned():
-    graph = RecipeGraph.from_recipes([("seed", "seed", "plant"), ("plant", "plant", "tree"), ("tree", "seed", "wood")])
+    graph = RecipeGraph.from_recipes(
+        [("seed", "seed", "plant"), ("plant", "plant", "tree"), ("tree", "seed", "wood")]
+    )
     assert make_split(graph, SplitConfig("none")).is_in("train").all()
     source = BestPlan.of_recipes(graph.num_entities, graph.recipes)
     start, goal = graph.id_of("seed"), graph.id_of("wood")

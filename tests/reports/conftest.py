@@ -38,7 +38,9 @@ def report_folder(kitchen_report, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def full_report(kitchen_model):
-    return make_link_report(kitchen_model.scorer, kitchen_model.opened, kg="full", name="kitchen-full")
+    return make_link_report(
+        kitchen_model.scorer, kitchen_model.opened, kg="full", name="kitchen-full"
+    )
 
 
 AWKWARD = "<i>&\"'</i>,"
@@ -50,5 +52,7 @@ def awkward_graph():
     import numpy as np
 
     rows = np.random.default_rng(0).integers(14, size=(110, 3))
-    graph = RecipeGraph.from_recipes([tuple(f"{AWKWARD}{i}" for i in row) for row in rows], name=f"{AWKWARD} graph")
+    graph = RecipeGraph.from_recipes(
+        [tuple(f"{AWKWARD}{i}" for i in row) for row in rows], name=f"{AWKWARD} graph"
+    )
     return OpenedGraph(graph, make_split(graph, SplitConfig(train_ratio=0.5)), "awkward")

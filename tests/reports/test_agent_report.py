@@ -42,7 +42,9 @@ def trained(home, runs, scorer=None):
 def agents(tmp_path_factory):
     """Two seeds of an attention agent and one run of an mlp."""
     plain = {f"plain-{seed}": (PolicyConfig(), replace(TRAINER, seed=seed)) for seed in (0, 1)}
-    return trained(tmp_path_factory.mktemp("runs"), {**plain, "mlp": (PolicyConfig(policy="mlp"), TRAINER)})
+    return trained(
+        tmp_path_factory.mktemp("runs"), {**plain, "mlp": (PolicyConfig(policy="mlp"), TRAINER)}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +64,9 @@ def world(agents):
 
 
 def test_runs_that_differ_in_the_seed_are_one_agent(agents):
-    groups = {name: [agent.name for agent in members] for name, members in group_agents(agents).items()}
+    groups = {
+        name: [agent.name for agent in members] for name, members in group_agents(agents).items()
+    }
     assert groups == {"plain": ["plain-0", "plain-1"], "mlp": ["mlp"]}
 
 
@@ -73,7 +77,9 @@ def test_a_run_given_twice_is_an_error(agents):
 
 def test_the_numbers_are_those_of_the_evaluation(agents, entry):
     for amount in (1, 2, 8):
-        evaluator = Evaluator(World(agents[0].opened, TASKS.environment("test", amount)), distractor_seeds=2)
+        evaluator = Evaluator(
+            World(agents[0].opened, TASKS.environment("test", amount)), distractor_seeds=2
+        )
         found = [evaluator(PolicyPlayer(agent.policy)) for agent in agents[:2]]
         figures = entry.success[str(amount)]
         assert figures.seeds == tuple(result.success.mean() for result in found)
@@ -89,7 +95,11 @@ def test_an_mlp_is_judged_with_its_own_number_of_distractors_only(report):
 
 
 def test_players_that_learn_nothing_stand_beside_the_agents(report):
-    assert [row.name for row in report.view.baselines] == ["random", "nearest words", "recipe oracle"]
+    assert [row.name for row in report.view.baselines] == [
+        "random",
+        "nearest words",
+        "recipe oracle",
+    ]
     for row in report.view.baselines:
         assert row.success.keys() == row.by_plan.keys() == {"1", "2", "8"}
         assert all(row.by_plan[amount] <= success for amount, success in row.success.items())
@@ -112,7 +122,12 @@ def test_tasks_are_sliced_by_the_train_recipes_of_their_goal(agents, entry, worl
 
 def test_curves_are_means_over_seeds(agents, report):
     for step, mean, low, high in as_values(report.view)["agents"][0]["curves"]["test"]:
-        seeds = [row.figures["test_success"] for agent in agents[:2] for row in agent.metrics if row.step == step]
+        seeds = [
+            row.figures["test_success"]
+            for agent in agents[:2]
+            for row in agent.metrics
+            if row.step == step
+        ]
         assert mean == pytest.approx(np.mean(seeds))
         assert low <= mean <= high
 
@@ -122,15 +137,22 @@ def test_each_training_has_a_curve_of_each_figure_that_it_logged(agents, report,
         curves = entry.training[figure]
         assert [curve.seed for curve in curves] == [0, 1]
         for agent, curve in zip(agents[:2], curves, strict=True):
-            logged = [(row.step, row.figures[figure]) for row in agent.metrics if figure in row.figures]
+            logged = [
+                (row.step, row.figures[figure]) for row in agent.metrics if figure in row.figures
+            ]
             assert list(curve.points) == logged
     assert "plain, seed 1" in render(report)
 
 
 def test_figures_of_a_few_updates_only_are_left_out_of_the_curves(agents):
-    rows = [MetricsRow(step=step, seconds=1, figures={"loss": step, "test_success": 0.5}) for step in (100, 200, 210)]
+    rows = [
+        MetricsRow(step=step, seconds=1, figures={"loss": step, "test_success": 0.5})
+        for step in (100, 200, 210)
+    ]
     agent = replace(agents[0], metrics=rows)
-    training = make_agent_report({"one": [agent]}, distractor_seeds=1, episodes=0).view.agents[0].training
+    training = (
+        make_agent_report({"one": [agent]}, distractor_seeds=1, episodes=0).view.agents[0].training
+    )
     assert training["loss"][0].points == ((100, 100), (200, 200))
     assert [step for step, _ in training["test_success"][0].points] == [100, 200, 210]
 
@@ -143,7 +165,9 @@ def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, 
     assert facts["graph"] == agents[1].opened.graph.hash
     assert f"torch {run.versions['torch']}" in facts["versions"]
     page = render(report)
-    assert all(value in page for value in (run.outputs["policy.safetensors"], run.versions["torch"]))
+    assert all(
+        value in page for value in (run.outputs["policy.safetensors"], run.versions["torch"])
+    )
 
 
 def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents, report):
@@ -151,7 +175,13 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents
         return text_of(re.search(r"<b>In short.*?</div>", render(report), re.DOTALL)[0])
 
     mlp = report.view.agents[1].success["2"]
-    verdict = "above" if mlp.difference_ci[0] > 0 else "below" if mlp.difference_ci[1] < 0 else "level with"
+    verdict = (
+        "above"
+        if mlp.difference_ci[0] > 0
+        else "below"
+        if mlp.difference_ci[1] < 0
+        else "level with"
+    )
     assert re.search(f"mlp is {verdict} +plain: +paired difference", first_line(report))
     assert "difference between agents may be due to the seeds" in first_line(report)
     alone = first_line(make_agent_report({"one": [agents[0]]}, distractor_seeds=1, episodes=0))
@@ -162,9 +192,17 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents
 def test_bars_of_contributions_fill_the_width_at_the_largest_sum():
     sums = ({"alpha": 1.0, "u": 2.0, "v": -1.0}, {"alpha": -1.0, "u": 0.5, "v": -1.5})
     step = ExplainedStep(
-        None, 0.0, {}, "egg", (), tuple(ExplainedSlot("egg", False, of, of, sum(of.values()), 0.5) for of in sums)
+        None,
+        0.0,
+        {},
+        "egg",
+        (),
+        tuple(ExplainedSlot("egg", False, of, of, sum(of.values()), 0.5) for of in sums),
     )
-    widths = [[float(width) for width in re.findall(r'width="([\d.]+)"', str(bar))] for _, bar in slot_rows(step)]
+    widths = [
+        [float(width) for width in re.findall(r'width="([\d.]+)"', str(bar))]
+        for _, bar in slot_rows(step)
+    ]
     assert sum(widths[0][:2]) == pytest.approx(70, abs=0.2)
     assert widths[1][0] + widths[1][2] == pytest.approx(70 * 2.5 / 3, abs=0.2)
 
@@ -189,8 +227,13 @@ def test_the_page_is_whole_needs_no_network_and_escapes_names(agents):
 
 def test_agents_of_another_split_or_depth_cannot_be_compared(agents):
     elsewhere = replace(agents[1], opened=open_graph("kitchen", SplitConfig(seed=5)))
-    deeper = replace(agents[1], config=replace(agents[1].config, tasks=TaskConfig(depth=2, distractors=2)))
-    for other, error, why in ((elsewhere, GraphMismatchError, "split"), (deeper, ConfigError, "plays with depth 2")):
+    deeper = replace(
+        agents[1], config=replace(agents[1].config, tasks=TaskConfig(depth=2, distractors=2))
+    )
+    for other, error, why in (
+        (elsewhere, GraphMismatchError, "split"),
+        (deeper, ConfigError, "plays with depth 2"),
+    ):
         with pytest.raises(error, match=why):
             make_agent_report({"a": [agents[0]], "b": [other]})
 
@@ -199,7 +242,9 @@ def test_an_agent_is_compared_with_the_scores_that_it_saw_and_the_page_says_how(
     links = ComplExConfig(dim=8, epochs=6, n3=0.1, folds=3)
     model = train_links(LinksConfig("kitchen", links), tmp_path / "model").folder
     policies = {"folds": PolicyConfig(), "whole": PolicyConfig(in_sample=True)}
-    agents = trained(tmp_path, {name: (policy, TRAINER) for name, policy in policies.items()}, str(model))
+    agents = trained(
+        tmp_path, {name: (policy, TRAINER) for name, policy in policies.items()}, str(model)
+    )
     report = make_agent_report(group_agents(agents), part="train", distractor_seeds=1)
     world = World(agents[0].opened, TASKS.environment("train"))
     assert [entry.cross_fitted for entry in report.view.agents] == [3, 0]
@@ -208,12 +253,21 @@ def test_an_agent_is_compared_with_the_scores_that_it_saw_and_the_page_says_how(
         beside = entry.success["2"].against_scorer
         mine, alone = (
             Evaluator(world, distractor_seeds=1)(player)
-            for player in (PolicyPlayer(agent.policy), knowledge_player(list(agent.policy.sources.values())))
+            for player in (
+                PolicyPlayer(agent.policy),
+                knowledge_player(list(agent.policy.sources.values())),
+            )
         )
         gain = mine.success.mean() - alone.success.mean()
         assert (beside.scorer, beside.gain) == ("u, v", pytest.approx(gain))
-        assert beside.differs == (mine.decisions != alone.decisions).mean() > (mine.success != alone.success).mean()
+        assert (
+            beside.differs
+            == (mine.decisions != alone.decisions).mean()
+            > (mine.success != alone.success).mean()
+        )
         assert f"<td>u, v</td><td>{100 * beside.differs:.1f} %</td>" in html
-    out_of_sample = r"On train tasks <b>folds</b> is scored\s+.*out of sample.*, by models trained.*\(3 folds\)"
+    out_of_sample = (
+        r"On train tasks <b>folds</b> is scored\s+.*out of sample.*, by models trained.*\(3 folds\)"
+    )
     for note in (out_of_sample, r"On train tasks <b>whole</b> is scored\s+.*in-sample"):
         assert re.search(note, html)

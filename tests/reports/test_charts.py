@@ -36,15 +36,29 @@ def drawn(series, percent=True, **options):
 
 CHARTS = {
     "curves": lambda label: charts.curves(
-        {label: [(0, 1.0, 0.5, 2.0), (2, 1.0, None, None)], "two": [(1, 1, 0, 2)]}, label, label, label, dashed=[label]
+        {label: [(0, 1.0, 0.5, 2.0), (2, 1.0, None, None)], "two": [(1, 1, 0, 2)]},
+        label,
+        label,
+        label,
+        dashed=[label],
     ),
     "dots": lambda label: charts.dots(
-        [label, "b"], {label: [(0.5, 0.4, 0.6), None], "two": [(0.5, None, None)] * 2}, label, label, label
+        [label, "b"],
+        {label: [(0.5, 0.4, 0.6), None], "two": [(0.5, None, None)] * 2},
+        label,
+        label,
+        label,
     ),
     "scatter": lambda label: charts.scatter(
-        {label: [(label, (0.1, 0.05, 0.2), (0.5, 0.4, 0.6))]}, label, label, label, level=(label, 0.3)
+        {label: [(label, (0.1, 0.05, 0.2), (0.5, 0.4, 0.6))]},
+        label,
+        label,
+        label,
+        level=(label, 0.3),
     ),
-    "log_reliability": lambda label: charts.log_reliability({label: [(0.1, 0.2, 0.1, 0.3, 5)]}, label),
+    "log_reliability": lambda label: charts.log_reliability(
+        {label: [(0.1, 0.2, 0.1, 0.3, 5)]}, label
+    ),
 }
 
 
@@ -58,7 +72,9 @@ def test_a_chart_is_well_formed_escapes_its_labels_and_is_safe_in_a_page(chart, 
 
 
 def points_of(element):
-    return np.array([[float(number) for number in pair.split(",")] for pair in element.get("points").split()])
+    return np.array(
+        [[float(number) for number in pair.split(",")] for pair in element.get("points").split()]
+    )
 
 
 def of_class(root, name):
@@ -74,7 +90,10 @@ def numbers_of(element, *names):
 
 
 def colours(elements, prefix="series-"):
-    return [next(name for name in element.get("class").split() if name.startswith(prefix)) for element in elements]
+    return [
+        next(name for name in element.get("class").split() if name.startswith(prefix))
+        for element in elements
+    ]
 
 
 def dashes(elements):
@@ -100,7 +119,11 @@ def straight(end, last=3e6):
 
 
 def test_a_curve_has_a_line_a_band_a_name_and_points_to_hover_over():
-    root = parse(charts.curves({"one": straight(0.9), "two": straight(0.6)}, "steps", "success", "d", percent=True))
+    root = parse(
+        charts.curves(
+            {"one": straight(0.9), "two": straight(0.6)}, "steps", "success", "d", percent=True
+        )
+    )
     lines, bands = of_class(root, "line"), of_class(root, "band")
     assert len(set(colours(lines))) == len(set(dashes(lines))) == 2
     assert colours(bands) == colours(lines)
@@ -127,7 +150,10 @@ def test_a_curve_goes_up_with_its_values_and_its_band_lies_around_it():
 
 
 def test_the_axis_of_shares_goes_from_0_to_100_percent_and_the_other_one_with_the_data():
-    for percent, expected in ((True, "0% 20% 40% 60% 80% 100%"), (False, "0.2 0.3 0.4 0.5 0.6 0.7")):
+    for percent, expected in (
+        (True, "0% 20% 40% 60% 80% 100%"),
+        (False, "0.2 0.3 0.4 0.5 0.6 0.7"),
+    ):
         assert texts_of(drawn({"one": straight(0.6)}, percent))[:6] == expected.split()
 
 
@@ -142,18 +168,33 @@ def test_the_axis_of_shares_goes_from_0_to_100_percent_and_the_other_one_with_th
     ],
 )
 def test_steps_are_written_in_readable_units(last, expected):
-    middles = [text for text in drawn({"one": straight(0.6, last)}).iter("text") if text.get("text-anchor") == "middle"]
+    middles = [
+        text
+        for text in drawn({"one": straight(0.6, last)}).iter("text")
+        if text.get("text-anchor") == "middle"
+    ]
     assert [text.text for text in middles][:-1] == expected.split()
 
 
 def test_the_axis_of_steps_holds_0():
     root = drawn({"one": [(500, 1, None, None), (1000, 2, None, None)]}, percent=False)
     first, last = points_of(of_class(root, "line")[0])[:, 0]
-    assert first - numbers_of(root.find(".//text[.='0']"), "x")[0] == pytest.approx(last - first, abs=0.2)
+    assert first - numbers_of(root.find(".//text[.='0']"), "x")[0] == pytest.approx(
+        last - first, abs=0.2
+    )
 
 
 def test_a_band_is_only_where_there_are_bounds_and_a_lone_interval_is_a_whisker():
-    bounds = [(0.1, 0.3), (0.1, 0.3), (None, None), (0.1, 0.3), (None, None), (0.1, 0.3), (0.1, 0.3), (0.1, 0.3)]
+    bounds = [
+        (0.1, 0.3),
+        (0.1, 0.3),
+        (None, None),
+        (0.1, 0.3),
+        (None, None),
+        (0.1, 0.3),
+        (0.1, 0.3),
+        (0.1, 0.3),
+    ]
     root = drawn({"one": [(i, 0.2, *pair) for i, pair in enumerate(bounds)]}, percent=False)
     assert [len(points_of(band)) for band in of_class(root, "band")] == [4, 6]
     assert len(of_class(root, "whisker")) == 1
@@ -165,7 +206,8 @@ MIXED_ENDS = [[0.51, 0.5, 0.9, 0.52, 0.49], [0.3, 0.36, 0.42, 0.48, 0.54, 0.5]]
 
 
 @pytest.mark.parametrize(
-    "ends", [[0.5], [0.5, 0.5], [0.0, 0.0, 0.0, 0.01], [1.0, 1.0, 0.99, 1.0, 1.0], [0.5] * 14, *MIXED_ENDS]
+    "ends",
+    [[0.5], [0.5, 0.5], [0.0, 0.0, 0.0, 0.01], [1.0, 1.0, 0.99, 1.0, 1.0], [0.5] * 14, *MIXED_ENDS],
 )
 def test_names_of_curves_do_not_overlap_and_keep_the_order_of_the_ends(ends):
     names = [f"curve {i}" for i in range(len(ends))]
@@ -244,12 +286,25 @@ NO_ESTIMATE = (0.0, None, None)
     [
         *((drawn(series, percent), "grid", 2) for series in FEW for percent in (True, False)),
         *(
-            (parse(charts.dots(labels, series, "", "", "d")), "dot", len(series) + len(labels) * len(series))
-            for labels, series in (([], {}), ([], {"a": []}), (["x"], {}), (["x"], {"a": [NO_ESTIMATE]}))
+            (
+                parse(charts.dots(labels, series, "", "", "d")),
+                "dot",
+                len(series) + len(labels) * len(series),
+            )
+            for labels, series in (
+                ([], {}),
+                ([], {"a": []}),
+                (["x"], {}),
+                (["x"], {"a": [NO_ESTIMATE]}),
+            )
         ),
         *(
             (parse(charts.intervals(rows, "x", "d", reference=0.0)), "dot", len(rows))
-            for rows in ([], [("a", (0.0, 0.0, 0.0))], [("a", (-0.1, -0.3, 0.2)), ("a", NO_ESTIMATE)])
+            for rows in (
+                [],
+                [("a", (0.0, 0.0, 0.0))],
+                [("a", (-0.1, -0.3, 0.2)), ("a", NO_ESTIMATE)],
+            )
         ),
     ],
 )
@@ -265,7 +320,9 @@ def test_dashes_can_mean_something_and_colours_and_labels_can_be_shared():
     assert titles_of(of_class(root, "line")) == list(seeds)
     assert set(dashes(of_class(root, "line"))) == {"dash-1"}
     curves = {name: straight(0.5) for name in ("a train", "a", "b train", "b")}
-    root = drawn(curves, dashed={"a train", "b train"}, colours={"a train": 0, "a": 0, "b train": 9, "b": 1})
+    root = drawn(
+        curves, dashed={"a train", "b train"}, colours={"a train": 0, "a": 0, "b train": 9, "b": 1}
+    )
     lines = of_class(root, "line")
     train, test, other_train, other_test = dashes(lines)
     assert train == other_train != test == other_test
@@ -289,9 +346,15 @@ def estimates(*shares):
 
 def test_dots_stand_in_their_categories_side_by_side_with_whiskers_and_a_legend():
     labels = ["0", "1–2", "3+"]
-    root = parse(charts.dots(labels, {"a": estimates(0.2, 0.5, 0.9), "b": estimates(0.3, 0.3, 0.3)}, "x", "y", "d"))
+    root = parse(
+        charts.dots(
+            labels, {"a": estimates(0.2, 0.5, 0.9), "b": estimates(0.3, 0.3, 0.3)}, "x", "y", "d"
+        )
+    )
     dots, whiskers = of_class(root, "dot"), of_class(root, "whisker")
-    drawn = [f"a, {label}" for label in labels] + ["a"] + [f"b, {label}" for label in labels] + ["b"]
+    drawn = (
+        [f"a, {label}" for label in labels] + ["a"] + [f"b, {label}" for label in labels] + ["b"]
+    )
     assert [title.split(":")[0] for title in titles_of(dots)] == drawn
     assert titles_of(dots)[0] == "a, 0: 20.0% [10.0%, 25.0%]"
     a, b = colours(whiskers)[::3]
@@ -324,7 +387,9 @@ def test_a_share_may_be_missing_or_have_no_interval_and_a_series_without_any_kee
 def test_dots_stay_apart_and_inside_the_picture_when_there_are_many():
     series = {f"a longer name {i}": [(1.0, 0.9, 1.0)] * 10 for i in range(8)}
     root = parse(charts.dots([str(i) for i in range(10)], series, "", "", ""))
-    xs = np.array([float(whisker.get("x1")) for whisker in of_class(root, "whisker")]).reshape(8, 10)
+    xs = np.array([float(whisker.get("x1")) for whisker in of_class(root, "whisker")]).reshape(
+        8, 10
+    )
     assert (np.diff(xs.T.ravel()) > 0).all()
     legend = [text for text in root.iter("text") if text.text in series]
     assert all(xs.max() + 5 < float(text.get("x")) <= WIDTH - 6 * len(text.text) for text in legend)
@@ -356,7 +421,9 @@ def test_a_reliability_chart_keeps_its_points_on_the_axes_and_has_the_diagonal(p
 
 def test_a_tenth_is_as_far_from_a_hundredth_as_from_one():
     root = parse(charts.log_reliability({"a": [(p, p, p, p, 1) for p in (0.01, 0.1, 1.0)]}, "d"))
-    x, y = (np.array([float(circle.get(at)) for circle in root.iter("circle")]) for at in ("cx", "cy"))
+    x, y = (
+        np.array([float(circle.get(at)) for circle in root.iter("circle")]) for at in ("cx", "cy")
+    )
     np.testing.assert_allclose(np.diff(x, 2), 0, atol=0.2)
     np.testing.assert_allclose(np.diff(y, 2), 0, atol=0.2)
 
@@ -364,7 +431,9 @@ def test_a_tenth_is_as_far_from_a_hundredth_as_from_one():
 def test_positive_contributions_go_right_of_the_middle_and_negative_ones_left():
     numbers = {"alpha": 0, "u": 1, "v": 2}
     bar = contribution_bar({"alpha": 1.0, "u": -2.0, "v": 3.0}, 4.0, numbers)
-    places = {rect.find("title").text: numbers_of(rect, "x", "width") for rect in parse(bar).iter("rect")}
+    places = {
+        rect.find("title").text: numbers_of(rect, "x", "width") for rect in parse(bar).iter("rect")
+    }
     assert places == {"alpha: 1.00": [70, 17.5], "u: -2.00": [35, 35], "v: 3.00": [87.5, 52.5]}
     (alone,) = parse(contribution_bar({"v": 1.0}, 1.0, numbers)).iter("rect")
     assert alone.get("class") == "series-2", "the colour does not depend on the others"
@@ -373,7 +442,10 @@ def test_positive_contributions_go_right_of_the_middle_and_negative_ones_left():
 def test_intervals_are_drawn_in_rows_on_one_axis_with_the_reference():
     rows = [("one", (-0.1, -0.2, 0.1)), ("two", (0.4, 0.3, 0.5)), ("three", (0.25, None, None))]
     root = parse(charts.intervals(rows, "MRR", "description", reference=0.0))
-    dots, whiskers = of_class(root, "dot"), [points_of(whisker) for whisker in of_class(root, "whisker")]
+    dots, whiskers = (
+        of_class(root, "dot"),
+        [points_of(whisker) for whisker in of_class(root, "whisker")],
+    )
     assert titles_of(dots) == ["one: -0.1 [-0.2, 0.1]", "two: 0.4 [0.3, 0.5]", "three: 0.25"]
     per_unit = (whiskers[0][1, 0] - whiskers[0][0, 0]) / 0.3
     one = float(dots[0].get("cx"))
@@ -417,17 +489,29 @@ def test_a_figure_holds_its_own_style_without_what_only_browsers_know():
 def test_mixed_colours_are_those_of_a_browser_and_there_are_no_points_to_hover_over():
     assert resolved("fill: color-mix(in srgb, var(--s0) 50%, #000000);") == "fill: #003959;"
     chart = charts.curves({"a": straight(0.5)}, "", "", "")
-    assert ['class="hit"' in svg for svg in (chart, charts.figure("", [("", chart)], ""))] == [True, False]
+    assert ['class="hit"' in svg for svg in (chart, charts.figure("", [("", chart)], ""))] == [
+        True,
+        False,
+    ]
 
 
 def test_a_scatter_has_a_whisker_for_each_interval_and_labels_that_do_not_overlap():
-    points = [(f"share {i}", (i / 10, i / 10 - 0.01, i / 10 + 0.01), (0.5, 0.4, 0.6)) for i in range(1, 6)]
-    root = parse(charts.scatter({"a": points, "b": [("x", (0.3, None, None), (0.5, None, None))]}, "", "", ""))
+    points = [
+        (f"share {i}", (i / 10, i / 10 - 0.01, i / 10 + 0.01), (0.5, 0.4, 0.6)) for i in range(1, 6)
+    ]
+    root = parse(
+        charts.scatter(
+            {"a": points, "b": [("x", (0.3, None, None), (0.5, None, None))]}, "", "", ""
+        )
+    )
     assert sum("whisker" in child.get("class", "") for child in root) == 2 * 5
     labels = [child for child in root if (child.text or "").startswith("share")]
     assert len(labels) >= 3
     ends = [(float(label.get("x", "")), len(label.text or "") * 5.5) for label in labels]
-    assert all(left + width / 2 <= right - other / 2 for (left, width), (right, other) in itertools.pairwise(ends))
+    assert all(
+        left + width / 2 <= right - other / 2
+        for (left, width), (right, other) in itertools.pairwise(ends)
+    )
 
 
 def luminance(colour):
@@ -442,9 +526,12 @@ def contrast(one, other):
 
 
 @pytest.mark.parametrize(
-    ("palette", "page", "least", "of_first"), [(LIGHT, "#ffffff", 2.2, 3), (DARK, "#0d1117", 4.5, 4.5)]
+    ("palette", "page", "least", "of_first"),
+    [(LIGHT, "#ffffff", 2.2, 3), (DARK, "#0d1117", 4.5, 4.5)],
 )
-def test_all_series_stand_out_from_the_page_and_the_first_four_clearly(palette, page, least, of_first):
+def test_all_series_stand_out_from_the_page_and_the_first_four_clearly(
+    palette, page, least, of_first
+):
     assert len(set(palette)) == COLOURS
     assert all(contrast(colour, page) > least for colour in palette)
     assert all(contrast(colour, page) > of_first for colour in palette[:4])
@@ -461,7 +548,9 @@ def box_of(root):
     """The boxes by their labels, as left, top, right and bottom."""
     boxes = {}
     for link in root.iter("a"):
-        x, y, width, height = (float(link.find("rect").get(name)) for name in ("x", "y", "width", "height"))
+        x, y, width, height = (
+            float(link.find("rect").get(name)) for name in ("x", "y", "width", "height")
+        )
         boxes[link.find("text").text] = (x, y, x + width, y + height)
     return boxes
 
@@ -470,7 +559,12 @@ def made(label, layer, *of, **more):
     return Made(label, f"/path/{label}", layer, of, **more)
 
 
-DIAMOND = [made("b", 1, "a", "a"), made("c", 2, "b", "a"), made("d", 2, "b", "b"), made("e", 3, "c", "d")]
+DIAMOND = [
+    made("b", 1, "a", "a"),
+    made("c", 2, "b", "a"),
+    made("d", 2, "b", "b"),
+    made("e", 3, "c", "d"),
+]
 
 
 def test_layers_stand_from_left_to_right_and_boxes_do_not_overlap(kitchen):
@@ -492,7 +586,10 @@ def test_layers_stand_from_left_to_right_and_boxes_do_not_overlap(kitchen):
                 left, right = (a, b) if one.layer < other.layer else (b, a)
                 assert left[2] < right[0]
         width, height = map(float, root.get("viewBox").split()[2:])
-        assert all(box[0] >= 0 and box[2] <= width and box[1] >= 0 and box[3] <= height - 20 for box in boxes.values())
+        assert all(
+            box[0] >= 0 and box[2] <= width and box[1] >= 0 and box[3] <= height - 20
+            for box in boxes.values()
+        )
 
 
 def test_an_arrow_leads_from_each_thing_to_what_is_made_of_it():
@@ -509,7 +606,12 @@ def test_an_arrow_leads_from_each_thing_to_what_is_made_of_it():
 
 
 def test_an_arrow_passes_the_layers_between_beside_their_boxes():
-    things = [made("b", 1, "a", "a"), made("c", 2, "b", "b"), made("d", 3, "c", "c"), made("e", 4, "d", "b")]
+    things = [
+        made("b", 1, "a", "a"),
+        made("c", 2, "b", "b"),
+        made("d", 3, "c", "c"),
+        made("e", 4, "d", "b"),
+    ]
     root = parsed(layered(things, ["a"], "way"))
     boxes = box_of(root)
     path = next(path.get("d") for path in root.iter("path") if path.find("title").text == "b → e")
@@ -538,4 +640,9 @@ def test_a_thing_without_an_address_is_no_link():
 
 
 def test_groups_beyond_the_colours_and_none_are_grey():
-    assert [colour_of(number) for number in (-1, 0, 7, 8)] == ["series-other", "series-0", "series-7", "series-other"]
+    assert [colour_of(number) for number in (-1, 0, 7, 8)] == [
+        "series-other",
+        "series-0",
+        "series-7",
+        "series-other",
+    ]

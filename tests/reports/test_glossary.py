@@ -12,8 +12,13 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_every_word_that_a_template_explains_is_in_the_glossary():
-    folders = [files(f"wordcraft_kg.{package}") / "templates" for package in ("reports", "studies", "apps.explorer")]
-    templates = [path.read_text(encoding="utf-8") for folder in folders for path in folder.iterdir()]
+    folders = [
+        files(f"wordcraft_kg.{package}") / "templates"
+        for package in ("reports", "studies", "apps.explorer")
+    ]
+    templates = [
+        path.read_text(encoding="utf-8") for folder in folders for path in folder.iterdir()
+    ]
     keys = {key for text in templates for key in re.findall(r'\bterm\("(\w+)"', text)}
     assert len(keys) > 20
     assert keys <= GLOSSARY.keys()
@@ -21,7 +26,10 @@ def test_every_word_that_a_template_explains_is_in_the_glossary():
 
 def test_every_source_of_knowledge_is_explained_under_its_symbol():
     for label in (ALPHA, *BUILT_IN.values()):
-        assert (GLOSSARY[label.name].symbol, GLOSSARY[label.name].meaning) == (label.symbol, label.meaning)
+        assert (GLOSSARY[label.name].symbol, GLOSSARY[label.name].meaning) == (
+            label.symbol,
+            label.meaning,
+        )
 
 
 def test_no_two_terms_have_the_same_name_or_symbol_and_each_meaning_is_a_sentence():
@@ -29,7 +37,9 @@ def test_no_two_terms_have_the_same_name_or_symbol_and_each_meaning_is_a_sentenc
     symbols = [term.symbol for term in GLOSSARY.values() if term.symbol]
     assert len(set(names)) == len(names)
     assert len(set(symbols)) == len(symbols)
-    assert all(term.meaning.endswith(".") and term.meaning[0].isupper() for term in GLOSSARY.values())
+    assert all(
+        term.meaning.endswith(".") and term.meaning[0].isupper() for term in GLOSSARY.values()
+    )
 
 
 def test_the_page_of_concepts_is_up_to_date():

@@ -25,13 +25,29 @@ from wordcraft_kg.base.statistics import bootstrap
 from wordcraft_kg.evaluation.links import LinkView, summarise_links
 from wordcraft_kg.graphs import OpenedGraph, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import TrainSample
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
+from wordcraft_kg.graphs.triples import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    RELATIONS,
+    is_in,
+    recipe_triples,
+)
 from wordcraft_kg.models.links.records import TraceRow
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
+from wordcraft_kg.models.scorers.baselines import (
+    FrequencyScorer,
+    NeighbourScorer,
+    SymbolicScorer,
+    VoteScorer,
+)
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes
-from wordcraft_kg.models.scorers.ranking import RankingMetrics, random_metrics, rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.ranking import (
+    RankingMetrics,
+    random_metrics,
+    rank_triples,
+    ranking_metrics,
+)
 from wordcraft_kg.models.scorers.ranking import recipe_clusters as clusters_of
 from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.link_report import make_link_report
@@ -135,9 +151,12 @@ def test_the_reports_values_are_valid(values, full_report):
 
 
 @pytest.mark.parametrize("number", [float("nan"), float("inf"), 1.5, np.float64(0.5), "0.5", None])
-def test_a_report_with_a_value_that_its_type_does_not_have_is_not_written(kitchen_report, tmp_path, number):
+def test_a_report_with_a_value_that_its_type_does_not_have_is_not_written(
+    kitchen_report, tmp_path, number
+):
     broken = with_view(
-        kitchen_report, ties=msgspec.structs.replace(kitchen_report.view.ties, optimistic=RankingMetrics(number))
+        kitchen_report,
+        ties=msgspec.structs.replace(kitchen_report.view.ties, optimistic=RankingMetrics(number)),
     )
     with pytest.raises((ValueError, TypeError)):
         write_report(broken, tmp_path / "report")
@@ -151,14 +170,20 @@ def test_the_headline_is_the_filtered_ranking_of_unseen_triples(values, graph, s
     assert (values["triples"], values["queries"]) == (len(queries), 2 * len(queries))
 
 
-def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(values, kitchen_model, graph, split):
+def test_with_leaked_is_the_ranking_of_all_triples_of_the_test_recipes(
+    values, kitchen_model, graph, split
+):
     candidates = split.triples_of("test")
-    expected = as_values(ranking_metrics(rank_triples(kitchen_model.scorer, candidates, graph.triples)))
+    expected = as_values(
+        ranking_metrics(rank_triples(kitchen_model.scorer, candidates, graph.triples))
+    )
     assert values["with_leaked"] == pytest.approx(expected, rel=1e-12)
     assert values["leaked_left_out"] == len(candidates) - values["triples"] > 0
 
 
-def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_chance(values, graph, split):
+def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_chance(
+    values, graph, split
+):
     baselines = {
         "frequency": FrequencyScorer(graph, split.partial),
         "votes": VoteScorer(graph, split.recipes("train")),
@@ -169,23 +194,40 @@ def test_the_baselines_are_frequency_votes_and_neighbours_in_train_and_expected_
         ranks = rank_triples(scorer, split.held_out("test"), graph.triples)
         assert without_ci(values["baselines"][name]["all"]) == as_values(ranking_metrics(ranks))
     assert values["baselines"]["random"]["all"] == as_values(random_metrics(ranks))
-    assert set(values["baselines"]["frequency"]) == set(values["baselines"]["random"]) == set(values["metrics"])
+    assert (
+        set(values["baselines"]["frequency"])
+        == set(values["baselines"]["random"])
+        == set(values["metrics"])
+    )
 
 
 def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, split, ranks):
     comparisons = values["comparisons"]
-    mrr = {name: values["baselines"][name]["all"]["mrr"] for name in ("neighbours", "votes", "frequency", "random")}
+    mrr = {
+        name: values["baselines"][name]["all"]["mrr"]
+        for name in ("neighbours", "votes", "frequency", "random")
+    }
     assert [row["baseline"] for row in comparisons] == sorted(mrr, key=mrr.get, reverse=True)
     for row in comparisons:
-        assert row["difference"] == pytest.approx(values["metrics"]["all"]["mrr"] - mrr[row["baseline"]])
+        assert row["difference"] == pytest.approx(
+            values["metrics"]["all"]["mrr"] - mrr[row["baseline"]]
+        )
     # A slow bootstrap of the paired differences over recipes, by a generator of its own.
     test = split.held_out("test")
     own = 1 / ranks["rank"].to_numpy()
-    other = 1 / rank_triples(FrequencyScorer(graph, split.partial), test, graph.triples)["rank"].to_numpy()
+    other = (
+        1
+        / rank_triples(FrequencyScorer(graph, split.partial), test, graph.triples)[
+            "rank"
+        ].to_numpy()
+    )
     clusters = np.tile(clusters_of(graph, split.is_in("test"), test), 2)
     groups = [(own - other)[clusters == name] for name in np.unique(clusters)]
     distractor_seeds = np.random.default_rng(5).integers(len(groups), size=(2000, len(groups)))
-    means = [np.concatenate([groups[i] for i in distractor_seed]).mean() for distractor_seed in distractor_seeds]
+    means = [
+        np.concatenate([groups[i] for i in distractor_seed]).mean()
+        for distractor_seed in distractor_seeds
+    ]
     ci = next(row["ci"] for row in comparisons if row["baseline"] == "frequency")
     assert ci == pytest.approx(np.quantile(means, [0.025, 0.975]), abs=0.006)
 
@@ -198,11 +240,19 @@ def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, 
         (lambda graph, split: SymbolicScorer(graph, split.partial), "below", None),
     ],
 )
-def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(opened, make, verdict, baseline):
+def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(
+    opened, make, verdict, baseline
+):
     report = make_link_report(make(opened.graph, opened.split), opened)
     best = report.view.comparisons[0]
     assert (best.verdict, best.baseline) == (verdict, baseline or best.baseline)
-    assert best.ci[0] > 0 if verdict == "above" else best.ci[1] < 0 if verdict == "below" else best.ci == (0, 0)
+    assert (
+        best.ci[0] > 0
+        if verdict == "above"
+        else best.ci[1] < 0
+        if verdict == "below"
+        else best.ci == (0, 0)
+    )
     text = text_of(render(report))
     name = GLOSSARY[best.baseline].name
     assert f"{verdict.capitalize()} the best baseline , the {name}" in text
@@ -228,7 +278,9 @@ def test_drill_downs_part_the_queries_and_have_intervals(values):
 def test_the_slices_by_near_synonyms_are_ranked_apart(values, kitchen_report, graph, split, ranks):
     recipes = near_synonym_recipes(split, glove_features(graph.entities))
     repeated = {tuple(row) for row in recipe_triples(graph.recipes[recipes]).tolist()}
-    mask = np.array([tuple(row) in repeated for row in ranks[["head", "relation", "tail"]].to_numpy().tolist()])
+    mask = np.array(
+        [tuple(row) in repeated for row in ranks[["head", "relation", "tail"]].to_numpy().tolist()]
+    )
     with_one, without = values["drill_down"]["near_synonyms"]
     for row, name, part in (
         (with_one, "a train recipe with a near-synonym", ranks[mask]),
@@ -245,7 +297,9 @@ def test_without_any_near_synonym_there_is_no_slice_that_looks_like_a_clean_bill
 
 
 @pytest.mark.parametrize(("ends", "choose"), [("best", min), ("worst", max)])
-def test_best_and_worst_are_the_ends_of_the_ranking_with_each_fact_once(values, kitchen_report, ends, choose):
+def test_best_and_worst_are_the_ends_of_the_ranking_with_each_fact_once(
+    values, kitchen_report, ends, choose
+):
     def fact(row):
         pair = (row["head"], row["tail"])
         return row["relation"], *(sorted(pair) if row["relation"] == "combinesWith" else pair)
@@ -262,7 +316,9 @@ def test_perhaps_missing_lists_the_best_triples_that_the_graph_lacks(values, kit
     known = {tuple(triple) for triple in graph.triples.tolist()}
     table = kitchen_model.scorer.table(COMPONENT_OF)
     pairs = itertools.permutations(range(graph.num_entities), 2)
-    missing = sorted((float(table[h, t]) for h, t in pairs if (h, COMPONENT_OF, t) not in known), reverse=True)
+    missing = sorted(
+        (float(table[h, t]) for h, t in pairs if (h, COMPONENT_OF, t) not in known), reverse=True
+    )
     listed = [row for row in values["perhaps_missing"] if row["relation"] == "componentOf"]
     assert [row["score"] for row in listed] == pytest.approx(missing[: len(listed)])
     assert not known & {triple_of(graph, row) for row in values["perhaps_missing"]}
@@ -283,7 +339,9 @@ def test_self_edges_are_never_listed_as_missing(opened, graph):
 def test_the_summary_holds_the_headline_by_relation(values, kitchen_report):
     summary = summary_of(kitchen_report)
     for metric in ("mrr", "hits@1", "hits@3", "hits@10"):
-        assert summary[metric] == {name: values["metrics"][name][metric] for name in ("all", *RELATIONS)}
+        assert summary[metric] == {
+            name: values["metrics"][name][metric] for name in ("all", *RELATIONS)
+        }
     assert summary["mrr_with_leaked"] == values["with_leaked"]["mrr"]
     assert summary["leaked_left_out"] == values["leaked_left_out"]
     for name in ("frequency", "random"):
@@ -305,7 +363,9 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model, split, monkeyp
 
 
 def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model, split, monkeypatch):
-    given_away = next(t for t in split.held_out("test").tolist() if t[1] == COMBINES_WITH and t[0] != t[2])
+    given_away = next(
+        t for t in split.held_out("test").tolist() if t[1] == COMBINES_WITH and t[0] != t[2]
+    )
     # The mirror is put into train, and the triple itself remains the only one of the two that is evaluated.
     partial = np.concatenate([split.partial, [given_away[::-1]]])
     test = np.array([t for t in split.held_out("test").tolist() if t != given_away[::-1]])
@@ -379,7 +439,10 @@ def test_the_page_is_balanced_and_needs_nothing_from_elsewhere(html):
     assert Page("<div>").open
     loading = {"src", "href", "xlink:href", "srcset", "action", "data", "poster"}
     links = {value for _, name, value in page.attributes if name in loading}
-    assert {link for link in links if not link.startswith(("data:", "#"))} == {"report.json", "ranks.csv"}
+    assert {link for link in links if not link.startswith(("data:", "#"))} == {
+        "report.json",
+        "ranks.csv",
+    }
     assert re.findall(r"url\(|@import", html) == []
     assert not {"link", "iframe", "object", "embed", "base"} & set(page.tags)
 
@@ -424,7 +487,11 @@ def test_words_with_a_tooltip_are_explained_at_the_end_and_pictures_have_a_descr
     assert len(meanings) > 8
     assert all(f"<dd>{meaning}</dd>" in terms for meaning in meanings)
     page = Page(html)
-    described = [value for tag, name, value in page.attributes if (tag, name) == ("svg", "aria-label") and value]
+    described = [
+        value
+        for tag, name, value in page.attributes
+        if (tag, name) == ("svg", "aria-label") and value
+    ]
     assert len(described) == page.tags.count("svg") > 0
     assert "img" not in page.tags
 
@@ -443,18 +510,25 @@ def test_a_failed_check_is_shown(kitchen_report):
     passed = kitchen_report.view.checks
     for check in passed:
         failed = [msgspec.structs.replace(other, passed=other is not check) for other in passed]
-        assert f"FAIL {check.name}" in text_of(render(with_view(kitchen_report, checks=tuple(failed))))
+        assert f"FAIL {check.name}" in text_of(
+            render(with_view(kitchen_report, checks=tuple(failed)))
+        )
 
 
 def test_the_page_shows_the_curves_of_the_training(kitchen_model):
-    trace = [TraceRow(epoch=1, loss=3.0, seconds=0.1), TraceRow(epoch=2, loss=2.0, valid_mrr=0.25, seconds=0.1)]
+    trace = [
+        TraceRow(epoch=1, loss=3.0, seconds=0.1),
+        TraceRow(epoch=2, loss=2.0, valid_mrr=0.25, seconds=0.1),
+    ]
     report, without = made(kitchen_model, trace=trace), made(kitchen_model, trace=trace[:1])
     assert {"loss", "valid"} & report.pictures.keys() == {"loss", "valid"}
     assert {"loss", "valid"} & without.pictures.keys() == {"loss"}
     assert "validation MRR" in text_of(render(report))
 
 
-def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(kitchen_model, kitchen_report, graph, monkeypatch):
+def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(
+    kitchen_model, kitchen_report, graph, monkeypatch
+):
     monkeypatch.setattr("wordcraft_kg.evaluation.ranked_links.MAP_LIMIT", graph.num_entities - 1)
     report = made(kitchen_model)
     assert report.view.without_pairs
@@ -465,10 +539,16 @@ def test_a_large_graph_has_a_report_that_says_what_it_leaves_out(kitchen_model, 
     assert [note in text_of(render(one)) for one in (kitchen_report, report)] == [False, True]
 
 
-def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(kitchen_model, split):
+def test_of_more_queries_than_asked_for_a_uniform_sample_is_ranked_and_said_so(
+    kitchen_model, split
+):
     held_out = split.held_out("test")
     report = made(kitchen_model, max_queries=80)
-    assert (report.view.queries, report.view.triples, report.view.sampled_from) == (80, 40, len(held_out))
+    assert (report.view.queries, report.view.triples, report.view.sampled_from) == (
+        80,
+        40,
+        len(held_out),
+    )
     assert {table["all"].queries for table in report.view.baselines.values()} == {80}
     assert len(report.tables["ranks.csv"]) == 80
     assert f"a uniform sample: 40 of {len(held_out)}" in render(report)
@@ -496,7 +576,9 @@ def test_labels_are_escaped_wherever_they_are_shown(awkward_graph, tmp_path):
     page = Page(html)
     assert (page.faults, page.open) == ([], [])
     assert "i" not in page.tags
-    assert [script for script in re.findall(r"<script[^>]*>", html) if "json" not in script] == ["<script>"]
+    assert [script for script in re.findall(r"<script[^>]*>", html) if "json" not in script] == [
+        "<script>"
+    ]
     assert any(graph.entities[0] in text for text in page.text)
     assert html.count("&lt;i&gt;&amp;") > 10
     assert "&amp;lt;" not in html
@@ -507,31 +589,48 @@ def test_labels_are_escaped_wherever_they_are_shown(awkward_graph, tmp_path):
 
 
 def test_a_report_is_three_files(report_folder, kitchen_report):
-    assert sorted(path.name for path in report_folder.iterdir()) == ["index.html", "ranks.csv", "report.json"]
+    assert sorted(path.name for path in report_folder.iterdir()) == [
+        "index.html",
+        "ranks.csv",
+        "report.json",
+    ]
     written = json.loads((report_folder / "report.json").read_text(encoding="utf-8"))
     SCHEMA.validate(written)
     assert written == values_of(kitchen_report)
 
 
-def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(report_folder, values, graph, split):
+def test_the_table_of_ranks_has_a_row_a_query_and_gives_the_headline(
+    report_folder, values, graph, split
+):
     ranks = pd.read_csv(report_folder / "ranks.csv", keep_default_na=False)
     assert len(ranks) == values["queries"]
     assert (1 / ranks["rank"]).mean() == pytest.approx(values["metrics"]["all"]["mrr"], rel=1e-6)
     for relation in RELATIONS:
         part = ranks[ranks["relation"] == relation]
-        assert (1 / part["rank"]).mean() == pytest.approx(values["metrics"][relation]["mrr"], rel=1e-6)
+        assert (1 / part["rank"]).mean() == pytest.approx(
+            values["metrics"][relation]["mrr"], rel=1e-6
+        )
 
-    named = {triple_of(graph, row) for row in ranks[["head", "relation", "tail"]].to_dict("records")}
+    named = {
+        triple_of(graph, row) for row in ranks[["head", "relation", "tail"]].to_dict("records")
+    }
     assert named == {tuple(triple) for triple in split.held_out("test").tolist()}
     assert set(ranks["side"]) == {"head", "tail"}
 
 
 @pytest.mark.usefixtures("whole")
 def test_the_same_inputs_give_the_same_bytes(kitchen_model, report_folder, tmp_path):
-    again = made(kitchen_model, name="kitchen", provenance=kitchen_model.provenance, trace=kitchen_model.trace)
+    again = made(
+        kitchen_model,
+        name="kitchen",
+        provenance=kitchen_model.provenance,
+        trace=kitchen_model.trace,
+    )
     write_report(again, tmp_path / "report")
     for name in ("report.json", "ranks.csv", "index.html"):
-        assert (tmp_path / "report" / name).read_bytes() == (report_folder / name).read_bytes(), name
+        assert (tmp_path / "report" / name).read_bytes() == (report_folder / name).read_bytes(), (
+            name
+        )
 
 
 @pytest.mark.usefixtures("whole")
@@ -553,7 +652,9 @@ def test_making_a_report_leaves_the_global_generators_as_they_were(kitchen_model
 
 
 @pytest.mark.parametrize("end", [OutputExistsError, KeyboardInterrupt, None])
-def test_a_report_is_replaced_by_a_whole_one_on_force_alone(kitchen_report, full_report, tmp_path, monkeypatch, end):
+def test_a_report_is_replaced_by_a_whole_one_on_force_alone(
+    kitchen_report, full_report, tmp_path, monkeypatch, end
+):
     write_report(kitchen_report, tmp_path / "report")
     if end is KeyboardInterrupt:
         monkeypatch.setattr("wordcraft_kg.reports.pages.render", Mock(side_effect=end))
@@ -569,35 +670,54 @@ def test_a_cross_fitted_model_shows_in_sample_and_left_out_figures_and_probabili
 ):
     memory, record = values["in_sample"], kitchen_model.scorer.record
     expected = {"folds": 5, "queries": record.queries, "in_sample_mrr": record.in_sample_mrr}
-    assert memory == {**expected, "left_out_mrr": record.mrr, "test_mrr": values["metrics"]["all"]["mrr"]}
+    assert memory == {
+        **expected,
+        "left_out_mrr": record.mrr,
+        "test_mrr": values["metrics"]["all"]["mrr"],
+    }
     assert memory["in_sample_mrr"] > memory["left_out_mrr"] + 0.2
     html = " ".join(render(kitchen_report).split())
-    assert all(text in html for text in ("Memory and generalisation", "with the entity itself has the base rate"))
+    assert all(
+        text in html
+        for text in ("Memory and generalisation", "with the entity itself has the base rate")
+    )
     for other in (whole_report, full_report):
         assert (other.view.in_sample, other.view.probabilities) == (None, ())
         html = render(other)
         assert not any(text in html for text in ("Memory and generalisation", ">Probabilities<"))
 
 
-def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(kitchen_model, values, graph, split):
-    known, given = ({tuple(row) for row in triples.tolist()} for triples in (split.partial, graph.triples))
+def test_predicted_probabilities_are_compared_with_the_recipes_outside_train(
+    kitchen_model, values, graph, split
+):
+    known, given = (
+        {tuple(row) for row in triples.tolist()} for triples in (split.partial, graph.triples)
+    )
     rows, entities = values["probabilities"], range(graph.num_entities)
     expected = list(itertools.product(RELATIONS, ("distinct", "itself")))
     assert [(row["relation"], row["pairs"]) for row in rows] == expected
     for row in rows:
         relation, of_itself = RELATIONS.index(row["relation"]), row["pairs"] == "itself"
-        pairs = [(head, tail) for head in entities for tail in (entities if relation else range(head + 1))]
+        pairs = [
+            (head, tail)
+            for head in entities
+            for tail in (entities if relation else range(head + 1))
+        ]
         triples = [(head, relation, tail) for head, tail in pairs if (head == tail) == of_itself]
         triples = [triple for triple in triples if triple not in known]
         chances = kitchen_model.scorer.probability(*torch.tensor(triples).T).double().numpy()
         is_true = np.array([triple in given for triple in triples])
         assert (row["triples"], row["observed"]) == (len(triples), is_true.sum())
         assert row["expected"] == pytest.approx(chances.sum())
-        assert row["log_loss"] == pytest.approx(-np.log(np.where(is_true, chances, 1 - chances)).mean())
+        assert row["log_loss"] == pytest.approx(
+            -np.log(np.where(is_true, chances, 1 - chances)).mean()
+        )
         base = np.where(is_true, row["base_rate"], 1 - row["base_rate"])
         assert row["base_log_loss"] == pytest.approx(-np.log(base).mean())
         assert sum(found["triples"] for found in row["bins"]) == len(triples)
-        assert sum(found["triples"] * found["observed"] for found in row["bins"]) == pytest.approx(is_true.sum())
+        assert sum(found["triples"] * found["observed"] for found in row["bins"]) == pytest.approx(
+            is_true.sum()
+        )
         assert all(found["low"] <= found["observed"] <= found["high"] for found in row["bins"])
         means = [found["probability"] for found in row["bins"]]
         assert means == sorted(means)

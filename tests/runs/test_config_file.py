@@ -26,7 +26,9 @@ def written(features, folder):
     return str(read_config(folder)[1]["features"])
 
 
-@pytest.mark.parametrize("name", ["glove", "one-hot", "random", "learned", "shuffled:glove", "shuffled:learned"])
+@pytest.mark.parametrize(
+    "name", ["glove", "one-hot", "random", "learned", "shuffled:glove", "shuffled:learned"]
+)
 def test_a_name_of_features_stays_though_a_file_is_called_so(folder, name):
     Path(name.removeprefix("shuffled:")).write_text("a file of mine")
     assert written(name, folder) == name
@@ -62,10 +64,16 @@ def test_a_spec_of_features_is_a_name_or_a_path(text, source, is_path):
     [
         LinksConfig("kitchen"),
         LinksConfig("kitchen", ComplExConfig(n3=1e-17, init_scale=0.1 + 0.2, learning_rate=1 / 3)),
-        LinksConfig('a graph with "quotes" and ⚗', LinkModelConfig(model="tucker", loop="symmetric")),
+        LinksConfig(
+            'a graph with "quotes" and ⚗', LinkModelConfig(model="tucker", loop="symmetric")
+        ),
         AgentConfig("kitchen"),
         AgentConfig(
-            "kitchen", "models/x", TaskConfig(max_attempts=3), PolicyConfig(kg_only=True), ImpalaConfig(seed=7)
+            "kitchen",
+            "models/x",
+            TaskConfig(max_attempts=3),
+            PolicyConfig(kg_only=True),
+            ImpalaConfig(seed=7),
         ),
     ],
     ids=lambda config: type(config).__name__,
@@ -110,7 +118,12 @@ def test_a_setting_of_another_type_or_out_of_range_is_named(folder, line, proble
 
 @pytest.mark.parametrize(
     "policy",
-    [PolicyConfig(use="u"), PolicyConfig(kg_only=True), PolicyConfig(scale="none"), PolicyConfig(self_edges="keep")],
+    [
+        PolicyConfig(use="u"),
+        PolicyConfig(kg_only=True),
+        PolicyConfig(scale="none"),
+        PolicyConfig(self_edges="keep"),
+    ],
     ids=str,
 )
 def test_settings_of_a_scorer_need_a_scorer(policy):

@@ -25,14 +25,20 @@ class Light:
         if self.how == "takes long":
             time.sleep(60)
         if self.how != "works":
-            raise ConfigError("`dim` 0") if self.how == "refuses" else ValueError("the oven is broken")
+            raise (
+                ConfigError("`dim` 0")
+                if self.how == "refuses"
+                else ValueError("the oven is broken")
+            )
         after(2)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_all_jobs_are_done_and_say_how_far_they_are(workers):
     noted = []
-    train_in_processes([Light(0), Light(1), Light(2)], workers, lambda *message: noted.append(message))
+    train_in_processes(
+        [Light(0), Light(1), Light(2)], workers, lambda *message: noted.append(message)
+    )
     assert sorted(filter(None, noted)) == [(fold, epoch) for fold in range(3) for epoch in (1, 2)]
 
 

@@ -14,7 +14,15 @@ import numpy as np
 import plain_run
 import pytest
 
-from wordcraft_kg import AgentConfig, ComplExConfig, ImpalaConfig, LinksConfig, TaskConfig, train_agent, train_links
+from wordcraft_kg import (
+    AgentConfig,
+    ComplExConfig,
+    ImpalaConfig,
+    LinksConfig,
+    TaskConfig,
+    train_agent,
+    train_links,
+)
 from wordcraft_kg.agents.agent_folder import AGENTS
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
@@ -54,7 +62,11 @@ def learned(folder):
     """The hashes of a run's outputs that hold no time of the training, and the figures that are no speed."""
     outputs = read_run(folder).outputs
     weights = {name: value for name, value in outputs.items() if name.endswith(".safetensors")}
-    lines = [json.loads(line) for path in folder.glob("*.jsonl") for line in path.read_text().splitlines()]
+    lines = [
+        json.loads(line)
+        for path in folder.glob("*.jsonl")
+        for line in path.read_text().splitlines()
+    ]
     return {**weights, "": [{key: row[key] for key in row if "second" not in key} for row in lines]}
 
 
@@ -106,7 +118,9 @@ def test_a_finished_run_has_results_instead_of_checkpoints(trainer, tmp_path):
         pass
 
 
-def test_checkpoints_of_a_run_killed_after_its_last_record_leave_with_the_next_command(trainer, tmp_path):
+def test_checkpoints_of_a_run_killed_after_its_last_record_leave_with_the_next_command(
+    trainer, tmp_path
+):
     folder = trainer.train(tmp_path / "run").folder
     (folder / "checkpoints").mkdir()
     with pytest.raises(OutputExistsError):
@@ -120,14 +134,19 @@ def test_checkpoints_of_a_run_killed_after_its_last_record_leave_with_the_next_c
 
 def test_a_run_is_on_record_in_its_own_folder_from_the_start(trainer, tmp_path):
     seen = []
-    trainer.train(tmp_path / "run", progress=after(trainer.numbers[0], lambda: seen.append(read_run(tmp_path / "run"))))
+    trainer.train(
+        tmp_path / "run",
+        progress=after(trainer.numbers[0], lambda: seen.append(read_run(tmp_path / "run"))),
+    )
     assert [run.status for run in seen] == ["running"]
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, whole):
     handler = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*Repeat the command"):
+    with pytest.raises(
+        KeyboardInterrupt, match=rf"{trainer.kind.unit} \d+ is saved.*Repeat the command"
+    ):
         trainer.train(tmp_path / "run", progress=after(trainer.numbers[3], lambda: ctrl_c(2)))
     assert signal.getsignal(signal.SIGINT) is handler
     assert read_run(tmp_path / "run").status == "interrupted"
@@ -146,8 +165,14 @@ def test_a_run_interrupted_more_than_once_keeps_two_checkpoints_and_ends_with_th
 
 
 @pytest.mark.parametrize("is_finished", [True, False])
-def test_forced_training_starts_anew_and_goes_on_as_the_new_run(trainer, tmp_path, whole, is_finished):
-    out = trainer.train(tmp_path / "run", seed=1).folder if is_finished else interrupted(trainer, tmp_path / "run")
+def test_forced_training_starts_anew_and_goes_on_as_the_new_run(
+    trainer, tmp_path, whole, is_finished
+):
+    out = (
+        trainer.train(tmp_path / "run", seed=1).folder
+        if is_finished
+        else interrupted(trainer, tmp_path / "run")
+    )
     assert learned(trainer.train(interrupted(trainer, out, force=True)).folder) == whole
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
@@ -195,7 +220,9 @@ def disk_full(monkeypatch, number):
     monkeypatch.setattr(Checkpoints, "save", full)
 
 
-def test_a_replaced_run_comes_back_if_the_new_one_leaves_nothing(trainer, tmp_path, whole, monkeypatch):
+def test_a_replaced_run_comes_back_if_the_new_one_leaves_nothing(
+    trainer, tmp_path, whole, monkeypatch
+):
     trainer.train(tmp_path / "run")
     disk_full(monkeypatch, 0)
     with pytest.raises(OSError, match="No space"):
@@ -209,14 +236,17 @@ def test_a_full_disk_loses_nothing_that_was_safe(trainer, tmp_path, whole, monke
     with monkeypatch.context() as patch:
         disk_full(patch, full)
         with pytest.raises(
-            ArtefactError, match=rf"No space left.*{trainer.kind.unit} {last} is safe.*repeat the command"
+            ArtefactError,
+            match=rf"No space left.*{trainer.kind.unit} {last} is safe.*repeat the command",
         ):
             trainer.train(tmp_path / "run")
     assert learned(trainer.train(tmp_path / "run").folder) == whole
 
 
 @pytest.mark.parametrize("what", ["tensors", "record", "missing", "another kind"])
-def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(trainer, tmp_path, whole, caplog, what):
+def test_a_damaged_checkpoint_falls_back_to_the_one_before_and_says_so(
+    trainer, tmp_path, whole, caplog, what
+):
     folder = interrupted(trainer, tmp_path / "run")
     last, before = trainer.kind.checkpoints(folder).records().values()
     tensors = last.with_suffix(".safetensors")
@@ -245,7 +275,9 @@ def test_a_run_without_a_whole_checkpoint_is_an_error_that_changes_nothing(train
 def test_a_run_that_goes_on_with_another_torch_says_so(trainer, tmp_path, caplog):
     folder = interrupted(trainer, tmp_path / "run")
     run = json.loads((folder / "run.json").read_text())
-    (folder / "run.json").write_text(json.dumps({**run, "versions": {**run["versions"], "torch": "0.1"}}))
+    (folder / "run.json").write_text(
+        json.dumps({**run, "versions": {**run["versions"], "torch": "0.1"}})
+    )
     trainer.train(folder)
     assert "began with torch 0.1" in caplog.text
 
@@ -298,7 +330,9 @@ def resume_killed(folder):
     ],
     ids=["the next one fails", "the next one ends", "resumed without a checkpoint"],
 )
-def test_what_a_killed_run_was_to_replace_comes_back_unless_it_is_replaced_after_all(killed, act, error, result):
+def test_what_a_killed_run_was_to_replace_comes_back_unless_it_is_replaced_after_all(
+    killed, act, error, result
+):
     with pytest.raises((RuntimeError, ArtefactError), match=error) if error else nullcontext():
         act(killed)
     assert (killed / "result").read_text() == result
@@ -309,7 +343,9 @@ BEGINNINGS = ["before the first file", "while the first file is written"]
 
 
 @pytest.mark.parametrize("moment", BEGINNINGS)
-def test_a_trainer_starts_again_where_it_was_killed_before_the_first_record(trainer, tmp_path, whole, moment):
+def test_a_trainer_starts_again_where_it_was_killed_before_the_first_record(
+    trainer, tmp_path, whole, moment
+):
     folder = kill(moment, tmp_path / "run")
     assert not (folder / "run.json").exists()
     assert learned(trainer.train(folder).folder) == whole
@@ -354,9 +390,29 @@ def test_a_first_run_that_fails_leaves_nothing(tmp_path):
 
 COMMAND = "import sys; from wordcraft_kg.cli import main; sys.exit(main(sys.argv[1:]))"
 LONG = {
-    "train-complex": ("--epochs", 15, "--dim", 32, "--n3", 0.1, "--folds", 2, "--checkpoint-every", 5),
+    "train-complex": (
+        "--epochs",
+        15,
+        "--dim",
+        32,
+        "--n3",
+        0.1,
+        "--folds",
+        2,
+        "--checkpoint-every",
+        5,
+    ),
     "train-recipes": ("--folds", 3, "--train-fraction", 0.3),
-    "train-agent": ("--distractors", 4, "--steps", 200_000, "--checkpoint-every", 5_000, "--eval-every", 50_000),
+    "train-agent": (
+        "--distractors",
+        4,
+        "--steps",
+        200_000,
+        "--checkpoint-every",
+        5_000,
+        "--eval-every",
+        50_000,
+    ),
 }
 
 
@@ -366,8 +422,12 @@ def start(*arguments):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("command", "moments"), [("train-complex", 10), ("train-recipes", 5), ("train-agent", 20)])
-def test_a_run_killed_at_random_moments_ends_with_the_bits_of_an_undisturbed_one(tmp_path, command, moments):
+@pytest.mark.parametrize(
+    ("command", "moments"), [("train-complex", 10), ("train-recipes", 5), ("train-agent", 20)]
+)
+def test_a_run_killed_at_random_moments_ends_with_the_bits_of_an_undisturbed_one(
+    tmp_path, command, moments
+):
     """Several runs, if need be: one ends after a few kills. A process may also be killed when its work is done."""
     rng, whole, began = np.random.default_rng(0), tmp_path / "whole", time.monotonic()
     assert start(command, "everyday", *LONG[command], "--out", whole).wait() == 0

@@ -27,7 +27,13 @@ def finished(folder):
 def test_a_run_is_on_record_while_it_runs(folder):
     run = start_run(folder, "train-complex", seed=3)
     assert read_run(folder) == run
-    assert (run.kind, run.status, run.seed, run.ended, run.outputs) == ("train-complex", "running", 3, None, {})
+    assert (run.kind, run.status, run.seed, run.ended, run.outputs) == (
+        "train-complex",
+        "running",
+        3,
+        None,
+        {},
+    )
 
 
 def test_a_run_that_ended_has_the_hashes_of_its_outputs(folder):
@@ -45,9 +51,19 @@ def test_a_run_says_with_which_versions_it_was_made(folder):
 
 def test_the_home_folder_in_arguments_becomes_a_tilde(folder, monkeypatch):
     monkeypatch.setenv("HOME", "/homes/somebody")
-    arguments = ["/homes/somebody/bin/wordcraft-kg", "build", "/homes/somebody/graphs", "--out=/homes/somebody/m"]
+    arguments = [
+        "/homes/somebody/bin/wordcraft-kg",
+        "build",
+        "/homes/somebody/graphs",
+        "--out=/homes/somebody/m",
+    ]
     monkeypatch.setattr(sys, "argv", arguments)
-    assert start_run(folder, "train-complex").argv == ("wordcraft-kg", "build", "~/graphs", "--out=~/m")
+    assert start_run(folder, "train-complex").argv == (
+        "wordcraft-kg",
+        "build",
+        "~/graphs",
+        "--out=~/m",
+    )
 
 
 def test_no_host_or_user_name_goes_into_a_record(folder, monkeypatch):
@@ -70,7 +86,17 @@ def test_a_run_that_is_not_done_is_refused_with_its_status(folder, status):
 
 
 @pytest.mark.parametrize(
-    "text", [b"", b"{", b"[]", b"{}", b'{"format": "something else 1"}', b"3", b"null", b'{"format": "\xff"}']
+    "text",
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"{}",
+        b'{"format": "something else 1"}',
+        b"3",
+        b"null",
+        b'{"format": "\xff"}',
+    ],
 )
 def test_something_else_than_a_run_record_is_refused(folder, text):
     (folder / "run.json").write_bytes(text)
@@ -79,7 +105,8 @@ def test_something_else_than_a_run_record_is_refused(folder, text):
 
 
 @pytest.mark.parametrize(
-    ("name", "data"), [*(("weights", data) for data in (b"", b"ab", b"abd", b"abcd")), ("other", b"abc")]
+    ("name", "data"),
+    [*(("weights", data) for data in (b"", b"ab", b"abd", b"abcd")), ("other", b"abc")],
 )
 def test_bytes_that_differ_or_that_the_record_does_not_know_are_refused(folder, name, data):
     files = RunFiles(folder, finished(folder))

@@ -8,14 +8,24 @@ import pytest
 from refusals import refuses
 from resumption import resume
 
-from wordcraft_kg import AgentConfig, ComplExConfig, ImpalaConfig, LinksConfig, train_agent, train_links
+from wordcraft_kg import (
+    AgentConfig,
+    ComplExConfig,
+    ImpalaConfig,
+    LinksConfig,
+    train_agent,
+    train_links,
+)
 from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.runs.trackers import TRACKERS
 
 LINKS = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=3, checkpoint_every=1, folds=0))
 AGENT = AgentConfig(
-    "kitchen", trainer=ImpalaConfig(steps=1_600, batch_size=16, log_every=400, eval_every=800, checkpoint_every=400)
+    "kitchen",
+    trainer=ImpalaConfig(
+        steps=1_600, batch_size=16, log_every=400, eval_every=800, checkpoint_every=400
+    ),
 )
 
 
@@ -55,7 +65,9 @@ def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path):
     expected = lines(tmp_path / "run/metrics.jsonl")
     assert [step for step, _ in notes.rows] == [row["step"] for row in expected]
     for (_, values), row in zip(notes.rows, expected, strict=True):
-        assert values == {name: value for name, value in row.items() if name != "step" and value is not None}
+        assert values == {
+            name: value for name, value in row.items() if name != "step" and value is not None
+        }
     assert notes.ended == ["done"]
     assert {"success", "test_success", "train_success"} <= notes.rows[-1][1].keys()
 
@@ -71,7 +83,9 @@ def test_a_tracker_of_ones_own_gets_each_epoch_of_a_link_predictor(tmp_path, par
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("train", "config", "stop"), [(train_links, LINKS, 1), (train_agent, AGENT, 800)])
+@pytest.mark.parametrize(
+    ("train", "config", "stop"), [(train_links, LINKS, 1), (train_agent, AGENT, 800)]
+)
 def test_a_resumed_run_continues_where_the_interrupted_one_ended(train, config, stop, tmp_path):
     one, other, whole = Notes(), Notes(), Notes()
     assert train(config, tmp_path / "run", trackers=[one], progress=stop_at(stop)).interrupted
@@ -80,7 +94,10 @@ def test_a_resumed_run_continues_where_the_interrupted_one_ended(train, config, 
     assert (one.ended, other.ended) == (["interrupted"], ["done"])
     timed = ("seconds", "steps_per_second")
     both, once = (
-        [(step, {name: value for name, value in values.items() if name not in timed}) for step, values in rows]
+        [
+            (step, {name: value for name, value in values.items() if name not in timed})
+            for step, values in rows
+        ]
         for rows in (one.rows + other.rows, whole.rows)
     )
     assert both == once
@@ -102,7 +119,9 @@ def test_a_tracker_learns_that_a_run_has_failed(tmp_path):
 def test_trackers_do_not_change_what_is_trained(tmp_path):
     for name, trackers in (("with", [Notes()]), ("without", [])):
         train_links(LINKS, tmp_path / name, trackers=trackers)
-    one, other = (read_run(tmp_path / name).outputs["model.safetensors"] for name in ("with", "without"))
+    one, other = (
+        read_run(tmp_path / name).outputs["model.safetensors"] for name in ("with", "without")
+    )
     assert one == other
 
 
@@ -114,7 +133,9 @@ def test_an_unknown_tracker_is_an_error_with_the_nearest_names(tmp_path):
 
 @pytest.mark.parametrize("name", TRACKERS)
 @pytest.mark.parametrize("train", [train_links, train_agent])
-def test_a_missing_library_is_an_error_that_names_the_extra_and_leaves_nothing(train, name, tmp_path, monkeypatch):
+def test_a_missing_library_is_an_error_that_names_the_extra_and_leaves_nothing(
+    train, name, tmp_path, monkeypatch
+):
     monkeypatch.setitem(sys.modules, TRACKERS[name].library, None)
     with pytest.raises(MissingExtraError, match=rf"pip install '{name}>="):
         train(LINKS if train is train_links else AGENT, tmp_path / "run", trackers=[name])
@@ -129,7 +150,8 @@ def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(tmp_
     def init(**options):
         begun.append(options)
         return SimpleNamespace(
-            log=lambda values, step: rows.append((step, values)), finish=lambda exit_code: ended.append(exit_code)
+            log=lambda values, step: rows.append((step, values)),
+            finish=lambda exit_code: ended.append(exit_code),
         )
 
     stand_in = SimpleNamespace(Settings=lambda **settings: settings, init=init)

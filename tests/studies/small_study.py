@@ -50,7 +50,9 @@ RUN_FIGURES = RunFigures(
     steps=10,
     steps_per_second=10,
 )
-SCORER_FIGURES = ScorerFigures(seconds=1.0, versions={"torch": "2"}, platform="here", mrr=0.5, kg="partial")
+SCORER_FIGURES = ScorerFigures(
+    seconds=1.0, versions={"torch": "2"}, platform="here", mrr=0.5, kg="partial"
+)
 
 
 def pretend(task, root):

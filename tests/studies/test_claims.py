@@ -20,21 +20,31 @@ def a_run(variant, success, *, distractors=8, seed=0, curve=(), same_twice=0.0, 
     rates = np.random.default_rng([seed, distractors, len(variant)]).random((tasks, 5))
     won = "".join(map(str, (rates < success).sum(1)))
     curve = curve or ((0, 0.0), (100, success / 2), (1000, success))
-    (run,) = fabricate([({"distractors": distractors}, {variant: [won]})], curves={variant: [curve]}).runs
-    return msgspec.structs.replace(run, seed=seed, terminations={"same_twice": same_twice}, steps=1000)
+    (run,) = fabricate(
+        [({"distractors": distractors}, {variant: [won]})], curves={variant: [curve]}
+    ).runs
+    return msgspec.structs.replace(
+        run, seed=seed, terminations={"same_twice": same_twice}, steps=1000
+    )
 
 
 def results_of(*runs, points=(8,), claims=(), missing=()):
     variants = {"left": {}, "right": {"features": "random"}}
     study = Study("Fabricated", variants, grid={"distractors": list(points)}, claims=list(claims))
     results = fabricate({})
-    graphs = (*results.graphs, msgspec.structs.replace(results.graphs[0], kind="by-goal", split="c" * 64))
+    graphs = (
+        *results.graphs,
+        msgspec.structs.replace(results.graphs[0], kind="by-goal", split="c" * 64),
+    )
     return msgspec.structs.replace(results, study=study, graphs=graphs, runs=runs, missing=missing)
 
 
 def both(left, right, *, seeds=3, points=(8,), **of_left):
     """Return results with success of the left and of the right variant at each point."""
-    ours, theirs = (dict.fromkeys(points, value) if isinstance(value, float) else value for value in (left, right))
+    ours, theirs = (
+        dict.fromkeys(points, value) if isinstance(value, float) else value
+        for value in (left, right)
+    )
     runs = [
         a_run(variant, success[point], distractors=point, seed=seed, **more)
         for point, seed in product(points, range(seeds))
@@ -71,7 +81,12 @@ def test_a_verdict_follows_from_where_the_interval_lies(left, right, changed, ex
 
 
 OF_VALUE = {"right": "", "expected": "less"}
-OTHER_POINT = {"right": "left", "expected": "less", "at": {"distractors": 8}, "right_at": {"distractors": 1}}
+OTHER_POINT = {
+    "right": "left",
+    "expected": "less",
+    "at": {"distractors": 8},
+    "right_at": {"distractors": 1},
+}
 EARLY = {"curve": ((0, 0.9), (110, 0.5), (1000, 0.3))}
 
 
@@ -80,16 +95,40 @@ EARLY = {"curve": ((0, 0.9), (110, 0.5), (1000, 0.3))}
     [
         pytest.param((0.33, 0.3), {"seeds": 2}, {}, "undecided", id="too wide"),
         pytest.param((1.0, 1.0), {}, {}, "not reproduced", id="smaller than two hundredths"),
-        pytest.param((1.0, 1.0), {}, {"expected": "less"}, "not reproduced", id="the same for less"),
-        pytest.param((0.9, 0.1), {}, {**OF_VALUE, "than": 1.0, "by": 0.02}, "reproduced", id="value"),
-        pytest.param((0.9, 0.1), {}, {"right": "", "than": 0.95}, "not reproduced", id="larger value"),
-        pytest.param(({8: 0.3, 1: 0.6}, 0.4), {"points": (8, 1)}, OTHER_POINT, "reproduced", id="another point"),
-        pytest.param((0.3, 0.3), EARLY, {"measure": "early"}, "reproduced", id="nearest to a tenth of the steps"),
-        pytest.param((0.6, 0.3), {"seeds": 1}, {}, "undecided", id="one seed, though sure over tasks"),
-        pytest.param((0.6, 0.3), {"seeds": 1}, {"measure": "early"}, "undecided", id="one seed, early"),
+        pytest.param(
+            (1.0, 1.0), {}, {"expected": "less"}, "not reproduced", id="the same for less"
+        ),
+        pytest.param(
+            (0.9, 0.1), {}, {**OF_VALUE, "than": 1.0, "by": 0.02}, "reproduced", id="value"
+        ),
+        pytest.param(
+            (0.9, 0.1), {}, {"right": "", "than": 0.95}, "not reproduced", id="larger value"
+        ),
+        pytest.param(
+            ({8: 0.3, 1: 0.6}, 0.4),
+            {"points": (8, 1)},
+            OTHER_POINT,
+            "reproduced",
+            id="another point",
+        ),
+        pytest.param(
+            (0.3, 0.3),
+            EARLY,
+            {"measure": "early"},
+            "reproduced",
+            id="nearest to a tenth of the steps",
+        ),
+        pytest.param(
+            (0.6, 0.3), {"seeds": 1}, {}, "undecided", id="one seed, though sure over tasks"
+        ),
+        pytest.param(
+            (0.6, 0.3), {"seeds": 1}, {"measure": "early"}, "undecided", id="one seed, early"
+        ),
     ]
     + [
-        pytest.param((left, 0.4), {"points": (8, 1)}, {"expected": "varies"}, expected, id=f"varies {left}")
+        pytest.param(
+            (left, 0.4), {"points": (8, 1)}, {"expected": "varies"}, expected, id=f"varies {left}"
+        )
         for left, expected in (
             ({8: 0.6, 1: 0.2}, "reproduced"),
             ({8: 0.8, 1: 0.5}, "differs"),
@@ -98,7 +137,12 @@ EARLY = {"curve": ((0, 0.9), (110, 0.5), (1000, 0.3))}
         )
     ]
     + [
-        pytest.param((0.1, 0.4), {"same_twice": 0.7}, {"right": "", "than": than, "measure": "same_twice"}, expected)
+        pytest.param(
+            (0.1, 0.4),
+            {"same_twice": 0.7},
+            {"right": "", "than": than, "measure": "same_twice"},
+            expected,
+        )
         for than, expected in ((0.5, "reproduced"), (0.8, "not reproduced"))
     ],
 )
@@ -110,14 +154,21 @@ def test_amounts_at_two_points_are_compared_by_seed_and_task():
     at_8 = both(0.6, 0.4).runs
     lost = [(run, run.won if run.variant == "right" else "0" * 20 + run.won[20:]) for run in at_8]
     at_1 = [msgspec.structs.replace(run, values={"distractors": 1}, won=won) for run, won in lost]
-    (entry,) = check_claim(results_of(*at_8, *at_1, points=(8, 1)), msgspec.structs.replace(CLAIM, expected="varies"))
+    (entry,) = check_claim(
+        results_of(*at_8, *at_1, points=(8, 1)), msgspec.structs.replace(CLAIM, expected="varies")
+    )
     assert entry.measured[0].low < entry.measured[1].high
-    assert (entry.verdict, entry.why) == ("differs", "more at all 2 points, but by different amounts")
+    assert (entry.verdict, entry.why) == (
+        "differs",
+        "more at all 2 points, but by different amounts",
+    )
 
 
 def test_a_claim_about_all_points_is_judged_at_each():
     results = both({8: 0.6, 1: 0.3}, 0.4, points=(8, 1))
-    assert [(at.measured[0].values["distractors"], at.verdict) for at in check_claim(results, CLAIM)] == [
+    assert [
+        (at.measured[0].values["distractors"], at.verdict) for at in check_claim(results, CLAIM)
+    ] == [
         (8, "reproduced"),
         (1, "not reproduced"),
     ]
@@ -144,7 +195,11 @@ def test_the_interval_over_seeds_is_students():
     # t of 2 degrees of freedom at .975 is 4.302653; the deviation of .1, .2, .6 is sqrt(.07).
     half = 4.302653 * math.sqrt(0.07 / 3)
     (at,) = entry.measured
-    assert (at.low, at.high, entry.verdict) == (pytest.approx(0.3 - half), pytest.approx(0.3 + half), "undecided")
+    assert (at.low, at.high, entry.verdict) == (
+        pytest.approx(0.3 - half),
+        pytest.approx(0.3 + half),
+        "undecided",
+    )
 
 
 LOST = Missing("right", {"distractors": 8}, 0, "the disk was full")
@@ -156,7 +211,11 @@ ON_ANOTHER_SPLIT = msgspec.structs.replace(a_run("right", 0.5), graph=1)
     [
         (results_of(a_run("left", 0.5), missing=(LOST,)), {}, "the disk was full"),
         (both(0.6, 0.3), {"distractors": 2}, "the study has no results at such points"),
-        (results_of(a_run("left", 0.5, tasks=10), a_run("right", 0.5, tasks=11)), {}, "different tasks"),
+        (
+            results_of(a_run("left", 0.5, tasks=10), a_run("right", 0.5, tasks=11)),
+            {},
+            "different tasks",
+        ),
         (results_of(a_run("left", 0.5), ON_ANOTHER_SPLIT), {}, "different tasks"),
     ],
     ids=["missing", "no such point", "other tasks", "as many tasks of another split"],
@@ -168,14 +227,19 @@ def test_a_claim_that_was_not_run_says_why(results, at, why):
 
 
 def test_only_seeds_that_both_have_are_compared():
-    runs = [a_run("left", 0.6, seed=seed) for seed in (0, 1)] + [a_run("right", 0.3, seed=seed) for seed in (1, 2)]
+    runs = [a_run("left", 0.6, seed=seed) for seed in (0, 1)] + [
+        a_run("right", 0.3, seed=seed) for seed in (1, 2)
+    ]
     (entry,) = check_claim(results_of(*runs), CLAIM)
     assert entry.measured[0].seeds == 1
 
 
 def test_a_note_is_shown_where_a_claim_does_not_hold():
     noted = msgspec.structs.replace(CLAIM, note="because")
-    assert [check_claim(both(a, b), noted)[0].note for a, b in ((0.6, 0.3), (0.3, 0.6))] == ["", "because"]
+    assert [check_claim(both(a, b), noted)[0].note for a, b in ((0.6, 0.3), (0.3, 0.6))] == [
+        "",
+        "because",
+    ]
 
 
 def test_the_claims_of_a_study_are_those_of_its_record_unless_others_are_given():

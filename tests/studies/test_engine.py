@@ -111,7 +111,11 @@ def test_two_studies_share_what_is_equal(done):
 def test_settings_at_their_default_are_those_of_studies_that_say_them(tmp_path):
     run_small(tmp_path, small_plan(name="silent"), pretend)
     text = TEXT.replace("steps", 'policy = "attention"\nsteps').replace("seeds = 2", "seeds = 3")
-    run_small(tmp_path, small_plan('[variants.other]\nscorer = "partial"\nuse = "u"', "explicit", text), pretend)
+    run_small(
+        tmp_path,
+        small_plan('[variants.other]\nscorer = "partial"\nuse = "u"', "explicit", text),
+        pretend,
+    )
     silent, explicit = (collect_study(tmp_path, name).runs for name in ("silent", "explicit"))
     shared = [run.run for run in explicit if run.variant != "other" and run.seed < 2]
     assert shared == [run.run for run in silent]
@@ -120,7 +124,9 @@ def test_settings_at_their_default_are_those_of_studies_that_say_them(tmp_path):
 
 @pytest.mark.slow
 def test_processes_give_the_figures_of_one(done, tmp_path):
-    run_plan(small_plan(), tmp_path, lambda: LocalWorkers(tmp_path, 2, partial(perform, keep_all=False)))
+    run_plan(
+        small_plan(), tmp_path, lambda: LocalWorkers(tmp_path, 2, partial(perform, keep_all=False))
+    )
     assert figures(tmp_path) == figures(done)
     assert not list(tmp_path.glob("runs/*/constants.safetensors")), "figures alone were to be kept"
 
@@ -206,7 +212,11 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
 
     def work(task, root):
         assert failure_of(root, task.address) is None, "what went wrong the last time is forgotten"
-        return Outcome(task.address, "failed", "the oven is broken") if task.address == broken else pretend(task, root)
+        return (
+            Outcome(task.address, "failed", "the oven is broken")
+            if task.address == broken
+            else pretend(task, root)
+        )
 
     state = run_plan(plan, tmp_path, lambda: Inline(tmp_path, work))
     assert (state.done, len(state.failed), state.kept, state.total) == (5, 5, 0, 10)
@@ -223,7 +233,11 @@ def test_a_full_disk_ends_the_study_with_what_is_done_safe(tmp_path):
 
     def work(task, root):
         began.append(task)
-        return pretend(task, root) if len(began) < 3 else Outcome(task.address, "failed", "full", disk_full=True)
+        return (
+            pretend(task, root)
+            if len(began) < 3
+            else Outcome(task.address, "failed", "full", disk_full=True)
+        )
 
     with pytest.raises(FullDiskError):
         run_small(tmp_path, plan, work)
@@ -246,7 +260,9 @@ def test_a_full_disk_is_recognised_behind_the_error_that_names_the_run(done, tmp
 
 
 @pytest.mark.parametrize("again", [False, True])
-def test_ctrl_c_once_or_again_ends_a_study_and_its_workers_and_says_what_is_done(tmp_path, monkeypatch, again):
+def test_ctrl_c_once_or_again_ends_a_study_and_its_workers_and_says_what_is_done(
+    tmp_path, monkeypatch, again
+):
     def stop(self):
         self.stopped = True
         if again:
@@ -306,7 +322,9 @@ def test_a_task_whose_process_is_killed_is_begun_again(tmp_path):
 
 @pytest.mark.slow
 def test_a_task_that_is_always_killed_fails(tmp_path):
-    plan = small_plan(text='title = "One run"\nseeds = 1\n[settings]\nbook = "kitchen"\n[variants.none]\n')
+    plan = small_plan(
+        text='title = "One run"\nseeds = 1\n[settings]\nbook = "kitchen"\n[variants.none]\n'
+    )
     state = run_plan(plan, tmp_path, lambda: LocalWorkers(tmp_path, 1, die))
     assert len(state.failed) == 1
     assert "memory is too small" in next(iter(state.failed.values())).error
@@ -331,13 +349,20 @@ def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
         outcome = pretend(task, root)
         if task.address == plan.runs[0]:
             path = task.folder(root)
-            write_figures(path, msgspec.structs.replace(read_figures(path, RunFigures), success={"train": 0.5}))
+            write_figures(
+                path,
+                msgspec.structs.replace(read_figures(path, RunFigures), success={"train": 0.5}),
+            )
         return outcome
 
     run_small(tmp_path, plan, work)
     results = collect_study(tmp_path, "small")
     (gap,) = results.missing
-    assert (gap.variant, gap.seed, gap.why) == ("none", 0, "the split has no test tasks of this kind")
+    assert (gap.variant, gap.seed, gap.why) == (
+        "none",
+        0,
+        "the split has no test tasks of this kind",
+    )
     assert len(results.runs) == 7
 
 
@@ -364,17 +389,28 @@ def test_a_cell_that_is_made_again_has_the_same_bytes_and_needs_its_scorer_train
     assert began == [plan.tasks[the_run(plan).needs[1]].title, the_run(plan).title]
     assert {path: path.read_bytes() for path in tmp_path.glob("cells/*/*.json")} == cells
     kept = [(run.won, run.curve, run.mrr) for run in collect_study(tmp_path / "one", "small").runs]
-    assert [(run.won, run.curve, run.mrr) for run in collect_study(tmp_path / "two", "small").runs] == kept
+    assert [
+        (run.won, run.curve, run.mrr) for run in collect_study(tmp_path / "two", "small").runs
+    ] == kept
 
 
 def test_results_from_the_store_are_marked_with_platform_and_versions(tmp_path, store):
     plan = small_plan()
-    assert 0 == estimated_hours(plan, tmp_path / "first", store) < estimated_hours(plan, tmp_path / "second")
+    assert (
+        0
+        == estimated_hours(plan, tmp_path / "first", store)
+        < estimated_hours(plan, tmp_path / "second")
+    )
     cell_file(store, the_run()).unlink()
     assert len(run_small(tmp_path / "second", work=pretend, store=store).began) == 2
     results = collect_study(tmp_path / "second", "small")
-    expected = [{"stored": stored, "platform": "here", "versions": {"torch": "2"}} for stored in (True, False)]
-    assert as_values(results.origins) == [{**origin, "runs": n} for origin, n in zip(expected, (7, 1), strict=True)]
+    expected = [
+        {"stored": stored, "platform": "here", "versions": {"torch": "2"}}
+        for stored in (True, False)
+    ]
+    assert as_values(results.origins) == [
+        {**origin, "runs": n} for origin, n in zip(expected, (7, 1), strict=True)
+    ]
     assert [run.origin for run in results.runs] == [0] * 7 + [1]
     view = view_study(results)
     page = " ".join(render(make_study_report(view)).split())
@@ -405,7 +441,9 @@ def test_a_damaged_or_edited_cell_is_made_again_with_a_warning(tmp_path, store, 
     assert path.read_text() == text
 
 
-def test_other_results_of_the_same_platform_are_warned_of_and_the_cell_stays(tmp_path, store, caplog):
+def test_other_results_of_the_same_platform_are_warned_of_and_the_cell_stays(
+    tmp_path, store, caplog
+):
     def another(task, root, platform="here"):
         outcome = pretend(task, root)
         if task.kind == "runs":

@@ -12,7 +12,14 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 from wordcraft_kg.studies.plan import VERSIONS, agent_config, defaults_of, make_plan
-from wordcraft_kg.studies.study import adapted, built_in, cells_of, parse_study, points_of, read_study
+from wordcraft_kg.studies.study import (
+    adapted,
+    built_in,
+    cells_of,
+    parse_study,
+    points_of,
+    read_study,
+)
 
 TEXT = small_study.TRAINED
 small_plan = partial(small_study.small_plan, text=TEXT)
@@ -24,7 +31,9 @@ def kinds(plan):
 
 def test_what_cells_share_is_planned_once_and_before_what_needs_it():
     plan = small_plan()
-    assert kinds(plan) == {"graphs": 1, "scorers": 2, "runs": 8}, "a scorer for each seed, for both tables"
+    assert kinds(plan) == {"graphs": 1, "scorers": 2, "runs": 8}, (
+        "a scorer for each seed, for both tables"
+    )
     seen = set()
     for address, task in plan.tasks.items():
         assert seen.issuperset(task.needs)
@@ -37,17 +46,26 @@ def test_a_scorer_with_a_seed_of_its_own_is_shared_by_all_seeds():
 
 def test_equal_trainings_have_one_address_in_all_studies():
     same = '[variants.other]\nscorer = "partial"\nuse = "u,v"\nkg_only = true'
-    plan, other = small_plan(same), small_plan(same.replace("variants.other", "variants.renamed") + '\nmixing = "free"')
+    plan, other = (
+        small_plan(same),
+        small_plan(same.replace("variants.other", "variants.renamed") + '\nmixing = "free"'),
+    )
     assert set(plan.runs) == set(other.runs)
     assert set(plan.runs).isdisjoint(make_plan(adapted(plan.study, steps=1024), "x").runs)
-    assert set(plan.runs).isdisjoint(make_plan(adapted(plan.study, book="paper-examples"), "x").runs)
+    assert set(plan.runs).isdisjoint(
+        make_plan(adapted(plan.study, book="paper-examples"), "x").runs
+    )
 
 
 @pytest.mark.parametrize("scorer", [False, True])
 def test_a_file_of_vectors_that_changes_makes_other_trainings(tmp_path, scorer):
     path = tmp_path / "vectors.txt"
     own = f"features = '{path}'"
-    more = f"[variants.own]\nscorer = 'own'\n[scorers.own]\ncommand = 'train-recipes'\n{own}" if scorer else own
+    more = (
+        f"[variants.own]\nscorer = 'own'\n[scorers.own]\ncommand = 'train-recipes'\n{own}"
+        if scorer
+        else own
+    )
     found = []
     for content in ("a 1 2", "a 1 3", "a 1 2"):
         path.write_text(content)
@@ -59,7 +77,10 @@ def test_a_file_of_vectors_that_changes_makes_other_trainings(tmp_path, scorer):
 def test_a_split_counts_for_the_default_book_too():
     text = 'title = "x"\nseeds = 1\n[grid]\nsplit = ["by-recipe", "by-goal"]\n[variants.none]'
     tasks = small_plan(text=text).tasks.values()
-    assert [task.settings["split"]["kind"] for task in tasks if task.kind == "graphs"] == ["by-recipe", "by-goal"]
+    assert [task.settings["split"]["kind"] for task in tasks if task.kind == "graphs"] == [
+        "by-recipe",
+        "by-goal",
+    ]
 
 
 def test_addresses_do_not_depend_on_the_hash_seed_or_the_machine():
@@ -67,14 +88,20 @@ def test_addresses_do_not_depend_on_the_hash_seed_or_the_machine():
 
 
 def test_all_variants_come_with_their_first_seed_first():
-    seeds = [task.settings["settings"].get("seed", 0) for task in small_plan().tasks.values() if task.kind == "runs"]
+    seeds = [
+        task.settings["settings"].get("seed", 0)
+        for task in small_plan().tasks.values()
+        if task.kind == "runs"
+    ]
     assert seeds == sorted(seeds)
 
 
 def test_what_a_study_leaves_out_has_the_default_of_the_command():
     text = 'title = "x"\nseeds = 1\n[scorers.recipes]\ncommand = "train-recipes"\n[grid]\ndepth = [1, 2]\n'
     text += '[variants."u v"]\nscorer = "recipes"\nscorer_cost = 0.3\n[variants.w]\nscorer = "recipes"\nuse = "u,v,w"'
-    scorer, *runs = (task.settings for task in small_plan(text=text).tasks.values() if task.kind != "graphs")
+    scorer, *runs = (
+        task.settings for task in small_plan(text=text).tasks.values() if task.kind != "graphs"
+    )
     assert scorer["settings"]["features"] == "minilm"
     costs = [agent_config(run["settings"], "", "").trainer.scorer_cost for run in runs]
     assert costs == [0, None, 0, 0]  # the penalty is for agents with w at depth 1 only
@@ -83,8 +110,41 @@ def test_what_a_study_leaves_out_has_the_default_of_the_command():
 def test_defaults_are_those_that_addresses_stand_for():
     """An address leaves out what is at its default: where one changes, VERSIONS has to change too."""
     assert VERSIONS == {"graphs": 1, "scorers": 1, "runs": 1}
-    policy = ("attention", "glove", "mean", False, 300, 300, 300, 50, "u,v", 0, False, "free", "ranks", "observed")
-    trainer = (3_000_000, 128, 2, 0, 0.99, 0.001, 0.99, 0.01, 0.0, 0.01, 0.5, 0.0, 40.0, 0, "cpu", 1, False)
+    policy = (
+        "attention",
+        "glove",
+        "mean",
+        False,
+        300,
+        300,
+        300,
+        50,
+        "u,v",
+        0,
+        False,
+        "free",
+        "ranks",
+        "observed",
+    )
+    trainer = (
+        3_000_000,
+        128,
+        2,
+        0,
+        0.99,
+        0.001,
+        0.99,
+        0.01,
+        0.0,
+        0.01,
+        0.5,
+        0.0,
+        40.0,
+        0,
+        "cpu",
+        1,
+        False,
+    )
     expected = {
         TaskConfig: (1, 8, None, "sparse", "use", "any", "task", "all"),
         PolicyConfig: (*policy, False, "softmax"),
@@ -94,9 +154,28 @@ def test_defaults_are_those_that_addresses_stand_for():
     for kind, values in expected.items():
         assert tuple(defaults_of(kind).values()) == values
     of_scorers = {
-        ComplExConfig: {"epochs": 50, "batch_size": 512, "folds": None, "dim": 128, "learning_rate": 0.2, "n3": None},
-        LinkModelConfig: {"epochs": 50, "model": "rotate", "dim": 128, "learning_rate": 0.01, "loop": "slcwa"},
-        RecipeScorerConfig: {"kg": "partial", "folds": 5, "features": "glove", "allow_missing": False, "seed": 0},
+        ComplExConfig: {
+            "epochs": 50,
+            "batch_size": 512,
+            "folds": None,
+            "dim": 128,
+            "learning_rate": 0.2,
+            "n3": None,
+        },
+        LinkModelConfig: {
+            "epochs": 50,
+            "model": "rotate",
+            "dim": 128,
+            "learning_rate": 0.01,
+            "loop": "slcwa",
+        },
+        RecipeScorerConfig: {
+            "kg": "partial",
+            "folds": 5,
+            "features": "glove",
+            "allow_missing": False,
+            "seed": 0,
+        },
     }
     for kind, known in of_scorers.items():
         defaults = defaults_of(kind)
@@ -145,7 +224,9 @@ def test_a_book_that_is_not_there_is_refused_before_anything_starts():
 
 
 def test_a_study_that_varies_the_book_itself_takes_no_other():
-    study = parse_study(TEXT.replace('book = "kitchen"\n', "").replace("[grid]", '[grid]\nbook = ["kitchen"]'), "x")
+    study = parse_study(
+        TEXT.replace('book = "kitchen"\n', "").replace("[grid]", '[grid]\nbook = ["kitchen"]'), "x"
+    )
     with refuses("book"):
         adapted(study, book="everyday")
 
@@ -177,16 +258,29 @@ def test_a_built_in_study_is_read_and_says_what_it_compares(name):
 def test_points_are_crossed_with_the_grid_and_keep_their_order():
     more = '[[points]]\nsplit = "by-goal"\ntrain_ratio = 0.1\n[[points]]\nsplit = "by-slot"\ntrain_ratio = 0.8'
     study = parse_study(SMALL + more, "x")
-    expected = [(*split, amount) for split in (("by-goal", 0.1), ("by-slot", 0.8)) for amount in (2, 1)]
+    expected = [
+        (*split, amount) for split in (("by-goal", 0.1), ("by-slot", 0.8)) for amount in (2, 1)
+    ]
     assert [tuple(point.values()) for point in points_of(study)] == expected
-    assert cells_of(study)[0].settings == {"book": "kitchen", "split": "by-goal", "train_ratio": 0.1, "distractors": 2}
+    assert cells_of(study)[0].settings == {
+        "book": "kitchen",
+        "split": "by-goal",
+        "train_ratio": 0.1,
+        "distractors": 2,
+    }
 
 
 @pytest.mark.parametrize(
     ("extra", "said"),
     [
-        ('[[points]]\nsplit = "by-goal"\n[[points]]\nbook = "kitchen"', r"points\[1\] has book, points\[0\] has split"),
-        ('[[points]]\nsplit = "by-goal"\n[[points]]\nsplit = "by-goal"', r"points\[1\] is a duplicate"),
+        (
+            '[[points]]\nsplit = "by-goal"\n[[points]]\nbook = "kitchen"',
+            r"points\[1\] has book, points\[0\] has split",
+        ),
+        (
+            '[[points]]\nsplit = "by-goal"\n[[points]]\nsplit = "by-goal"',
+            r"points\[1\] is a duplicate",
+        ),
         ("[[points]]\ndistractors = 3", r"points\[0\].distractors is also in the grid"),
         ('[[points]]\nsplti = "by-goal"', r"unknown setting 'points\[0\].splti'.*split"),
         ('[[points]]\nscorer = "partial"', "variants.guided.scorer is also in the grid"),

@@ -7,7 +7,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from wordcraft_kg import RecipesConfig, RecipeScorerConfig, TaskConfig, WordCraftConfig, World, open_graph, open_model
+from wordcraft_kg import (
+    RecipesConfig,
+    RecipeScorerConfig,
+    TaskConfig,
+    WordCraftConfig,
+    World,
+    open_graph,
+    open_model,
+)
 from wordcraft_kg.agents.discovery import HUMAN_CURVE
 from wordcraft_kg.agents.players import play_all, random_distinct
 from wordcraft_kg.base import registry
@@ -37,7 +45,11 @@ def everyday():
 
 
 def test_the_files_of_the_pack_are_sound_and_small():
-    assert {path.stem for path in PACK.glob("*.json")} >= {"everyday", "little-alchemy-2", "literature"}
+    assert {path.stem for path in PACK.glob("*.json")} >= {
+        "everyday",
+        "little-alchemy-2",
+        "literature",
+    }
     assert all(pack.rows for pack in read_packs())
     assert sum(path.stat().st_size for path in PACK.iterdir()) <= 100_000
 
@@ -48,7 +60,10 @@ def test_the_pack_has_everyday_as_the_package_builds_it_now(everyday):
     for distractors in (1, 2, 8):
         kinds = {row.kind for row in pack.rows_of(DEPTH_1, [distractors])}
         assert kinds >= {"chance", "words", "knowledge graph", "oracle", "scorer", "agent"}
-    assert {row.player for row in pack.rows_of(OpenPlay(("air", "earth", "fire", "water")))} >= {"random", "greedy"}
+    assert {row.player for row in pack.rows_of(OpenPlay(("air", "earth", "fire", "water")))} >= {
+        "random",
+        "greedy",
+    }
 
 
 def test_another_split_has_no_rows_and_open_ended_play_needs_none(everyday):
@@ -60,15 +75,21 @@ def test_another_split_has_no_rows_and_open_ended_play_needs_none(everyday):
 def test_another_distribution_adds_a_reader_of_results(everyday, monkeypatch, tmp_path):
     row = pack_of(everyday.graph.hash, None).rows[0]
     reader = ResultReader("a folder of mine", lambda path: path == tmp_path, lambda *_: [row])
-    monkeypatch.setattr(registry, "entry_points", lambda group: [SimpleNamespace(name=group, load=lambda: reader)])
-    monkeypatch.setattr(result_readers, "READERS", registry.Registry("theirs", {"agents": result_readers.AGENTS}))
+    monkeypatch.setattr(
+        registry, "entry_points", lambda group: [SimpleNamespace(name=group, load=lambda: reader)]
+    )
+    monkeypatch.setattr(
+        result_readers, "READERS", registry.Registry("theirs", {"agents": result_readers.AGENTS})
+    )
     assert external_rows(everyday, DEPTH_1, [1], [tmp_path]) == (row,)
     with pytest.raises(ConfigError, match="a folder of mine"):
         external_rows(everyday, DEPTH_1, [1], [tmp_path / "other"])
 
 
 def row_of(play, player):
-    (row,) = (row for row in read_pack(PACK / "everyday.json").rows_of(play) if row.player == player)
+    (row,) = (
+        row for row in read_pack(PACK / "everyday.json").rows_of(play) if row.player == player
+    )
     return row
 
 
@@ -76,7 +97,9 @@ def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
     world = World(everyday, WordCraftConfig(part="test", num_distractors=2))
     (measured,) = play_all(world, {"random, distinct": random_distinct}, [2])
     row = row_of(DEPTH_1, "random, distinct")
-    expected = figures_of({2: (measured.success, measured.low, measured.high)}, {2: measured.by_plan})
+    expected = figures_of(
+        {2: (measured.success, measured.low, measured.high)}, {2: measured.by_plan}
+    )
     assert row.figures["2"] == expected["2"]
     assert measured.episodes == row.tasks * row.distractor_seeds
 
@@ -84,19 +107,30 @@ def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
 def test_a_scorer_without_an_agent_has_rows_by_links_and_by_recipes(opened_kitchen, recipes_folder):
     model = open_model(recipes_folder)
     by_links, by_recipes = scorer_rows(opened_kitchen, DEPTH_1, (1, 8), "alone", model)
-    assert [by_links.player, by_recipes.player] == ["alone, u+v, self edges dropped", "alone, w, best pair"]
+    assert [by_links.player, by_recipes.player] == [
+        "alone, u+v, self edges dropped",
+        "alone, w, best pair",
+    ]
     assert by_links.kind == by_recipes.kind == "scorer"
     for column in (1, 8):
         assert 0 < float(by_recipes.shown_by_plan(column)) <= by_recipes.figures[str(column)].value
     without = replace(model.history, config=RecipesConfig("kitchen", RecipeScorerConfig(kg="none")))
-    (unseen, _) = scorer_rows(opened_kitchen, DEPTH_1, (1,), "alone", replace(model, history=without))
+    (unseen, _) = scorer_rows(
+        opened_kitchen, DEPTH_1, (1,), "alone", replace(model, history=without)
+    )
     assert (by_links.notes, unseen.notes) == ("", "learned no recipe of this graph")
 
 
-def test_a_model_folder_of_the_user_has_the_rows_of_its_scorer_alone(opened_kitchen, recipes_folder, everyday):
+def test_a_model_folder_of_the_user_has_the_rows_of_its_scorer_alone(
+    opened_kitchen, recipes_folder, everyday
+):
     rows = external_rows(opened_kitchen, DEPTH_1, (2,), [recipes_folder])
-    expected = scorer_rows(opened_kitchen, DEPTH_1, (2,), recipes_folder.name, open_model(recipes_folder))
-    assert [(row.player, row.figures) for row in rows] == [(row.player, row.figures) for row in expected]
+    expected = scorer_rows(
+        opened_kitchen, DEPTH_1, (2,), recipes_folder.name, open_model(recipes_folder)
+    )
+    assert [(row.player, row.figures) for row in rows] == [
+        (row.player, row.figures) for row in expected
+    ]
     assert {row.origin for row in rows} == {"external"}
     with pytest.raises(GraphMismatchError, match="was trained on graph"):
         external_rows(everyday, DEPTH_1, (2,), [recipes_folder])
@@ -111,19 +145,29 @@ def test_open_ended_play_has_exactly_the_figures_of_the_pack(everyday):
 
 def test_agents_of_little_alchemy_2_are_those_of_the_committed_studies():
     pack = read_pack(PACK / "little-alchemy-2.json")
-    results = json.loads((Path(__file__).parents[2] / "docs/results/knowledge-little-alchemy-2.json").read_text())
-    assert {"hash": pack.graph.hash, "split": pack.graph.split}.items() <= results["graphs"][0].items()
+    results = json.loads(
+        (Path(__file__).parents[2] / "docs/results/knowledge-little-alchemy-2.json").read_text()
+    )
+    assert {"hash": pack.graph.hash, "split": pack.graph.split}.items() <= results["graphs"][
+        0
+    ].items()
     for variant in ("partial, u v", "partial, u v w"):
         (row,) = (row for row in pack.rows if row.player == variant)
         for distractors in (1, 8):
             of = {"variant": variant, "values": {"distractors": distractors}}
-            success = [run["success"]["test"] for run in results["runs"] if of.items() <= run.items()]
-            assert row.figures[str(distractors)].value == pytest.approx(sum(success) / len(success), abs=2e-6)
+            success = [
+                run["success"]["test"] for run in results["runs"] if of.items() <= run.items()
+            ]
+            assert row.figures[str(distractors)].value == pytest.approx(
+                sum(success) / len(success), abs=2e-6
+            )
             assert row.seeds == len(success)
 
 
 def test_people_are_the_same_in_the_pack_and_in_discover():
-    (people,) = (row for row in literature(["entities known"]) if row.player == "people, Little Alchemy 2")
+    (people,) = (
+        row for row in literature(["entities known"]) if row.player == "people, Little Alchemy 2"
+    )
     assert {int(at): found.value for at, found in people.figures.items()} == HUMAN_CURVE
 
 
@@ -143,12 +187,24 @@ def test_every_row_of_the_literature_says_what_was_played_and_where_it_is_printe
         ("everyday", lambda row: row.update(figures={}), "Expected 'object' of length >= 1"),
         ("everyday", lambda row: row.update(origin="literature"), "row 1, 'random', has a graph"),
         ("everyday", lambda row: row.pop("play"), "row 1, 'random', has a graph"),
-        ("everyday", lambda row: row.update(measure="entities known"), "which does not fit its play"),
+        (
+            "everyday",
+            lambda row: row.update(measure="entities known"),
+            "which does not fit its play",
+        ),
         ("everyday", lambda row: row["figures"]["1"].update(value=1.5), "a success outside 0 to 1"),
-        ("everyday", lambda row: row["figures"]["1"].update(low=0.9, high=0.1), "without two ordered ends"),
+        (
+            "everyday",
+            lambda row: row["figures"]["1"].update(low=0.9, high=0.1),
+            "without two ordered ends",
+        ),
         ("everyday", lambda row: row["figures"]["1"].pop("high"), "without two ordered ends"),
         ("everyday", lambda row: row.pop("interval"), "no interval kind for the interval at 1"),
-        ("everyday", lambda row: row["figures"].update(many={"value": 0}), "'many', which is not a"),
+        (
+            "everyday",
+            lambda row: row["figures"].update(many={"value": 0}),
+            "'many', which is not a",
+        ),
         ("literature", lambda row: row.update(origin="ours"), "has no graph"),
         ("literature", lambda row: row.pop("year"), "has no graph"),
         ("literature", lambda row: row.pop("environment"), "has no graph"),

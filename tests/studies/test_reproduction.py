@@ -61,7 +61,10 @@ def remade(study, root):
 
 def is_alike(was):
     """Return whether this machine computes to the bit what that of the file did."""
-    return was.versions["torch"] == torch.__version__ and torch.backends.cpu.get_cpu_capability() == PROCESSOR
+    return (
+        was.versions["torch"] == torch.__version__
+        and torch.backends.cpu.get_cpu_capability() == PROCESSOR
+    )
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +82,12 @@ def test_a_cell_that_is_made_again_has_the_same_inputs_and_figures(was, now):
     assert untimed(now).keys() == untimed(was).keys()
     assert now.graphs == was.graphs
     if not is_alike(was):
-        pytest.skip(f"the figures are of torch {was.versions['torch']} on {PROCESSOR}; compared roughly below")
-    assert untimed(now) == untimed(was), "raise VERSIONS in wordcraft_kg/studies/plan.py, then run this file"
+        pytest.skip(
+            f"the figures are of torch {was.versions['torch']} on {PROCESSOR}; compared roughly below"
+        )
+    assert untimed(now) == untimed(was), (
+        "raise VERSIONS in wordcraft_kg/studies/plan.py, then run this file"
+    )
 
 
 @pytest.mark.slow
@@ -95,7 +102,9 @@ def test_a_cell_that_is_made_again_has_about_the_same_figures_anywhere(was, now)
 def test_the_file_knows_no_entity_of_its_book(was):
     text = FILE.read_text(encoding="utf-8")
     labels = RecipeGraph.from_book(open_book("kitchen")).entities
-    assert {label for label in labels if f'"{label}"' in text} <= {"kitchen", "seed"}, "its name and a key"
+    assert {label for label in labels if f'"{label}"' in text} <= {"kitchen", "seed"}, (
+        "its name and a key"
+    )
     assert set(RunResult.__struct_fields__) == as_values(was.runs[0]).keys()
 
 
@@ -103,7 +112,14 @@ if __name__ == "__main__":
     from tempfile import TemporaryDirectory
 
     with TemporaryDirectory() as folder:
-        made, before = remade(parse_study(STUDY, "the study above"), Path(folder)), read_record(FILE, StudyResults)
-    if any(untimed(before).get(address, run) != run for address, run in untimed(made).items()) and is_alike(before):
-        sys.exit("other figures at the same address: raise VERSIONS in wordcraft_kg/studies/plan.py first")
+        made, before = (
+            remade(parse_study(STUDY, "the study above"), Path(folder)),
+            read_record(FILE, StudyResults),
+        )
+    if any(
+        untimed(before).get(address, run) != run for address, run in untimed(made).items()
+    ) and is_alike(before):
+        sys.exit(
+            "other figures at the same address: raise VERSIONS in wordcraft_kg/studies/plan.py first"
+        )
     write_atomically(FILE, results_text(made))

@@ -37,7 +37,9 @@ def test_a_variant_is_compared_with_the_reference_on_the_same_seeds_and_tasks():
 
 
 def test_only_seeds_that_both_have_are_paired():
-    found = of(view_study(fabricate({"no graph": NO_GRAPH[:2], "guided": GUIDED[:3]})), "guided").comparison
+    found = of(
+        view_study(fabricate({"no graph": NO_GRAPH[:2], "guided": GUIDED[:3]})), "guided"
+    ).comparison
     assert (found.pairs, found.difference) == (2, pytest.approx((0.6 + 0.8) / 2 - 0.1))
 
 
@@ -87,7 +89,10 @@ def test_an_agent_that_always_succeeds_is_not_certain_to():
 def test_curves_are_means_over_seeds_at_steps_that_all_have():
     curves = {"no graph": [[(0, 0.0), (10, 0.2), (20, 0.4)], [(0, 0.2), (20, 0.6)]]}
     found = of(view_study(fabricate({"no graph": NO_GRAPH[:2]}, curves=curves)), "no graph").curve
-    assert [(at.step, at.success) for at in found] == [(0, pytest.approx(0.1)), (20, pytest.approx(0.5))]
+    assert [(at.step, at.success) for at in found] == [
+        (0, pytest.approx(0.1)),
+        (20, pytest.approx(0.5)),
+    ]
     assert (found[1].low, found[1].high) == student_interval([0.4, 0.6]) == (0, 1)
 
 
@@ -135,7 +140,11 @@ def test_steps_are_correlated_with_never_as_the_latest():
     }
     mrr = {"a": 0.1, "b": 0.2, "c": 0.3}
     (scatter,) = view_study(fabricate(points, mrr=mrr, curves=curves, drawing="scatter")).scatters
-    assert [at.reached for at in scatter.points] == [None, 18, 10]  # b: three quarters of the way from 10 to 20
+    assert [at.reached for at in scatter.points] == [
+        None,
+        18,
+        10,
+    ]  # b: three quarters of the way from 10 to 20
     assert scatter.steps_spearman.value == pytest.approx(-1)
 
 
@@ -145,12 +154,17 @@ def test_steps_are_correlated_with_never_as_the_latest():
         ({"scorer.train_fraction": 0.1, "scorer.label_noise": 0.0}, "train_fraction 0.1"),
         ({"scorer.train_fraction": 1.0, "scorer.label_noise": 0.3}, "label_noise 0.3"),
         ({"scorer.train_fraction": 1.0, "scorer.label_noise": 0.0}, "train_fraction 1"),
-        ({"scorer.train_fraction": 0.5, "scorer.label_noise": 0.1}, "train_fraction 0.5, label_noise 0.1"),
+        (
+            {"scorer.train_fraction": 0.5, "scorer.label_noise": 0.1},
+            "train_fraction 0.5, label_noise 0.1",
+        ),
         ({}, "a"),
     ],
 )
 def test_a_dose_is_labelled_by_what_is_not_whole(values, label):
-    (scatter,) = view_study(fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="scatter")).scatters
+    (scatter,) = view_study(
+        fabricate([(values, {"a": NO_GRAPH})], mrr={"a": 0.1}, drawing="scatter")
+    ).scatters
     assert scatter.points[0].label == label
 
 
@@ -170,12 +184,17 @@ def moved(results, number, key):
 @pytest.mark.parametrize("key", ["hash", "split"])
 def test_runs_of_a_cell_on_different_graphs_are_not_averaged(key):
     results = moved(fabricate({"no graph": NO_GRAPH}), 3, key)
-    with pytest.raises(ConfigError, match=r"'no graph': seeds 0 and 3 were played on different (graphs|splits).*cccc"):
+    with pytest.raises(
+        ConfigError,
+        match=r"'no graph': seeds 0 and 3 were played on different (graphs|splits).*cccc",
+    ):
         view_study(results)
 
 
 def test_variants_on_different_graphs_are_not_compared():
-    view = view_study(moved(fabricate({"no graph": NO_GRAPH[:1], "guided": GUIDED[:1]}), 1, "split"))
+    view = view_study(
+        moved(fabricate({"no graph": NO_GRAPH[:1], "guided": GUIDED[:1]}), 1, "split")
+    )
     assert of(view, "guided").comparison is None
     assert len(view.points[0].graphs) == 2
 

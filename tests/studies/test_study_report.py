@@ -15,7 +15,12 @@ from fabricated import GUIDED, NO_GRAPH, fabricate, three_train_fractions
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.base.records import schema_of
 from wordcraft_kg.reports.pages import render
-from wordcraft_kg.studies.report import make_study_report, panels_of, study_figure, write_study_report
+from wordcraft_kg.studies.report import (
+    make_study_report,
+    panels_of,
+    study_figure,
+    write_study_report,
+)
 from wordcraft_kg.studies.results import Missing
 from wordcraft_kg.studies.study import Claim
 from wordcraft_kg.studies.tables import as_csv, signed, tables_of
@@ -28,7 +33,9 @@ ODD = r"a_b & 50% | <i>#{x}^~\ *y*"
 def view():
     cells = {"no graph": NO_GRAPH, "guided": GUIDED, ODD: NO_GRAPH[::-1]}
     results = fabricate(
-        [({"distractors": 8}, cells), ({"distractors": 1}, cells)], mrr={"guided": 0.2}, title="Graphs & <agents>"
+        [({"distractors": 8}, cells), ({"distractors": 1}, cells)],
+        mrr={"guided": 0.2},
+        title="Graphs & <agents>",
     )
     gap = Missing("guided", {"distractors": 2}, 3, "<b>why</b>")
     return view_study(msgspec.structs.replace(results, missing=(gap,)))
@@ -44,11 +51,14 @@ def test_csv_has_a_row_for_each_variant_of_each_point(view):
     assert float(found["p_value"]) < float(found["p_holm"])
     assert (rows[0]["difference"], rows[0]["mrr"]) == ("", "")
     entry = view.points[0].variants[1]
-    assert [float(found[f"success_{end}"]) for end in ("low", "high")] == pytest.approx(entry.interval, rel=1e-5)
+    assert [float(found[f"success_{end}"]) for end in ("low", "high")] == pytest.approx(
+        entry.interval, rel=1e-5
+    )
 
 
 @pytest.mark.parametrize(
-    ("value", "form", "text"), [(-0.5, "+.2f", "−0.50"), (-0.0001, "+.2f", "+0.00"), (-0.001, ".2f", "0.00")]
+    ("value", "form", "text"),
+    [(-0.5, "+.2f", "−0.50"), (-0.0001, "+.2f", "+0.00"), (-0.001, ".2f", "0.00")],
 )
 def test_numbers_have_a_true_minus_and_none_for_zero(value, form, text):
     assert signed(value, form) == text
@@ -91,7 +101,10 @@ def test_a_figure_has_a_panel_for_each_point(view):
 
 
 def test_a_variant_keeps_its_colour_where_others_are_missing():
-    points = [({"distractors": 8}, {"a": NO_GRAPH, "b": GUIDED}), ({"distractors": 1}, {"b": GUIDED})]
+    points = [
+        ({"distractors": 8}, {"a": NO_GRAPH, "b": GUIDED}),
+        ({"distractors": 1}, {"b": GUIDED}),
+    ]
     (_, both), (_, one) = panels_of(view_study(fabricate(points)))
     for chart in (both, one):
         assert re.search(r'class="series-1">b<', chart)
@@ -101,8 +114,12 @@ def test_a_study_of_doses_is_drawn_by_mrr():
     view = view_study(three_train_fractions())
     ((title, chart),) = panels_of(view)
     assert title == ""
-    assert all(label in chart for label in ("cross-fitted", "in-sample", "no graph", "train_fraction 0.5"))
-    assert "train tasks scored in-sample</th><td>3</td>" in " ".join(render(make_study_report(view)).split())
+    assert all(
+        label in chart for label in ("cross-fitted", "in-sample", "no graph", "train_fraction 0.5")
+    )
+    assert "train tasks scored in-sample</th><td>3</td>" in " ".join(
+        render(make_study_report(view)).split()
+    )
 
 
 def test_bars_are_drawn_where_there_are_no_curves():

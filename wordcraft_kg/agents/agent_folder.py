@@ -6,7 +6,13 @@ from functools import cached_property
 from pathlib import Path
 
 from wordcraft_kg.agents.config import AgentConfig
-from wordcraft_kg.agents.records import AgentProgress, AgentSummary, MetricsRow, read_metrics, read_summary
+from wordcraft_kg.agents.records import (
+    AgentProgress,
+    AgentSummary,
+    MetricsRow,
+    read_metrics,
+    read_summary,
+)
 from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.tensors import with_prefix
@@ -74,7 +80,9 @@ class OpenedAgent(AgentRun):
         if self.config.scorer is None or W.name not in self.policy.sources:
             return None
         try:
-            return OutsideEvidenceFinder.open(self.config.scorer, self.opened, self.run.inputs.get("scorer"))
+            return OutsideEvidenceFinder.open(
+                self.config.scorer, self.opened, self.run.inputs.get("scorer")
+            )
         except WordCraftKGError as error:
             logging.getLogger(__name__).warning("no evidence from outside knowledge: %s", error)
             return None
@@ -118,7 +126,9 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
     files, checkpoint = RunFiles(folder, records.run), records.checkpoint
     opened = files.graph(graph or records.config.graph)
     if records.run.status == "done":
-        policy = read_policy(folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors"))
+        policy = read_policy(
+            folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors")
+        )
     else:
         last = AGENTS.checkpoints(folder).load()
         policy, checkpoint = policy_at(files, last), f"step {last.number:,}"

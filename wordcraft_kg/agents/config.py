@@ -7,7 +7,12 @@ from typing import Any, ClassVar, Literal
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, MAX_THREADS, SMALLEST, number_in, require, whole
-from wordcraft_kg.envs.config import Ambiguity, DistractorPolicy, DistractorWeighting, WordCraftConfig
+from wordcraft_kg.envs.config import (
+    Ambiguity,
+    DistractorPolicy,
+    DistractorWeighting,
+    WordCraftConfig,
+)
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.runs.config_file import RunConfig
@@ -53,7 +58,11 @@ class TaskConfig:
 
         ``distractors`` replaces the number of distractors.
         """
-        settings = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "distractors"}
+        settings = {
+            field.name: getattr(self, field.name)
+            for field in fields(self)
+            if field.name != "distractors"
+        }
         amount = self.distractors if distractors is None else distractors
         return WordCraftConfig(part=part, num_distractors=amount, **settings)
 
@@ -122,12 +131,18 @@ class ImpalaConfig:
         for name in ("eval_every", "seed"):
             whole(name, getattr(self, name), 0)
         for name in ("learning_rate", "rms_epsilon", "clip"):
-            number_in(name, getattr(self, name), SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}")
-        for name in ("entropy_cost", "baseline_cost") + ("scorer_cost",) * (self.scorer_cost is not None):
+            number_in(
+                name, getattr(self, name), SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}"
+            )
+        for name in ("entropy_cost", "baseline_cost") + ("scorer_cost",) * (
+            self.scorer_cost is not None
+        ):
             number_in(name, getattr(self, name), 0, _LARGE, f"0 or more, at most {_LARGE:g}")
         for name in ("discount", "rms_decay", "momentum"):
             number_in(name, getattr(self, name), 0, 1, "0 to 1")
-        is_known = isinstance(self.device, str) and (self.device == "cpu" or self.device.startswith("cuda"))
+        is_known = isinstance(self.device, str) and (
+            self.device == "cpu" or self.device.startswith("cuda")
+        )
         require(self, "device", is_known, "cpu or cuda")
 
     @staticmethod

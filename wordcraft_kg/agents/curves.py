@@ -27,7 +27,9 @@ class MetricsFile:
     def __init__(self, folder: Path, world: World, log: Log):
         self.path = folder / "metrics.jsonl"
         if self.path.is_symlink():  # the file may belong to another run
-            raise ArtefactError(f"{self.path} is a link; expected a file. Train again with `force`.")
+            raise ArtefactError(
+                f"{self.path} is a link; expected a file. Train again with `force`."
+            )
         self.eval_seconds = 0.0
         self._log = log
         self._evaluators = evaluators(world, curve=True)
@@ -69,5 +71,7 @@ def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator
         with suppress(TaskError):  # without held-out recipes, a graph has no test tasks
             distractor_seeds = 1 if curve and part == "train" else None
             limit = CURVE_TASKS if curve else MOST_TASKS
-            result[part] = Evaluator(world.variant(part=part), distractor_seeds=distractor_seeds, limit=limit)
+            result[part] = Evaluator(
+                world.variant(part=part), distractor_seeds=distractor_seeds, limit=limit
+            )
     return result

@@ -28,7 +28,8 @@ HUMAN_CURVE = {1: 5.0, 10: 9.95, 20: 14.05, 50: 23.47, 100: 35.96, 200: 55.0, 30
 
 The mean is over people who are still playing: 9 % of them after 500 attempts, the most persistent."""
 HUMAN_SOURCE = (
-    "12,100 players of Little Alchemy 2 (720 entities, 4 at the start), those still playing; Brändle et al. 2023"
+    "12,100 players of Little Alchemy 2 (720 entities, 4 at the start), those still playing; "
+    "Brändle et al. 2023"
 )
 """Source for the curve: "Empowerment contributes to exploration behaviour in a creative video game", Nature Human
 Behaviour 7, 1481-1489."""
@@ -119,7 +120,9 @@ class WordsDiscoverer(Discoverer):
     def learn(self, entity: int) -> None:  # noqa: D102 - inherited
         super().learn(entity)
         cosines = (self._unit[self.known] @ self._unit[entity]).tolist()
-        self._untried |= {(entity, other): value for other, value in zip(self.known, cosines, strict=True)}
+        self._untried |= {
+            (entity, other): value for other, value in zip(self.known, cosines, strict=True)
+        }
         self._untried[entity, entity] = 1.0
 
     def choose(self) -> Pair:  # noqa: D102 - inherited
@@ -146,7 +149,9 @@ class OracleDiscoverer(Discoverer):
         super().learn(entity)
         self.is_known[entity] = True
         uses = self.graph.uses_of(entity)
-        self._open = np.union1d(self._open, uses[self.is_known[self.graph.recipes[uses, :2]].all(axis=1)])
+        self._open = np.union1d(
+            self._open, uses[self.is_known[self.graph.recipes[uses, :2]].all(axis=1)]
+        )
 
     @abstractmethod
     def worth(self, entities: Ids) -> Floats:
@@ -222,7 +227,10 @@ class ScorerDiscoverer(Discoverer):
                 f"{needed / 2**30:.1f} GiB; expected at most {MOST_BYTES / 2**30:.1f} GiB. Omit the scorer and "
                 "'empowerment-scorer'."
             )
-        links, parts = (scorer.table(relation).cpu().double().numpy() for relation in (COMBINES_WITH, COMPONENT_OF))
+        links, parts = (
+            scorer.table(relation).cpu().double().numpy()
+            for relation in (COMBINES_WITH, COMPONENT_OF)
+        )
         self._odds = np.exp(np.minimum(standardised((links + links.T) / 2), _MAX_SCORE))
         self._parts = standardised(parts)
         self._guesses: dict[int, tuple[NDArray[np.int64], Floats]] = {}
@@ -262,9 +270,13 @@ class ScorerDiscoverer(Discoverer):
         """Return the likeliest results with each partner and their probabilities, shape (E, CANDIDATES) each."""
         if entity not in self._guesses:
             fit = self._parts[entity] + self._parts
-            likely = np.argpartition(-fit, self._results.shape[1] - 1, axis=1)[:, : self._results.shape[1]]
+            likely = np.argpartition(-fit, self._results.shape[1] - 1, axis=1)[
+                :, : self._results.shape[1]
+            ]
             weights = np.exp(fit - fit.max(axis=1, keepdims=True))
-            shares = np.take_along_axis(weights, likely, axis=1) / weights.sum(axis=1, keepdims=True)
+            shares = np.take_along_axis(weights, likely, axis=1) / weights.sum(
+                axis=1, keepdims=True
+            )
             self._guesses[entity] = likely, shares
         return self._guesses[entity]
 
@@ -284,7 +296,10 @@ GUIDED = ("empowerment-scorer", "recipe-learner")
 
 
 def make_discoverers(
-    names: Iterable[str], graph: RecipeGraph, scorer: TripleScorer | None = None, learner: Discoverer | None = None
+    names: Iterable[str],
+    graph: RecipeGraph,
+    scorer: TripleScorer | None = None,
+    learner: Discoverer | None = None,
 ) -> dict[str, Discoverer]:
     """Make players for the open-ended environment, from names in :data:`DISCOVERERS`.
 
@@ -306,7 +321,11 @@ def make_discoverers(
     for name in names:
         one_of("players", name, tuple(DISCOVERERS))
         if name not in makers:
-            needed = "from `wordcraft-kg train-recipes`, of any book" if name == "recipe-learner" else "of this graph"
+            needed = (
+                "from `wordcraft-kg train-recipes`, of any book"
+                if name == "recipe-learner"
+                else "of this graph"
+            )
             raise ConfigError(f"player '{name}' needs a `scorer` {needed}: a trained model folder.")
         players[name] = makers[name]()
     return players
@@ -354,10 +373,14 @@ def discovery_curves(
     index = pd.MultiIndex.from_product(
         [list(players), range(runs), range(attempts + 1)], names=["player", "run", "attempt"]
     )
-    return pd.DataFrame({"known": known.ravel(), "repeated": repeated.ravel()}, index=index).reset_index()
+    return pd.DataFrame(
+        {"known": known.ravel(), "repeated": repeated.ravel()}, index=index
+    ).reset_index()
 
 
-def summarise_curves(curves: "pd.DataFrame", marks: Sequence[int] = (*MARKS, *LATER_MARKS)) -> "pd.DataFrame":
+def summarise_curves(
+    curves: "pd.DataFrame", marks: Sequence[int] = (*MARKS, *LATER_MARKS)
+) -> "pd.DataFrame":
     """Average the number of known entities over runs, after some numbers of attempts.
 
     ``curves`` come from :func:`discovery_curves`; ``marks`` are limited to the curves, and the last attempt is always
@@ -370,9 +393,13 @@ def summarise_curves(curves: "pd.DataFrame", marks: Sequence[int] = (*MARKS, *LA
     """
     last = int(curves["attempt"].max())
     at = sorted({*(mark for mark in marks if mark <= last), last})
-    curves = curves.assign(repeated=curves.groupby(["player", "run"], sort=False)["repeated"].cumsum())
+    curves = curves.assign(
+        repeated=curves.groupby(["player", "run"], sort=False)["repeated"].cumsum()
+    )
     groups = curves[curves["attempt"].isin(at)].groupby(["player", "attempt"], sort=False)
-    table = groups.agg(mean=("known", "mean"), error=("known", "sem"), repeated=("repeated", "mean")).reset_index()
+    table = groups.agg(
+        mean=("known", "mean"), error=("known", "sem"), repeated=("repeated", "mean")
+    ).reset_index()
     margin = 1.96 * table.pop("error")
     table.insert(3, "low", table["mean"] - margin)
     table.insert(4, "high", table["mean"] + margin)

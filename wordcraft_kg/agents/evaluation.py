@@ -17,7 +17,12 @@ from wordcraft_kg.base.records import Share
 from wordcraft_kg.base.settings import MAX_SIZE, check_memory, whole
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
-from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED, MOST_TASKS, default_seeds, distance_of
+from wordcraft_kg.envs.evaluation_tables import (
+    EVALUATION_SEED,
+    MOST_TASKS,
+    default_seeds,
+    distance_of,
+)
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
@@ -39,9 +44,13 @@ class PolicyPlayer:
         device = next(self.policy.parameters()).device
         slots = torch.cat(
             [
-                self.policy(goal, selection, table, weights, task, attempts=attempts).logits.argmax(1)
+                self.policy(goal, selection, table, weights, task, attempts=attempts).logits.argmax(
+                    1
+                )
                 for start in range(0, state.num_envs, ROWS)
-                for goal, selection, table, task, attempts in [states.rows(start, start + ROWS, device)]
+                for goal, selection, table, task, attempts in [
+                    states.rows(start, start + ROWS, device)
+                ]
             ]
         )
         return slots if state.engine.arrays.on_device else slots.cpu().numpy()
@@ -51,9 +60,15 @@ def player_of(policy: Policy, kind: str) -> Player:
     """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only`` (ConfigError without a scorer)."""
     if kind == "kg-only":
         if not policy.sources:
-            raise ConfigError("`agent` 'kg-only' plays by the run's scorer, but this run was trained without a scorer.")
+            raise ConfigError(
+                "`agent` 'kg-only' plays by the run's scorer, but this run was trained without a scorer."
+            )
         return knowledge_player(list(policy.sources.values()))
-    players: dict[str, Player] = {"trained": PolicyPlayer(policy), "random": random_entity, "oracle": recipe_oracle}
+    players: dict[str, Player] = {
+        "trained": PolicyPlayer(policy),
+        "random": random_entity,
+        "oracle": recipe_oracle,
+    }
     return players[kind]
 
 
@@ -81,20 +96,27 @@ class Evaluation:
 
     def figures(self) -> Success:
         """Return the mean success with a 95 % interval over tasks, and the sample sizes."""
-        mean, by_plan, actions = (float(values.mean()) for values in (self.success, self.by_plan, self.actions))
+        mean, by_plan, actions = (
+            float(values.mean()) for values in (self.success, self.by_plan, self.actions)
+        )
         low, high = task_bootstrap(self.success)
         tasks, distractor_seeds = self.success.shape
         return Success(mean, low, high, tasks, distractor_seeds, by_plan, actions)
 
     def shares(self) -> dict[TerminationReason, Share]:
         """Return the share of episodes for each termination reason."""
-        return {name: float((self.terminations == code).mean()) for code, name in enumerate(TERMINATION_REASONS)}
+        return {
+            name: float((self.terminations == code).mean())
+            for code, name in enumerate(TERMINATION_REASONS)
+        }
 
 
 class Evaluator:
     """Plays all tasks in a world, or an evenly spaced sample, on fixed starting tables."""
 
-    def __init__(self, world: World, *, distractor_seeds: int | None = None, limit: int | None = MOST_TASKS):
+    def __init__(
+        self, world: World, *, distractor_seeds: int | None = None, limit: int | None = MOST_TASKS
+    ):
         """Create an environment for each of at most ``limit`` tasks.
 
         ``distractor_seeds`` are tables per task, by default
@@ -114,11 +136,19 @@ class Evaluator:
             )
         self.distractor_seeds = whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
         needed = distractor_seeds * len(self.tasks) * 11
-        check_memory("distractor_seeds", distractor_seeds, f"the episodes of {len(self.tasks):,} tasks", needed)
+        check_memory(
+            "distractor_seeds",
+            distractor_seeds,
+            f"the episodes of {len(self.tasks):,} tasks",
+            needed,
+        )
         self.engine = BatchEngine(world, len(self.tasks))
         # The ingredients in the last recipes of a task's plans, shape (N, P), padded with -1.
         pair, plans = world.graph.recipes[:, :2].tolist(), world.tasks.plans
-        parts = [sorted({part for plan in plans[task] for part in pair[plan[-1]]}) for task in self.tasks.tolist()]
+        parts = [
+            sorted({part for plan in plans[task] for part in pair[plan[-1]]})
+            for task in self.tasks.tolist()
+        ]
         self._parts = padded(parts, -1)
 
     def __call__(self, player: Player) -> Evaluation:
@@ -143,11 +173,15 @@ class Evaluator:
                 success[:, distractor_seed] |= step.outcome == GOAL
                 by_plan[:, distractor_seed] |= step.by_plan
                 is_attempt = running & (selection != engine.nothing)
-                pair = np.minimum(selection, action) * engine.nothing + np.maximum(selection, action)
+                pair = np.minimum(selection, action) * engine.nothing + np.maximum(
+                    selection, action
+                )
                 decisions[is_attempt, distractor_seed] *= _HASH_FACTOR
                 decisions[is_attempt, distractor_seed] += 1 + pair[is_attempt]
                 ended = self._termination(selection, action)
-                terminations[step.over, distractor_seed] = np.where(step.outcome == GOAL, 0, ended)[step.over]
+                terminations[step.over, distractor_seed] = np.where(step.outcome == GOAL, 0, ended)[
+                    step.over
+                ]
                 last[step.over, distractor_seed] = np.column_stack([selection, action])[step.over]
         return Evaluation(self.tasks, success, by_plan, actions, terminations, last, decisions)
 
@@ -160,7 +194,11 @@ class Evaluator:
 
 
 def evaluate(
-    player: Policy | Player, graph: GraphLike | World, *, distractor_seeds: int | None = None, **settings: Any
+    player: Policy | Player,
+    graph: GraphLike | World,
+    *,
+    distractor_seeds: int | None = None,
+    **settings: Any,
 ) -> Evaluation:
     """Evaluate a policy or player on all tasks in a part of the split (a sample if there are very many).
 

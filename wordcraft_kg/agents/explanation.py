@@ -34,7 +34,9 @@ from wordcraft_kg.models.scorers.recipes import Witness
 _MAX_PAIRS = 3  # with evidence, per action
 MOST_ON_TABLE = 64
 """Maximum number of entities on a custom table; computing time grows with the square."""
-Model = Literal["no_scorer", "no_recipes", "all_recipes", "train_recipes", "without_a_fold", "no_knowledge"]
+Model = Literal[
+    "no_scorer", "no_recipes", "all_recipes", "train_recipes", "without_a_fold", "no_knowledge"
+]
 """Model behind the scores, by training recipes; ``no_knowledge``: all models were trained on recipes in the plan."""
 
 
@@ -47,7 +49,9 @@ class ExpectedAttempt(Record):
     probability: Share
 
     def __str__(self) -> str:
-        return f"{self.ingredient_a} + {self.ingredient_b} -> {self.result} ({self.probability:.2g})"
+        return (
+            f"{self.ingredient_a} + {self.ingredient_b} -> {self.result} ({self.probability:.2g})"
+        )
 
 
 class SlotEvidence(Record):
@@ -100,8 +104,12 @@ class ExplainedStep(Record):
         """Return up to ``limit`` entities with the highest logits, each with evidence; no entity-partner pair twice."""
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         for slot in sorted(self.slots, key=lambda slot: -slot.logit):
-            if slot.evidence is not None and (slot.evidence.because or slot.evidence.outside or slot.evidence.plan):
-                pairs.setdefault(frozenset((slot.entity, slot.evidence.partner)), (slot.entity, slot.evidence))
+            if slot.evidence is not None and (
+                slot.evidence.because or slot.evidence.outside or slot.evidence.plan
+            ):
+                pairs.setdefault(
+                    frozenset((slot.entity, slot.evidence.partner)), (slot.entity, slot.evidence)
+                )
         return list(pairs.values())[:limit]
 
 
@@ -145,7 +153,9 @@ class ExplainedTable(Record):
     @property
     def in_sample(self) -> tuple[TableRecipe, ...]:
         """Recipes of the plans that are training data of the model that gave the scores."""
-        return tuple(dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_in_sample))
+        return tuple(
+            dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_in_sample)
+        )
 
     @property
     def is_known(self) -> bool:
@@ -196,11 +206,18 @@ class Explainer:
         train recipes.
         """
         self.world = world
-        self._kg, self._trained_on, self._max_actions, self._outside = kg, trained_on, max_actions, outside
+        self._kg, self._trained_on, self._max_actions, self._outside = (
+            kg,
+            trained_on,
+            max_actions,
+            outside,
+        )
         self._policy = _own(policy)
         if has_train_recipes(world):
             self._policy.bind(world.tasks)
-        self._exact = copy.deepcopy(self._policy, {id(self._policy.sources): nn.ModuleDict()}).double()
+        self._exact = copy.deepcopy(
+            self._policy, {id(self._policy.sources): nn.ModuleDict()}
+        ).double()
         self._exact.sources = self._policy.sources
         self._names = [label.name for label in self._exact.labels]
         with torch.no_grad():
@@ -216,7 +233,12 @@ class Explainer:
         return self._explained(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def table(
-        self, goal: Entity, table: Sequence[Entity], selection: Entity | None = None, *, like: int | None = None
+        self,
+        goal: Entity,
+        table: Sequence[Entity],
+        selection: Entity | None = None,
+        *,
+        like: int | None = None,
     ) -> ExplainedTable:
         """Explain the actions for a goal at any table; entities are labels or ids, the table in slot order.
 
@@ -233,7 +255,9 @@ class Explainer:
             raise ConfigError(f"`table` of {len(ids)} entities: expected 1 to {MOST_ON_TABLE}.")
         if len(set(ids)) < len(ids):
             twice = next(entity for i, entity in enumerate(ids) if entity in ids[:i])
-            raise ConfigError(f"`table` holds '{graph.entities[twice]}' twice: expected different entities.")
+            raise ConfigError(
+                f"`table` holds '{graph.entities[twice]}' twice: expected different entities."
+            )
         selected = None if selection is None else graph.id_of(selection)
         if selected is not None and selected not in ids:
             raise ConfigError(
@@ -241,7 +265,10 @@ class Explainer:
             )
         if like is not None:
             whole("like", like, 0, len(tasks) - 1)
-            if tasks.goals[like] == target and {*tasks.starts[like].tolist()} <= {*ids, self.world.nothing}:
+            if tasks.goals[like] == target and {*tasks.starts[like].tolist()} <= {
+                *ids,
+                self.world.nothing,
+            }:
                 return self._explained(self._of_task(like, ids)._replace(selection=selected))
         return self._explained(self._of_table(target, ids)._replace(selection=selected))
 
@@ -251,7 +278,9 @@ class Explainer:
 
     def _of_task(self, task: int, table: list[int]) -> _Query:
         tasks = self.world.tasks
-        start = tasks.graph.labels(entity for entity in tasks.starts[task].tolist() if entity != self.world.nothing)
+        start = tasks.graph.labels(
+            entity for entity in tasks.starts[task].tolist() if entity != self.world.nothing
+        )
         number = task if has_train_recipes(self.world) else None
         return _Query(self._policy, number, start, tasks.plans[task], int(tasks.goals[task]), table)
 
@@ -261,7 +290,16 @@ class Explainer:
         if folds is None or not plans:
             return query
         start = np.array([sorted(table)])
-        posed = TaskSet(self.world.graph, self.world.config.depth, "all", np.array([goal]), start, (plans,), False, 0)
+        posed = TaskSet(
+            self.world.graph,
+            self.world.config.depth,
+            "all",
+            np.array([goal]),
+            start,
+            (plans,),
+            False,
+            0,
+        )
         if not 0 < models_of_tasks(folds, posed)[0] < len(seen_by_models(folds)) - 1:
             # No fold has a recipe of each plan: the model trained on all train recipes answers.
             return query
@@ -271,12 +309,18 @@ class Explainer:
 
     def _ways(self, goal: int, table: Iterable[int]) -> tuple[Rows, ...]:
         world, have = self.world, frozenset(table) - {goal}
-        ways = world.search.shortest_ways(goal, have, min(world.config.attempts, world.config.depth))
+        ways = world.search.shortest_ways(
+            goal, have, min(world.config.attempts, world.config.depth)
+        )
         return tuple(world.search.ordered(ways, goal, have))
 
     def _folds(self) -> Ids | None:
         for source in self._policy.sources.values():
-            if isinstance(source, FoldedSource) and source.reads_task and len(source.fold_of_recipe):
+            if (
+                isinstance(source, FoldedSource)
+                and source.reads_task
+                and len(source.fold_of_recipe)
+            ):
                 return np.asarray(source.fold_of_recipe.cpu().numpy())
         return None
 
@@ -285,8 +329,12 @@ class Explainer:
         model, fold, is_seen = self._answering(query)
         ways = tuple(
             tuple(
-                TableRecipe(*recipe, part=get_args(Part)[split.parts[row]], is_in_sample=bool(is_seen[row]))
-                for row, recipe in zip(way, graph.recipe_labels(graph.recipes[list(way)]), strict=True)
+                TableRecipe(
+                    *recipe, part=get_args(Part)[split.parts[row]], is_in_sample=bool(is_seen[row])
+                )
+                for row, recipe in zip(
+                    way, graph.recipe_labels(graph.recipes[list(way)]), strict=True
+                )
             )
             for way in self._ways(query.goal, query.table)
         )
@@ -300,15 +348,25 @@ class Explainer:
             return "no_recipes", None, np.zeros_like(is_train)
         if folds is None:
             is_all = self._kg == "full"
-            return "all_recipes" if is_all else "train_recipes", None, self._known(is_train | is_all, 0)
+            return (
+                "all_recipes" if is_all else "train_recipes",
+                None,
+                self._known(is_train | is_all, 0),
+            )
         seen, model = seen_by_models(folds), 0
         if query.task is not None:
-            source = next(source for source in query.policy.sources.values() if isinstance(source, FoldedSource))
+            source = next(
+                source
+                for source in query.policy.sources.values()
+                if isinstance(source, FoldedSource)
+            )
             model = int(source.model_of_task[query.task])
         if model == len(seen) - 1:
             return "no_knowledge", None, seen[model]
         is_known = self._known(seen[model], model)
-        return ("without_a_fold", model - 1, is_known) if model else ("train_recipes", None, is_known)
+        return (
+            ("without_a_fold", model - 1, is_known) if model else ("train_recipes", None, is_known)
+        )
 
     def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
         if self._trained_on is not None:
@@ -323,7 +381,12 @@ class Explainer:
         world, graph, nothing = self.world, self.world.graph, self.world.nothing
         plans, parts = self._plan_labels(query.plans)
         room = max(world.num_slots, len(query.table) + world.max_results * world.config.attempts)
-        table, selection, attempts, is_made = list(query.table), query.selection, world.config.attempts, False
+        table, selection, attempts, is_made = (
+            list(query.table),
+            query.selection,
+            world.config.attempts,
+            False,
+        )
         task = None if query.task is None else torch.tensor([query.task])
         steps: list[ExplainedStep] = []
         tried: list[tuple[int, int]] = []
@@ -337,7 +400,9 @@ class Explainer:
                 Attempts(torch.tensor([attempts]), torch.tensor([tried or [(nothing, nothing)]])),
             )
             action, output = self._decide(query.policy, state)
-            slots = _slots(self._names, output, graph.labels(table), parts, self._evidence(query.policy, state))
+            slots = _slots(
+                self._names, output, graph.labels(table), parts, self._evidence(query.policy, state)
+            )
             entity, made = table[action], []
             if selection is not None:
                 results = world.outcomes.get((min(selection, entity), max(selection, entity)), ())
@@ -346,12 +411,18 @@ class Explainer:
                 table += made
                 is_made, attempts = query.goal in results, attempts - 1
             selected = None if selection is None else graph.entities[selection]
-            lambdas = {} if output.lambdas is None else dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
+            lambdas = (
+                {}
+                if output.lambdas is None
+                else dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
+            )
             value, label = float(output.value[0]), graph.entities[entity]
             steps.append(ExplainedStep(selected, value, lambdas, label, graph.labels(made), slots))
             selection = entity if selection is None else None
         outcome = OUTCOMES[GOAL if is_made else IN_PROGRESS if attempts else OUT_OF_ATTEMPTS]
-        return ExplainedEpisode(graph.entities[query.goal], query.start, plans, outcome, tuple(steps))
+        return ExplainedEpisode(
+            graph.entities[query.goal], query.start, plans, outcome, tuple(steps)
+        )
 
     def _evidence(self, policy: Policy, state: States) -> list[SlotEvidence | None]:
         entities, goal, find = self.world.graph.entities, int(state.goal), self._outside
@@ -362,12 +433,18 @@ class Explainer:
                 if evidence is not None and (result[slot] is None or evidence.plan):
                     because = tuple(Witness.of(recipe, entities) for recipe in evidence.supporting)
                     expected = evidence.plan[0][2] if evidence.plan else goal
-                    outside = find.of_recipe(int(state.table[0, slot]), evidence.partner, expected) if find else ()
+                    outside = (
+                        find.of_recipe(int(state.table[0, slot]), evidence.partner, expected)
+                        if find
+                        else ()
+                    )
                     plan = tuple(
                         ExpectedAttempt(entities[a], entities[b], entities[made], probability)
                         for a, b, made, probability in evidence.plan
                     )
-                    result[slot] = SlotEvidence(name, entities[evidence.partner], because, outside, plan)
+                    result[slot] = SlotEvidence(
+                        name, entities[evidence.partner], because, outside, plan
+                    )
         return result
 
     def _plan_labels(self, plans: tuple[Rows, ...]) -> tuple[tuple[tuple[str, ...], ...], set[str]]:
@@ -380,7 +457,11 @@ class Explainer:
     def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput]:
         goal, selection, table, task, _ = state
         external_scores = policy.external_scores(*state)
-        action = int(self._policy(goal, selection, table, self._weights, task, external_scores).logits.argmax(1))
+        action = int(
+            self._policy(
+                goal, selection, table, self._weights, task, external_scores
+            ).logits.argmax(1)
+        )
         exact = None if external_scores is None else external_scores.double()
         return action, self._exact(goal, selection, table, self._exact_weights, task, exact)
 
@@ -407,10 +488,15 @@ def explain_episodes(
     explainer = Explainer(policy, world, outside=outside)
     if task is not None:
         whole("task", task, 0, len(world.tasks) - 1)
-        return tuple(explainer.episode(task, distractor_seed) for distractor_seed in range(episodes))
+        return tuple(
+            explainer.episode(task, distractor_seed) for distractor_seed in range(episodes)
+        )
     tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
     chosen = list(zip(tasks.tolist(), distractor_seeds.tolist(), strict=True))
-    return tuple(explainer.episode(task, distractor_seed) for task, distractor_seed in steps("explaining", chosen))
+    return tuple(
+        explainer.episode(task, distractor_seed)
+        for task, distractor_seed in steps("explaining", chosen)
+    )
 
 
 def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, Ids]:
@@ -419,7 +505,9 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
         rows = np.linspace(0, len(tasks) - 1, min(episodes, len(tasks))).astype(np.int64)
         return rows, np.zeros_like(rows)
     if goal not in graph.entities:
-        raise UnknownEntityError(f"no entity '{goal}' in {graph.name}.{nearest(goal, graph.entities)}")
+        raise UnknownEntityError(
+            f"no entity '{goal}' in {graph.name}.{nearest(goal, graph.entities)}"
+        )
     rows = np.flatnonzero(tasks.goals == graph.entities.index(goal))
     if not len(rows):
         raise TaskError(
@@ -436,7 +524,10 @@ def _slots(
     parts: set[str],
     evidence: Sequence[SlotEvidence | None],
 ) -> tuple[ExplainedSlot, ...]:
-    logits, probabilities = output.logits[0].tolist(), torch.softmax(output.logits[0], dim=0).tolist()
+    logits, probabilities = (
+        output.logits[0].tolist(),
+        torch.softmax(output.logits[0], dim=0).tolist(),
+    )
     values, lambdas = output.logits, [1.0]
     if output.sources is None or output.lambdas is None:
         names = [ALPHA.name]
@@ -448,6 +539,14 @@ def _slots(
         terms = [weight * value for weight, value in zip(lambdas, sources.values(), strict=True)]
         contributions = dict(zip(names, terms, strict=True))
         rows.append(
-            ExplainedSlot(label, label in parts, sources, contributions, logits[i], probabilities[i], evidence[i])
+            ExplainedSlot(
+                label,
+                label in parts,
+                sources,
+                contributions,
+                logits[i],
+                probabilities[i],
+                evidence[i],
+            )
         )
     return tuple(rows)

@@ -9,7 +9,13 @@ from typing import Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.agents.agent_folder import AGENTS, AgentRun, OpenedAgent, open_agent, read_agent_run
+from wordcraft_kg.agents.agent_folder import (
+    AGENTS,
+    AgentRun,
+    OpenedAgent,
+    open_agent,
+    read_agent_run,
+)
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.records import EPISODES_FILE, PlayedTask, read_episodes
 from wordcraft_kg.base.errors import WordCraftKGError
@@ -46,7 +52,10 @@ class FollowedRun:
 
     def records(self) -> AgentRun:
         """Return the run's settings, status, learning curves and checkpoints, as the files are now."""
-        stamp = *self._stamp(RUN_FILE, "config.toml", "metrics.jsonl"), *AGENTS.checkpoints(self.folder).records()
+        stamp = (
+            *self._stamp(RUN_FILE, "config.toml", "metrics.jsonl"),
+            *AGENTS.checkpoints(self.folder).records(),
+        )
         return self._once("records", stamp, lambda: read_agent_run(self.folder))
 
     def agent(self) -> OpenedAgent:
@@ -81,7 +90,11 @@ class FollowedRun:
         def read() -> NDArray[np.bool_] | None:
             try:
                 train_sample = read_train_sample(folder, self.opened, inputs["scorer"])
-                return None if train_sample is None else train_sample.is_trained_on & ~train_sample.is_wrong
+                return (
+                    None
+                    if train_sample is None
+                    else train_sample.is_trained_on & ~train_sample.is_wrong
+                )
             except WordCraftKGError:
                 return None
 

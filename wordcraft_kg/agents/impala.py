@@ -72,19 +72,31 @@ class Impala:
         cost = config.scorer_cost
         if cost is None:  # attention sees each of a few tasks more often, and remembers it
             cost = 3.0 if len(envs.world.tasks) < 1_000 else 0.3
-        self._scorer_cost = cost if config.has_scorer_cost(policy.sources, envs.world.config.depth) else 0.0
-        self._parameters = [parameter for parameter in policy.parameters() if parameter.requires_grad]
+        self._scorer_cost = (
+            cost if config.has_scorer_cost(policy.sources, envs.world.config.depth) else 0.0
+        )
+        self._parameters = [
+            parameter for parameter in policy.parameters() if parameter.requires_grad
+        ]
         # The parameters are views of a flat tensor, so that an optimiser step takes a few calls, not hundreds.
-        self._flat = nn.Parameter(torch.cat([parameter.detach().reshape(-1) for parameter in self._parameters]))
+        self._flat = nn.Parameter(
+            torch.cat([parameter.detach().reshape(-1) for parameter in self._parameters])
+        )
         self._flat.grad = gradients = torch.zeros_like(self._flat)
         sizes = [parameter.numel() for parameter in self._parameters]
-        views = zip(self._parameters, self._flat.data.split(sizes), gradients.split(sizes), strict=True)
+        views = zip(
+            self._parameters, self._flat.data.split(sizes), gradients.split(sizes), strict=True
+        )
         for parameter, value, gradient in views:
             parameter.data, parameter.grad = value.view_as(parameter), gradient.view_as(parameter)
         rate, decay, epsilon = config.learning_rate, config.rms_decay, config.rms_epsilon
-        self.optimizer = torch.optim.RMSprop([self._flat], rate, decay, epsilon, momentum=config.momentum)
+        self.optimizer = torch.optim.RMSprop(
+            [self._flat], rate, decay, epsilon, momentum=config.momentum
+        )
         lag = min(config.policy_lag, config.updates)
-        check_memory("policy_lag", config.policy_lag, "that many policies", 4 * len(self._flat) * lag)
+        check_memory(
+            "policy_lag", config.policy_lag, "that many policies", 4 * len(self._flat) * lag
+        )
         self._generator = torch.Generator(self.device).manual_seed(config.seed)
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
         time, batch, slots = config.unroll, config.batch_size, envs.engine.num_slots
@@ -123,7 +135,9 @@ class Impala:
         if self.config.policy_lag:
             # Contiguous, as in a checkpoint: products with a transposed tensor round differently.
             contiguous = torch.contiguous_format
-            self._snapshots.append({name: tensor.clone(memory_format=contiguous) for name, tensor in acting.items()})
+            self._snapshots.append(
+                {name: tensor.clone(memory_format=contiguous) for name, tensor in acting.items()}
+            )
             acting = self._snapshots[0]
         is_cut = self._collect(acting)
         assert self._flat.grad is not None
@@ -136,13 +150,22 @@ class Impala:
             raise TrainingError(self._not_finite())
         self._flat.grad.mul_((self.config.clip / (norm + 1e-6)).clamp(max=1))
         for group in self.optimizer.param_groups:
-            group["lr"] = self.config.learning_rate * max(0, 1 - self.update_number / self.config.updates)
+            group["lr"] = self.config.learning_rate * max(
+                0, 1 - self.update_number / self.config.updates
+            )
         self.optimizer.step()
         self.update_number += 1
         unroll = self._unroll
-        counts = unroll.rewards.sum(), unroll.over.sum(), unroll.won.sum(), torch.ones((), device=self.device)
+        counts = (
+            unroll.rewards.sum(),
+            unroll.over.sum(),
+            unroll.won.sum(),
+            torch.ones((), device=self.device),
+        )
         self._sums += torch.stack([*(loss.detach() for loss in losses), norm, *counts])
-        self._last = tuple(tensor.clone() for tensor in last)  # a compiled learner reuses its output tensors
+        self._last = tuple(
+            tensor.clone() for tensor in last
+        )  # a compiled learner reuses its output tensors
 
     def take_figures(self) -> dict[str, float | None]:
         """Return training metrics since the last call, by name, and reset the sums.
@@ -183,10 +206,14 @@ class Impala:
         """
         if not self._flat.isfinite().all():
             raise TrainingError(self._not_finite())
-        tensors: dict[str, Tensor] = {f"policy.{name}": parameter for name, parameter in self.policy.named_parameters()}
+        tensors: dict[str, Tensor] = {
+            f"policy.{name}": parameter for name, parameter in self.policy.named_parameters()
+        }
         for name, value in self.optimizer.state[self._flat].items():
             tensors[f"optimizer.{name}"] = torch.as_tensor(value)
-        tensors |= {f"engine.{name}": torch.from_numpy(array) for name, array in self.envs.saved().items()}
+        tensors |= {
+            f"engine.{name}": torch.from_numpy(array) for name, array in self.envs.saved().items()
+        }
         for i, snapshot in enumerate(self._snapshots):
             tensors |= {f"snapshot.{i}.{name}": tensor for name, tensor in snapshot.items()}
         tensors |= {"sums": self._sums, "generator": self._generator.get_state()}
@@ -202,7 +229,9 @@ class Impala:
             for name, parameter in self.policy.named_parameters():
                 parameter.copy_(state[f"policy.{name}"])
         self.optimizer.state[self._flat] = self._restored_optimizer(state)
-        self.envs = self.envs.restored({name: state[f"engine.{name}"].numpy() for name in self.envs.saved()})
+        self.envs = self.envs.restored(
+            {name: state[f"engine.{name}"].numpy() for name in self.envs.saved()}
+        )
         self._snapshots.clear()
         snapshots: dict[int, Weights] = {}
         for key, tensor in state.items():
@@ -218,7 +247,9 @@ class Impala:
     def _collect(self, weights: Weights) -> bool:
         """Collect an unroll; return whether an episode continues, so that bootstrap values are needed."""
         unroll, engine = self._unroll, self.envs.engine
-        noise = torch.rand(self.config.unroll, engine.num_envs, generator=self._generator, device=self.device)
+        noise = torch.rand(
+            self.config.unroll, engine.num_envs, generator=self._generator, device=self.device
+        )
         for t in range(self.config.unroll):
             self._observe(t)
             external_scores = None if unroll.external_scores is None else unroll.external_scores[t]
@@ -235,7 +266,11 @@ class Impala:
 
     def _observe(self, t: int) -> None:
         unroll, states = self._unroll, states_of(self.envs)
-        unroll.goal[t], unroll.selection[t], unroll.table[t] = states.goal, states.selection, states.table
+        unroll.goal[t], unroll.selection[t], unroll.table[t] = (
+            states.goal,
+            states.selection,
+            states.table,
+        )
         external_scores = self.policy.external_scores(*states) if t < self.config.unroll else None
         if external_scores is not None:
             assert unroll.external_scores is not None
@@ -250,7 +285,9 @@ class Impala:
         external_scores: Tensor | None,
         noise: Tensor,
     ) -> tuple[Tensor, Tensor]:
-        log_probs = log_policy(self.policy(goal, selection, table, weights, external_scores=external_scores).logits)
+        log_probs = log_policy(
+            self.policy(goal, selection, table, weights, external_scores=external_scores).logits
+        )
         shares = log_probs.exp().cumsum(0)
         # The first slot where the cumulative probability exceeds the noise, never a slot with probability 0.
         actions = (shares <= noise * shares[-1]).sum(0)
@@ -276,7 +313,9 @@ class Impala:
         values = output.value.view(num_states, -1)
         bootstrap = values[time].detach() if is_cut else torch.zeros_like(values[0])
         log_rhos = log_probs.detach() - unroll.log_probs
-        targets = v_trace(log_rhos, unroll.discounts, unroll.rewards, values[:time].detach(), bootstrap)
+        targets = v_trace(
+            log_rhos, unroll.discounts, unroll.rewards, values[:time].detach(), bootstrap
+        )
         of_policy = policy_gradient_loss(log_probs, targets.pg_advantages)
         of_baseline = baseline_loss(values[:time], targets.vs)
         spread = entropy(log_policies)
@@ -286,7 +325,9 @@ class Impala:
             scores = external_scores[:acted, list(self.policy.sources).index(W.name)]
             alone = log_policy(scores.masked_fill(output.logits[:acted] == -torch.inf, -torch.inf))
             loss = loss + self._scorer_cost * divergence(log_policies, alone)
-        lambdas = loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted].detach()
+        lambdas = (
+            loss.new_zeros(acted, 0) if output.lambdas is None else output.lambdas[:acted].detach()
+        )
         return (loss, of_policy, of_baseline, spread), (log_rhos, lambdas)
 
     def _restored_optimizer(self, state: Mapping[str, Tensor]) -> dict[str, Tensor]:
@@ -294,13 +335,22 @@ class Impala:
         expected = {"step": (), "square_avg": self._flat.shape} if state["update"] else {}
         if expected and self.config.momentum:
             expected["momentum_buffer"] = self._flat.shape
-        names = {name.removeprefix("optimizer."): name for name in state if name.startswith("optimizer.")}
+        names = {
+            name.removeprefix("optimizer."): name for name in state if name.startswith("optimizer.")
+        }
         if names.keys() != expected.keys():
-            raise KeyError(f"optimiser tensors: expected {', '.join(expected) or 'none'}, found {', '.join(names)}")
+            raise KeyError(
+                f"optimiser tensors: expected {', '.join(expected) or 'none'}, found {', '.join(names)}"
+            )
         for key, name in names.items():
             if state[name].shape != expected[key] or not state[name].is_floating_point():
-                raise RuntimeError(f"{name} has shape {tuple(state[name].shape)} and type {state[name].dtype}")
-        return {key: state[name].to("cpu" if key == "step" else self.device, copy=True) for key, name in names.items()}
+                raise RuntimeError(
+                    f"{name} has shape {tuple(state[name].shape)} and type {state[name].dtype}"
+                )
+        return {
+            key: state[name].to("cpu" if key == "step" else self.device, copy=True)
+            for key, name in names.items()
+        }
 
     def _not_finite(self) -> str:
         return (

@@ -84,7 +84,9 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
         scores = np.zeros(state.table.shape)
         for start in range(0, state.num_envs, ROWS):
             for source in sources:
-                scores[start : start + ROWS] += ask(source, *inputs.rows(start, start + ROWS)).numpy()
+                scores[start : start + ROWS] += ask(
+                    source, *inputs.rows(start, start + ROWS)
+                ).numpy()
         return _best(np.where(state.action_masks(), scores, -np.inf), rng)
 
     return choose
@@ -96,7 +98,9 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
     def of_pairs(a: Tensor, b: Tensor, goal: Tensor, nothing: int) -> Tensor:
         """Return pair scores by broadcasting, float64, -inf where b is nothing."""
         last = nothing - 1
-        scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double() - 1e-6 * (a == b)
+        scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double() - 1e-6 * (
+            a == b
+        )
         return scores.masked_fill(b == nothing, -torch.inf)
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
@@ -107,7 +111,9 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         slots = torch.nonzero((table[begins] != state.nothing).any(0)).flatten()
         for rows in begins.split(max(1, CELLS // len(slots) ** 2)) if len(slots) else ():
             filled = table[rows][:, slots]
-            pairs = of_pairs(filled[:, :, None], filled[:, None, :], goal[rows, None, None], state.nothing)
+            pairs = of_pairs(
+                filled[:, :, None], filled[:, None, :], goal[rows, None, None], state.nothing
+            )
             scores[rows[:, None], slots] = pairs.max(dim=2).values
         return _best(np.where(state.action_masks(), scores.numpy(), -np.inf), rng)
 
@@ -116,7 +122,9 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
 
 def nearest_words(graph: RecipeGraph) -> Player:
     """Return a player of the two labels nearest to the goal's label by GloVe cosine, which knows no recipe."""
-    unit = np.pad(glove_features(graph.entities).unit_vectors, ((0, 1), (0, 0)))  # the last row is for empty slots
+    unit = np.pad(
+        glove_features(graph.entities).unit_vectors, ((0, 1), (0, 0))
+    )  # the last row is for empty slots
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
         is_selected = state.table == state.selection[:, None]
@@ -130,7 +138,9 @@ def nearest_words(graph: RecipeGraph) -> Player:
 def scorer_alone(sources: Mapping[str, SlotScores]) -> dict[str, Player]:
     """Return players that follow an agent's score sources without learned weights: all summed, w alone, and p alone."""
     players = {", ".join(sources): knowledge_player(list(sources.values()))} if sources else {}
-    return players | {name: knowledge_player([sources[name]]) for name in ("w", "p") if name in sources}
+    return players | {
+        name: knowledge_player([sources[name]]) for name in ("w", "p") if name in sources
+    }
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
@@ -155,7 +165,11 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
     facts = SymbolicScorer(graph, triples)
 
     def score(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
-        return facts.score(a, COMBINES_WITH, b) + facts.score(a, COMPONENT_OF, c) + facts.score(b, COMPONENT_OF, c)
+        return (
+            facts.score(a, COMBINES_WITH, b)
+            + facts.score(a, COMPONENT_OF, c)
+            + facts.score(b, COMPONENT_OF, c)
+        )
 
     return score
 
@@ -169,7 +183,11 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     train = split.recipes("train")
     planner = {}
     if dense_bytes(graph.num_entities) <= memory():
-        planner = {"partial KG, planner": knowledge_player([BestPlan.of_recipes(graph.num_entities, train)])}
+        planner = {
+            "partial KG, planner": knowledge_player(
+                [BestPlan.of_recipes(graph.num_entities, train)]
+            )
+        }
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
@@ -189,7 +207,12 @@ def knowledge_players(split: Split) -> dict[str, Player]:
 
 
 def scorer_players(
-    graph: RecipeGraph, scorer: TripleScorer, observed: Ids, tasks: TaskSet | None = None, *, plans: bool = False
+    graph: RecipeGraph,
+    scorer: TripleScorer,
+    observed: Ids,
+    tasks: TaskSet | None = None,
+    *,
+    plans: bool = False,
 ) -> dict[str, Player]:
     """Return players that act by a scorer's standardised scores: v, u, and u+v with three settings for self edges.
 
@@ -255,18 +278,25 @@ def play_all(
         tasks = np.arange(len(world.tasks))
         engine = BatchEngine(world.variant(num_distractors=amount), len(tasks))
         for name, player in players.items():
-            success, by_plan = (np.zeros((len(tasks), distractor_seeds), dtype=bool) for _ in range(2))
+            success, by_plan = (
+                np.zeros((len(tasks), distractor_seeds), dtype=bool) for _ in range(2)
+            )
             rng = np.random.default_rng([seed, amount])
             for distractor_seed in range(distractor_seeds):
                 state = engine.pose(tasks, distractor_seed, seed=seed)
                 table = f"{counted(amount, 'distractor')}, table {distractor_seed + 1} of {distractor_seeds}"
-                for _ in steps(f"playing {name}, {table}, action", range(2 * int(state.attempts_left.max()))):
+                for _ in steps(
+                    f"playing {name}, {table}, action", range(2 * int(state.attempts_left.max()))
+                ):
                     if not (state.attempts_left > 0).any():
                         break
                     state, step = engine.step_once(state, player(state, rng))
                     success[:, distractor_seed] |= step.outcome == GOAL
                     by_plan[:, distractor_seed] |= step.by_plan
-            rates, interval = (float(success.mean()), float(by_plan.mean())), task_bootstrap(success)
+            rates, interval = (
+                (float(success.mean()), float(by_plan.mean())),
+                task_bootstrap(success),
+            )
             rows.append(PlayerSuccess(name, amount, success.size, rates[0], *interval, rates[1]))
     return tuple(rows)
 

@@ -36,7 +36,9 @@ FREE = 5
 """Number of random attempts at the start of a run."""
 COVER = 5
 """Every how many attempts the player uses an entity that it has tried least: everything may depend on one entity."""
-_LIKELY = 64  # results by componentOf scores, of which the CANDIDATES best by recipe scores are kept
+_LIKELY = (
+    64  # results by componentOf scores, of which the CANDIDATES best by recipe scores are kept
+)
 _NONE = -12.0  # score of a candidate that is known already
 _STEPS = 3  # of Newton's method after each attempt; the weights change little
 _STEP = 1.0  # largest change of a weight in a step
@@ -87,7 +89,9 @@ class RecipeDiscoverer(Discoverer):
         if row < self._own:
             self._is_known[row] = True
         self._score(row, partners)
-        results, scores = zip(*(self._scored[_ordered(row, partner)] for partner in partners.tolist()), strict=True)
+        results, scores = zip(
+            *(self._scored[_ordered(row, partner)] for partner in partners.tolist()), strict=True
+        )
         fixed = [
             np.ones(len(partners)),
             self._uses[row] + self._uses[partners],
@@ -108,7 +112,9 @@ class RecipeDiscoverer(Discoverer):
         if len(self._made) < FREE:
             self._chosen = int(self.rng.integers(len(features)))
         else:
-            worth = 1 + (np.exp(log_softmax(scores, axis=1)) * self._uses[self._results]).sum(axis=1)
+            worth = 1 + (np.exp(log_softmax(scores, axis=1)) * self._uses[self._results]).sum(
+                axis=1
+            )
             values = expit(features @ self._weights) * worth
             if (len(self._made) + 1) % COVER == 0:
                 attempts = self._attempts[self._pairs].min(axis=1)
@@ -128,12 +134,18 @@ class RecipeDiscoverer(Discoverer):
 
     def _score(self, row: int, partners: NDArray[np.int64]) -> None:
         """Keep likely results with each partner and their scores; equal in all runs, so computed once."""
-        wanted = [partner for partner in dict.fromkeys(partners.tolist()) if _ordered(row, partner) not in self._scored]
+        wanted = [
+            partner
+            for partner in dict.fromkeys(partners.tolist())
+            if _ordered(row, partner) not in self._scored
+        ]
         if wanted:
             others = torch.tensor(wanted)[:, None]
             fit = self._parts[row] + self._parts[others[:, 0]]
             likely = fit.topk(min(_LIKELY, self._own), dim=1).indices
-            scores, best = self._scorer.score_recipes(torch.tensor(row), others, likely).topk(self._width, dim=1)
+            scores, best = self._scorer.score_recipes(torch.tensor(row), others, likely).topk(
+                self._width, dim=1
+            )
             results = likely.gather(1, best).numpy()
             for partner, *kept in zip(wanted, results, scores.numpy(), strict=True):
                 self._scored[_ordered(row, partner)] = kept[0], kept[1]
@@ -143,7 +155,9 @@ class RecipeDiscoverer(Discoverer):
         for _ in range(_STEPS):
             chances = expit(self._seen @ weights)
             slope = self._seen.T @ (chances - self._made) + (weights - self._mean) / self._variance
-            curvature = (self._seen.T * (chances * (1 - chances))) @ self._seen + np.diag(1 / self._variance)
+            curvature = (self._seen.T * (chances * (1 - chances))) @ self._seen + np.diag(
+                1 / self._variance
+            )
             step = np.linalg.solve(curvature, slope)
             weights = weights - step / max(1.0, np.abs(step).max() / _STEP)
         self._weights = weights

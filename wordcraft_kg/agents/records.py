@@ -59,7 +59,9 @@ def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
     rows = parse_lines(data, MetricsRow, path)
     figures = parse_lines(data, dict[str, float | None], path)
     return [
-        msgspec.structs.replace(row, figures={name: value for name, value in line.items() if value is not None})
+        msgspec.structs.replace(
+            row, figures={name: value for name, value in line.items() if value is not None}
+        )
         for row, line in zip(rows, figures, strict=True)
     ]
 

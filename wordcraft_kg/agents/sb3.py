@@ -62,7 +62,9 @@ class _NetworkPolicy(BasePolicy):
         super().__init__(observation_space, action_space, lr_schedule, **settings)
         self.network = copy.deepcopy(network)
         self._tasks = self._bound_to()
-        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+        self.optimizer = self.optimizer_class(
+            self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs
+        )
 
     def forward(
         self, obs: Observations, deterministic: bool = False, action_masks: Any = None
@@ -95,16 +97,26 @@ class _NetworkPolicy(BasePolicy):
         """Skip the default network construction."""
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
-        names = ("observation_space", "action_space", "network", "optimizer_class", "optimizer_kwargs")
+        names = (
+            "observation_space",
+            "action_space",
+            "network",
+            "optimizer_class",
+            "optimizer_kwargs",
+        )
         return {name: getattr(self, name) for name in names} | {"lr_schedule": self._dummy_schedule}
 
     def _decide(self, obs: Observations, action_masks: Any) -> tuple[Any, Tensor]:
         logits, value, *_ = self._ask(obs)
         if action_masks is not None:
-            mask = torch.as_tensor(action_masks, dtype=torch.bool, device=logits.device).reshape(logits.shape)
+            mask = torch.as_tensor(action_masks, dtype=torch.bool, device=logits.device).reshape(
+                logits.shape
+            )
             logits = logits.masked_fill(~mask, -torch.inf)
             if (logits == -torch.inf).all(1).any():
-                raise ActionError("`action_masks` leaves a state without a slot to choose: only empty slots are True.")
+                raise ActionError(
+                    "`action_masks` leaves a state without a slot to choose: only empty slots are True."
+                )
         return self.action_dist.proba_distribution(action_logits=logits), value[:, None]
 
     def _ask(self, obs: Observations) -> PolicyOutput:
@@ -116,7 +128,9 @@ class _NetworkPolicy(BasePolicy):
                 "environment. Bind the policy again: model.policy.network.bind(world.tasks)."
             )
         task = obs["task"].long().reshape(-1) if self.network.reads_task else None
-        attempts = Attempts(obs["attempts_left"].long().reshape(-1)) if "attempts_left" in obs else None
+        attempts = (
+            Attempts(obs["attempts_left"].long().reshape(-1)) if "attempts_left" in obs else None
+        )
         return self.network(goal, selection, obs["table"].long(), task=task, attempts=attempts)
 
     def _bound_to(self) -> list[str]:
@@ -124,7 +138,11 @@ class _NetworkPolicy(BasePolicy):
 
 
 def _folded(network: Policy) -> list[FoldedSource]:
-    return [source for source in network.sources.values() if isinstance(source, FoldedSource) and source.reads_task]
+    return [
+        source
+        for source in network.sources.values()
+        if isinstance(source, FoldedSource) and source.reads_task
+    ]
 
 
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
@@ -148,7 +166,9 @@ class MaskableSB3Policy(_NetworkPolicy, MaskableActorCriticPolicy):
     """:class:`SB3Policy` for MaskablePPO of sb3-contrib; empty slots are excluded with any masks."""
 
 
-def _check_spaces(observation_space: spaces.Space[Any], action_space: spaces.Space[Any], network: Policy) -> None:
+def _check_spaces(
+    observation_space: spaces.Space[Any], action_space: spaces.Space[Any], network: Policy
+) -> None:
     known = observation_space.spaces if isinstance(observation_space, spaces.Dict) else {}
     goal, selection, table = (known.get(key) for key in ("goal", "selection", "table"))
     if not (

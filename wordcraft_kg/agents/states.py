@@ -26,7 +26,10 @@ class States(NamedTuple):
 
     def rows(self, start: int, stop: int, device: torch.device | str = "cpu") -> "States":
         """Return the states ``start`` to ``stop`` (exclusive) on a device."""
-        parts = [None if part is None else part[start:stop].to(device) for part in (*self[:4], *self.attempts)]
+        parts = [
+            None if part is None else part[start:stop].to(device)
+            for part in (*self[:4], *self.attempts)
+        ]
         goal, selection, table, task, *attempts = parts
         return States(goal, selection, table, task, Attempts(*attempts))  # type: ignore[arg-type]
 
@@ -35,7 +38,9 @@ def states_of(state: State) -> States:
     """Return an engine's batched state as tensors, sharing memory on the CPU."""
     task = as_tensor(state.task) if has_train_recipes(state.world) else None
     attempts = Attempts(as_tensor(state.attempts_left), as_tensor(state.tried))
-    return States(as_tensor(state.goal), as_tensor(state.selection), as_tensor(state.table), task, attempts)
+    return States(
+        as_tensor(state.goal), as_tensor(state.selection), as_tensor(state.table), task, attempts
+    )
 
 
 def has_train_recipes(world: World) -> bool:

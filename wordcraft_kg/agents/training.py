@@ -22,7 +22,13 @@ from wordcraft_kg.agents.curves import MetricsFile, evaluators
 from wordcraft_kg.agents.evaluation import Evaluation, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala, check_compiler
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
-from wordcraft_kg.agents.records import EPISODES_FILE, AgentProgress, AgentSummary, PlayedTask, read_summary
+from wordcraft_kg.agents.records import (
+    EPISODES_FILE,
+    AgentProgress,
+    AgentSummary,
+    PlayedTask,
+    read_summary,
+)
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import check_memory
@@ -33,7 +39,12 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.models.policies.folder import make_policy, usage, write_constants, write_parameters
+from wordcraft_kg.models.policies.folder import (
+    make_policy,
+    usage,
+    write_constants,
+    write_parameters,
+)
 from wordcraft_kg.models.policies.sources.registry import pairs_need_factors
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
 from wordcraft_kg.runs.cards import front_matter
@@ -44,7 +55,13 @@ from wordcraft_kg.runs.record import RunRecord, read_finished_run
 from wordcraft_kg.runs.trackers import Log, Tracker
 from wordcraft_kg.runs.training import Training, train
 
-OUTPUTS = ("policy.safetensors", "policy.json", "constants.safetensors", "evaluation.json", "metrics.jsonl")
+OUTPUTS = (
+    "policy.safetensors",
+    "policy.json",
+    "constants.safetensors",
+    "evaluation.json",
+    "metrics.jsonl",
+)
 _MANY_SELF_PAIRS = 0.25  # minimum share for a warning about self edges
 
 
@@ -107,7 +124,11 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         # Tables, and activations for the gradients.
         slots = config.tasks.distractors + config.tasks.depth + 1
         needed = trainer.steps_per_update * (8 * slots + 4 * config.policy.value_size)
-        name, size = max(("batch_size", trainer.batch_size), ("unroll", trainer.unroll), key=lambda setting: setting[1])
+        name, size = max(
+            ("batch_size", trainer.batch_size),
+            ("unroll", trainer.unroll),
+            key=lambda setting: setting[1],
+        )
         check_memory(name, size, f"an update of {trainer.steps_per_update:,} steps", needed)
         world = World(self.opened, config.tasks.environment("train"))
         return BatchEngine(world, trainer.batch_size, device=trainer.device).reset(trainer.seed)
@@ -148,9 +169,17 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             _warn_of_self_pairs(opened.graph, config)
         world, slots, seed = self.envs.world, self.envs.engine.num_slots, config.trainer.seed
         self.policy, features = make_policy(
-            config.policy, opened.graph, slots, scorer=scorer, observed=observed, tasks=world.tasks, seed=seed
+            config.policy,
+            opened.graph,
+            slots,
+            scorer=scorer,
+            observed=observed,
+            tasks=world.tasks,
+            seed=seed,
         )
-        inputs = {name: value for name, value in self.input_hashes(config).items() if value is not None}
+        inputs = {
+            name: value for name, value in self.input_hashes(config).items() if value is not None
+        }
         if features is not None:
             inputs["features"] = features.sha256
             self.facts["missing_words"] = tuple(features.missing_words)
@@ -229,15 +258,23 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
     def _log(self, figures: dict[str, float | None], *, is_point: bool) -> None:
         step, seconds = self._logged
-        rate = round((self.step - step) / (self.seconds - seconds)) if self.seconds > seconds else None
+        rate = (
+            round((self.step - step) / (self.seconds - seconds)) if self.seconds > seconds else None
+        )
         self._logged = (self.step, self.seconds)
-        row = {"step": self.step, **figures, **(self.metrics.evaluate(self.policy) if is_point else {})}
+        row = {
+            "step": self.step,
+            **figures,
+            **(self.metrics.evaluate(self.policy) if is_point else {}),
+        }
         row |= {"steps_per_second": rate, "seconds": round(self.elapsed, 3)}
         self.metrics.add(row)
         if self.report and self.step:
             names = ("success", "test_success", "steps_per_second")
             shown = {name: value for name in names if (value := row.get(name))}
-            self.report(self.step, self.config.trainer.updates * self.config.trainer.steps_per_update, shown)
+            self.report(
+                self.step, self.config.trainer.updates * self.config.trainer.steps_per_update, shown
+            )
 
     def _save(self) -> None:
         eval_seconds, size = self.metrics.eval_seconds, self.metrics.size()
@@ -248,7 +285,10 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
     def _finish(self) -> TrainedAgent:
         run, config = self.run, self.config
         player = PolicyPlayer(self.policy)
-        results = {part: evaluator(player) for part, evaluator in evaluators(self.impala.envs.world).items()}
+        results = {
+            part: evaluator(player)
+            for part, evaluator in evaluators(self.impala.envs.world).items()
+        }
         summary = AgentSummary(
             steps=self.step,
             seconds=round(self.elapsed, 3),
@@ -296,7 +336,9 @@ def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iter
                 goal=task.goal,
                 start=task.start,
                 success=float(result.success[i].mean()),
-                terminations=tuple(TERMINATION_REASONS[code] for code in result.terminations[i].tolist()),
+                terminations=tuple(
+                    TERMINATION_REASONS[code] for code in result.terminations[i].tolist()
+                ),
                 actions=tuple(result.actions[i].tolist()),
             )
             yield json.dumps(msgspec.to_builtins(row), ensure_ascii=False) + "\n"
@@ -323,12 +365,18 @@ def _note_on_scores(run: RunRecord) -> str:
     return "\nOn train tasks the scores were in-sample: the scorer was trained on the recipes of these tasks.\n"
 
 
-def _model_card(opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary: AgentSummary) -> str:
+def _model_card(
+    opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary: AgentSummary
+) -> str:
     policy, tasks = config.policy, config.tasks
     kind = "Self-attention actor-critic" if policy.policy == "attention" else "One-layer MLP"
     guide = "without a knowledge graph"
     if config.scorer:
-        trained_on = f"trained on the {run.kg} knowledge graph" if run.kg != "none" else "not trained on recipes"
+        trained_on = (
+            f"trained on the {run.kg} knowledge graph"
+            if run.kg != "none"
+            else "not trained on recipes"
+        )
         use = "as the only logits" if policy.kg_only else "mixed into the logits"
         guide = f"with {' and '.join(policy.sources)} from a scorer {trained_on}, {use}"
     rows = "\n".join(

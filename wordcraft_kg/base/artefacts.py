@@ -48,11 +48,15 @@ def dump_json(value: Any) -> str:
 def check_file(path: Path, largest: int = LARGE_FILE) -> None:
     """Raise ArtefactError unless a path is a regular file of at most ``largest`` bytes, not a device or a pipe."""
     if not os.path.lexists(path):
-        raise ArtefactError(f"{path} is missing; the folder is incomplete or not of the expected kind.")
+        raise ArtefactError(
+            f"{path} is missing; the folder is incomplete or not of the expected kind."
+        )
     if not path.is_file():
         raise ArtefactError(f"{path} is damaged: not a regular file. Restore a copy.")
     if (size := path.stat().st_size) > largest:
-        raise ArtefactError(f"{path} is damaged: {size:,} bytes; the limit is {largest:,}. Restore a copy.")
+        raise ArtefactError(
+            f"{path} is damaged: {size:,} bytes; the limit is {largest:,}. Restore a copy."
+        )
 
 
 def read_small_file(path: Path) -> bytes:
@@ -72,8 +76,13 @@ def read_json(path: Path) -> Any:
     data = read_small_file(path)
     try:
         return json.loads(data.decode())
-    except (ValueError, RecursionError) as error:  # not UTF-8, not JSON, a number of 5,000 digits, nested too deeply
-        raise ArtefactError(f"{path} is damaged: {error}. Make it again, or restore a copy.") from None
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # not UTF-8, not JSON, a number of 5,000 digits, nested too deeply
+        raise ArtefactError(
+            f"{path} is damaged: {error}. Make it again, or restore a copy."
+        ) from None
 
 
 def what_is(path: Path) -> str:
@@ -91,9 +100,13 @@ def what_is(path: Path) -> str:
     return f"has none of {', '.join(_OWN_FILES)}" if any(path.iterdir()) else "is an empty folder"
 
 
-def write_atomically(path: Path, content: str | bytes | Iterable[str], *, durable: bool = False) -> None:
+def write_atomically(
+    path: Path, content: str | bytes | Iterable[str], *, durable: bool = False
+) -> None:
     """Write through a temporary file and a rename; a ``durable`` file is flushed first, for power failures."""
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY)
+    descriptor, temporary = tempfile.mkstemp(
+        dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY
+    )
     try:
         if isinstance(content, bytes):
             with os.fdopen(descriptor, "wb") as binary:
@@ -129,7 +142,9 @@ def check_output(out: Path, *, force: bool) -> None:
     write, is never replaced.
     """
     if out.is_file():
-        raise OutputExistsError(f"'{out}' is a file, but the output is a folder. Choose another `out`.")
+        raise OutputExistsError(
+            f"'{out}' is a file, but the output is a folder. Choose another `out`."
+        )
     if not out.exists():
         return
     if not has_only_temporary(out) and not any((out / name).is_file() for name in _OWN_FILES):
@@ -138,7 +153,9 @@ def check_output(out: Path, *, force: bool) -> None:
             " the folder is not replaced, even with `force`. Choose another `out`."
         )
     if not force:
-        raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
+        raise OutputExistsError(
+            f"'{out}' exists. Choose another `out`, or replace it with `force`."
+        )
 
 
 @contextmanager
@@ -163,9 +180,13 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
 def check_output_file(out: Path, *, force: bool) -> None:
     """Raise an OutputExistsError if the file ``out`` is a folder, or exists and ``force`` is False."""
     if out.is_dir():
-        raise OutputExistsError(f"'{out}' is a folder, but the output is a file. Choose another `out`.")
+        raise OutputExistsError(
+            f"'{out}' is a folder, but the output is a file. Choose another `out`."
+        )
     if out.exists() and not force:
-        raise OutputExistsError(f"'{out}' exists. Choose another `out`, or replace it with `force`.")
+        raise OutputExistsError(
+            f"'{out}' exists. Choose another `out`, or replace it with `force`."
+        )
 
 
 @contextmanager

@@ -20,7 +20,11 @@ def requirements(extra: str = "") -> "dict[str, Requirement]":
     from packaging.requirements import Requirement
 
     every = map(Requirement, requires("wordcraft-kg") or ())
-    return {one.name: one for one in every if (one.marker.evaluate({"extra": extra}) if one.marker else not extra)}
+    return {
+        one.name: one
+        for one in every
+        if (one.marker.evaluate({"extra": extra}) if one.marker else not extra)
+    }
 
 
 def unmet(extra: str = "") -> dict[str, str]:
@@ -47,7 +51,9 @@ def check_extra(extra: str) -> None:
 def missing_extra(extra: str, names: Sequence[str]) -> MissingExtraError:
     """Return the error for missing packages ``names``; the message has the command that installs the extra."""
     are = "is" if len(names) == 1 else "are"
-    return MissingExtraError(f"{' and '.join(names)} {are} not installed: {pip_install(extra=extra)}")
+    return MissingExtraError(
+        f"{' and '.join(names)} {are} not installed: {pip_install(extra=extra)}"
+    )
 
 
 def missing_package(subject: str, error: ModuleNotFoundError) -> ImportError:
@@ -55,7 +61,9 @@ def missing_package(subject: str, error: ModuleNotFoundError) -> ImportError:
     name = (error.name or "").partition(".")[0]
     if name in ("", "wordcraft_kg"):
         return error
-    return MissingExtraError(f"{subject} needs {name}, which is not installed. Install it: {pip_install(name)}")
+    return MissingExtraError(
+        f"{subject} needs {name}, which is not installed. Install it: {pip_install(name)}"
+    )
 
 
 def pip_install(*names: str, extra: str = "") -> str:
@@ -70,6 +78,12 @@ def pip_install(*names: str, extra: str = "") -> str:
     """
     known = requirements(extra)
     packages = [name.replace("_", "-") for name in names] or list(known)
-    wanted = [str(known.get(name, name)).partition(";")[0].strip() for name in packages if name != "torch"]
-    needs_torch = "torch" in packages or ("pykeen" in packages and unmet().get("torch") == NOT_INSTALLED)
-    return " && ".join([CPU_TORCH] * needs_torch + [shlex.join(["pip", "install", *wanted])] * bool(wanted))
+    wanted = [
+        str(known.get(name, name)).partition(";")[0].strip() for name in packages if name != "torch"
+    ]
+    needs_torch = "torch" in packages or (
+        "pykeen" in packages and unmet().get("torch") == NOT_INSTALLED
+    )
+    return " && ".join(
+        [CPU_TORCH] * needs_torch + [shlex.join(["pip", "install", *wanted])] * bool(wanted)
+    )

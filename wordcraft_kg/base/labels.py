@@ -47,7 +47,9 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True) -
         return meant[0]
     text = " ".join(written.split())
     if meant:
-        choices = (f"{labels[place]} ({place + 1})" if by_number else labels[place] for place in meant)
+        choices = (
+            f"{labels[place]} ({place + 1})" if by_number else labels[place] for place in meant
+        )
         shown = ", ".join(islice(choices, _MOST_CHOICES))
         more = f" and {len(meant) - _MOST_CHOICES} more" if len(meant) > _MOST_CHOICES else ""
         remedy = "Write more of the name" + ", or the number" * by_number
@@ -55,7 +57,9 @@ def read_label(written: str, labels: Sequence[str], *, by_number: bool = True) -
     expected = f"expected {f'1 to {len(labels)}, ' * by_number}an item name, or the start of a name"
     if not text:
         raise ActionError(f"no answer: {expected}.")
-    raise ActionError(f"unknown item {_shown(text)!r}: {expected}.{nearest(folded(text)[:100], labels)}")
+    raise ActionError(
+        f"unknown item {_shown(text)!r}: {expected}.{nearest(folded(text)[:100], labels)}"
+    )
 
 
 class LabelIndex:
@@ -92,10 +96,16 @@ class LabelIndex:
         if text in self._exact:
             return [self._exact[text]]
         plain, bare = folded(text), _bare(text)
-        in_plural = self._plural.get(bare, set()).union(*(self._bare.get(form, ()) for form in _plurals(bare)))
+        in_plural = self._plural.get(bare, set()).union(
+            *(self._bare.get(form, ()) for form in _plurals(bare))
+        )
         if meant := self._folded.get(plain) or self._bare.get(bare) or in_plural:
             return sorted(meant)
-        return [place for place, label in enumerate(self._plain) if by_beginning and label.startswith(plain)]
+        return [
+            place
+            for place, label in enumerate(self._plain)
+            if by_beginning and label.startswith(plain)
+        ]
 
 
 _index = lru_cache(maxsize=64)(LabelIndex)
@@ -129,7 +139,9 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
         pairs = _pairs_in(reading, labels, unread)
         if len({tuple(sorted(pair)) for pair in pairs}) > 1:
             ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in pairs)
-            raise ActionError(f"'{_shown(text)}' is ambiguous: {ways}. Write the numbers, such as '1 2'.")
+            raise ActionError(
+                f"'{_shown(text)}' is ambiguous: {ways}. Write the numbers, such as '1 2'."
+            )
         if pairs:
             return pairs[0]
     if unread:

@@ -48,7 +48,9 @@ def read_record(path: Path, kind: type[T]) -> T:
 def parse_lines(data: bytes, kind: type[T], path: Path | str) -> list[T]:
     """Parse lines of JSON as records of type ``kind``, see :func:`parse_record`; errors also name the line."""
     lines = data.removesuffix(b"\n").split(b"\n") if data else []
-    return [parse_record(line, kind, f"{path}, line {number},") for number, line in enumerate(lines, 1)]
+    return [
+        parse_record(line, kind, f"{path}, line {number},") for number, line in enumerate(lines, 1)
+    ]
 
 
 def as_record(values: Any, kind: type[T], path: Path | str) -> T:
@@ -67,7 +69,10 @@ def _damaged(path: Path | str, error: Exception) -> ArtefactError:
 
 def as_lines(records: Iterable[Any]) -> list[str]:
     """Return each record as a line of JSON text, with a final newline."""
-    return [json.dumps(as_values(record), ensure_ascii=False, allow_nan=False) + "\n" for record in records]
+    return [
+        json.dumps(as_values(record), ensure_ascii=False, allow_nan=False) + "\n"
+        for record in records
+    ]
 
 
 def as_values(record: Any) -> Any:
@@ -84,5 +89,9 @@ def checked_values(record: Record) -> Any:
 
 def schema_of(kind: type[Any], identifier: str, title: str) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) for the record type ``kind``."""
-    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": identifier, "title": title}
+    head = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": identifier,
+        "title": title,
+    }
     return {**head, **msgspec.json.schema(kind)}

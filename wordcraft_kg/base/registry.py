@@ -52,4 +52,6 @@ class Registry(MutableMapping[str, T]):
                 thing = point.load()
                 if not isinstance(thing, ModuleType):
                     self._known.setdefault(point.name, thing)
-            self._is_complete = True  # not before: threads wait for the imports, and a failure is not forgotten
+            self._is_complete = (
+                True  # not before: threads wait for the imports, and a failure is not forgotten
+            )

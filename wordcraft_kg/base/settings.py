@@ -44,7 +44,9 @@ def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
     if isinstance(value, bool) or not low <= number <= limit:
         # A technical upper limit does not help with a number below the range.
         is_open = number < low and limit >= MAX_DIM
-        raise refuse(name, value, f"a whole number, {low} " + ("or more" if is_open else f"to {limit}"))
+        raise refuse(
+            name, value, f"a whole number, {low} " + ("or more" if is_open else f"to {limit}")
+        )
     return number
 
 
@@ -62,7 +64,11 @@ def one_line(name: str, text: str, most: int = 500) -> None:
 
 def positive(name: str, value: Any) -> float:
     """Return a setting with a positive number that a 32-bit float can hold, or raise a :class:`ConfigError`."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not SMALLEST <= value < LARGEST:
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, int | float)
+        or not SMALLEST <= value < LARGEST
+    ):
         raise refuse(name, value, "a number above 0")
     return float(value)
 

@@ -25,7 +25,9 @@ _LEVEL = 0.95
 _Z = NormalDist().inv_cdf((1 + _LEVEL) / 2)
 
 
-def bootstrap(values: Scores, clusters: NDArray[np.int64], *, resamples: int = RESAMPLES, seed: int = 0) -> Scores:
+def bootstrap(
+    values: Scores, clusters: NDArray[np.int64], *, resamples: int = RESAMPLES, seed: int = 0
+) -> Scores:
     """Return bootstrap means of ``values``, shape (resamples,), resampling whole clusters (such as a recipe's queries).
 
     ``values`` and ``clusters``, the cluster id of each value, have shape (N,).
@@ -52,7 +54,9 @@ def finite(name: str, values: ArrayLike) -> Scores:
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise ConfigError(f"{name}: expected a table of numbers with rows of the same length.") from None
+        raise ConfigError(
+            f"{name}: expected a table of numbers with rows of the same length."
+        ) from None
     if not array.size:
         raise ConfigError(f"{name} of shape {array.shape}: expected at least one value.")
     if not np.isfinite(array).all():
@@ -79,7 +83,9 @@ def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None 
     counted = scores if among is None else scores[np.ix_(among, among)]
     different = counted[~np.eye(len(counted), dtype=bool)]
     deviation = different.std()
-    if deviation <= 1e-12 * np.abs(different).max(initial=0):  # equal up to rounding, which must not be amplified
+    if deviation <= 1e-12 * np.abs(different).max(
+        initial=0
+    ):  # equal up to rounding, which must not be amplified
         deviation = 1.0
     return np.asarray((scores - different.mean()) / deviation)
 
@@ -99,7 +105,9 @@ def wilson_interval(successes: float, n: int) -> tuple[float, float]:
     Source: Wilson 1927, "Probable inference, the law of succession, and statistical inference".
     """
     if not 0 <= successes <= n or n < 1:
-        raise ConfigError(f"{successes} successes of {n}: expected at least one trial, and 0 to {n} successes.")
+        raise ConfigError(
+            f"{successes} successes of {n}: expected at least one trial, and 0 to {n} successes."
+        )
     middle = successes + _Z**2 / 2
     half = _Z * math.sqrt(successes * (n - successes) / n + _Z**2 / 4)
     # The bounds at k = 0 and k = n are exact; rounding must not change these bounds.
@@ -108,7 +116,9 @@ def wilson_interval(successes: float, n: int) -> tuple[float, float]:
     return low, high
 
 
-def task_bootstrap(successes: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0) -> tuple[float, float]:
+def task_bootstrap(
+    successes: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0
+) -> tuple[float, float]:
     """Return a bootstrap interval for a mean success rate; ``successes`` has shape (N tasks, D attempts), 0 and 1.
 
     Attempts at one task are correlated, so whole tasks are resampled (cluster bootstrap): with a task's rate
@@ -123,7 +133,9 @@ def task_bootstrap(successes: ArrayLike, *, draws: int = RESAMPLES, seed: int = 
     table = by_task("successes", successes, "(tasks, attempts)")
     wrong = table[(table != 0) & (table != 1)]
     if wrong.size:
-        raise ConfigError(f"successes: {wrong[0]:g} is neither 0 nor 1; expected single attempts, not rates.")
+        raise ConfigError(
+            f"successes: {wrong[0]:g} is neither 0 nor 1; expected single attempts, not rates."
+        )
     totals, tasks = np.unique(table.sum(axis=1), return_counts=True)
     n, attempts = table.shape
     if len(totals) == 1:
@@ -131,7 +143,9 @@ def task_bootstrap(successes: ArrayLike, *, draws: int = RESAMPLES, seed: int = 
     return interval(rng.multinomial(n, tasks / n, size=draws) @ totals / (n * attempts))
 
 
-def paired_difference(x: ArrayLike, y: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0) -> Interval:
+def paired_difference(
+    x: ArrayLike, y: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0
+) -> Interval:
     """Return the mean difference between two players' success on the same tasks, and its bootstrap interval.
 
     With the rates ``a_i`` and ``b_i`` on task i, the difference is ``mean_i (a_i - b_i)``. Tasks are resampled in
@@ -227,7 +241,9 @@ FEWEST_PAIRS = 3
 """Fewest seeds for a p-value and a firm verdict: two seeds say little about variation between seeds."""
 
 
-def student_interval(scores: ArrayLike, *, within: tuple[float, float] = (0.0, 1.0)) -> tuple[float, float] | None:
+def student_interval(
+    scores: ArrayLike, *, within: tuple[float, float] = (0.0, 1.0)
+) -> tuple[float, float] | None:
     """Return Student's t interval for the mean score over seeds, shape (S,); None for a single seed.
 
     ``mean ± t_(S-1) s / sqrt(S)``, with the scores' sample deviation s, cut to the possible values ``within``. A
@@ -272,7 +288,9 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected
 
 
-def correlation(x: ArrayLike, y: ArrayLike, kind: Literal["pearson", "spearman"] = "pearson") -> Interval | None:
+def correlation(
+    x: ArrayLike, y: ArrayLike, kind: Literal["pearson", "spearman"] = "pearson"
+) -> Interval | None:
     """Compute the correlation of paired values x and y, both of shape (N,), and its interval.
 
     Pearson's correlation measures how near the points (x_i, y_i) are to a line. Spearman's is Pearson's correlation of
@@ -287,7 +305,9 @@ def correlation(x: ArrayLike, y: ArrayLike, kind: Literal["pearson", "spearman"]
     one_of("kind", kind, ("pearson", "spearman"))
     a, b = finite("x", x), finite("y", y)
     if a.ndim != 1 or a.shape != b.shape:
-        raise ConfigError(f"x of shape {a.shape} and y of shape {b.shape}: expected one number for each cell.")
+        raise ConfigError(
+            f"x of shape {a.shape} and y of shape {b.shape}: expected one number for each cell."
+        )
     if len(a) < _FEWEST or np.ptp(a) == 0 or np.ptp(b) == 0:
         return None
     if kind == "spearman":
@@ -295,6 +315,14 @@ def correlation(x: ArrayLike, y: ArrayLike, kind: Literal["pearson", "spearman"]
 
         a, b = rankdata(a), rankdata(b)
     value = float(np.clip(np.corrcoef(a, b)[0, 1], -1, 1))
-    variance = (1 + value**2 / 2 if kind == "spearman" else 1) / (len(a) - 3) if len(a) > _FEWEST else math.inf
+    variance = (
+        (1 + value**2 / 2 if kind == "spearman" else 1) / (len(a) - 3)
+        if len(a) > _FEWEST
+        else math.inf
+    )
     middle = math.atanh(min(max(value, -_CERTAIN), _CERTAIN))
-    return value, math.tanh(middle - _Z * math.sqrt(variance)), math.tanh(middle + _Z * math.sqrt(variance))
+    return (
+        value,
+        math.tanh(middle - _Z * math.sqrt(variance)),
+        math.tanh(middle + _Z * math.sqrt(variance)),
+    )

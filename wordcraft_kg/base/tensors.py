@@ -19,10 +19,16 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
     try:
         tensors = safetensors.torch.load(data)
     except (SafetensorError, ValueError, KeyError) as error:
-        raise ArtefactError(f"{path} is damaged ({error}). Train the model again, or restore a copy.") from None
+        raise ArtefactError(
+            f"{path} is damaged ({error}). Train the model again, or restore a copy."
+        ) from None
     for name, tensor in tensors.items():
         # Checking the extremes is enough; checking each number takes twice the tensor's memory.
-        if tensor.is_floating_point() and tensor.numel() and not torch.isfinite(torch.stack(tensor.aminmax())).all():
+        if (
+            tensor.is_floating_point()
+            and tensor.numel()
+            and not torch.isfinite(torch.stack(tensor.aminmax())).all()
+        ):
             raise ArtefactError(
                 f"{path} is damaged: the tensor {name} holds NaN or infinity. Train the model again, or restore a copy."
             )
@@ -31,7 +37,11 @@ def read_tensors(path: Path, data: bytes) -> dict[str, torch.Tensor]:
 
 def with_prefix(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
     """Return the tensors with names that begin with ``prefix``; the returned names omit the prefix."""
-    return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
+    return {
+        name.removeprefix(prefix): tensor
+        for name, tensor in tensors.items()
+        if name.startswith(prefix)
+    }
 
 
 def lazily_zero(tensor: Tensor) -> Tensor:

@@ -42,7 +42,9 @@ CORE = {
     "Installation": ["doctor"],
 }
 """Commands of the package itself, by group in the help."""
-APPS = {point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")}
+APPS = {
+    point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")
+}
 """Entry points of the commands that apps add, by command name."""
 ALL = [name for names in CORE.values() for name in names] + sorted(APPS)
 PROGRAM = "wordcraft-kg"
@@ -57,7 +59,9 @@ ABOUT = """Build recipe graphs of crafting worlds, predict links, train agents, 
   wordcraft-kg explore graph --model model --run run
 
 train-complex trains the paper's model instead; compare tests the differences between runs or between models."""
-CONFIGURED = "Options can also be set in a TOML file, --config FILE, in a table named after the command."
+CONFIGURED = (
+    "Options can also be set in a TOML file, --config FILE, in a table named after the command."
+)
 
 
 def make_app() -> App:
@@ -89,7 +93,9 @@ def make_app() -> App:
                 sort_key=place,
                 usage=f"Usage: {manual.usage}",
                 help_epilogue=_examples(manual.module),
-                synonym=tuple(word.split("-")),  # "train" is not a command, but suggests the training commands
+                synonym=tuple(
+                    word.split("-")
+                ),  # "train" is not a command, but suggests the training commands
             )
     return app
 
@@ -101,12 +107,22 @@ def _subject(app: App, words: list[str], group: Group) -> App:
     if word not in app:
         modules = [manual_of(name).module for name in ALL if name.startswith(f"{word} ")]
         about = next(module.SUBJECT for module in modules if hasattr(module, "SUBJECT"))
-        app.command(App(name=word, help=about, help_epilogue=_examples(*modules), group=group, version_flags=()))
+        app.command(
+            App(
+                name=word,
+                help=about,
+                help_epilogue=_examples(*modules),
+                group=group,
+                version_flags=(),
+            )
+        )
     return app[word]
 
 
 def _examples(*modules: ModuleType) -> str:
-    return "Examples:\n\n" + "\n".join(f"  {line}" for module in modules for line in module.EXAMPLES)
+    return "Examples:\n\n" + "\n".join(
+        f"  {line}" for module in modules for line in module.EXAMPLES
+    )
 
 
 def commands_by_group() -> dict[str, list[str]]:
@@ -134,7 +150,10 @@ class _FlowingHelp(DefaultFormatter):
         """Show a panel with commands or options; positional arguments are shown without an option name."""
         for entry in panel.entries:
             _flow(entry.description)
-        entries = [entry.copy(positive_names=()) if entry.positional_label else entry for entry in panel.entries]
+        entries = [
+            entry.copy(positive_names=()) if entry.positional_label else entry
+            for entry in panel.entries
+        ]
         super().__call__(console, options, panel.copy(entries=entries))
 
     def render_description(self, console: Any, options: Any, description: Any) -> None:
@@ -172,7 +191,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # A large book creates millions of small, long-lived objects: garbage collection would take longer than the work.
     gc.set_threshold(200_000, 20, 100)
     tokens = list(sys.argv[1:] if arguments is None else arguments)
-    tokens = ["→" if token == "->" else token for token in tokens]  # the arrow in a recipe, not an option
+    tokens = [
+        "→" if token == "->" else token for token in tokens
+    ]  # the arrow in a recipe, not an option
     if tokens[:1] == ["help"]:
         tokens = [*tokens[1:3], "--help"]
     name = command_in(tokens)
@@ -214,12 +235,16 @@ def _check_text(value: Any, where: str) -> None:
         try:
             value.encode()
         except UnicodeEncodeError:
-            raise ConfigError(f"{value!r} is not UTF-8. Rename the file or folder, or correct the text.") from None
+            raise ConfigError(
+                f"{value!r} is not UTF-8. Rename the file or folder, or correct the text."
+            ) from None
 
 
 def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
     for argument in arguments:
-        if any(int in (hint, *get_args(hint)) for hint in (argument.hint, *get_args(argument.hint))):
+        if any(
+            int in (hint, *get_args(hint)) for hint in (argument.hint, *get_args(argument.hint))
+        ):
             for token in argument.tokens:
                 if "." in token.value:
                     raise CoercionError(argument=argument, token=token, target_type=int)
@@ -237,12 +262,16 @@ def _read_toml(path: str, command: str | None) -> dict[str, Any]:
     for name, options in tables.items():
         if name not in ALL or not isinstance(options, dict):
             table = name.replace(" ", ".")
-            raise ConfigError(f"--config {path}: '{table}' is not a table named after a command.{nearest(name, ALL)}")
+            raise ConfigError(
+                f"--config {path}: '{table}' is not a table named after a command.{nearest(name, ALL)}"
+            )
     if command is None:
         return {}
     if command not in tables:
         given = ", ".join(tables).replace(" ", ".") or "no table"
-        raise ConfigError(f"--config {path}: no table [{command.replace(' ', '.')}]; found {given}.")
+        raise ConfigError(
+            f"--config {path}: no table [{command.replace(' ', '.')}]; found {given}."
+        )
     # Paths in a run's config.toml are relative to the file.
     from wordcraft_kg.runs.config_file import moved
 
@@ -250,7 +279,11 @@ def _read_toml(path: str, command: str | None) -> dict[str, Any]:
         target = os.path.normpath(Path(path).parent / value)
         return target if os.path.exists(target) and not os.path.exists(value) else value
 
-    return reduce(lambda options, word: {word: options}, reversed(command.split()), moved(tables[command], resolved))
+    return reduce(
+        lambda options, word: {word: options},
+        reversed(command.split()),
+        moved(tables[command], resolved),
+    )
 
 
 def _tables(content: dict[str, Any]) -> Iterator[tuple[str, Any]]:

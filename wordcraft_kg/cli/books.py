@@ -23,8 +23,17 @@ def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
     """
     if fetch is not None:
         path, book = fetch_book(fetch), FETCHABLE[fetch]
-        values = {"book": fetch, "path": str(path), "sha256": book.sha256, "url": book.url, "note": book.note}
-        output.result(values, [f"{fetch} is in {path} ({book.note})", f"next: wordcraft-kg build-graph {fetch}"])
+        values = {
+            "book": fetch,
+            "path": str(path),
+            "sha256": book.sha256,
+            "url": book.url,
+            "note": book.note,
+        }
+        output.result(
+            values,
+            [f"{fetch} is in {path} ({book.note})", f"next: wordcraft-kg build-graph {fetch}"],
+        )
     else:
         from wordcraft_kg.evaluation.books import view_books
 
@@ -35,10 +44,16 @@ def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
 def _text(view: "BookList") -> Iterator[str]:
     rows: list[tuple[str, ...]] = [("book", "origin", "entities", "recipes", "")]
     for book in view.books:
-        place = "" if book.origin == "built in" else book.path or f"get it: wordcraft-kg books --fetch {book.name}"
+        place = (
+            ""
+            if book.origin == "built in"
+            else book.path or f"get it: wordcraft-kg books --fetch {book.name}"
+        )
         note = f"  ({book.note})" if book.note else ""
         sizes = ["" if size is None else f"{size:,}" for size in (book.entities, book.recipes)]
-        rows.append((book.name, book.origin, *(f"{size:>8}" for size in sizes), f"{place}{note}".lstrip()))
+        rows.append(
+            (book.name, book.origin, *(f"{size:>8}" for size in sizes), f"{place}{note}".lstrip())
+        )
     yield from aligned(rows)
     yield "with invented words: made-up:BOOK, such as made-up:everyday; made-up-3:BOOK with seed 3"
     yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({view.data_folder or 'not set'})"

@@ -30,7 +30,9 @@ def build_graph(
     *,
     base: Base = None,
     base_file: Path | None = None,
-    split: Annotated[SplitName, Parameter(help=f"held-out recipes: {_kinds()}.")] = SplitConfig.kind,
+    split: Annotated[
+        SplitName, Parameter(help=f"held-out recipes: {_kinds()}.")
+    ] = SplitConfig.kind,
     train_ratio: float = SplitConfig.train_ratio,
     valid_ratio: float = SplitConfig.valid_ratio,
     seed: int = SplitConfig.seed,
@@ -62,11 +64,17 @@ def build_graph(
     from wordcraft_kg.graphs.recipes import check_label
     from wordcraft_kg.graphs.splits import make_split
 
-    recipes = open_book(book, keep_self_results=keep_self_results, single_ingredient=single_ingredient)
+    recipes = open_book(
+        book, keep_self_results=keep_self_results, single_ingredient=single_ingredient
+    )
     folder = out or Path("graphs") / (name or recipes.name)
     check_output(folder, force=force)
     graph = RecipeGraph.from_book(recipes, _base(base, base_file))
-    graph.name = book_name(with_a_name(folder) / "graph.json") if name is None else check_label(name, "`name`")
+    graph.name = (
+        book_name(with_a_name(folder) / "graph.json")
+        if name is None
+        else check_label(name, "`name`")
+    )
     drawn = make_split(graph, SplitConfig(split, train_ratio, valid_ratio, seed))
     audited = write_graph_folder(folder, recipes, drawn, force=force)
     warn_of_base(audited)
@@ -92,5 +100,7 @@ def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:
             raise ConfigError(f"--base-file {base_file} is not UTF-8 text.") from None
         labels += [line for line in text.splitlines() if line.strip()]
     if not labels:
-        raise ConfigError("`base`: the list is empty; name an entity, or leave the option out to infer the base.")
+        raise ConfigError(
+            "`base`: the list is empty; name an entity, or leave the option out to infer the base."
+        )
     return labels

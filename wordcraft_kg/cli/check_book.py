@@ -12,7 +12,10 @@ from wordcraft_kg.cli.options import Base, Book, SingleIngredient
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import CheckedBook
 
-EXAMPLES = ("wordcraft-kg check-book recipes.csv", "wordcraft-kg check-book everyday --against kitchen")
+EXAMPLES = (
+    "wordcraft-kg check-book recipes.csv",
+    "wordcraft-kg check-book everyday --against kitchen",
+)
 
 
 def check_book(
@@ -39,7 +42,9 @@ def check_book(
     from wordcraft_kg.evaluation.books import view_check
 
     whole("limit", limit, 0)
-    view = view_check(book, split_labels(base) if base else None, against, single_ingredient=single_ingredient)
+    view = view_check(
+        book, split_labels(base) if base else None, against, single_ingredient=single_ingredient
+    )
     output.result(view, _text(view, None if all else limit))
     return 0 if view.passed else 1
 

@@ -12,7 +12,14 @@ from msgspec.structs import replace
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Output, aligned, check_file, refuse_given, whole_numbers, write_file
+from wordcraft_kg.cli.console import (
+    Output,
+    aligned,
+    check_file,
+    refuse_given,
+    whole_numbers,
+    write_file,
+)
 from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Words
 
 if TYPE_CHECKING:
@@ -84,17 +91,26 @@ def compare(
     predictor = next((run for run, kind in zip(runs, kinds, strict=True) if kind != AGENT), None)
     if agent and predictor:
         both = f"'{agent}' is an agent and '{predictor}' is a link predictor"
-        raise ConfigError(f"{both}: they cannot be compared. Give agents only, or link predictors only.")
+        raise ConfigError(
+            f"{both}: they cannot be compared. Give agents only, or link predictors only."
+        )
     if agent:
         refuse_given(links, "link predictors, but agents are compared")
-        _compare_agents([folder for seeds in folders for folder in seeds], agents, graph, out, force, output)
+        _compare_agents(
+            [folder for seeds in folders for folder in seeds], agents, graph, out, force, output
+        )
     else:
         refuse_given(agents, "agents, but link predictors are compared")
         _compare_links(list(zip(runs, folders, strict=True)), links, graph, out, force, output)
 
 
 def _compare_agents(
-    runs: Sequence[Path], options: AgentOptions, graph: str | None, out: Path | None, force: bool, output: Output
+    runs: Sequence[Path],
+    options: AgentOptions,
+    graph: str | None,
+    out: Path | None,
+    force: bool,
+    output: Output,
 ) -> None:
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.base.artefacts import check_output
@@ -126,7 +142,9 @@ def _compare_agents(
 def _agents_text(view: "AgentsView", graph: str) -> Iterator[str]:
     for amount in map(str, view.distractors):
         yield f"{view.part} tasks of depth {view.depth}, {counted(int(amount), 'distractor')}"
-        yield from aligned((f"  {agent.name}", *_success(agent.success.get(amount))) for agent in view.agents)
+        yield from aligned(
+            (f"  {agent.name}", *_success(agent.success.get(amount))) for agent in view.agents
+        )
         for agent in view.agents:
             if amount not in agent.success:
                 yield f"  {agent.name} plays with {agent.trained_with} distractors only"
@@ -180,16 +198,26 @@ def _compare_links(
 
 
 def _links_text(view: "LinkComparison") -> Iterator[str]:
-    sample = "" if view.sampled_from is None else f"a uniform sample of {view.triples:,} of {view.sampled_from:,} "
+    sample = (
+        ""
+        if view.sampled_from is None
+        else f"a uniform sample of {view.triples:,} of {view.sampled_from:,} "
+    )
     yield f"{view.queries:,} queries for {sample}unseen triples"
     yield from aligned((model.name, *_mrr(model)) for model in view.models)
     for model in view.models:
         if model.has_seen_the_test_recipes:
             yield f"note: {model.name} was trained on all recipes: it has seen these triples"
     if view.best is not None:
-        level = f"; no significant difference: {', '.join(view.not_told_apart)}" if view.not_told_apart else ""
+        level = (
+            f"; no significant difference: {', '.join(view.not_told_apart)}"
+            if view.not_told_apart
+            else ""
+        )
         yield f"best: {view.best}{level}"
-    widened = f"; intervals for differences are widened for {view.pairs} pairs of models (Bonferroni)"
+    widened = (
+        f"; intervals for differences are widened for {view.pairs} pairs of models (Bonferroni)"
+    )
     yield "95 % intervals over recipes" + (widened if view.pairs > 1 else "")
     if view.out:
         yield f"wrote {view.out}"
@@ -198,7 +226,9 @@ def _links_text(view: "LinkComparison") -> Iterator[str]:
 def _mrr(model: "ComparedModel") -> Iterator[str]:
     yield f"MRR {model.mrr:.3f} {_interval(model.mrr_ci or (0.0, 0.0))}"
     yield f"hits@10 {model.hits_at_10:.3f}"
-    spread = f"{len(model.seeds)} seeds {min(model.mrr_of_seeds):.3f} to {max(model.mrr_of_seeds):.3f}"
+    spread = (
+        f"{len(model.seeds)} seeds {min(model.mrr_of_seeds):.3f} to {max(model.mrr_of_seeds):.3f}"
+    )
     yield spread if len(model.seeds) > 1 else ""
     if model.difference is not None and model.difference_ci is not None:
         low, high = model.difference_ci

@@ -36,8 +36,12 @@ class Output:
     """
 
     json: Annotated[bool, Parameter(negative="", show_default=False)] = False
-    quiet: Annotated[bool, Parameter(name=["--quiet", "-q"], negative="", show_default=False)] = False
-    verbose: Annotated[bool, Parameter(name=["--verbose", "-v"], negative="", show_default=False)] = False
+    quiet: Annotated[bool, Parameter(name=["--quiet", "-q"], negative="", show_default=False)] = (
+        False
+    )
+    verbose: Annotated[
+        bool, Parameter(name=["--verbose", "-v"], negative="", show_default=False)
+    ] = False
     config: Path | None = None
 
     def result(self, view: "Record | dict[str, Any]", text: Iterable[str]) -> None:
@@ -89,7 +93,9 @@ def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
     except ValueError:
         numbers = []
     if not numbers:
-        raise ConfigError(f"`{option}` '{','.join(values)}': expected whole numbers, such as 1,2,8.")
+        raise ConfigError(
+            f"`{option}` '{','.join(values)}': expected whole numbers, such as 1,2,8."
+        )
     return numbers
 
 
@@ -124,7 +130,9 @@ def read_seeds(text: str) -> list[int]:
         chosen = range(first, last + 1) if last < first + MOST_SEEDS else range(0)
         seeds |= dict.fromkeys(chosen)
         if not chosen or len(seeds) > MOST_SEEDS:
-            raise ConfigError(f"`seeds` '{text}': expected at most {MOST_SEEDS:,} seeds, such as 0-4 or 0,3,7.")
+            raise ConfigError(
+                f"`seeds` '{text}': expected at most {MOST_SEEDS:,} seeds, such as 0-4 or 0,3,7."
+            )
     return list(seeds)
 
 
@@ -134,7 +142,10 @@ def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str
     Empty columns are left out; ``numbers`` right-aligns all columns after the first.
     """
     columns = [column for column in zip_longest(*rows, fillvalue="") if any(column)]
-    widths = [f"{'>' if numbers and place else '<'}{max(map(len, column))}" for place, column in enumerate(columns)]
+    widths = [
+        f"{'>' if numbers and place else '<'}{max(map(len, column))}"
+        for place, column in enumerate(columns)
+    ]
     return ["  ".join(map(format, row, widths)).rstrip() for row in zip(*columns, strict=True)]
 
 
@@ -153,8 +164,16 @@ def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
             yield from _rows(value, f"{indent}  ")
         elif isinstance(value, list):
             if value:  # a record counts the elements of a shortened list, such as unreachable and unreachable_entities
-                total = values.get({"examples": "pairs_with_several_results"}.get(name) or name.rpartition("_")[0])
-                yield label, names([_cell(one) for one in value], total if isinstance(total, int) else len(value))
+                total = values.get(
+                    {"examples": "pairs_with_several_results"}.get(name) or name.rpartition("_")[0]
+                )
+                yield (
+                    label,
+                    names(
+                        [_cell(one) for one in value],
+                        total if isinstance(total, int) else len(value),
+                    ),
+                )
         elif value is not None:
             yield label, _cell(value)
 
@@ -166,7 +185,13 @@ def _cell(value: Any) -> str:
         return " ".join(map(_cell, value))
     if isinstance(value, bool):
         return str(value).lower()
-    return f"{value:,}" if isinstance(value, int) else f"{value:.3g}" if isinstance(value, float) else str(value)
+    return (
+        f"{value:,}"
+        if isinstance(value, int)
+        else f"{value:.3g}"
+        if isinstance(value, float)
+        else str(value)
+    )
 
 
 def names(labels: Sequence[str], total: int, most: int = 10) -> str:

@@ -12,7 +12,10 @@ if TYPE_CHECKING:
     from wordcraft_kg.evaluation.graphs import EntityView
     from wordcraft_kg.graphs.audit import Audit, SplitSummary
 
-EXAMPLES = ("wordcraft-kg describe everyday", "wordcraft-kg describe graphs/everyday --entity bread")
+EXAMPLES = (
+    "wordcraft-kg describe everyday",
+    "wordcraft-kg describe graphs/everyday --entity bread",
+)
 
 
 def describe(graph: Graph, *, entity: str | None = None, output: Output = Output()) -> None:
@@ -32,7 +35,10 @@ def describe(graph: Graph, *, entity: str | None = None, output: Output = Output
     else:
         audited = audit(opened.graph, opened.split)
         warn_of_base(audited)
-        output.result(audited, [f"graph {opened.graph.name}", *lines_of(audited), *note_of_shares(audited.split)])
+        output.result(
+            audited,
+            [f"graph {opened.graph.name}", *lines_of(audited), *note_of_shares(audited.split)],
+        )
 
 
 def warn_of_base(audited: "Audit") -> None:
@@ -55,10 +61,15 @@ def warn_of_base(audited: "Audit") -> None:
 
 def note_of_shares(split: "SplitSummary") -> Iterator[str]:
     """Yield a line if recipes were moved to train, so that the split has other shares than the settings."""
-    moved, recipes = split.moved_for_coverage, (split.train_recipes, split.valid_recipes, split.test_recipes)
+    moved, recipes = (
+        split.moved_for_coverage,
+        (split.train_recipes, split.valid_recipes, split.test_recipes),
+    )
     wanted = split.train_ratio, split.valid_ratio, 1 - split.train_ratio - split.valid_ratio
     actual = (number / sum(recipes) for number in recipes)
-    shares = ["/".join(f"{share:.0%}" for share in row if share >= 0.005) for row in (wanted, actual)]
+    shares = [
+        "/".join(f"{share:.0%}" for share in row if share >= 0.005) for row in (wanted, actual)
+    ]
     if moved and shares[0] != shares[1]:
         reason = f"{moved:,} recipes were moved to train so that every entity has a train recipe"
         yield f"note: split {shares[1]} instead of {shares[0]}: {reason}; --split by-recipe-plain moves no recipe"

@@ -62,7 +62,9 @@ def discover(
     if not chosen:
         raise ConfigError(f"`players`: expected at least one of {', '.join(DISCOVERERS)}.")
     labels = split_labels(base) if base else None
-    view, curves = view_discovery(played, chosen, attempts=attempts, runs=runs, seed=seed, base=labels, scorer=guides)
+    view, curves = view_discovery(
+        played, chosen, attempts=attempts, runs=runs, seed=seed, base=labels, scorer=guides
+    )
     if out is not None:
         from wordcraft_kg.reports.discovery_report import discovery_page
 
@@ -74,18 +76,31 @@ def discover(
 def _text(view: "DiscoveryView") -> Iterator[str]:
     def cell(known: "Known") -> str:
         has_interval = known.low is not None and known.high is not None and known.low < known.high
-        return f"{known.mean:.1f}" + (f" [{known.low:.1f}, {known.high:.1f}]" if has_interval else "")
+        return f"{known.mean:.1f}" + (
+            f" [{known.low:.1f}, {known.high:.1f}]" if has_interval else ""
+        )
 
     rows: list[tuple[str, ...]] = [("entities known after", *map(str, view.marks), "repeated")]
     for name, known in view.players.items():
-        rows.append((name, *map(cell, known.values()), f"{known[str(view.marks[-1])].repeated:.1%}"))
+        rows.append(
+            (name, *map(cell, known.values()), f"{known[str(view.marks[-1])].repeated:.1%}")
+        )
     people = (view.people.get(str(mark)) for mark in view.marks)
     rows.append(("people, another game", *("" if mean is None else f"{mean:g}" for mean in people)))
-    published = [row for row in view.references if row.origin == "literature" and row.measure == "entities known"]
+    published = [
+        row
+        for row in view.references
+        if row.origin == "literature" and row.measure == "entities known"
+    ]
     shown = [row for row in published if str(view.marks[-1]) in row.figures]
     for row in shown:
         figures = (row.figures.get(str(mark)) for mark in view.marks)
-        rows.append((f"{row.player}, published", *("" if each is None else f"{each.value:g}" for each in figures)))
+        rows.append(
+            (
+                f"{row.player}, published",
+                *("" if each is None else f"{each.value:g}" for each in figures),
+            )
+        )
     yield f"{view.graph}: {view.reachable:,} of {view.entities:,} entities reachable from {', '.join(view.base)}"
     yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"
     yield from ("", *aligned(rows), "", f"people: {view.people_source}")

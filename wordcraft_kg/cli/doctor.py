@@ -11,7 +11,13 @@ from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.extras import CPU_TORCH, NOT_INSTALLED, pip_install, requirements, unmet
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned
-from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, cache_folder, data_folder, known_books
+from wordcraft_kg.graphs.library import (
+    DATA_VARIABLE,
+    FETCHABLE,
+    cache_folder,
+    data_folder,
+    known_books,
+)
 
 EXAMPLES = ("wordcraft-kg doctor", "wordcraft-kg doctor --json")
 
@@ -33,8 +39,13 @@ def doctor(*, output: Output = Output()) -> int:
     """
     findings = [*_packages(), *_torch(), *_extras(), *_folders(), *_books()]
     passed = all(finding.state != "error" for finding in findings)
-    rows = [(one.state, one.check, ": ".join(filter(None, (one.result, one.remedy)))) for one in findings]
-    output.result({"passed": passed, "findings": [finding._asdict() for finding in findings]}, aligned(rows))
+    rows = [
+        (one.state, one.check, ": ".join(filter(None, (one.result, one.remedy))))
+        for one in findings
+    ]
+    output.result(
+        {"passed": passed, "findings": [finding._asdict() for finding in findings]}, aligned(rows)
+    )
     return 0 if passed else 1
 
 
@@ -43,7 +54,9 @@ def _packages() -> Iterator[Finding]:
     yield Finding("Python", "ok", system)
     problems = unmet()
     if not problems:
-        yield Finding("packages", "ok", f"all {len(requirements())} required packages in supported versions")
+        yield Finding(
+            "packages", "ok", f"all {len(requirements())} required packages in supported versions"
+        )
         return
     is_light = {"torch", "pykeen"} <= problems.keys() and set(problems.values()) == {NOT_INSTALLED}
     result = "for graphs and environments only; " * is_light + _listed(problems)
@@ -60,22 +73,37 @@ def _torch() -> Iterator[Finding]:
     try:
         import torch
     except (ImportError, OSError) as error:
-        yield Finding("torch", "error", f"cannot be imported ({error})", CPU_TORCH + " --force-reinstall")
+        yield Finding(
+            "torch", "error", f"cannot be imported ({error})", CPU_TORCH + " --force-reinstall"
+        )
         return
-    parts = [one for one in distributions() if one.name.startswith(("nvidia-", "triton")) or one.name == "torch"]
+    parts = [
+        one
+        for one in distributions()
+        if one.name.startswith(("nvidia-", "triton")) or one.name == "torch"
+    ]
     files = [Path(str(file.locate())) for part in parts for file in part.files or ()]
     size = sum(file.stat().st_size for file in files if file.is_file()) / 1e9
     cuda, has_gpu = torch.version.cuda, torch.cuda.is_available()
     build = f"CUDA {cuda} build, {'with' if has_gpu else 'no'} GPU" if cuda else "CPU build"
-    result = f"{torch.__version__}, {build}, {size:.1f} GB, {counted(torch.get_num_threads(), 'thread')}"
+    result = (
+        f"{torch.__version__}, {build}, {size:.1f} GB, {counted(torch.get_num_threads(), 'thread')}"
+    )
     if cuda and not has_gpu:
-        yield Finding("torch", "note", result, f"the CPU build is smaller; first in a new environment, {CPU_TORCH}")
+        yield Finding(
+            "torch",
+            "note",
+            result,
+            f"the CPU build is smaller; first in a new environment, {CPU_TORCH}",
+        )
     else:
         yield Finding("torch", "ok", result)
 
 
 def _extras() -> Iterator[Finding]:
-    for extra in sorted({*(metadata("wordcraft-kg").get_all("Provides-Extra") or ())} - {"dev", "docs"}):
+    for extra in sorted(
+        {*(metadata("wordcraft-kg").get_all("Provides-Extra") or ())} - {"dev", "docs"}
+    ):
         if problems := unmet(extra):
             yield Finding(f"extra {extra}", "note", _listed(problems), pip_install(extra=extra))
         else:
@@ -84,7 +112,10 @@ def _extras() -> Iterator[Finding]:
 
 def _folders() -> Iterator[Finding]:
     pystow = Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data")
-    for check, folder, variable in (("books", cache_folder(), "XDG_CACHE_HOME"), ("PyKEEN", pystow, "PYSTOW_HOME")):
+    for check, folder, variable in (
+        ("books", cache_folder(), "XDG_CACHE_HOME"),
+        ("PyKEEN", pystow, "PYSTOW_HOME"),
+    ):
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if existing.is_dir() and os.access(existing, os.W_OK):
             yield Finding(f"folder for {check}", "ok", str(folder))
@@ -96,10 +127,14 @@ def _folders() -> Iterator[Finding]:
 def _books() -> Iterator[Finding]:
     folder = data_folder()
     if folder is not None and not folder.is_dir():
-        yield Finding(DATA_VARIABLE, "error", f"{folder} is not a folder", "correct or unset the variable")
+        yield Finding(
+            DATA_VARIABLE, "error", f"{folder} is not a folder", "correct or unset the variable"
+        )
     for book in known_books():
         if book.name in FETCHABLE and book.path is None:
-            yield Finding(book.name, "note", "not on this machine", f"wordcraft-kg books --fetch {book.name}")
+            yield Finding(
+                book.name, "note", "not on this machine", f"wordcraft-kg books --fetch {book.name}"
+            )
         elif book.name in FETCHABLE and book.path is not None:
             actual, published = sha256_of(book.path), FETCHABLE[book.name].sha256
             if actual == published:

@@ -58,7 +58,9 @@ def evaluate_agent(
     distractor_seeds: int | None = None,
     distractor_policy: DistractorPolicy | None = None,
     trained: Annotated[RunOptions, Parameter(name="*", group="Trained agent")] = RunOptions(),
-    scripted: Annotated[ScriptedOptions, Parameter(name="*", group="Scripted players")] = ScriptedOptions(),
+    scripted: Annotated[
+        ScriptedOptions, Parameter(name="*", group="Scripted players")
+    ] = ScriptedOptions(),
     output: Output = Output(),
 ) -> None:
     """Evaluate an agent or scripted players on all tasks of a split part, with fixed distractor seeds.
@@ -83,8 +85,12 @@ def evaluate_agent(
         from wordcraft_kg.evaluation.players import view_evaluation
 
         opened = open_agent(Path(run), trained.graph)
-        amounts = whole_numbers("distractors", distractors or [str(opened.config.tasks.distractors)])
-        view = view_evaluation(Path(run), opened, trained.agent, part, amounts, distractor_seeds, distractor_policy)
+        amounts = whole_numbers(
+            "distractors", distractors or [str(opened.config.tasks.distractors)]
+        )
+        view = view_evaluation(
+            Path(run), opened, trained.agent, part, amounts, distractor_seeds, distractor_policy
+        )
         output.result(view, lines_of(view))
     else:
         refuse_given(trained, f"a trained agent, and '{run}' is not a run folder")
@@ -99,20 +105,32 @@ def evaluate_agent(
             from wordcraft_kg.models.folder import open_model
 
             model = scripted.scorer.name, open_model(scripted.scorer, run)
-        baselines = view_baselines(graph, run, config, amounts, model, distractor_seeds, scripted.seed)
+        baselines = view_baselines(
+            graph, run, config, amounts, model, distractor_seeds, scripted.seed
+        )
         output.result(baselines, _table(baselines, amounts))
 
 
 def _table(view: "Baselines", amounts: list[int]) -> list[str]:
     cells = {
-        (row.player, row.distractors): (f"{row.success:.3f} [{row.low:.3f}, {row.high:.3f}]", f"{row.by_plan:.3f}")
+        (row.player, row.distractors): (
+            f"{row.success:.3f} [{row.low:.3f}, {row.high:.3f}]",
+            f"{row.by_plan:.3f}",
+        )
         for row in view.rows
     }
-    rows = [("success", *chain.from_iterable((counted(amount, "distractor"), "own") for amount in amounts))]
+    rows = [
+        (
+            "success",
+            *chain.from_iterable((counted(amount, "distractor"), "own") for amount in amounts),
+        )
+    ]
     for name in dict.fromkeys(name for name, _ in cells):
         rows.append((name, *chain.from_iterable(cells[name, amount] for amount in amounts)))
     distractor_seeds = counted(view.distractor_seeds, "distractor seed")
     tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {distractor_seeds}"
-    policy = "" if view.distractor_policy == "any" else f"; distractor policy {view.distractor_policy}"
+    policy = (
+        "" if view.distractor_policy == "any" else f"; distractor policy {view.distractor_policy}"
+    )
     own = "own: success by the task's own recipe; the rest by other recipes for the goal, such as train recipes"
     return [*aligned(rows, numbers=True), f"{tasks}{policy}; intervals: {view.intervals}", own]

@@ -12,7 +12,10 @@ if TYPE_CHECKING:
     from wordcraft_kg.evaluation.links import LinkView
     from wordcraft_kg.models.scorers.ranking import RankingMetrics
 
-EXAMPLES = ("wordcraft-kg evaluate-links models/everyday", "wordcraft-kg evaluate-links models/everyday --json --force")
+EXAMPLES = (
+    "wordcraft-kg evaluate-links models/everyday",
+    "wordcraft-kg evaluate-links models/everyday --json --force",
+)
 
 
 def evaluate_links(
@@ -51,7 +54,9 @@ def evaluate_links(
         max_queries=max_queries,
     )
     write_report(report, folder, force=force)
-    output.result(summarise_links(report.view, str(folder / "index.html")), _text(report.view, folder))
+    output.result(
+        summarise_links(report.view, str(folder / "index.html")), _text(report.view, folder)
+    )
     # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no figure is valid.
     failed = [check for check in report.view.checks if not check.passed and check.id != "coverage"]
     for check in failed:
@@ -74,18 +79,31 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     rows.append(("verdict", f"{best.verdict} the best baseline, {best.baseline}: {lead}"))
     for row in view.drill_down.near_synonyms:
         if row.slice == "no such train recipe":
-            rows.append(("no near-synonym", f"{_figures(row)}  (recipes that do not nearly repeat a train recipe)"))
+            rows.append(
+                (
+                    "no near-synonym",
+                    f"{_figures(row)}  (recipes that do not nearly repeat a train recipe)",
+                )
+            )
     if view.in_sample:
         left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
         rows.append(("cross-fitted", f"{left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"))
     if view.leaked_left_out and view.model.kg != "none":
-        leaked, headline = (metrics.mrr or 0.0 for metrics in (view.with_leaked, view.metrics["all"]))
+        leaked, headline = (
+            metrics.mrr or 0.0 for metrics in (view.with_leaked, view.metrics["all"])
+        )
         # A model that does not remember the leaked triples lowers the figure.
         inflated = (
-            "inflated: training contains them" if leaked > headline else "no better, though training contains them"
+            "inflated: training contains them"
+            if leaked > headline
+            else "no better, though training contains them"
         )
         rows.append(("with leaked", f"MRR {leaked:.3f}, {inflated}"))
-    return [f"{ranked} unseen triples; {view.leaked_left_out:,} leaked ones left out", *aligned(rows), wrote]
+    return [
+        f"{ranked} unseen triples; {view.leaked_left_out:,} leaked ones left out",
+        *aligned(rows),
+        wrote,
+    ]
 
 
 def _figures(metrics: "RankingMetrics") -> str:

@@ -47,10 +47,14 @@ def explain(
 
     if goal is not None and task is not None:
         raise ConfigError("`goal` and `task` both choose tasks; give one of them.")
-    episodes = whole("episodes", (3 if task is None else 1) if episodes is None else episodes, 1, MAX_SIZE)
+    episodes = whole(
+        "episodes", (3 if task is None else 1) if episodes is None else episodes, 1, MAX_SIZE
+    )
     agent = open_agent(run, graph)
     view = view_explanation(run, agent, part, distractors, goal, episodes, task=task)
-    lines = [line for number, episode in enumerate(view.episodes, 1) for line in _text(number, episode)]
+    lines = [
+        line for number, episode in enumerate(view.episodes, 1) for line in _text(number, episode)
+    ]
     output.result(view, [*_legend(view.episodes[0].steps[0]), "", *lines])
 
 
@@ -60,8 +64,17 @@ def _legend(step: "ExplainedStep") -> Iterator[str]:
     labels = [label_of(name) for name in step.slots[0].sources]
     rows = [(label.symbol, label.meaning or label.words) for label in labels]
     if step.lambdas:
-        rows.append(("λ", "mixing weights of these scores; each product, such as λα·α, is a contribution to β"))
-    rows += [("β", "the slot's logit"), ("π", "the action's probability"), ("V", "the value of the state")]
+        rows.append(
+            (
+                "λ",
+                "mixing weights of these scores; each product, such as λα·α, is a contribution to β",
+            )
+        )
+    rows += [
+        ("β", "the slot's logit"),
+        ("π", "the action's probability"),
+        ("V", "the value of the state"),
+    ]
     yield from aligned([*rows, (">", "the action"), ("*", "an ingredient for the goal in a plan")])
 
 
@@ -77,12 +90,23 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
     from wordcraft_kg.evaluation.recipe_scores import because
     from wordcraft_kg.models.policies.sources import label_of
 
-    weights = "  ".join(f"{label_of(name).coefficient} {value:z.2f}" for name, value in step.lambdas.items())
-    yield from ("", f"  holding {step.selection or 'nothing'}   V {step.value:z.2f}   {weights}".rstrip())
+    weights = "  ".join(
+        f"{label_of(name).coefficient} {value:z.2f}" for name, value in step.lambdas.items()
+    )
+    yield from (
+        "",
+        f"  holding {step.selection or 'nothing'}   V {step.value:z.2f}   {weights}".rstrip(),
+    )
     symbols = [label_of(name).symbol for name in step.slots[0].sources]
-    rows = [("  ", *symbols, *(f"λ{symbol}·{symbol}" for symbol in symbols if step.lambdas), "β", "π")]
+    rows = [
+        ("  ", *symbols, *(f"λ{symbol}·{symbol}" for symbol in symbols if step.lambdas), "β", "π")
+    ]
     for slot in sorted(step.slots, key=lambda slot: -slot.logit):
-        figures = (*slot.sources.values(), *(slot.contributions.values() if step.lambdas else ()), slot.logit)
+        figures = (
+            *slot.sources.values(),
+            *(slot.contributions.values() if step.lambdas else ()),
+            slot.logit,
+        )
         label = f"  {'>' if slot.entity == step.action else ' '} {slot.entity}{' *' if slot.is_part else ''}"
         rows.append((label, *(f"{figure:z.2f}" for figure in figures), f"{slot.probability:.1%}"))
     yield from aligned(rows, numbers=True)

@@ -40,6 +40,12 @@ def export(
     opened = open_graph(graph)
     export_graph(opened, format, out, part=part, force=force)
     output.result(
-        {"graph": opened.graph.name, "hash": opened.graph.hash, "format": format, "part": part, "out": str(out)},
+        {
+            "graph": opened.graph.name,
+            "hash": opened.graph.hash,
+            "format": format,
+            "part": part,
+            "out": str(out),
+        },
         [f"wrote {out}: {EXPORTERS[format].about}; part: {part}"],
     )

@@ -48,7 +48,11 @@ class Manual:
     @property
     def usage(self) -> str:
         """The usage line: command, positional arguments and required options."""
-        options = (one for one in signature(self.function).parameters.values() if one.kind is one.KEYWORD_ONLY)
+        options = (
+            one
+            for one in signature(self.function).parameters.values()
+            if one.kind is one.KEYWORD_ONLY
+        )
         needed = (f"--{one.name} {one.name.upper()}" for one in options if one.default is one.empty)
         return " ".join([self.command, *self.places.values(), *needed, "[OPTIONS]"])
 
@@ -100,8 +104,12 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
         where = f"'{error.filename}': " if error.filename else ""
         return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.")
     # The RuntimeError comes from torch, for tensors.
-    if isinstance(error, MemoryError) or (isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))):
-        return Failure("MemoryError", "this machine does not have enough memory. Nothing was changed.")
+    if isinstance(error, MemoryError) or (
+        isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))
+    ):
+        return Failure(
+            "MemoryError", "this machine does not have enough memory. Nothing was changed."
+        )
     return None
 
 
@@ -115,7 +123,9 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
         return f"unexpected argument '{error.unused_tokens[0]}'."
     if type(error) is MissingArgumentError and error.argument is not None:
-        given = error.keyword or next((token.keyword for token in error.argument.tokens if token.keyword), None)
+        given = error.keyword or next(
+            (token.keyword for token in error.argument.tokens if token.keyword), None
+        )
         if given:
             return f"{given} needs a value."
         name = error.argument.field_info.name

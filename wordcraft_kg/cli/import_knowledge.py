@@ -41,10 +41,16 @@ def import_knowledge(
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.models.knowledge.importing import Kind, describe, import_knowledge
 
-    sources: dict[Kind, Path | None] = {"wordnet": wordnet, "conceptnet": conceptnet, "triples": triples}
+    sources: dict[Kind, Path | None] = {
+        "wordnet": wordnet,
+        "conceptnet": conceptnet,
+        "triples": triples,
+    }
     given = [(kind, path) for kind, path in sources.items() if path is not None]
     if len(given) != 1:
-        raise ConfigError(f"expected one of --wordnet, --conceptnet and --triples; found {len(given)}.")
+        raise ConfigError(
+            f"expected one of --wordnet, --conceptnet and --triples; found {len(given)}."
+        )
     ((kind, path),) = given
     opened = open_graph(graph)
     out = out or Path("knowledge") / f"{opened.graph.name}-{kind}"

@@ -33,7 +33,10 @@ Force = Annotated[Flag, Parameter(help="replace an existing output.")]
 Words = Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)]
 """Comma-separated values; the option may be repeated."""
 Base = Annotated[
-    Words, Parameter(help="comma-separated base entities. Default: the book's base, or else entities without a recipe.")
+    Words,
+    Parameter(
+        help="comma-separated base entities. Default: the book's base, or else entities without a recipe."
+    ),
 ]
 SingleIngredient = Annotated[
     str | None,
@@ -50,8 +53,13 @@ Seeds = Annotated[
     ),
 ]
 Trackers = Annotated[
-    Words, Parameter(help="metric trackers, comma-separated: tensorboard, wandb (offline); each needs an extra.")
+    Words,
+    Parameter(
+        help="metric trackers, comma-separated: tensorboard, wandb (offline); each needs an extra."
+    ),
 ]
 Part = Annotated[TaskPart, Parameter(help="tasks to play: train, valid, test or all.")]
 Paths = Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)]
-MovedGraph = Annotated[str | None, Parameter(help="graph folder, if moved since training.", show_default=False)]
+MovedGraph = Annotated[
+    str | None, Parameter(help="graph folder, if moved since training.", show_default=False)
+]

@@ -33,7 +33,9 @@ class Progress:
         """Report that ``done`` of ``total`` units are done, with the latest metrics by name."""
         from rich.console import Console
 
-        given_up = self.is_stage and done == total and Progress._current is None  # closed after the command has ended
+        given_up = (
+            self.is_stage and done == total and Progress._current is None
+        )  # closed after the command has ended
         if self.hidden or given_up or Progress._current not in (None, self):
             return
         Progress._current = self
@@ -56,7 +58,9 @@ class Progress:
             return
         Progress._printed = now
         place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."
-        if total == 1 and self.what in Progress._named:  # a short stage that is repeated, such as ranking
+        if (
+            total == 1 and self.what in Progress._named
+        ):  # a short stage that is repeated, such as ranking
             return
         Progress._named.add(self.what)
         print(", ".join([f"{self.what}: {place}", *figures]), file=sys.stderr, flush=True)
@@ -77,9 +81,17 @@ class Progress:
     def _begin_bar(self, console: "Console") -> Any:
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-        before = (TextColumn("{task.description}"), BarColumn(bar_width=None), TextColumn("{task.fields[count]}"))
+        before = (
+            TextColumn("{task.description}"),
+            BarColumn(bar_width=None),
+            TextColumn("{task.fields[count]}"),
+        )
         columns = (*before, TimeRemainingColumn(), TextColumn("{task.fields[figures]}"))
-        options: dict[str, Any] = {"redirect_stdout": False, "refresh_per_second": 4, "transient": self.is_stage}
+        options: dict[str, Any] = {
+            "redirect_stdout": False,
+            "refresh_per_second": 4,
+            "transient": self.is_stage,
+        }
         return Progress(*columns, console=console, expand=True, **options)
 
     def close(self) -> None:

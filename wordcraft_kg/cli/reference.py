@@ -8,7 +8,15 @@ from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Flag, Output, aligned, check_file, split_labels, whole_numbers, write_file
+from wordcraft_kg.cli.console import (
+    Flag,
+    Output,
+    aligned,
+    check_file,
+    split_labels,
+    whole_numbers,
+    write_file,
+)
 from wordcraft_kg.cli.options import Force, Graph, Paths, Words
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -63,7 +71,9 @@ def reference(
 
     if open_ended:
         if distractors or (part, depth, attempts) != ("test", 1, None):
-            raise ConfigError("--open-ended has no tasks; leave --distractors, --part, --depth and --attempts out.")
+            raise ConfigError(
+                "--open-ended has no tasks; leave --distractors, --part, --depth and --attempts out."
+            )
         opened = open_graph(graph)
         played = open_play(opened, split_labels(base) if base else None)
         view = view_references(opened, played, DISTRACTORS, external_results or ())
@@ -72,7 +82,9 @@ def reference(
             raise ConfigError("`base` is for open-ended mode; add `open_ended`.")
         amounts = whole_numbers("distractors", distractors) if distractors else list(DISTRACTORS)
         for amount in amounts:
-            config = WordCraftConfig(part=part, depth=depth, num_distractors=amount, max_attempts=attempts)
+            config = WordCraftConfig(
+                part=part, depth=depth, num_distractors=amount, max_attempts=attempts
+            )
         play = TaskPlay(part, depth, config.attempts)
         view = view_references(open_graph(graph), play, amounts, external_results or ())
     if out is not None:
@@ -103,7 +115,11 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
     titles = ["", ""]
     for column in view.columns:
         titles += [counted(column, unit), "own"] if has_own else [counted(column, unit)]
-    cells = ((name(row), row.kind, *figures(row)) for row in everything if row.fits(view.measure, view.columns))
+    cells = (
+        (name(row), row.kind, *figures(row))
+        for row in everything
+        if row.fits(view.measure, view.columns)
+    )
     lines = iter(aligned([titles, *cells]))
     yield f"{graph.name} {graph.hash[:12]}, split {graph.kind} {graph.split[:12]}: {_played(view.play)}"
     yield f"  {next(lines)}"
@@ -142,4 +158,7 @@ def _intervals(rows: "Sequence[ReferenceRow]") -> list[str]:
     for row in rows:
         if row.interval:
             players.setdefault(row.interval, {})[row.kind] = None
-    return [interval + (f" ({', '.join(kinds)})" if len(players) > 1 else "") for interval, kinds in players.items()]
+    return [
+        interval + (f" ({', '.join(kinds)})" if len(players) > 1 else "")
+        for interval, kinds in players.items()
+    ]

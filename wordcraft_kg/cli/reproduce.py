@@ -114,7 +114,9 @@ def reproduce(
     if all_studies:
         return _list(changes, engine, output)
     if study is None:
-        raise ConfigError("reproduce needs a study; `wordcraft-kg reproduce --list` lists the built-in studies.")
+        raise ConfigError(
+            "reproduce needs a study; `wordcraft-kg reproduce --list` lists the built-in studies."
+        )
     return _run(_chosen(study, changes), engine, output)
 
 
@@ -124,14 +126,20 @@ def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
     if study not in (ALL, *built_in()):
         if changes.book:
             raise ConfigError("`book` is for built-in studies; in a study file, set the book.")
-        return {Path(study).stem: adapted(read_study(study), steps=changes.steps, seeds=changes.seeds)}
+        return {
+            Path(study).stem: adapted(read_study(study), steps=changes.steps, seeds=changes.seeds)
+        }
     studies: dict[str, Study] = {}
     for name in built_in() if study == ALL else [study]:
         declared = read_study(name)
-        for book in split_labels(changes.book or ()) or [str(declared.settings.get("book", "everyday"))]:
+        for book in split_labels(changes.book or ()) or [
+            str(declared.settings.get("book", "everyday"))
+        ]:
             full = f"{name}-{Path(book).stem}"
             if full in studies:
-                raise ConfigError(f"`book`: two books are called '{Path(book).stem}'; rename one file.")
+                raise ConfigError(
+                    f"`book`: two books are called '{Path(book).stem}'; rename one file."
+                )
             studies[full] = adapted(declared, book=book, steps=changes.steps, seeds=changes.seeds)
     return studies
 
@@ -151,13 +159,22 @@ def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
         study = adapted(read_study(name), steps=changes.steps, seeds=changes.seeds)
         try:
             plan = make_plan(study, name)
-        except RecipeFileError:  # the published book is missing; the built-in book has about the same size
+        except (
+            RecipeFileError
+        ):  # the published book is missing; the built-in book has about the same size
             plan = make_plan(adapted(study, book="everyday"), name)
         tasks |= plan.tasks
         hours = estimated_hours(plan, engine.out, engine.store) / plan.jobs(engine.jobs)
         trainings = len(cells_of(study))
-        listed[name] = {"title": study.title, "source": study.source, "trainings": trainings, "hours": round(hours, 2)}
-        about = f"{study.title}: {trainings} trainings, about {duration(hours)} left on this machine"
+        listed[name] = {
+            "title": study.title,
+            "source": study.source,
+            "trainings": trainings,
+            "hours": round(hours, 2),
+        }
+        about = (
+            f"{study.title}: {trainings} trainings, about {duration(hours)} left on this machine"
+        )
         rows += [(name, about), ("", study.source)]
     everything = replace(plan, tasks=tasks)
     hours = estimated_hours(everything, engine.out, engine.store) / everything.jobs(engine.jobs)
@@ -195,11 +212,15 @@ def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults"
 
     suffix = Path(study).suffix if study is not None else ""
     if suffix == ".toml":
-        raise ConfigError(f"'{study}' is a study; expected results. Give the study's name, or a results file.")
+        raise ConfigError(
+            f"'{study}' is a study; expected results. Give the study's name, or a results file."
+        )
     if file is not None:
         return read_record(file, StudyResults)
     if suffix == ".json":
-        raise ConfigError(f"'{study}': no such file. Give a results file, or the name of a study in '{root}'.")
+        raise ConfigError(
+            f"'{study}': no such file. Give a results file, or the name of a study in '{root}'."
+        )
     names = studies_of(root)
     if study is None and len(names) != 1:
         holds = f"has the studies {', '.join(names)}" if names else "has no study yet"
@@ -224,10 +245,20 @@ def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) ->
         else:
             command = shlex.join(["wordcraft-kg", *sys.argv[1:]])
             with sigterm_as_interrupt():
-                work, jobs = partial(perform, keep_all=options.keep == "all"), plan.jobs(options.jobs)
+                work, jobs = (
+                    partial(perform, keep_all=options.keep == "all"),
+                    plan.jobs(options.jobs),
+                )
                 make_workers = partial(LocalWorkers, options.out, jobs, work, plan.threads)
                 watch = _watch(plan, output)
-                state = run_plan(plan, options.out, make_workers, command=command, watch=watch, store=options.store)
+                state = run_plan(
+                    plan,
+                    options.out,
+                    make_workers,
+                    command=command,
+                    watch=watch,
+                    store=options.store,
+                )
             values[plan.name], lines = _reported(plan, state, options)
             failed |= bool(state.failed) or values[plan.name]["report"] is None
         text += lines
@@ -240,14 +271,21 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
 
     hours, jobs = estimated_hours(plan, options.out, options.store), plan.jobs(options.jobs)
     kinds = Counter(task.kind for task in plan.tasks.values())
-    counts = ", ".join(f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items())
+    counts = ", ".join(
+        f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items()
+    )
     about = f"{counts}; about {duration(hours)} of one core, {duration(hours / jobs)} with {counted(jobs, 'job')}"
     tasks = [{"address": address, "title": task.title} for address, task in plan.tasks.items()]
     listed = _first([f"  {task['address']}  {task['title']}" for task in tasks], "--json lists all")
-    return {"core_hours": round(hours, 3), "tasks": tasks}, [f"{plan.study.title}: {about}", *listed]
+    return {"core_hours": round(hours, 3), "tasks": tasks}, [
+        f"{plan.study.title}: {about}",
+        *listed,
+    ]
 
 
-def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
+def _reported(
+    plan: "Plan", state: "State", options: EngineOptions
+) -> tuple[dict[str, Any], list[str]]:
     from wordcraft_kg.base.artefacts import write_atomically
     from wordcraft_kg.studies.report import write_study_report
     from wordcraft_kg.studies.results import results_text
@@ -257,10 +295,17 @@ def _reported(plan: "Plan", state: "State", options: EngineOptions) -> tuple[dic
 
     results = collect_study(options.out, plan.name)
     folder, page = options.out / "reports" / plan.name, None
-    failures = {plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()}
+    failures = {
+        plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()
+    }
     from_store = f" ({state.taken:,} of them in '{options.store}')" if state.taken else ""
-    text = [f"{counted(state.done, 'task')} done, {state.kept:,} already done{from_store}, {len(failures):,} failed"]
-    text += _first([f"  {title}: {error}" for title, error in failures.items()], f"in {options.out / 'failed'}/")
+    text = [
+        f"{counted(state.done, 'task')} done, {state.kept:,} already done{from_store}, {len(failures):,} failed"
+    ]
+    text += _first(
+        [f"  {title}: {error}" for title, error in failures.items()],
+        f"in {options.out / 'failed'}/",
+    )
     try:
         if results.runs:
             view = view_study(results)
@@ -290,6 +335,10 @@ def _watch(plan: "Plan", output: Output) -> "Watch":
 
     def watch(plan: "Plan", state: "State") -> None:
         failed = len(state.failed)
-        progress(state.kept + state.done + failed, state.total, {"running": len(state.running), "failed": failed})
+        progress(
+            state.kept + state.done + failed,
+            state.total,
+            {"running": len(state.running), "failed": failed},
+        )
 
     return watch

@@ -70,11 +70,15 @@ def score(
     from wordcraft_kg.models.scorers.queries import parse_query, read_queries
 
     whole("top", top, 1)
-    words = [word for word in (head, relation) if word is not None] + [word for word in (tail, *rest) if word]
+    words = [word for word in (head, relation) if word is not None] + [
+        word for word in (tail, *rest) if word
+    ]
     _check_query(words, has_relation=relation is not None, file=queries, out=out)
     loaded = ScoringModel.open(model, graph, needs_graph=new_only)
     if loaded.split is None:
-        logging.getLogger(__name__).warning("not shown which triples are known: %s", with_options(loaded.missing))
+        logging.getLogger(__name__).warning(
+            "not shown which triples are known: %s", with_options(loaded.missing)
+        )
     entities = frozenset(loaded.scorer.entities)
     if queries is not None:
         read = read_queries(queries, entities)
@@ -87,14 +91,18 @@ def score(
     output.result(view, [*lines, *note_of_words(loaded), *_notes(loaded.kg, scored)])
 
 
-def _check_query(words: list[str], *, has_relation: bool, file: Path | None, out: Path | None) -> None:
+def _check_query(
+    words: list[str], *, has_relation: bool, file: Path | None, out: Path | None
+) -> None:
     is_query = has_relation or any("+" in word for word in words)
     if bool(words) == (file is not None) or (file is None and not is_query):
         raise ConfigError(
             "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a query file with --in."
         )
     if file is None and out is not None:
-        raise ConfigError(f"--out {out}: only the scores for a file are written; add a query file with --in.")
+        raise ConfigError(
+            f"--out {out}: only the scores for a file are written; add a query file with --in."
+        )
 
 
 def _score_query(
@@ -109,26 +117,47 @@ def _score_query(
             recipes = view_open_recipe(RecipeScoring.of(model), query, top, new_only=new_only)
             return recipes, recipes.top, [*_lines(recipes.top)]
         slot = view_open_slot(model, query, top, new_only=new_only)
-        triples = [f"{slot.head or best.entity} {slot.relation} {slot.tail or best.entity}" for best in slot.top]
+        triples = [
+            f"{slot.head or best.entity} {slot.relation} {slot.tail or best.entity}"
+            for best in slot.top
+        ]
         return slot, slot.top, [*_lines(slot.top, triples)]
     if new_only:
-        raise ConfigError("--new-only filters a ranking; leave a slot open, or give a query file with --in.")
+        raise ConfigError(
+            "--new-only filters a ranking; leave a slot open, or give a query file with --in."
+        )
     view: Any
     if isinstance(query, RecipeQuery):
         view = view_recipe(RecipeScoring.of(model), query)
-        slots = {"result": "result", view.ingredient_a: "ingredient_a", view.ingredient_b: "ingredient_b"}
+        slots = {
+            "result": "result",
+            view.ingredient_a: "ingredient_a",
+            view.ingredient_b: "ingredient_b",
+        }
     else:
         view = view_triple(model, query)
         slots = {"tail": "tail", "head": "head"}
-    shown = ", ".join(f"{name} {getattr(view, f'rank_as_{slot}'):,}" for name, slot in slots.items())
+    shown = ", ".join(
+        f"{name} {getattr(view, f'rank_as_{slot}'):,}" for name, slot in slots.items()
+    )
     ranking = f"rank among all {len(model.scorer.entities):,} entities, unfiltered: {shown}"
     return view, [view], [*_lines([view]), ranking]
 
 
 def _score_file(
-    model: "ScoringModel", queries: Any, top: int, new_only: bool, out: Path | None, force: bool, output: Output
+    model: "ScoringModel",
+    queries: Any,
+    top: int,
+    new_only: bool,
+    out: Path | None,
+    force: bool,
+    output: Output,
 ) -> None:
-    from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipeRow, score_recipe_queries
+    from wordcraft_kg.evaluation.recipe_scores import (
+        RecipeScoring,
+        ScoredRecipeRow,
+        score_recipe_queries,
+    )
     from wordcraft_kg.evaluation.scores import ScoredRow, note_of_words, score_queries, view_file
     from wordcraft_kg.models.scorers.queries import RecipeQuery
 
@@ -136,7 +165,9 @@ def _score_file(
     kind: type[Any] = ScoredRow
     if isinstance(queries[0], RecipeQuery):
         kind = ScoredRecipeRow
-        scored: list[Any] = list(score_recipe_queries(RecipeScoring.of(model), queries, top, new_only=new_only))
+        scored: list[Any] = list(
+            score_recipe_queries(RecipeScoring.of(model), queries, top, new_only=new_only)
+        )
     else:
         scored = list(score_queries(model, queries, top, new_only=new_only))
     text = [*([] if out else _lines(scored)), *note_of_words(model), *_notes(model.kg, scored)]
@@ -153,12 +184,27 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
     if not scored:
         return
     rows = [
-        (f"{one.score:9.4f}", one.known or "", thing, _chance(one), "(in-sample)" * getattr(one, "in_sample", False))
+        (
+            f"{one.score:9.4f}",
+            one.known or "",
+            thing,
+            _chance(one),
+            "(in-sample)" * getattr(one, "in_sample", False),
+        )
         for one, thing in zip(scored, things or map(_thing, scored), strict=True)
     ]
     is_recipe = hasattr(scored[0], "in_sample")
-    names = (f"{'nats' if is_recipe else 'score':>9}", "part", "recipe" if is_recipe else "triple", "probability", "")
-    used = [name if any(column) else "" for name, column in zip(names, zip(*rows, strict=True), strict=True)]
+    names = (
+        f"{'nats' if is_recipe else 'score':>9}",
+        "part",
+        "recipe" if is_recipe else "triple",
+        "probability",
+        "",
+    )
+    used = [
+        name if any(column) else ""
+        for name, column in zip(names, zip(*rows, strict=True), strict=True)
+    ]
     heading, *lines = aligned([used, *rows])
     yield heading
     for number, (line, one) in enumerate(zip(lines, scored, strict=True)):
@@ -196,9 +242,13 @@ def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
 def _table(columns: Sequence[str], rows: Sequence[Any], delimiter: str) -> str:
     import pandas as pd
 
-    frame: Any = pd.DataFrame([[getattr(row, column) for column in columns] for row in rows], columns=list(columns))
+    frame: Any = pd.DataFrame(
+        [[getattr(row, column) for column in columns] for row in rows], columns=list(columns)
+    )
     if "in_sample" in frame:
         frame["in_sample"] = frame["in_sample"].astype(str).str.lower()
     quoting = csv.QUOTE_NONE if delimiter == "\t" else csv.QUOTE_MINIMAL  # labels hold no tab
-    text: str = frame.to_csv(sep=delimiter, index=False, float_format="%.9g", lineterminator="\n", quoting=quoting)
+    text: str = frame.to_csv(
+        sep=delimiter, index=False, float_format="%.9g", lineterminator="\n", quoting=quoting
+    )
     return text

@@ -48,8 +48,15 @@ def tasks(
 
 
 def _text(view: "TaskListing") -> Iterator[str]:
-    yield from lines_of({name: getattr(view, name) for name in view.__struct_fields__ if name != "shown"})
+    yield from lines_of(
+        {name: getattr(view, name) for name in view.__struct_fields__ if name != "shown"}
+    )
     for task in view.shown:
-        plans = ["; ".join(f"{a} + {b} -> {result}" for a, b, result in plan) for plan in task.plans]
-        rows = [(f"  {name}", ", ".join(getattr(task, name)) or "none") for name in ("start", "distractors", "table")]
+        plans = [
+            "; ".join(f"{a} + {b} -> {result}" for a, b, result in plan) for plan in task.plans
+        ]
+        rows = [
+            (f"  {name}", ", ".join(getattr(task, name)) or "none")
+            for name in ("start", "distractors", "table")
+        ]
         yield from ("", task.goal, *aligned([*rows, *(("  plan", plan) for plan in plans)]))

@@ -38,4 +38,6 @@ def train_agent(
         out: run folder to write. Default: runs/<graph name>-<scorer folder or no-kg>.
     """
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
-    return train(AGENTS, config, out, force, output, seeds=seeds, trackers=split_labels(track or ()))
+    return train(
+        AGENTS, config, out, force, output, seeds=seeds, trackers=split_labels(track or ())
+    )

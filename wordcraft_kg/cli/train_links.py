@@ -40,7 +40,9 @@ def train_links(
     if list_models:
         return _list(output)
     if graph is None:
-        raise ConfigError("train-links needs a graph, such as everyday; `wordcraft-kg train-links --list-models`.")
+        raise ConfigError(
+            "train-links needs a graph, such as everyday; `wordcraft-kg train-links --list-models`."
+        )
     config, trackers = LinksConfig(graph, settings), split_labels(track or ())
     return train(LINKS, config, out, force, output, seeds=seeds, trackers=trackers)
 
@@ -52,5 +54,7 @@ def _list(output: Output) -> int:
     names = [kind.__name__ for kind in trainable_models()]
     commands |= {name: f"{LinkModelConfig.command} --model {name}" for name in names}
     values = {"models": [{"name": name, "command": command} for name, command in commands.items()]}
-    output.result(values, aligned((name, f"wordcraft-kg {command}") for name, command in commands.items()))
+    output.result(
+        values, aligned((name, f"wordcraft-kg {command}") for name, command in commands.items())
+    )
     return 0

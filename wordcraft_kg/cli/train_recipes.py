@@ -20,7 +20,9 @@ EXAMPLES = (
 def train_recipes(
     graph: Graph,
     *,
-    settings: Annotated[RecipeScorerConfig, Parameter(name="*", negative_iterable="")] = RecipeScorerConfig(),
+    settings: Annotated[
+        RecipeScorerConfig, Parameter(name="*", negative_iterable="")
+    ] = RecipeScorerConfig(),
     out: Path | None = None,
     force: Force = False,
     output: Output = Output(),

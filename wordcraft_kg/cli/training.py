@@ -72,7 +72,9 @@ class TrainingOutput:
             self.finish(trained, config)
         except OSError as error:
             reason = f"the {self.product} of '{trained.folder}' cannot be written ({error.strerror or error})"
-            raise ArtefactError(f"{reason}. The training is complete; make space and repeat the command.") from None
+            raise ArtefactError(
+                f"{reason}. The training is complete; make space and repeat the command."
+            ) from None
 
 
 def train(
@@ -99,7 +101,9 @@ def train(
     def lacks_product(folder: Path) -> bool:
         return not training.is_finished(folder)
 
-    trained = train(trainer, config, out, force=force, keep=lacks_product, trackers=trackers, progress=progress)
+    trained = train(
+        trainer, config, out, force=force, keep=lacks_product, trackers=trackers, progress=progress
+    )
     if getattr(trained, "interrupted", False):
         last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
         raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
@@ -108,7 +112,8 @@ def train(
     if training.product:
         following = f"open {trained.folder / training.product / 'index.html'}"
     output.result(
-        training.values(trained), [*aligned(training.rows(trained)), f"wrote {trained.folder}/   {following}"]
+        training.values(trained),
+        [*aligned(training.rows(trained)), f"wrote {trained.folder}/   {following}"],
     )
     return 0
 
@@ -125,8 +130,12 @@ def _train_seeds(
     part = "trainer" if hasattr(config, "trainer") else "settings"
     settings = getattr(config, part)
     if settings.seed:
-        raise ConfigError(f"--seed {settings.seed} and --seeds {seeds} cannot be combined; use only one.")
-    configs = {seed: replace(config, **{part: replace(settings, seed=seed)}) for seed in read_seeds(seeds)}
+        raise ConfigError(
+            f"--seed {settings.seed} and --seeds {seeds} cannot be combined; use only one."
+        )
+    configs = {
+        seed: replace(config, **{part: replace(settings, seed=seed)}) for seed in read_seeds(seeds)
+    }
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.runs.training import train_seeds
 
@@ -137,7 +146,9 @@ def _train_seeds(
         def progress(seed: int) -> Progress:
             return output.progress(f"seed-{seed}", unit=trainer.kind.unit)
 
-        for seed, trained in train_seeds(trainer, configs, parent, force=force, trackers=trackers, progress=progress):
+        for seed, trained in train_seeds(
+            trainer, configs, parent, force=force, trackers=trackers, progress=progress
+        ):
             if not trained.interrupted and not training.is_finished(trained.folder):
                 training.finish_run(trained, config)
             yield seed, trained
@@ -146,11 +157,15 @@ def _train_seeds(
     values = {seed: training.values(outcome) for seed, outcome in outcome_of.items()}
     end = f"wrote {parent}/   next: {training.next_command.format(parent)}"
     by_seed = {str(seed): outcome for seed, outcome in values.items()}
-    output.result({"out": str(parent), "seeds": by_seed}, [*aligned(training.seed_rows(values)), end])
+    output.result(
+        {"out": str(parent), "seeds": by_seed}, [*aligned(training.seed_rows(values)), end]
+    )
     return 0
 
 
-def _until_interrupted(outcomes: Iterator[tuple[int, Any]], number: int, force: bool) -> dict[int, Any]:
+def _until_interrupted(
+    outcomes: Iterator[tuple[int, Any]], number: int, force: bool
+) -> dict[int, Any]:
     trained: dict[int, Any] = {}
     try:
         for seed, outcome in outcomes:
@@ -185,7 +200,9 @@ def _link_rows(trained: "TrainedLinks") -> Rows:
         rows.append(("chosen", str(metrics.choice)))
     rows += _folds(metrics)
     if metrics.valid_mrr is not None:
-        rows.append(("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}"))
+        rows.append(
+            ("valid MRR", f"{metrics.valid_mrr:.3f} at best, in epoch {metrics.best_epoch}")
+        )
     if metrics.choice and not metrics.choice.beats_counting:
         logging.getLogger(__name__).warning(
             "on held-out train recipes no candidate is better than the frequency rule; expect the same for unseen "
@@ -193,7 +210,8 @@ def _link_rows(trained: "TrainedLinks") -> Rows:
         )
     if metrics.train_mrr < 0.1:
         logging.getLogger(__name__).warning(
-            "the model hardly fits the training triples; try %s.", _how_to_fit(LinksConfig.read(trained.folder))
+            "the model hardly fits the training triples; try %s.",
+            _how_to_fit(LinksConfig.read(trained.folder)),
         )
     return rows
 
@@ -269,7 +287,10 @@ def _agent_seed_rows(values: dict[int, Values]) -> Rows:
     rates = {seed: summary["success"][part] for seed, summary in values.items()}
     spread = f"from {min(rates.values()):.3f} to {max(rates.values()):.3f}"
     return [
-        *((f"seed {seed}", f"success {success:.3f} on {part} tasks") for seed, success in rates.items()),
+        *(
+            (f"seed {seed}", f"success {success:.3f} on {part} tasks")
+            for seed, success in rates.items()
+        ),
         ("mean", f"success {sum(rates.values()) / len(rates):.3f}, {spread}"),
     ]
 
@@ -290,7 +311,9 @@ def _how_to_fit(config: LinksConfig) -> str:
     settings = config.settings
     if isinstance(settings, ComplExConfig):
         return "more --epochs, a larger --dim, or a smaller --n3"
-    return "more --epochs, another --learning-rate" + (", or --loop symmetric" if settings.loop == "slcwa" else "")
+    return "more --epochs, another --learning-rate" + (
+        ", or --loop symmetric" if settings.loop == "slcwa" else ""
+    )
 
 
 LINKS = TrainingOutput(
@@ -300,7 +323,14 @@ LINKS = TrainingOutput(
     _metrics,
     next_command="wordcraft-kg compare {} ANOTHER",
 )
-RECIPES = TrainingOutput("models.recipes.training:RecipesTraining", _recipe_rows, lambda values: [], _metrics)
+RECIPES = TrainingOutput(
+    "models.recipes.training:RecipesTraining", _recipe_rows, lambda values: [], _metrics
+)
 AGENTS = TrainingOutput(
-    "agents.training:AgentTraining", _agent_rows, _agent_seed_rows, _agent_values, _write_agent_report, product="report"
+    "agents.training:AgentTraining",
+    _agent_rows,
+    _agent_seed_rows,
+    _agent_values,
+    _write_agent_report,
+    product="report",
 )

@@ -14,5 +14,7 @@ def register() -> None:
     if "WordCraft-v0" not in registry:
         path, book = "wordcraft_kg.envs", {"graph": "everyday"}
         vector = f"{path}.vector:WordCraftVectorEnv"
-        register("WordCraft-v0", f"{path}.wordcraft:WordCraftEnv", vector_entry_point=vector, kwargs=book)
+        register(
+            "WordCraft-v0", f"{path}.wordcraft:WordCraftEnv", vector_entry_point=vector, kwargs=book
+        )
         register("WordCraft-OpenEnded-v0", f"{path}.open_ended:OpenEndedEnv", kwargs=book)

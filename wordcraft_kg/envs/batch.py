@@ -21,7 +21,9 @@ IN_PROGRESS, GOAL, OUT_OF_ATTEMPTS = 0, 1, 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")
 """Names of the outcomes of a step; a code is an index into this tuple."""
 
-_DENSE_LIMIT = 4_096  # entities up to which pairs are looked up in a square table, of 4 bytes a cell
+_DENSE_LIMIT = (
+    4_096  # entities up to which pairs are looked up in a square table, of 4 bytes a cell
+)
 
 
 class Step(NamedTuple):
@@ -113,9 +115,13 @@ class State(NamedTuple):
         for name in _SAVED:
             expected = tuple(getattr(self, name).shape)
             if name not in saved or tuple(saved[name].shape) != expected:
-                raise ConfigError(f"this is the state of another engine: '{name}' should have shape {expected}.")
+                raise ConfigError(
+                    f"this is the state of another engine: '{name}' should have shape {expected}."
+                )
         array = self.engine.arrays.array
-        copies: dict[str, Any] = {name: array(np.array(saved[name], dtype=np.int64)) for name in _SAVED}
+        copies: dict[str, Any] = {
+            name: array(np.array(saved[name], dtype=np.int64)) for name in _SAVED
+        }
         # Episodes drawn ahead are drawn again: they depend only on seed, environment and episode.
         ahead = Ahead(self.ahead.draws, self.keys, copies["episode"])
         return self._replace(ahead=ahead, age=0, **copies)
@@ -181,11 +187,19 @@ class BatchEngine:
         self.pairs = _PairNumbers(world.graph, self.arrays)
         self._draws = Draws(world, self.arrays)
         self._goals, self._made, self._finals, self._results = map(
-            self.arrays.array, (world.tasks.goals, world.tasks.intermediates, world.tasks.final_pairs, _results(world))
+            self.arrays.array,
+            (
+                world.tasks.goals,
+                world.tasks.intermediates,
+                world.tasks.final_pairs,
+                _results(world),
+            ),
         )
         self._rows = self.arrays.array(np.arange(self.num_envs))
         self._numbers = self.arrays.array(np.arange(self.config.attempts))
-        self._offsets = self._rows * (self.num_slots + 1)  # of the environments' tables in `State.wide`
+        self._offsets = self._rows * (
+            self.num_slots + 1
+        )  # of the environments' tables in `State.wide`
 
     # --- episodes ----------------------------------------------------------------------------------------------------
 
@@ -197,7 +211,9 @@ class BatchEngine:
         """Begin the next episode in every environment."""
         return self._begin(state.keys, state.episode)
 
-    def pose(self, tasks: Array, episode: int = 0, *, seed: int = 0, tables: Array | None = None) -> State:
+    def pose(
+        self, tasks: Array, episode: int = 0, *, seed: int = 0, tables: Array | None = None
+    ) -> State:
         """Begin an episode with a given task in each environment, for evaluation.
 
         ``tasks`` are task indices, shape (N,). Later episodes have drawn tasks. Distractors depend only on seed,
@@ -205,18 +221,26 @@ class BatchEngine:
         shape (N, at most num_slots).
         """
         keys, number = self._keys(seed), self.arrays.full((self.num_envs,), episode)
-        tasks = self.arrays.array(np.array(tasks, dtype=np.int64)) if isinstance(tasks, list | np.ndarray) else tasks
+        tasks = (
+            self.arrays.array(np.array(tasks, dtype=np.int64))
+            if isinstance(tasks, list | np.ndarray)
+            else tasks
+        )
         if tables is None:
             tables = self._draws.tables(self._draws.keys(keys, number), tasks)
         begun = self._begun(tables, tasks)
-        return State._make((self, keys, Ahead(self._draws, keys, number + 1), 0, *begun, number + 1))
+        return State._make(
+            (self, keys, Ahead(self._draws, keys, number + 1), 0, *begun, number + 1)
+        )
 
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
 
     def _begin(self, keys: Array, episode: Array) -> State:
         ahead = Ahead(self._draws, keys, episode)
-        return State._make((self, keys, ahead, 1, *self._begun(*ahead.take(self._rows, episode)), episode + 1))
+        return State._make(
+            (self, keys, ahead, 1, *self._begun(*ahead.take(self._rows, episode)), episode + 1)
+        )
 
     def _begun(self, tables: Array, tasks: Array) -> Sequence[Array]:
         full, size = self.arrays.full, (len(tables),)
@@ -227,7 +251,15 @@ class BatchEngine:
         rows = self.arrays.rows(tables[:, -1] == self.nothing)
         count[rows] = (tables[rows] != self.nothing).sum(1)
         tried = full((*size, self.config.attempts, 2), self.nothing)
-        return self._goals[tasks], tasks, full(size, self.nothing), full(size, self.config.attempts), wide, count, tried
+        return (
+            self._goals[tasks],
+            tasks,
+            full(size, self.nothing),
+            full(size, self.config.attempts),
+            wide,
+            count,
+            tried,
+        )
 
     def begin_where(self, now: State, over: Array, before: State | None = None) -> State:
         """Begin the next episode where ``over``, shape (N,), is True; arrays not in ``before`` may be written to."""
@@ -247,7 +279,9 @@ class BatchEngine:
             if age == ahead.size:
                 ahead, age = Ahead(self._draws, now.keys, episode), 0
         elif len(rows) < self.num_envs:
-            own = [old.copy() if old is was else old for old, was in zip(current, earlier, strict=True)]
+            own = [
+                old.copy() if old is was else old for old, was in zip(current, earlier, strict=True)
+            ]
             for array, new in zip(own, begun, strict=True):
                 array[rows] = new
             begun = own
@@ -269,7 +303,9 @@ class BatchEngine:
         if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
         now, done = self._step(state, actions, is_replaced=False)
-        return now._replace(attempts_left=self.arrays.xp.where(done.over, 0, now.attempts_left)), done
+        return now._replace(
+            attempts_left=self.arrays.xp.where(done.over, 0, now.attempts_left)
+        ), done
 
     def _step(self, state: State, actions: Array, *, is_replaced: bool) -> tuple[State, Step]:
         """Step without new episodes; with ``is_replaced``, tables of finished episodes may be skipped."""
@@ -296,7 +332,9 @@ class BatchEngine:
         reward = cast(made_goal, "float32")
         if shaped is not None:
             wrong = second & ~empty & running & (pair == self.pairs.no_pair)
-            reward = reward + shaped - self.config.rewards.wrong_pair_penalty * cast(wrong, "float32")
+            reward = (
+                reward + shaped - self.config.rewards.wrong_pair_penalty * cast(wrong, "float32")
+            )
         outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(made_goal, "int8")
         kept = self, state.keys, state.ahead, state.age, state.goal, state.task
         tried = self._noted(state, chosen, second & ~empty & running)
@@ -309,7 +347,9 @@ class BatchEngine:
             return state.tried
         number = attempts - state.attempts_left
         is_now = is_tried[:, None] & (self._numbers == number[:, None])
-        return xp.where(is_now[:, :, None], xp.stack([state.selection, chosen], 1)[:, None], state.tried)
+        return xp.where(
+            is_now[:, :, None], xp.stack([state.selection, chosen], 1)[:, None], state.tried
+        )
 
     def _land(
         self, state: State, pair: Array, running: Array, is_replaced: bool
@@ -318,16 +358,28 @@ class BatchEngine:
         arrays, rewards = self.arrays, self.config.rewards
         makes = (pair != self.pairs.no_pair) & running
         made_goal, by_plan = (arrays.full((self.num_envs,), 0, "bool") for _ in range(2))
-        is_shaped = bool(rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward)
+        is_shaped = bool(
+            rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward
+        )
         shaped = arrays.full((self.num_envs,), 0, "float32") if is_shaped else None
         rows = arrays.rows(makes)
         if not len(rows):
             return state.wide, state.count, made_goal, by_plan, shaped
-        results, goal, task, makes = self._results[pair[rows]], state.goal[rows], state.task[rows], makes[rows]
+        results, goal, task, makes = (
+            self._results[pair[rows]],
+            state.goal[rows],
+            state.task[rows],
+            makes[rows],
+        )
         hit = (results == goal[:, None]).any(1) & makes
         made_goal[rows] = hit
         by_plan[rows] = hit & (self._finals[task] == pair[rows][:, None]).any(1)
-        if is_replaced and shaped is None and not arrays.on_device and (hit | (state.attempts_left[rows] == 1)).all():
+        if (
+            is_replaced
+            and shaped is None
+            and not arrays.on_device
+            and (hit | (state.attempts_left[rows] == 1)).all()
+        ):
             return state.wide, state.count, made_goal, by_plan, shaped
         made = self._made[task]
         first, relevant = arrays.full((len(rows),), 0), hit
@@ -346,7 +398,8 @@ class BatchEngine:
         if shaped is not None:
             irrelevant = arrays.cast(makes & ~relevant, "float32")
             shaped[rows] = (
-                rewards.intermediate_reward * arrays.cast(first, "float32") - rewards.irrelevant_penalty * irrelevant
+                rewards.intermediate_reward * arrays.cast(first, "float32")
+                - rewards.irrelevant_penalty * irrelevant
             )
         return wide, counts, made_goal, by_plan, shaped
 

@@ -44,7 +44,13 @@ class RewardConfig:
 
     def __post_init__(self) -> None:
         for entry in fields(self):
-            number_in(entry.name, getattr(self, entry.name), 0, sys.float_info.max, "a finite number, 0 or more")
+            number_in(
+                entry.name,
+                getattr(self, entry.name),
+                0,
+                sys.float_info.max,
+                "a finite number, 0 or more",
+            )
 
 
 REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
@@ -98,7 +104,12 @@ class WordCraftConfig:
         if self.max_attempts is not None:
             self._whole("max_attempts", 1, MAX_ATTEMPTS)
             enough = self.max_attempts >= self.depth
-            require(self, "max_attempts", enough, f"{self.depth} or more, which a task of depth {self.depth} takes")
+            require(
+                self,
+                "max_attempts",
+                enough,
+                f"{self.depth} or more, which a task of depth {self.depth} takes",
+            )
         self._whole("num_tasks", 1, MAX_SIZE)
         self._whole("task_seed", 0, None)
         for entry in fields(self):

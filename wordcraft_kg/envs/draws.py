@@ -11,8 +11,14 @@ from wordcraft_kg.envs.arrays import Array, Arrays
 from wordcraft_kg.envs.guards import Guards
 from wordcraft_kg.envs.world import World
 
-_AHEAD, _AHEAD_OF_MANY, _MANY = 16, 8, 1_024  # episodes drawn at a time; fewer from _MANY environments on
-_CHUNK = 8_192  # tables drawn at a time on the CPU, so that the arrays stay in the processor's cache
+_AHEAD, _AHEAD_OF_MANY, _MANY = (
+    16,
+    8,
+    1_024,
+)  # episodes drawn at a time; fewer from _MANY environments on
+_CHUNK = (
+    8_192  # tables drawn at a time on the CPU, so that the arrays stay in the processor's cache
+)
 _LAST_31_BITS = 0x7FFFFFFF
 # Keys that differ by multiples of these hash independently; both are odd, the first is 2**64 / golden ratio.
 _STRIDE = -7046029254386353131
@@ -43,16 +49,23 @@ class Draws:
         self.world, self.arrays, tasks = world, arrays, world.tasks
         self.width = world.config.depth + 1 + world.config.num_distractors
         self._starts, self._goals, self._made = (
-            arrays.array(ids.astype(np.int32)) for ids in (tasks.starts, tasks.goals, tasks.intermediates)
+            arrays.array(ids.astype(np.int32))
+            for ids in (tasks.starts, tasks.goals, tasks.intermediates)
         )
         # A distractor of weight w has w lots.
-        self._lots = arrays.array(np.repeat(np.arange(world.nothing, dtype=np.int32), world.distractor_weights))
+        self._lots = arrays.array(
+            np.repeat(np.arange(world.nothing, dtype=np.int32), world.distractor_weights)
+        )
         self._task_ends = arrays.array(np.cumsum(tasks.weights(world.config.task_weighting)))
         self._guards = Guards(world, arrays)
 
     def env_keys(self, seed: int, first: int, count: int) -> Array:
         """Return hashes of seed and environment for environments ``first``, ``first + 1``, ..., shape (count,)."""
-        words = np.random.SeedSequence(whole("seed", seed, 0)).generate_state(1, np.uint64).view(np.int64)
+        words = (
+            np.random.SeedSequence(whole("seed", seed, 0))
+            .generate_state(1, np.uint64)
+            .view(np.int64)
+        )
         return mixed(self.arrays.array(np.arange(first, first + count) * _STRIDE + words))
 
     def keys(self, env_keys: Array, episodes: Array) -> Array:
@@ -75,12 +88,16 @@ class Draws:
         if self.world.config.task_weighting == "task":
             return (number * amount) >> 31
         share = self.arrays.cast(number, "float64") / 2**31 * self._task_ends[-1]
-        return self.arrays.xp.searchsorted(self._task_ends, share, side="right").clip(max=amount - 1)
+        return self.arrays.xp.searchsorted(self._task_ends, share, side="right").clip(
+            max=amount - 1
+        )
 
     def tables(self, keys: Array, tasks: Array) -> Array:
         """Draw starting tables for R episode :meth:`keys` and tasks: ids, (R, width), shuffled, empty slots last."""
         size = len(keys) if self.arrays.on_device else _CHUNK
-        pieces = [self._tables(keys[i : i + size], tasks[i : i + size]) for i in range(0, len(keys), size)]
+        pieces = [
+            self._tables(keys[i : i + size], tasks[i : i + size]) for i in range(0, len(keys), size)
+        ]
         return self.arrays.xp.concatenate(pieces)
 
     def _tables(self, keys: Array, tasks: Array) -> Array:
@@ -89,7 +106,9 @@ class Draws:
         if self.world.config.num_distractors:
             rows = arrays.xp.concatenate([starts, self._distractors(keys, tasks, starts)])
         places = self._numbers(keys, _PLACES, len(rows)) >> 1
-        return self._in_order(arrays.xp.where(rows == self.world.nothing, _LAST_31_BITS, places), rows)
+        return self._in_order(
+            arrays.xp.where(rows == self.world.nothing, _LAST_31_BITS, places), rows
+        )
 
     def _in_order(self, order: Array, ids: Array) -> Array:
         """Return the ids of each column by ascending ``order``, 31-bit numbers: shape (R, K) for (K, R)."""
@@ -105,7 +124,9 @@ class Draws:
         """Draw distractors by weight without replacement, (num_distractors, R); nothing if entities run out."""
         config = self.world.config
         wanted = config.num_distractors
-        taken = self.arrays.xp.concatenate([self._goals[tasks][None, :], starts, self._made[tasks].T])
+        taken = self.arrays.xp.concatenate(
+            [self._goals[tasks][None, :], starts, self._made[tasks].T]
+        )
         if self.arrays.on_device:
             # One round with many candidates, because a check would wait for the device.
             drawn = self._pick(keys, tasks, taken, 8 * wanted + 16)
@@ -118,7 +139,11 @@ class Draws:
                 chosen = self._pick(keys[again], tasks[again], taken[:, again], amount)
                 drawn[:, again] = chosen
                 amount *= 4
-                again = again[chosen[-1] == self.world.nothing] if amount < 2**11 * wanted else again[:0]
+                again = (
+                    again[chosen[-1] == self.world.nothing]
+                    if amount < 2**11 * wanted
+                    else again[:0]
+                )
         if config.distractor_policy != "any" and config.attempts > 1:
             self._avoid_shortcuts(keys, tasks, taken, drawn)
         return drawn
@@ -148,16 +173,22 @@ class Draws:
             # Few tables can complete a guarded recipe at all; only these are checked candidate by candidate.
             rows = arrays.rows(self._guards.at_risk(candidates, tasks))
             if len(rows):
-                allowed[:, rows] = self._guards.refuse(candidates[:, rows], allowed[:, rows], tasks[rows])
+                allowed[:, rows] = self._guards.refuse(
+                    candidates[:, rows], allowed[:, rows], tasks[rows]
+                )
         order = arrays.xp.where(allowed, 0, _LAST_31_BITS)
-        return self._in_order(order, arrays.xp.where(allowed, candidates, self.world.nothing))[:, :wanted].T
+        return self._in_order(order, arrays.xp.where(allowed, candidates, self.world.nothing))[
+            :, :wanted
+        ].T
 
     def _avoid_shortcuts(self, keys: Array, tasks: Array, taken: Array, drawn: Array) -> None:
         """Draw again, one table at a time, while distractors open a longer shortcut."""
         world = self.world
         for i in range(len(keys)):
             key, turn = keys[i : i + 1], 0
-            while world.has_shortcut(int(tasks[i]), [int(x) for x in drawn[:, i] if int(x) < world.nothing]):
+            while world.has_shortcut(
+                int(tasks[i]), [int(x) for x in drawn[:, i] if int(x) < world.nothing]
+            ):
                 turn += 1
                 world.check_tries(turn, int(tasks[i]))
                 more = self._pick(mixed(key + turn), tasks[i : i + 1], taken[:, i : i + 1], 256)
@@ -198,4 +229,6 @@ class Ahead:
             index[spent] = 0
         which = rows * self.size + index
         tasks = arrays.take_rows(self._tasks.reshape(-1), which)
-        return arrays.take_rows(self._tables.reshape(-1, self.draws.width), which), arrays.cast(tasks, "int64")
+        return arrays.take_rows(self._tables.reshape(-1, self.draws.width), which), arrays.cast(
+            tasks, "int64"
+        )

@@ -45,5 +45,11 @@ class EvaluationTables:
         whole("distractor_seed", distractor_seed, 0, MAX_SIZE)
         place, rest = divmod(task, distance_of(amount, MOST_TASKS))
         environment = task if rest else place  # a task outside the sample has separate tables
-        keys = draws.keys(draws.env_keys(EVALUATION_SEED, environment, 1), np.array([distractor_seed]))
-        return [entity for entity in draws.tables(keys, np.array([task]))[0].tolist() if entity != self.world.nothing]
+        keys = draws.keys(
+            draws.env_keys(EVALUATION_SEED, environment, 1), np.array([distractor_seed])
+        )
+        return [
+            entity
+            for entity in draws.tables(keys, np.array([task]))[0].tolist()
+            if entity != self.world.nothing
+        ]

@@ -42,7 +42,9 @@ class Guards:
         keys, place = np.unique(pairs, return_inverse=True)
         place = place.reshape(-1, 2)
         tables = int(number.max()) // BITS + 1 if len(number) else 0
-        marks = np.zeros((tables, len(keys) + 1), dtype=np.int64)  # the last marks belong to entities without any
+        marks = np.zeros(
+            (tables, len(keys) + 1), dtype=np.int64
+        )  # the last marks belong to entities without any
         self._mask = (1 << (_ROOM * len(keys)).bit_length()) - 1
         folded = np.zeros(self._mask + 1, dtype=np.int32)
         for side in range(2):
@@ -59,7 +61,9 @@ class Guards:
         self._rows = arrays.array(rows)
         if tables:
             near = np.concatenate([world.tasks.starts, world.makeable], axis=1)
-            near_keys = (rows[:, None] + near).T  # "nothing" is not an ingredient, but may share a place in the filter
+            near_keys = (
+                rows[:, None] + near
+            ).T  # "nothing" is not an ingredient, but may share a place in the filter
             self._near_folded = arrays.array(np.bitwise_or.reduce(folded[near_keys & self._mask]))
             places = _find(np, keys, near_keys)
             self._near = [arrays.array(np.bitwise_or.reduce(table[places])) for table in marks]

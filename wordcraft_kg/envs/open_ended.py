@@ -31,14 +31,20 @@ class Discovery:
         try:
             if isinstance(base, str):  # one label, not its letters
                 base = [base]
-            ids = graph.base_ids.tolist() if base is None else {graph.id_of(entity) for entity in base}
+            ids = (
+                graph.base_ids.tolist()
+                if base is None
+                else {graph.id_of(entity) for entity in base}
+            )
         except UnknownEntityError as error:
             raise ConfigError(f"`base`: {error}") from None
         self.base: tuple[int, ...] = tuple(sorted(ids))
         self.reachable = int((layers(graph, self.base) >= 0).sum())
         if self.reachable == len(self.base):
             labels = ", ".join(graph.labels(self.base)) or "(empty)"
-            raise ConfigError(f"`base` {labels}: nothing new can be made from these entities in {graph.name}.")
+            raise ConfigError(
+                f"`base` {labels}: nothing new can be made from these entities in {graph.name}."
+            )
         self._outcomes = graph.outcomes
         self.restart()
 
@@ -140,7 +146,9 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         """Begin an episode with the base entities."""
         super().reset(seed=seed)
         if options:
-            raise ConfigError(f"unknown reset option '{min(options)}'; this environment takes none.")
+            raise ConfigError(
+                f"unknown reset option '{min(options)}'; this environment takes none."
+            )
         self.discovery.restart()
         self._attempts_left = self.max_attempts
         self._outcome = "in_progress"
@@ -151,7 +159,9 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         """Combine two entities, given by id."""
         if self._outcome != "in_progress":
             raise EpisodeError(
-                "call reset() before step()." if self._outcome == "not_begun" else "the episode is over; call reset()."
+                "call reset() before step()."
+                if self._outcome == "not_begun"
+                else "the episode is over; call reset()."
             )
         one, other = self._checked_action(action)
         names = self.graph.entities
@@ -160,7 +170,9 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             raise ActionError(f"action {[one, other]}: '{names[unknown[0]]}' is not known yet.")
         new, repeated = ((), False) if unknown else self.discovery.combine(one, other)
         self._attempts_left -= 1
-        self._last = f"{names[one]} + {names[other]} -> {', '.join(self.graph.labels(new)) or 'nothing new'}"
+        self._last = (
+            f"{names[one]} + {names[other]} -> {', '.join(self.graph.labels(new)) or 'nothing new'}"
+        )
         if self.discovery.is_complete:
             self._outcome = "all_known"
         elif self._attempts_left == 0:
@@ -193,7 +205,11 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             pair = np.asarray(action)
         except ValueError:  # a ragged list
             pair = np.empty(0)
-        if pair.shape != (2,) or pair.dtype.kind not in "iu" or not 0 <= pair.min() <= pair.max() < size:
+        if (
+            pair.shape != (2,)
+            or pair.dtype.kind not in "iu"
+            or not 0 <= pair.min() <= pair.max() < size
+        ):
             raise ActionError(f"action {action!r}: expected two entity ids, 0 to {size - 1}.")
         one, other = pair.tolist()
         return one, other

@@ -39,19 +39,25 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         **settings: Any,
     ):
         if render_mode is not None:
-            raise ConfigError(f"`render_mode` {render_mode!r}: expected None; many environments are not rendered.")
+            raise ConfigError(
+                f"`render_mode` {render_mode!r}: expected None; many environments are not rendered."
+            )
         try:
             self._mode = AutoresetMode(autoreset_mode)
         except ValueError:
             modes = ", ".join(mode.value for mode in AutoresetMode)
-            raise ConfigError(f"`autoreset_mode` {autoreset_mode!r}: expected one of {modes}.") from None
+            raise ConfigError(
+                f"`autoreset_mode` {autoreset_mode!r}: expected one of {modes}."
+            ) from None
         self.render_mode = None
         self.world = world = World.of(graph, settings)
         self.config = world.config
         self.engine = BatchEngine(world, num_envs)
         self.num_envs = self.engine.num_envs
         self.metadata = {**WordCraftEnv.metadata, "autoreset_mode": self._mode}
-        self.single_observation_space = observation_space(world.nothing, world.num_slots, self.config.attempts)
+        self.single_observation_space = observation_space(
+            world.nothing, world.num_slots, self.config.attempts
+        )
         self.single_action_space = spaces.Discrete(world.num_slots)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
@@ -65,14 +71,20 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         The option ``reset_mask``, booleans of shape (N,), restarts only the environments where it is True.
         """
         if isinstance(seed, list | tuple | np.ndarray):
-            raise ConfigError("`seed`: expected one integer, which seeds a separate stream for each environment.")
+            raise ConfigError(
+                "`seed`: expected one integer, which seeds a separate stream for each environment."
+            )
         if others := {*(options or {})} - {"reset_mask"}:
             raise ConfigError(
                 f"unknown reset option '{min(others)}': expected reset_mask; set tasks with the engine's pose()."
             )
         mask = None if not options else np.asarray(options["reset_mask"])
-        if mask is not None and (seed is not None or mask.dtype != bool or mask.shape != (self.num_envs,)):
-            raise ConfigError(f"`reset_mask`: expected booleans of shape ({self.num_envs},), and no seed.")
+        if mask is not None and (
+            seed is not None or mask.dtype != bool or mask.shape != (self.num_envs,)
+        ):
+            raise ConfigError(
+                f"`reset_mask`: expected booleans of shape ({self.num_envs},), and no seed."
+            )
         if seed is None and self._state is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
         if mask is not None:
@@ -80,7 +92,9 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         else:
             state = self.engine.restart(self.state) if seed is None else self.engine.reset(seed)
         self._state, zeros = state, np.zeros(self.num_envs, dtype=bool)
-        return self._observations(), self._infos(np.zeros(self.num_envs, np.int8), zeros, zeros, state.task)
+        return self._observations(), self._infos(
+            np.zeros(self.num_envs, np.int8), zeros, zeros, state.task
+        )
 
     def step(
         self, actions: NDArray[np.int64]
@@ -90,14 +104,25 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         if self._mode is AutoresetMode.SAME_STEP:
             self._state, done = self.engine.step(self.state, actions)
         elif self._mode is AutoresetMode.DISABLED and ended.any():
-            raise EpisodeError(f"environment {int(ended.argmax())} has ended; call reset() with a `reset_mask`.")
+            raise EpisodeError(
+                f"environment {int(ended.argmax())} has ended; call reset() with a `reset_mask`."
+            )
         elif ended.all():
-            done = Step(zeros.astype(np.float32), zeros, zeros.astype(np.int8), zeros, zeros, self.state.task)
+            done = Step(
+                zeros.astype(np.float32),
+                zeros,
+                zeros.astype(np.int8),
+                zeros,
+                zeros,
+                self.state.task,
+            )
         else:
             self._state, done = self.engine.step_once(self.state, actions)
         if self._mode is AutoresetMode.NEXT_STEP:
             self._state = self.engine.begin_where(self.state, ended)
-        infos = self._infos(done.outcome, done.by_plan, done.illegal, self.state.task if ended.any() else done.task)
+        infos = self._infos(
+            done.outcome, done.by_plan, done.illegal, self.state.task if ended.any() else done.task
+        )
         return self._observations(), done.reward.astype(np.float64), done.over, zeros, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -124,4 +149,9 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
     @staticmethod
     def _infos(outcome: Any, by_plan: Any, illegal: Any, task: Any) -> dict[str, Any]:
         names = np.array(OUTCOMES)[outcome]
-        return {"outcome": names, "by_plan": by_plan, "illegal_action": illegal, "task": np.array(task)}
+        return {
+            "outcome": names,
+            "by_plan": by_plan,
+            "illegal_action": illegal,
+            "task": np.array(task),
+        }

@@ -106,7 +106,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     metadata = METADATA
 
-    def __init__(self, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any):
+    def __init__(
+        self, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any
+    ):
         check_mode(render_mode)
         self.render_mode = render_mode
         self.world = World.of(graph, settings)
@@ -114,7 +116,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self.tasks = self.world.tasks
         self.num_slots = self.world.num_slots
         self.action_space = spaces.Discrete(self.num_slots)
-        self.observation_space = observation_space(self.world.nothing, self.num_slots, self.config.attempts)
+        self.observation_space = observation_space(
+            self.world.nothing, self.num_slots, self.config.attempts
+        )
         self._outcomes = self.world.outcomes
         self._nothing = self.world.nothing
         self._weight_ends = list(accumulate(self.world.distractor_weights.tolist()))
@@ -123,10 +127,17 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self._guarded = self._guarded_pairs()
         self._goals, self._starts, self._made, self._makeable = (
             [[entity for entity in row if entity != self._nothing] for row in rows.tolist()]
-            for rows in (self.tasks.goals[:, None], self.tasks.starts, self.tasks.intermediates, self.world.makeable)
+            for rows in (
+                self.tasks.goals[:, None],
+                self.tasks.starts,
+                self.tasks.intermediates,
+                self.world.makeable,
+            )
         )
         pairs = self.world.graph.recipes[self.world.graph.pair_starts[:-1], :2].tolist()
-        self._last_pairs = [{tuple(pairs[i]) for i in row if i >= 0} for row in self.tasks.final_pairs.tolist()]
+        self._last_pairs = [
+            {tuple(pairs[i]) for i in row if i >= 0} for row in self.tasks.final_pairs.tolist()
+        ]
         self.state = State(-1, self._nothing, [], self._nothing, 0, "not_begun")
 
     def reset(
@@ -140,13 +151,19 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         unknown = set(options) - {"task", "table"}
         if unknown:
             raise ConfigError(f"unknown reset option '{min(unknown)}'; expected task or table.")
-        index = self._draw_task() if "task" not in options else whole("task", options["task"], 0, len(self.tasks) - 1)
+        index = (
+            self._draw_task()
+            if "task" not in options
+            else whole("task", options["task"], 0, len(self.tasks) - 1)
+        )
         if "table" in options:
             table = self._checked_table(options["table"])
         else:
             table = [*self._starts[index], *self._draw_distractors(index)]
             self._shuffle(table)
-        self.state = State(index, self._goals[index][0], table, self._nothing, self.config.attempts, "in_progress")
+        self.state = State(
+            index, self._goals[index][0], table, self._nothing, self.config.attempts, "in_progress"
+        )
         return self._seen(), self._info(illegal=False, by_plan=False)
 
     def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -154,11 +171,15 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         state = self.state
         if state.outcome != "in_progress":
             is_new = state.outcome == "not_begun"
-            raise EpisodeError("call reset() before step()." if is_new else "the episode is over; call reset().")
+            raise EpisodeError(
+                "call reset() before step()." if is_new else "the episode is over; call reset()."
+            )
         slot = self._checked_action(action)
         reward, by_plan, illegal = 0.0, False, slot >= len(state.table)
         if illegal and self.config.illegal_action == "raise":
-            raise ActionError(f"action {slot}: the slot is empty; slots 0 to {len(state.table) - 1} hold entities.")
+            raise ActionError(
+                f"action {slot}: the slot is empty; slots 0 to {len(state.table) - 1} hold entities."
+            )
         if not illegal and state.selection == self._nothing:
             state.selection = state.table[slot]
         else:
@@ -209,16 +230,22 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         try:
             slot = operator.index(action)
         except TypeError:
-            raise ActionError(f"action {action!r}: expected a whole number, a slot of the table.") from None
+            raise ActionError(
+                f"action {action!r}: expected a whole number, a slot of the table."
+            ) from None
         if not 0 <= slot < self.num_slots:
-            raise ActionError(f"action {slot}: expected 0 to {self.num_slots - 1}, a slot of the table.")
+            raise ActionError(
+                f"action {slot}: expected 0 to {self.num_slots - 1}, a slot of the table."
+            )
         return slot
 
     def _checked_table(self, table: Iterable[Entity]) -> list[int]:
         ids = [self.world.graph.id_of(entity) for entity in table]
         most = self.num_slots - self.world.max_results * self.config.attempts
         if not 1 <= len(ids) <= most:
-            raise ConfigError(f"`table` of {len(ids)} entities: expected 1 to {most}, which leaves room for results.")
+            raise ConfigError(
+                f"`table` of {len(ids)} entities: expected 1 to {most}, which leaves room for results."
+            )
         if len(set(ids)) < len(ids):
             raise ConfigError("`table` holds an entity twice: expected different entities.")
         return ids
@@ -233,7 +260,9 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def _draw_task(self) -> int:
         if self.config.task_weighting == "task":
             return int(self._random() * len(self.tasks))
-        return min(bisect_right(self._task_ends, self._random() * self._task_ends[-1]), len(self.tasks) - 1)
+        return min(
+            bisect_right(self._task_ends, self._random() * self._task_ends[-1]), len(self.tasks) - 1
+        )
 
     def _shuffle(self, items: list[int]) -> None:
         for last in range(len(items) - 1, 0, -1):
@@ -263,7 +292,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
                 continue
             taken.add(entity)
             if guarded and any(
-                (a == entity and (b == entity or b in near)) or (b == entity and a in near) for a, b in guarded
+                (a == entity and (b == entity or b in near)) or (b == entity and a in near)
+                for a, b in guarded
             ):
                 continue
             near.add(entity)
@@ -301,5 +331,10 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     def _info(self, *, illegal: bool, by_plan: bool) -> dict[str, Any]:
         state = self.state
-        facts = {"outcome": state.outcome, "by_plan": by_plan, "illegal_action": illegal, "task": state.task}
+        facts = {
+            "outcome": state.outcome,
+            "by_plan": by_plan,
+            "illegal_action": illegal,
+            "task": state.task,
+        }
         return facts | {"goal": self.world.graph.entities[state.goal]}

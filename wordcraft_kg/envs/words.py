@@ -17,7 +17,9 @@ PROMPTS = {
         "This is a crafting game. In each attempt, you combine two items, or one item with itself. Any item you make "
         "becomes available, and ingredients are never used up. Most combinations make nothing."
     ),
-    "goal": ("Make the goal item before you run out of attempts. It can always be made from the items on the table."),
+    "goal": (
+        "Make the goal item before you run out of attempts. It can always be made from the items on the table."
+    ),
     "discover": (
         "There is no goal item. You start with a few known items, and every item you make becomes known. Discover as "
         "many different items as you can before you run out of attempts."

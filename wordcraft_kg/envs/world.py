@@ -72,7 +72,9 @@ class World:
         True
     """
 
-    def __init__(self, graph: "GraphLike | World", config: WordCraftConfig, tasks: TaskSet | None = None):
+    def __init__(
+        self, graph: "GraphLike | World", config: WordCraftConfig, tasks: TaskSet | None = None
+    ):
         """Open the graph, or share another world's graph; make the tasks (TaskError if there is none) unless given."""
         opened = graph if isinstance(graph, World) else open_world_graph(graph)
         self.graph: RecipeGraph = opened.graph
@@ -82,10 +84,16 @@ class World:
         if tasks is not None:
             self._derived[("tasks", *(getattr(config, name) for name in _TASKS))] = tasks
         self.nothing = self.graph.num_entities
-        self.max_results = 1 if config.ambiguity == "last" else int(np.diff(self.graph.pair_starts).max(initial=1))
-        self.num_slots = config.depth + 1 + config.num_distractors + self.max_results * config.attempts
+        self.max_results = (
+            1 if config.ambiguity == "last" else int(np.diff(self.graph.pair_starts).max(initial=1))
+        )
+        self.num_slots = (
+            config.depth + 1 + config.num_distractors + self.max_results * config.attempts
+        )
         # Never distractors: the goal, the starting ingredients and the intermediates of the plans.
-        needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1) != self.nothing
+        needed = (
+            np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1) != self.nothing
+        )
         reserved = 1 + int(needed.sum(axis=1).max())
         self.max_distractors = self.nothing - reserved
         if config.distractor_policy == "no_train_shortcut" and self.split.is_in("train").all():
@@ -106,7 +114,9 @@ class World:
             return cls(graph, WordCraftConfig.of(settings))
         if settings:
             given = ", ".join(f"{name}={value!r}" for name, value in settings.items())
-            raise ConfigError(f"a world has its own settings; pass world.variant({given}) and no settings.")
+            raise ConfigError(
+                f"a world has its own settings; pass world.variant({given}) and no settings."
+            )
         return graph
 
     def variant(self, **changes: Any) -> "World":
@@ -168,7 +178,11 @@ class World:
         train part the held-out recipes are always guarded, so that training never shows a test pair with the goal.
         """
         in_train = self.split.is_in("train")
-        guarded = {"any": np.zeros_like(in_train), "no_shortcut": np.ones_like(in_train), "no_train_shortcut": in_train}
+        guarded = {
+            "any": np.zeros_like(in_train),
+            "no_shortcut": np.ones_like(in_train),
+            "no_train_shortcut": in_train,
+        }
         by_policy = guarded[self.config.distractor_policy]
         return by_policy | ~in_train if self.config.part == "train" else by_policy
 
@@ -177,12 +191,16 @@ class World:
         """Ids makeable from N tasks before the last attempt, padded; empty without :attr:`guarded_recipes`."""
         rows: list[list[int]] = []
         outcomes = self.outcomes
-        for start in self.tasks.starts.tolist() if self.guarded_recipes.any() else [[]] * len(self.tasks):
+        for start in (
+            self.tasks.starts.tolist() if self.guarded_recipes.any() else [[]] * len(self.tasks)
+        ):
             at_hand = {entity for entity in start if entity < self.nothing}
             made: set[int] = set()
             for _ in range(self.config.attempts - 1):
                 pairs = combinations_with_replacement(sorted(at_hand | made), 2)
-                more = {result for pair in pairs for result in outcomes.get(pair, ())} - at_hand - made
+                more = (
+                    {result for pair in pairs for result in outcomes.get(pair, ())} - at_hand - made
+                )
                 if not more:
                     break
                 made |= more
@@ -191,9 +209,17 @@ class World:
 
     def has_shortcut(self, task: int, distractors: list[int]) -> bool:
         """Return whether distractors (ids) open a further way to a task's goal, as the distractor policy counts."""
-        start = frozenset(entity for entity in self.tasks.starts[task].tolist() if entity < self.nothing)
-        goal, attempts, search = int(self.tasks.goals[task]), self.config.attempts, self.shortcut_search
-        return search.ways(goal, start.union(distractors), attempts) != search.ways(goal, start, attempts)
+        start = frozenset(
+            entity for entity in self.tasks.starts[task].tolist() if entity < self.nothing
+        )
+        goal, attempts, search = (
+            int(self.tasks.goals[task]),
+            self.config.attempts,
+            self.shortcut_search,
+        )
+        return search.ways(goal, start.union(distractors), attempts) != search.ways(
+            goal, start, attempts
+        )
 
     def check_tries(self, tries: int, task: int) -> None:
         """Raise a ConfigError after too many samples of distractors that open an additional way to the goal."""

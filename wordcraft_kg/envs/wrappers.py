@@ -46,8 +46,15 @@ class FeatureObservation(_Ids):
             )
         self.vectors = np.concatenate([vectors, np.zeros((1, vectors.shape[1]), dtype=np.float32)])
         width = vectors.shape[1]
-        shapes = {"goal": (width,), "selection": (width,), "table": (world.num_slots, width), "attempts_left": (1,)}
-        boxes = {key: spaces.Box(-np.inf, np.inf, shape, np.float32) for key, shape in shapes.items()}
+        shapes = {
+            "goal": (width,),
+            "selection": (width,),
+            "table": (world.num_slots, width),
+            "attempts_left": (1,),
+        }
+        boxes = {
+            key: spaces.Box(-np.inf, np.inf, shape, np.float32) for key, shape in shapes.items()
+        }
         self.observation_space = spaces.Dict({**_id_spaces(env), **boxes})
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
@@ -99,14 +106,18 @@ class _Scores:
         left = torch.as_tensor(np.asarray(observation["attempts_left"])).reshape(-1)
         looks_ahead = {"attempts": (left, None)}
         return {
-            source.name: source(*rows, tasks, **(looks_ahead if getattr(source, "reads_attempts", False) else {}))
+            source.name: source(
+                *rows, tasks, **(looks_ahead if getattr(source, "reads_attempts", False) else {})
+            )
             .reshape(table.shape)
             .numpy()
             for source in self.sources
         }
 
     def spaces(self, shape: tuple[int, ...]) -> dict[str, spaces.Space[Any]]:
-        return {source.name: spaces.Box(-np.inf, np.inf, shape, np.float32) for source in self.sources}
+        return {
+            source.name: spaces.Box(-np.inf, np.inf, shape, np.float32) for source in self.sources
+        }
 
 
 class KGScoreObservation(_Ids):
@@ -129,11 +140,16 @@ class KGScoreObservation(_Ids):
         super().__init__(env)
         world = _world(env)
         self._scores = _Scores(world, sources)
-        self.observation_space = spaces.Dict({**_id_spaces(env), **self._scores.spaces((world.num_slots,))})
+        self.observation_space = spaces.Dict(
+            {**_id_spaces(env), **self._scores.spaces((world.num_slots,))}
+        )
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Add each source's slot scores to an observation, under the source's name, shape (num_slots,)."""
-        return {**observation, **self._scores.of(observation, self.env.get_wrapper_attr("state").task)}
+        return {
+            **observation,
+            **self._scores.of(observation, self.env.get_wrapper_attr("state").task),
+        }
 
 
 class VectorKGScoreObservation(VectorWrapper):
@@ -147,7 +163,9 @@ class VectorKGScoreObservation(VectorWrapper):
         single, batched = env.single_observation_space, env.observation_space
         assert isinstance(single, spaces.Dict)
         assert isinstance(batched, spaces.Dict)
-        self.single_observation_space = spaces.Dict({**single.spaces, **self._scores.spaces((world.num_slots,))})
+        self.single_observation_space = spaces.Dict(
+            {**single.spaces, **self._scores.spaces((world.num_slots,))}
+        )
         shape = (env.num_envs, world.num_slots)
         self.observation_space = spaces.Dict({**batched.spaces, **self._scores.spaces(shape)})
 
@@ -179,7 +197,9 @@ class TaskObservation(_Ids):
         world = _world(env)
         self._is_known = world.config.part in ("train", "all")
         self._other = len(world.tasks if self._is_known else world.variant(part="train").tasks)
-        self.observation_space = spaces.Dict({**_id_spaces(env), "task": spaces.Discrete(self._other + 1)})
+        self.observation_space = spaces.Dict(
+            {**_id_spaces(env), "task": spaces.Discrete(self._other + 1)}
+        )
 
     def observation(self, observation: dict[str, Any]) -> dict[str, Any]:
         """Add the task's number to an observation."""
@@ -199,11 +219,17 @@ class TextObservation(_Masked):
     def __init__(self, env: gym.Env[Any, Any]):
         super().__init__(env)
         self._is_open = isinstance(env.unwrapped, OpenEndedEnv)
-        self._graph = env.unwrapped.graph if isinstance(env.unwrapped, OpenEndedEnv) else _world(env).graph
-        self.observation_space = spaces.Text(self.MAX_LENGTH, min_length=0, charset=characters(self._graph))
+        self._graph = (
+            env.unwrapped.graph if isinstance(env.unwrapped, OpenEndedEnv) else _world(env).graph
+        )
+        self.observation_space = spaces.Text(
+            self.MAX_LENGTH, min_length=0, charset=characters(self._graph)
+        )
         self._ids: list[int] = []
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[str, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[str, dict[str, Any]]:
         """Begin an episode."""
         observation, info = self.env.reset(seed=seed, options=options)
         return self._text(observation), info
@@ -225,7 +251,9 @@ class TextObservation(_Masked):
         left, nothing = int(observation["attempts_left"]), self._graph.num_entities
         if self._is_open:
             self._ids = [*self.env.get_wrapper_attr("discovery").known]
-            return prompt_text("world", known=len(self._ids), table=self._table(), attempts_left=left)
+            return prompt_text(
+                "world", known=len(self._ids), table=self._table(), attempts_left=left
+            )
         self._ids = [entity for entity in observation["table"].tolist() if entity < nothing]
         selection = int(observation["selection"])
         return prompt_text(
@@ -242,8 +270,12 @@ class TextObservation(_Masked):
 
 def _id_spaces(env: gym.Env[Any, Any]) -> dict[str, spaces.Space[Any]]:
     known = env.observation_space
-    if not isinstance(known, spaces.Dict) or not isinstance(known.spaces.get("table"), spaces.MultiDiscrete):
-        raise ConfigError("this wrapper needs ids; apply this wrapper before a wrapper that replaces ids.")
+    if not isinstance(known, spaces.Dict) or not isinstance(
+        known.spaces.get("table"), spaces.MultiDiscrete
+    ):
+        raise ConfigError(
+            "this wrapper needs ids; apply this wrapper before a wrapper that replaces ids."
+        )
     return dict(known.spaces)
 
 

@@ -76,7 +76,9 @@ def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
     return np.concatenate([result.success for result in results], axis=1)
 
 
-def compare_with_scorer(results: Sequence[Evaluation], scorer: str, alone: Evaluation) -> AgainstScorer:
+def compare_with_scorer(
+    results: Sequence[Evaluation], scorer: str, alone: Evaluation
+) -> AgainstScorer:
     """Compare an agent's evaluated runs with its scorer alone, which follows the sources ``scorer``."""
     differs = np.concatenate([result.decisions != alone.decisions for result in results], axis=1)
     success, of_scorer = _successes(results), _successes([alone] * len(results))
@@ -84,11 +86,15 @@ def compare_with_scorer(results: Sequence[Evaluation], scorer: str, alone: Evalu
     agent_there, scorer_there = (
         float(values[differs].mean()) if differs.any() else None for values in (success, of_scorer)
     )
-    return AgainstScorer(scorer, float(differs.mean()), agent_there, scorer_there, gain, (low, high))
+    return AgainstScorer(
+        scorer, float(differs.mean()), agent_there, scorer_there, gain, (low, high)
+    )
 
 
 def success_of(
-    results: Sequence[Evaluation], reference: Sequence[Evaluation] | None, against_scorer: AgainstScorer | None = None
+    results: Sequence[Evaluation],
+    reference: Sequence[Evaluation] | None,
+    against_scorer: AgainstScorer | None = None,
 ) -> AgentSuccess:
     """Return the success rate over an agent's evaluated runs, compared with a reference agent's runs if given."""
     means = [float(result.success.mean()) for result in results]
@@ -111,7 +117,8 @@ def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]
     """Return the episode share for each termination reason, averaged over runs."""
     shares = [result.shares() for result in results]
     return {
-        termination: float(np.mean([share[termination] for share in shares])) for termination in TERMINATION_REASONS
+        termination: float(np.mean([share[termination] for share in shares]))
+        for termination in TERMINATION_REASONS
     }
 
 
@@ -131,7 +138,9 @@ def slices_of(
     }
     rows = {
         name: tuple(
-            SliceSuccess(part, int(mask.sum()), float(success[mask].mean()), task_bootstrap(success[mask]))
+            SliceSuccess(
+                part, int(mask.sum()), float(success[mask].mean()), task_bootstrap(success[mask])
+            )
             for part, mask in masks
             if mask.any()
         )

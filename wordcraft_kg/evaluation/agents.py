@@ -126,15 +126,24 @@ def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
     for agent in agents:
         inputs = tuple(agent.run.inputs.get(name) for name in ("graph", "split", "scorer"))
         config = agent.config
-        key = (inputs, config.tasks, config.policy, replace(config.trainer, seed=0, device="cpu", threads=1))
+        key = (
+            inputs,
+            config.tasks,
+            config.policy,
+            replace(config.trainer, seed=0, device="cpu", threads=1),
+        )
         by_settings.setdefault(key, []).append(agent)
     groups: Groups = {}
     for members in by_settings.values():
         seeds = [agent.config.trainer.seed for agent in members]
         if len(set(seeds)) < len(seeds):
             names = ", ".join(agent.name for agent in members)
-            raise ConfigError(f"{names}: two of these runs have the same settings and seed; remove the duplicate.")
-        stems = {re.sub(r"[-_.]?(seed|s)?[-_]?\d+$", "", agent.name) or agent.name for agent in members}
+            raise ConfigError(
+                f"{names}: two of these runs have the same settings and seed; remove the duplicate."
+            )
+        stems = {
+            re.sub(r"[-_.]?(seed|s)?[-_]?\d+$", "", agent.name) or agent.name for agent in members
+        }
         name = stems.pop() if len(members) > 1 and len(stems) == 1 else members[0].name
         while name in groups:
             name += "′"
@@ -161,12 +170,20 @@ def view_agents(
     world, played = _conditions(everyone, part, distractors)
     headline = world.config.num_distractors
     evaluators = {
-        amount: Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds) for amount in played
+        amount: Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds)
+        for amount in played
     }
-    plays = [(name, amount) for name, members in groups.items() for amount in played if can_play(members[0], amount)]
+    plays = [
+        (name, amount)
+        for name, members in groups.items()
+        for amount in played
+        if can_play(members[0], amount)
+    ]
     results: dict[str, _Results] = {name: {} for name in groups}
     for name, amount in steps("evaluating agents", plays):
-        results[name][amount] = [evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]]
+        results[name][amount] = [
+            evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]
+        ]
     alone = _scorers_alone(groups, evaluators)
     reference = next(iter(results.values()))
     graph, split, tasks = first.opened.graph, first.opened.split, len(evaluators[headline].tasks)
@@ -182,12 +199,20 @@ def view_agents(
         tasks=tasks,
         sampled_from=len(world.tasks) if tasks < len(world.tasks) else None,
         agents=tuple(
-            _entry(name, members, world, results[name], {} if results[name] is reference else reference, alone)
+            _entry(
+                name,
+                members,
+                world,
+                results[name],
+                {} if results[name] is reference else reference,
+                alone,
+            )
             for name, members in groups.items()
         ),
         baselines=tuple(_baselines(groups, evaluators, alone)),
         episodes=tuple(
-            AgentEpisodes(name, of[0].name, _episodes(of[0], world, episodes)) for name, of in groups.items()
+            AgentEpisodes(name, of[0].name, _episodes(of[0], world, episodes))
+            for name, of in groups.items()
         ),
         references=_references(first, part, played),
     )
@@ -195,8 +220,17 @@ def view_agents(
 
 def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
     """Return the main results in an agent report: success by agent, and the path to the report."""
-    agents = {one.name: {"runs": one.runs, "seeds": one.seeds, "success": one.success} for one in view.agents}
-    return {"report": report, "part": view.part, "depth": view.depth, "agents": agents, "baselines": view.baselines}
+    agents = {
+        one.name: {"runs": one.runs, "seeds": one.seeds, "success": one.success}
+        for one in view.agents
+    }
+    return {
+        "report": report,
+        "part": view.part,
+        "depth": view.depth,
+        "agents": agents,
+        "baselines": view.baselines,
+    }
 
 
 def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _ScorersAlone:
@@ -218,15 +252,22 @@ def _play(player: players.Player, evaluators: dict[int, Evaluator]) -> dict[int,
     return {amount: play(player) for amount, play in evaluators.items()}
 
 
-def _baselines(groups: Groups, evaluators: dict[int, Evaluator], scorers: _ScorersAlone) -> Iterator[BaselineSuccess]:
+def _baselines(
+    groups: Groups, evaluators: dict[int, Evaluator], scorers: _ScorersAlone
+) -> Iterator[BaselineSuccess]:
     first = next(iter(groups.values()))[0]
     results = {
         "random": _play(players.random_entity, evaluators),
         players.NEAREST_WORDS: _play(players.nearest_words(first.opened.graph), evaluators),
     }
     for agent, alone in scorers.values():
-        results |= {f"scorer of {agent} alone, {sources}": played for sources, played in alone.items()}
-    for name, played in {**results, "recipe oracle": _play(players.recipe_oracle, evaluators)}.items():
+        results |= {
+            f"scorer of {agent} alone, {sources}": played for sources, played in alone.items()
+        }
+    for name, played in {
+        **results,
+        "recipe oracle": _play(players.recipe_oracle, evaluators),
+    }.items():
         success, by_plan = (
             {str(amount): float(getattr(result, share).mean()) for amount, result in played.items()}
             for share in ("success", "by_plan")
@@ -234,7 +275,9 @@ def _baselines(groups: Groups, evaluators: dict[int, Evaluator], scorers: _Score
         yield BaselineSuccess(name, success, by_plan)
 
 
-def _references(agent: OpenedAgent, part: TaskPart, played: Sequence[int]) -> tuple[ReferenceRow, ...]:
+def _references(
+    agent: OpenedAgent, part: TaskPart, played: Sequence[int]
+) -> tuple[ReferenceRow, ...]:
     play = play_of(agent.config.tasks, part)
     pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
     if play is None or pack is None:
@@ -256,7 +299,9 @@ def _conditions(
         distractors = sorted({*usual, *(agent.config.tasks.distractors for agent in agents)})
     played = [amount for amount in distractors if any(can_play(agent, amount) for agent in agents)]
     if not played:
-        raise ConfigError(f"`distractors` {list(distractors)}: an mlp plays with as many as in training, {headline}.")
+        raise ConfigError(
+            f"`distractors` {list(distractors)}: an mlp plays with as many as in training, {headline}."
+        )
     return world if headline in played else world.variant(num_distractors=played[-1]), played
 
 
@@ -283,7 +328,12 @@ def can_play(agent: OpenedAgent, distractors: int) -> bool:
 
 
 def _entry(
-    name: str, members: list[OpenedAgent], world: World, results: _Results, reference: _Results, scorers: _ScorersAlone
+    name: str,
+    members: list[OpenedAgent],
+    world: World,
+    results: _Results,
+    reference: _Results,
+    scorers: _ScorersAlone,
 ) -> AgentEntry:
     headline = results.get(world.config.num_distractors, [])
     config = members[0].config
@@ -292,22 +342,31 @@ def _entry(
         _, alone = scorers[_scores_of(members[0])]
         sources, played = list(alone.items())[-1]
         against_scorer = {
-            amount: agent_figures.compare_with_scorer(runs, sources, played[amount]) for amount, runs in results.items()
+            amount: agent_figures.compare_with_scorer(runs, sources, played[amount])
+            for amount, runs in results.items()
         }
     return AgentEntry(
         name=name,
         runs=tuple(agent.name for agent in members),
         seeds=tuple(agent.config.trainer.seed for agent in members),
         checkpoints=tuple(agent.checkpoint for agent in members),
-        settings={key: str(value) for key, value in config.differing().items() if key not in ("seed", "graph")},
+        settings={
+            key: str(value)
+            for key, value in config.differing().items()
+            if key not in ("seed", "graph")
+        },
         kg=members[0].run.kg,
         cross_fitted=members[0].run.cross_fitted,
         trained_with=config.tasks.distractors,
         steps=tuple(agent.metrics[-1].step if agent.metrics else 0 for agent in members),
         seconds=tuple(agent.metrics[-1].seconds if agent.metrics else None for agent in members),
-        steps_per_second=tuple(agent.evaluation.steps_per_second if agent.evaluation else None for agent in members),
+        steps_per_second=tuple(
+            agent.evaluation.steps_per_second if agent.evaluation else None for agent in members
+        ),
         success={
-            str(amount): agent_figures.success_of(runs, reference.get(amount), against_scorer.get(amount))
+            str(amount): agent_figures.success_of(
+                runs, reference.get(amount), against_scorer.get(amount)
+            )
             for amount, runs in results.items()
         },
         outcomes={str(amount): agent_figures.outcomes_of(runs) for amount, runs in results.items()},

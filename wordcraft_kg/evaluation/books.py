@@ -83,13 +83,17 @@ def view_check(
     located = locate_book(book)
     path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path
     other = None if against is None else open_book(against)
-    check = check_book(path, base or located.base, located.name, single_ingredient=single_ingredient)
+    check = check_book(
+        path, base or located.base, located.name, single_ingredient=single_ingredient
+    )
     graph = check.graph
     if graph is not None:
         check = _with_words(check, graph)
     if graph is not None and other is not None:
         shared = len(set(graph.recipe_labels()) & set(other.recipes))
-        check = check.adding((), against=other.name, shared_recipes=shared, shared=shared / graph.num_recipes)
+        check = check.adding(
+            (), against=other.name, shared_recipes=shared, shared=shared / graph.num_recipes
+        )
     return CheckedBook(book, str(path), check.passed, check.figures or {}, check.findings)
 
 
@@ -101,7 +105,9 @@ def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
     words, missing = features.words, features.missing_words
     message = f"{len(missing)} of {len(words)} words have no word vector: {listed(missing)}"
     findings = [Finding("vector", "note", (), message)] if missing else []
-    check = check.adding(findings, words=len(words), words_with_vector=1 - len(missing) / len(words))
+    check = check.adding(
+        findings, words=len(words), words_with_vector=1 - len(missing) / len(words)
+    )
     try:
         split = make_split(graph, SplitConfig())
     except SplitError:  # too few recipes to split

@@ -35,7 +35,9 @@ class Guides(NamedTuple):
     @property
     def players(self) -> tuple[str, ...]:
         """Names of the players that this knowledge guides."""
-        return ("empowerment-scorer",) * (self.links is not None) + ("recipe-learner",) * (self.recipes is not None)
+        return ("empowerment-scorer",) * (self.links is not None) + ("recipe-learner",) * (
+            self.recipes is not None
+        )
 
 
 def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
@@ -49,7 +51,10 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     if not isinstance(scorer.whole, RecipeScorer):
         check_scorer(scorer, graph)
         return Guides(Path(folder).name, scorer, None, knows_recipes=True)
-    links, recipes = scorer if scorer.graph_hash == graph.hash else None, for_labels(folder, scorer, graph.entities)
+    links, recipes = (
+        scorer if scorer.graph_hash == graph.hash else None,
+        for_labels(folder, scorer, graph.entities),
+    )
     own = recipes.rows[graph.recipes]
     own[:, :2].sort(axis=1)
     known = is_in(own, recipes.scorer.recipes.numpy(), len(recipes.scorer.entities))
@@ -103,7 +108,9 @@ def view_discovery(
         from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
 
         learner = RecipeDiscoverer(scorer.recipes)
-    discoverers = make_discoverers(players, graph, None if scorer is None else scorer.links, learner)
+    discoverers = make_discoverers(
+        players, graph, None if scorer is None else scorer.links, learner
+    )
     curves = discovery_curves(graph, discoverers, attempts, runs, seed, start.base)
     table = summarise_curves(curves)
     view = DiscoveryView(
@@ -126,14 +133,20 @@ def view_discovery(
     return view, curves
 
 
-def _references(graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]) -> tuple[ReferenceRow, ...]:
+def _references(
+    graph: RecipeGraph, base: tuple[str, ...], players: Sequence[str]
+) -> tuple[ReferenceRow, ...]:
     pack = pack_of(graph.hash, None)
     ours = pack.rows_of(OpenPlay(base)) if pack else ()
     others = literature(["entities known", "new combinations"])
     shown = {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
     return (
         *(row for row in ours if row.player not in players),
-        *(row for row in others if {at: figure.value for at, figure in row.figures.items()} != shown),
+        *(
+            row
+            for row in others
+            if {at: figure.value for at, figure in row.figures.items()} != shown
+        ),
     )
 
 
@@ -141,6 +154,8 @@ def _known(table: "pd.DataFrame") -> dict[str, Known]:
     columns = (table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated"))
     # NaN differs from itself.
     return {
-        str(attempt): Known(mean, low if low == low else None, high if high == high else None, repeated)
+        str(attempt): Known(
+            mean, low if low == low else None, high if high == high else None, repeated
+        )
         for attempt, mean, low, high, repeated in zip(*columns, strict=True)
     }

@@ -48,7 +48,9 @@ class EntityView(Record):
 
 def view_build(audit: Audit, folder: Path) -> BuiltGraph:
     """Return a new graph's main counts from its audit."""
-    same = {name: getattr(audit, name) for name in BuiltGraph.__struct_fields__ if hasattr(audit, name)}
+    same = {
+        name: getattr(audit, name) for name in BuiltGraph.__struct_fields__ if hasattr(audit, name)
+    }
     reachable, rounds = audit.reachability.reachable, audit.reachability.rounds
     return BuiltGraph(**same, reachable=reachable, rounds=rounds, out=str(folder))
 

@@ -70,7 +70,9 @@ class Contender:
     runs: Sequence[Model]
 
 
-def compare(contenders: Sequence[Contender], *, resamples: int = RESAMPLES, seed: int = 0) -> LinkComparison:
+def compare(
+    contenders: Sequence[Contender], *, resamples: int = RESAMPLES, seed: int = 0
+) -> LinkComparison:
     """Compare models by MRR on test triples outside training (a sample if very many), with bootstrap intervals.
 
     All models share the ingredient pair resamples: a paired difference is more precise than two separate intervals.
@@ -122,7 +124,10 @@ def _with_intervals(
     resampled: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     confidence: float,
 ) -> list[ComparedModel]:
-    models = [msgspec.structs.replace(model, mrr_ci=interval(resampled(values))) for model, values in ranked]
+    models = [
+        msgspec.structs.replace(model, mrr_ci=interval(resampled(values)))
+        for model, values in ranked
+    ]
     for i in range(1, len(models)):
         gain = ranked[i][1] - ranked[0][1]
         means = resampled(gain)
@@ -158,7 +163,8 @@ def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[
     metrics = [ranking.ranking_metrics(frame) for frame in ranks]
     averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
     means: dict[str, Any] = {
-        name: float(np.mean([getattr(seed_metrics, name) for seed_metrics in metrics])) for name in averaged
+        name: float(np.mean([getattr(seed_metrics, name) for seed_metrics in metrics]))
+        for name in averaged
     }
     model = ComparedModel(
         queries=metrics[0].queries,

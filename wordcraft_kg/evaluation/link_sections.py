@@ -20,7 +20,11 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples
-from wordcraft_kg.models.scorers.ranking import RankingMetrics, random_reciprocal_ranks, with_interval
+from wordcraft_kg.models.scorers.ranking import (
+    RankingMetrics,
+    random_reciprocal_ranks,
+    with_interval,
+)
 
 LISTED = 8
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
@@ -76,14 +80,19 @@ class ScoredPair(Record):
 def comparisons_of(links: RankedLinks, seed: int) -> tuple[Comparison, ...]:
     """Compare a link predictor with each baseline by reciprocal ranks; ``seed`` is the bootstrap seed."""
     reciprocal_ranks = 1 / links.ranks["rank"].to_numpy(dtype=float)
-    others = {name: 1 / ranks["rank"].to_numpy(dtype=float) for name, ranks in links.baseline_ranks.items()}
+    others = {
+        name: 1 / ranks["rank"].to_numpy(dtype=float)
+        for name, ranks in links.baseline_ranks.items()
+    }
     others["random"] = random_reciprocal_ranks(links.ranks)
     best_first = sorted(others, key=lambda name: -float(others[name].mean()))
     rows = []
     for name in best_first:
         difference = reciprocal_ranks - others[name]
         low, high = interval(bootstrap(difference, links.clusters, seed=seed))
-        verdict: Literal["above", "level with", "below"] = "above" if low > 0 else "below" if high < 0 else "level with"
+        verdict: Literal["above", "level with", "below"] = (
+            "above" if low > 0 else "below" if high < 0 else "level with"
+        )
         rows.append(Comparison(name, float(difference.mean()), (low, high), verdict))
     return tuple(rows)
 
@@ -92,7 +101,9 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     """Return ranking metrics for query groups; ``seed`` is the bootstrap seed."""
     graph, ranks, trained_on = links.graph, links.ranks, links.trained_on
     target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"]).astype(np.int64)
-    seen = np.bincount(np.concatenate([trained_on[:, 0], trained_on[:, 2]]), minlength=graph.num_entities)[target]
+    seen = np.bincount(
+        np.concatenate([trained_on[:, 0], trained_on[:, 2]]), minlength=graph.num_entities
+    )[target]
     layer = layers(graph)[target]
     is_symmetric = (ranks["relation"] == COMBINES_WITH).to_numpy()
     is_self = (ranks["head"] == ranks["tail"]).to_numpy()
@@ -102,14 +113,20 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
 
     def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> tuple[SliceMetrics, ...]:
         rows = (
-            (name, with_interval(ranks[mask], links.clusters[mask], seed=seed)) for name, mask in groups if mask.any()
+            (name, with_interval(ranks[mask], links.clusters[mask], seed=seed))
+            for name, mask in groups
+            if mask.any()
         )
-        return tuple(SliceMetrics(**msgspec.structs.asdict(metrics), slice=name) for name, metrics in rows)
+        return tuple(
+            SliceMetrics(**msgspec.structs.asdict(metrics), slice=name) for name, metrics in rows
+        )
 
     return DrillDown(
         seen_in_train=slices(between(seen, SEEN)),
         layer=slices([("not reachable", layer < 0), *between(layer, _LAYERS)]),
-        self_combination=slices([("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]),
+        self_combination=slices(
+            [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
+        ),
         near_synonyms=() if links.is_full else slices(_near_synonyms(links)),
     )
 
@@ -125,12 +142,16 @@ def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
 
 def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
     """Return the best-ranked (ascending) or worst-ranked queries, one for each fact: sides and mirrors count once."""
-    order = links.ranks.sort_values(["rank", "score"], ascending=[ascending, not ascending], kind="stable")
+    order = links.ranks.sort_values(
+        ["rank", "score"], ascending=[ascending, not ascending], kind="stable"
+    )
     ends, is_mirrored = order[["head", "tail"]].copy(), order["relation"] == COMBINES_WITH
     ends[is_mirrored] = np.sort(ends[is_mirrored], axis=1)
     order = order[~ends.assign(relation=order["relation"]).duplicated()]
     shown = labelled(links.graph, order.head(LISTED))[list(RankedTriple.__struct_fields__)]
-    return tuple(RankedTriple(*row) for row in zip(*(shown[name].tolist() for name in shown), strict=True))
+    return tuple(
+        RankedTriple(*row) for row in zip(*(shown[name].tolist() for name in shown), strict=True)
+    )
 
 
 def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
@@ -139,13 +160,19 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
     for relation, name in enumerate(RELATIONS):
         scores = links.table[relation].copy()
         if relation == COMBINES_WITH:
-            scores = np.triu((scores + scores.T) / 2, k=1) + np.where(np.tri(len(scores), dtype=bool), -np.inf, 0)
+            scores = np.triu((scores + scores.T) / 2, k=1) + np.where(
+                np.tri(len(scores), dtype=bool), -np.inf, 0
+            )
         known = graph.triples[graph.triples[:, 1] == relation]
         scores[known[:, 0], known[:, 2]] = -np.inf
         np.fill_diagonal(scores, -np.inf)
         for flat in np.argsort(-scores, axis=None, kind="stable")[: LISTED // 2].tolist():
             head, tail = divmod(flat, len(scores))
-            pairs.append(ScoredPair(graph.entities[head], name, graph.entities[tail], float(scores[head, tail])))
+            pairs.append(
+                ScoredPair(
+                    graph.entities[head], name, graph.entities[tail], float(scores[head, tail])
+                )
+            )
     return tuple(pair for pair in pairs if np.isfinite(pair.score))
 
 
@@ -158,7 +185,9 @@ def play_by_scores(links: RankedLinks, seed: int) -> tuple[players.PlayerSuccess
             players.NEAREST_WORDS: players.nearest_words(links.graph),
             "recipe oracle": players.recipe_oracle,
         }
-        return players.play_all(World(links.opened, WordCraftConfig(part="test")), playing, (1, 8), seed=seed)
+        return players.play_all(
+            World(links.opened, WordCraftConfig(part="test")), playing, (1, 8), seed=seed
+        )
     except WordCraftKGError:
         # Without test tasks, with too few entities for distractors, or with a scorer that fails the checks.
         return ()

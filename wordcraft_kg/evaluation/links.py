@@ -146,7 +146,9 @@ def view_links(
     return LinkView(
         format="wordcraft-kg link report 1",
         model=EvaluatedModel(name, links.kg, links.is_full),
-        graph=EvaluatedGraph(graph.name, graph.hash, graph.num_entities, graph.num_recipes, len(graph.triples)),
+        graph=EvaluatedGraph(
+            graph.name, graph.hash, graph.num_entities, graph.num_recipes, len(graph.triples)
+        ),
         split=split,
         queries=len(ranks),
         triples=len(links.queries),
@@ -176,10 +178,23 @@ def view_links(
 def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
     """Return the main results for all queries and each relation (None without any), and the report's path."""
     slices = ("all", *RELATIONS)
-    names = {"mrr": "mrr", "hits@1": "hits_at_1", "hits@3": "hits_at_3", "hits@10": "hits_at_10", "mrr_ci": "mrr_ci"}
-    others = [row.mrr for row in view.drill_down.near_synonyms if row.slice == link_sections.NO_NEAR_SYNONYM]
+    names = {
+        "mrr": "mrr",
+        "hits@1": "hits_at_1",
+        "hits@3": "hits_at_3",
+        "hits@10": "hits_at_10",
+        "mrr_ci": "mrr_ci",
+    }
+    others = [
+        row.mrr
+        for row in view.drill_down.near_synonyms
+        if row.slice == link_sections.NO_NEAR_SYNONYM
+    ]
     return {
-        **{name: {part: getattr(view.metrics[part], field) for part in slices} for name, field in names.items()},
+        **{
+            name: {part: getattr(view.metrics[part], field) for part in slices}
+            for name, field in names.items()
+        },
         "queries": view.queries,
         "triples": view.triples,
         "sampled_from": view.sampled_from,
@@ -187,7 +202,10 @@ def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
         "mrr_with_leaked": view.with_leaked.mrr,
         "mrr_without_near_synonyms": others[0] if others else None,
         "has_seen_the_test_recipes": view.model.has_seen_the_test_recipes,
-        "baselines": {name: {part: table[part].mrr for part in slices} for name, table in view.baselines.items()},
+        "baselines": {
+            name: {part: table[part].mrr for part in slices}
+            for name, table in view.baselines.items()
+        },
         "comparisons": view.comparisons,
         "checks_passed": all(check.passed for check in view.checks),
         "report": report,
@@ -197,19 +215,27 @@ def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
 def _checks(links: RankedLinks) -> Iterator[Check]:
     graph = links.graph
     yield Check(
-        "graph", "the model was trained on the graph that is evaluated", links.scorer.graph_hash == graph.hash, ""
+        "graph",
+        "the model was trained on the graph that is evaluated",
+        links.scorer.graph_hash == graph.hash,
+        "",
     )
     if links.kg != "none":  # an untrained model has no coverage
-        uncovered = np.setdiff1d(np.arange(graph.num_entities) if not links.is_full else [], links.train_sample.recipes)
+        uncovered = np.setdiff1d(
+            np.arange(graph.num_entities) if not links.is_full else [], links.train_sample.recipes
+        )
         listed = f"{len(uncovered)} do not ({', '.join(graph.labels(uncovered[:6]))}): their ranks are near chance"
         covered = not len(uncovered)
-        yield Check("coverage", "every entity occurs in training", covered, "all do" if covered else listed)
+        yield Check(
+            "coverage", "every entity occurs in training", covered, "all do" if covered else listed
+        )
     if links.is_full:
         return
     test = links.queries
     symmetric = test[test[:, 1] == COMBINES_WITH]
     in_train, mirrored = (
-        int(np.sum(is_in(triples, links.trained_on, graph.num_entities))) for triples in (test, symmetric[:, [2, 1, 0]])
+        int(np.sum(is_in(triples, links.trained_on, graph.num_entities)))
+        for triples in (test, symmetric[:, [2, 1, 0]])
     )
     no_leak = "no evaluated triple is in the training triples"
     yield Check("leak", no_leak, not in_train, f"{in_train} found")
@@ -219,11 +245,15 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
 
 def _ties(links: RankedLinks) -> Ties:
     unfiltered = links.ranks.assign(candidates=links.graph.num_entities)
-    optimistic, pessimistic = (ranking_metrics(links.ranks, ties) for ties in ("optimistic", "pessimistic"))
+    optimistic, pessimistic = (
+        ranking_metrics(links.ranks, ties) for ties in ("optimistic", "pessimistic")
+    )
     return Ties(optimistic, pessimistic, ranking_metrics(unfiltered, "raw_rank"))
 
 
-def _by_slice(ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]) -> _Slices:
+def _by_slice(
+    ranks: pd.DataFrame, measure: Callable[[pd.DataFrame, NDArray[np.bool_]], RankingMetrics]
+) -> _Slices:
     return {name: measure(ranks[mask], mask) for name, mask in slice_masks(ranks).items()}
 
 
@@ -236,7 +266,9 @@ def _with_leaked(links: RankedLinks) -> RankingMetrics:
     # Sampling leaked and unseen triples in equal shares makes a uniform sample.
     leaked = sampled(leaked, round(len(leaked) * len(links.queries) / links.population))
     ranks = rank_triples(links.scorer, leaked, links.graph.triples)
-    return ranking_metrics(pd.concat([links.ranks, ranks], ignore_index=True) if len(ranks) else links.ranks)
+    return ranking_metrics(
+        pd.concat([links.ranks, ranks], ignore_index=True) if len(ranks) else links.ranks
+    )
 
 
 def _probabilities(links: RankedLinks) -> tuple[Reliability, ...]:

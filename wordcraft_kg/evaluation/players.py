@@ -8,7 +8,13 @@ from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluator, player_of
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.agents.outcomes import Success, TerminationReason
-from wordcraft_kg.agents.players import PlayerSuccess, knowledge_players, play_all, scorer_alone, scorer_players
+from wordcraft_kg.agents.players import (
+    PlayerSuccess,
+    knowledge_players,
+    play_all,
+    scorer_alone,
+    scorer_players,
+)
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -54,11 +60,20 @@ def view_evaluation(
     distractor_policy: DistractorPolicy | None = None,
 ) -> AgentEvaluation:
     """Evaluate a player (a name for :func:`player_of`) on an agent's tasks by distractor count."""
-    player, tasks, policy = player_of(trained.policy, agent), trained.config.tasks, trained.config.policy
+    player, tasks, policy = (
+        player_of(trained.policy, agent),
+        trained.config.tasks,
+        trained.config.policy,
+    )
     config = tasks.environment(part, distractors[0])
-    world = World(trained.opened, config.variant(distractor_policy=distractor_policy or config.distractor_policy))
+    world = World(
+        trained.opened,
+        config.variant(distractor_policy=distractor_policy or config.distractor_policy),
+    )
     evaluators = {
-        str(amount): Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds)
+        str(amount): Evaluator(
+            world.variant(num_distractors=amount), distractor_seeds=distractor_seeds
+        )
         for amount in distractors
     }
     results = {amount: evaluator(player) for amount, evaluator in evaluators.items()}
@@ -69,7 +84,11 @@ def view_evaluation(
             amount: compare_with_scorer([results[amount]], name, evaluator(alone))
             for amount, evaluator in evaluators.items()
         }
-    scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}" if agent == "kg-only" else None
+    scores = (
+        f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}"
+        if agent == "kg-only"
+        else None
+    )
     return AgentEvaluation(
         run=str(run),
         agent=agent,
@@ -96,7 +115,9 @@ def view_explanation(
 ) -> Explanation:
     """Play episodes and explain each action, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
-    explained = explain_episodes(agent.policy, world, goal=goal, episodes=episodes, outside=agent.outside, task=task)
+    explained = explain_episodes(
+        agent.policy, world, goal=goal, episodes=episodes, outside=agent.outside, task=task
+    )
     return Explanation(str(run), agent.checkpoint, part, explained)
 
 
@@ -131,7 +152,9 @@ def view_baselines(
         tasks = world.tasks if config.part in ("train", "all") else None
         named = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
         oracle = players.pop("recipe oracle")
-        players |= {f"{name}, {kind}": player for kind, player in named.items()} | {"recipe oracle": oracle}
+        players |= {f"{name}, {kind}": player for kind, player in named.items()} | {
+            "recipe oracle": oracle
+        }
     rows = play_all(world, players, distractors, distractor_seeds=distractor_seeds, seed=seed)
     return Baselines(
         graph=graph,

@@ -53,7 +53,9 @@ class Reliability(Record):
     bins: tuple[ReliabilityBin, ...]
 
 
-def view_probabilities(scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids) -> tuple[Reliability, ...]:
+def view_probabilities(
+    scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids
+) -> tuple[Reliability, ...]:
     """Compare predicted probabilities with true triples outside training; empty for a scorer without probabilities."""
     if scorer.probabilities is None:
         return ()
@@ -63,12 +65,17 @@ def view_probabilities(scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids)
     itself = np.eye(size, dtype=bool)
     rows = []
     for relation, name in enumerate(RELATIONS):
-        chances = scorer.probability(everything[:, None], relation, everything[None, :]).cpu().numpy()
+        chances = (
+            scorer.probability(everything[:, None], relation, everything[None, :]).cpu().numpy()
+        )
         candidates = ~known[relation]
         if relation == COMBINES_WITH:  # both directions are the same fact
             candidates &= np.tri(size, dtype=bool)
         curves = scorer.probabilities.relations[relation]
-        for pairs, mask, curve in (("distinct", ~itself, curves.distinct), ("itself", itself, curves.itself)):
+        for pairs, mask, curve in (
+            ("distinct", ~itself, curves.distinct),
+            ("itself", itself, curves.itself),
+        ):
             chosen = candidates & mask
             predicted, is_true = chances[chosen].astype(np.float64), given[relation][chosen]
             if not len(predicted):
@@ -82,7 +89,8 @@ def view_probabilities(scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids)
                     expected=float(predicted.sum()),
                     observed=int(is_true.sum()),
                     base_rate=curve.rate,
-                    ece=sum(row.triples * abs(row.probability - row.observed) for row in bins) / len(predicted),
+                    ece=sum(row.triples * abs(row.probability - row.observed) for row in bins)
+                    / len(predicted),
                     log_loss=_log_loss(predicted, is_true),
                     base_log_loss=_log_loss(np.full(len(predicted), curve.rate), is_true),
                     reason=curve.reason,

@@ -59,13 +59,19 @@ class RankedLinks:
     @cached_property
     def table(self) -> NDArray[np.float32]:
         """Scores of all entity pairs, shape (2, E, E): relation, head, tail."""
-        return torch.stack([self.scorer.table(relation) for relation in range(len(RELATIONS))]).cpu().numpy()
+        return (
+            torch.stack([self.scorer.table(relation) for relation in range(len(RELATIONS))])
+            .cpu()
+            .numpy()
+        )
 
     @cached_property
     def clusters(self) -> Ids:
         """Number of each query's ingredient pair, the unit for bootstrap resampling; shape (2 T,)."""
         split = self.opened.split
-        sources = np.ones(self.graph.num_recipes, dtype=bool) if self.is_full else split.is_in("test")
+        sources = (
+            np.ones(self.graph.num_recipes, dtype=bool) if self.is_full else split.is_in("test")
+        )
         return np.tile(recipe_clusters(self.graph, sources, self.queries), 2)
 
     @cached_property
@@ -76,7 +82,10 @@ class RankedLinks:
         if self.has_table:
             scorers["votes"] = VoteScorer(self.graph, known.recipes)
             scorers["neighbours"] = NeighbourScorer(self.graph, known.triples)
-        return {name: rank_triples(scorer, self.queries, self.graph.triples) for name, scorer in scorers.items()}
+        return {
+            name: rank_triples(scorer, self.queries, self.graph.triples)
+            for name, scorer in scorers.items()
+        }
 
 
 def rank_links(
@@ -103,14 +112,20 @@ def rank_links(
     if len(queries) < MIN_TRIPLES:
         raise SplitError(_too_few(len(queries), opened, kg))
     ranks = rank_triples(scorer, queries, opened.graph.triples)
-    return RankedLinks(scorer, opened, kg, len(everything), queries, ranks, train_sample or opened.train_sample(kg))
+    return RankedLinks(
+        scorer, opened, kg, len(everything), queries, ranks, train_sample or opened.train_sample(kg)
+    )
 
 
 def _too_few(count: int, opened: OpenedGraph, kg: TrainedOn) -> str:
     needed = f"a meaningful figure needs at least {MIN_TRIPLES}."
     if kg == "full":
         return f"only {count} triples in the whole graph; {needed} Use a recipe book with more recipes."
-    ratio = "such as 0.7" if opened.split.config.train_ratio > 0.7 else "or use a recipe book with more recipes"
+    ratio = (
+        "such as 0.7"
+        if opened.split.config.train_ratio > 0.7
+        else "or use a recipe book with more recipes"
+    )
     return f"only {count} unseen test triples; {needed} Build the graph with a smaller `train_ratio`, {ratio}."
 
 
@@ -120,5 +135,7 @@ def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
     frame = ranks.copy()
     for column in ("head", "tail", "top"):
         frame[column] = names[frame[column].to_numpy(dtype=np.int64)]
-    frame["relation"] = np.array(RELATIONS, dtype=object)[frame["relation"].to_numpy(dtype=np.int64)]
+    frame["relation"] = np.array(RELATIONS, dtype=object)[
+        frame["relation"].to_numpy(dtype=np.int64)
+    ]
     return frame

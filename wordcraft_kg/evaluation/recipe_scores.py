@@ -102,7 +102,10 @@ class RecipeScoring:
     def rows(self, query: RecipeQuery) -> Ids:
         """Return a query's recipes, ids of shape (n, 3): one recipe, or a recipe per entity in the open slot."""
         everything = np.arange(len(self.scorer.entities))
-        ids = (everything if slot is None else [self.scorer.entities.index(slot)] for slot in query.slots)
+        ids = (
+            everything if slot is None else [self.scorer.entities.index(slot)]
+            for slot in query.slots
+        )
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
 
     def scores(self, rows: Ids) -> torch.Tensor:
@@ -111,13 +114,18 @@ class RecipeScoring:
 
     def known(self, rows: Ids) -> list[Known | None]:
         """Return the split part of each recipe, ids of shape (n, 3): ``new`` if unknown, None without the graph."""
-        return [self.parts.get(key, "new") if self.model.split is not None else None for key in _keys(rows)]
+        return [
+            self.parts.get(key, "new") if self.model.split is not None else None
+            for key in _keys(rows)
+        ]
 
     def in_sample(self, rows: Ids) -> list[bool]:
         """Return whether the scorer was trained on each recipe, ids of shape (n, 3)."""
         return [key in self.seen for key in _keys(rows)]
 
-    def best(self, query: RecipeQuery, top: int, *, new_only: bool = False) -> tuple[Ids, list[float]]:
+    def best(
+        self, query: RecipeQuery, top: int, *, new_only: bool = False
+    ) -> tuple[Ids, list[float]]:
         """Return the ``top`` recipes for a query's open slot with their scores, best first.
 
         ``new_only`` omits known recipes. Recipes that make an ingredient are omitted if the book has none, because
@@ -135,7 +143,9 @@ class RecipeScoring:
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
         """Yield scored recipes, ids of shape (n, 3), with their split parts and evidence."""
         finder = self.model.outside
-        for row, score, known, in_sample in zip(rows, scores, self.known(rows), self.in_sample(rows), strict=True):
+        for row, score, known, in_sample in zip(
+            rows, scores, self.known(rows), self.in_sample(rows), strict=True
+        ):
             a, b, result = self.labels(row)
             because = tuple(self.scorer.supporting_recipes(a, b, result, limit=_SUPPORT))
             outside = finder.of_recipe(a, b, result) if finder else ()
@@ -157,7 +167,9 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
     (recipe,) = scoring.recipes(row, scoring.scores(row).tolist())
 
     def rank(slot: int) -> int:
-        a, b, result = (None if number == slot else label for number, label in enumerate(query.slots))
+        a, b, result = (
+            None if number == slot else label for number, label in enumerate(query.slots)
+        )
         scores = scoring.scores(scoring.rows(RecipeQuery(a, b, result)))
         return 1 + int((scores > scores[row[0, slot]]).sum())
 
@@ -170,7 +182,9 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
     )
 
 
-def view_open_recipe(scoring: RecipeScoring, query: RecipeQuery, top: int, *, new_only: bool = False) -> OpenRecipe:
+def view_open_recipe(
+    scoring: RecipeScoring, query: RecipeQuery, top: int, *, new_only: bool = False
+) -> OpenRecipe:
     """List the ``top`` entities for the open slot in a recipe; ``new_only`` omits known recipes."""
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
@@ -178,7 +192,8 @@ def view_open_recipe(scoring: RecipeScoring, query: RecipeQuery, top: int, *, ne
     if query.result is None and folds is not None and folds.probabilities is not None:
         shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
         best = tuple(
-            msgspec.structs.replace(recipe, probability=share) for recipe, share in zip(best, shares, strict=True)
+            msgspec.structs.replace(recipe, probability=share)
+            for recipe, share in zip(best, shares, strict=True)
         )
     return OpenRecipe(*query.slots, best, scoring.model.kg)
 
@@ -199,7 +214,9 @@ def score_recipe_queries(
             rows, values, ranks, scoring.known(rows), scoring.in_sample(rows), strict=True
         ):
             if not new_only or known == "new":
-                yield ScoredRecipeRow(query.line or 0, *scoring.labels(row), score, rank, known, in_sample)
+                yield ScoredRecipeRow(
+                    query.line or 0, *scoring.labels(row), score, rank, known, in_sample
+                )
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:

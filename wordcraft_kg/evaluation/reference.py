@@ -17,7 +17,17 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 PACK = Path(__file__).parent / "references"
 FORMAT = "wordcraft-kg references 1"
-Kind = Literal["chance", "words", "knowledge graph", "scorer", "oracle", "agent", "people", "language model", "other"]
+Kind = Literal[
+    "chance",
+    "words",
+    "knowledge graph",
+    "scorer",
+    "oracle",
+    "agent",
+    "people",
+    "language model",
+    "other",
+]
 Measure = Literal["success", "entities known", "new combinations"]
 """Share of solved tasks; entities known after n attempts; pairs with a new result in n attempts."""
 Origin = Literal["ours", "literature", "external"]
@@ -99,7 +109,11 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
     def at(self, columns: Iterable[int]) -> "ReferenceRow":
         """Return the row with results for these distractor counts (or attempts) only, perhaps without any."""
-        kept = {str(column): self.figures[str(column)] for column in columns if str(column) in self.figures}
+        kept = {
+            str(column): self.figures[str(column)]
+            for column in columns
+            if str(column) in self.figures
+        }
         return msgspec.structs.replace(self, figures=kept)
 
     def shown(self, column: int) -> str:
@@ -118,19 +132,30 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     def shown_by_plan(self, column: int) -> str:
         """Format the success by the task's own recipe for a distractor count; empty if not measured."""
         figure = self.figures.get(str(column))
-        return "" if figure is None or figure.by_plan is None else f"{figure.by_plan:.{_DIGITS['success']}f}"
+        return (
+            ""
+            if figure is None or figure.by_plan is None
+            else f"{figure.by_plan:.{_DIGITS['success']}f}"
+        )
 
     @property
     def in_words(self) -> str:
         """All results with their conditions as text, for a table that lacks columns for these results."""
         figures = {int(column): self.shown(int(column)) for column in self.figures}
         if self.measure == "success":
-            return ", ".join(f"{shown} with {counted(column, 'distractor')}" for column, shown in figures.items())
-        return ", ".join(f"{shown} {self.measure} after {counted(at, 'attempt')}" for at, shown in figures.items())
+            return ", ".join(
+                f"{shown} with {counted(column, 'distractor')}" for column, shown in figures.items()
+            )
+        return ", ".join(
+            f"{shown} {self.measure} after {counted(at, 'attempt')}"
+            for at, shown in figures.items()
+        )
 
     def fits(self, measure: Measure, columns: Sequence[int]) -> bool:
         """Return whether a table of ``measure`` with these columns shows a result; published success never fits."""
-        is_comparable = self.measure == measure and (self.origin != "literature" or measure != "success")
+        is_comparable = self.measure == measure and (
+            self.origin != "literature" or measure != "success"
+        )
         return is_comparable and any(map(self.shown, columns))
 
     @property
@@ -164,7 +189,9 @@ class ReferencePack(Record, frozen=True, omit_defaults=True):
     graph: PlayedGraph | None = None
     versions: dict[str, str] = msgspec.field(default_factory=dict)
 
-    def rows_of(self, play: TaskPlay | OpenPlay, columns: Iterable[int] | None = None) -> tuple[ReferenceRow, ...]:
+    def rows_of(
+        self, play: TaskPlay | OpenPlay, columns: Iterable[int] | None = None
+    ) -> tuple[ReferenceRow, ...]:
         """Return the results under a condition; ``columns`` selects distractor counts (or attempts) if given."""
         rows = tuple(row for row in self.rows if row.play == play)
         if columns is None:
@@ -178,7 +205,9 @@ def read_pack(path: Path) -> ReferencePack:
     pack = read_record(path, ReferencePack)
     for number, row in enumerate(pack.rows, 1):
         if wrong := _contradiction(pack, row):
-            raise ArtefactError(f"{path} is damaged: row {number}, '{row.player}', {wrong}. Restore a copy.")
+            raise ArtefactError(
+                f"{path} is damaged: row {number}, '{row.player}', {wrong}. Restore a copy."
+            )
     return pack
 
 
@@ -195,14 +224,24 @@ def _packs() -> tuple[ReferencePack, ...]:
 def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
     """Return the published results for a graph and split, given by content hash (None: any split), or None."""
     for pack in _packs():
-        if pack.graph is not None and pack.graph.hash == graph and split in (None, pack.graph.split):
+        if (
+            pack.graph is not None
+            and pack.graph.hash == graph
+            and split in (None, pack.graph.split)
+        ):
             return pack
     return None
 
 
 def literature(measures: Sequence[Measure]) -> tuple[ReferenceRow, ...]:
     """Return the results from the literature that have one of these measures."""
-    return tuple(row for pack in _packs() if pack.graph is None for row in pack.rows if row.measure in measures)
+    return tuple(
+        row
+        for pack in _packs()
+        if pack.graph is None
+        for row in pack.rows
+        if row.measure in measures
+    )
 
 
 def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
@@ -214,7 +253,9 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
     return TaskPlay(part, config.depth, config.attempts)
 
 
-def figures_of(values: Mapping[int, Estimate], by_plan: Mapping[int, float] | None = None) -> dict[str, Figure]:
+def figures_of(
+    values: Mapping[int, Estimate], by_plan: Mapping[int, float] | None = None
+) -> dict[str, Figure]:
     """Convert values with bounds, by distractor count (or attempts), to results rounded to six digits."""
     own = by_plan or {}
 
@@ -235,7 +276,9 @@ def _contradiction(pack: ReferencePack, row: ReferenceRow) -> str:
         return "has a graph; expected origin 'ours' and the tasks in 'play'"
     elif (row.measure == "success") != isinstance(row.play, TaskPlay):
         return f"has the measure '{row.measure}', which does not fit its play"
-    return next(filter(None, (_fault(row, column, figure) for column, figure in row.figures.items())), "")
+    return next(
+        filter(None, (_fault(row, column, figure) for column, figure in row.figures.items())), ""
+    )
 
 
 def _fault(row: ReferenceRow, column: str, figure: Figure) -> str:

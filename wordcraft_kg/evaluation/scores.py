@@ -106,7 +106,9 @@ class ScoringModel:
     outside: OutsideEvidenceFinder | None = None
 
     @classmethod
-    def open(cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False) -> "ScoringModel":
+    def open(
+        cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False
+    ) -> "ScoringModel":
         """Open a model folder; a missing graph is an ArtefactError if ``graph`` or ``needs_graph`` is given."""
         try:
             model = open_model(folder, graph)
@@ -134,7 +136,9 @@ class ScoringModel:
         if folds is None or folds.probabilities is None:
             return [None] * len(triples)
         values = folds.probability(*torch.from_numpy(triples.copy()).T).tolist()
-        return [None if part == "train" else value for value, part in zip(values, known, strict=True)]
+        return [
+            None if part == "train" else value for value, part in zip(values, known, strict=True)
+        ]
 
     def answers(self, query: Query, top: int, *, new_only: bool = False) -> list[ScoredEntity]:
         """Return the ``top`` entities for a query's open slot, best first; ``new_only`` omits known triples."""
@@ -145,24 +149,33 @@ class ScoringModel:
         if not new_only:
             order = order[:top]
         heads, tails = (
-            order if slot is None else int(self.scorer.entity_ids(slot)) for slot in (query.head, query.tail)
+            order if slot is None else int(self.scorer.entity_ids(slot))
+            for slot in (query.head, query.tail)
         )
         triples = _triples(heads, RELATIONS.index(query.relation), tails)
         known = self.known(triples)
         rows = zip(order.tolist(), known, self.probabilities(triples, known), strict=True)
         kept = [(entity, *rest) for entity, *rest in rows if not new_only or rest[0] == "new"][:top]
-        return [ScoredEntity(self.scorer.entities[entity], float(scores[entity]), *rest) for entity, *rest in kept]
+        return [
+            ScoredEntity(self.scorer.entities[entity], float(scores[entity]), *rest)
+            for entity, *rest in kept
+        ]
 
 
 def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
-    return np.stack(np.broadcast_arrays(np.atleast_1d(heads), relation, tails), axis=1).astype(np.int64)
+    return np.stack(np.broadcast_arrays(np.atleast_1d(heads), relation, tails), axis=1).astype(
+        np.int64
+    )
 
 
 def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
     """Score a triple, and rank its head and its tail among all entities."""
     scorer, (head, relation, tail) = model.scorer, _labels(query)
     ((_, known, probability),) = _scores(model, [(head, relation, tail)])
-    tails, heads = (scorer.top(head, relation, None, limit=None), scorer.top(None, relation, tail, limit=None))
+    tails, heads = (
+        scorer.top(head, relation, None, limit=None),
+        scorer.top(None, relation, tail, limit=None),
+    )
     return ScoredTriple(
         head=head,
         relation=relation,
@@ -178,13 +191,18 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
     )
 
 
-def view_open_slot(model: ScoringModel, query: Query, top: int, *, new_only: bool = False) -> OpenSlot:
+def view_open_slot(
+    model: ScoringModel, query: Query, top: int, *, new_only: bool = False
+) -> OpenSlot:
     """List the ``top`` entities for a query's open slot; ``new_only`` omits known triples."""
     best = tuple(model.answers(query, top, new_only=new_only))
     if finder := model.outside:
-        links = [(query.head or one.entity, query.relation, query.tail or one.entity) for one in best]
+        links = [
+            (query.head or one.entity, query.relation, query.tail or one.entity) for one in best
+        ]
         best = tuple(
-            msgspec.structs.replace(one, outside=finder.of_link(*link)) for one, link in zip(best, links, strict=True)
+            msgspec.structs.replace(one, outside=finder.of_link(*link))
+            for one, link in zip(best, links, strict=True)
         )
     return OpenSlot(query.head, query.relation, query.tail, best, model.kg, model.by_words)
 
@@ -202,8 +220,12 @@ def score_queries(
                 yield ScoredRow(line, *_labels(query), score, None, part, chance)
             continue
         for rank, best in enumerate(model.answers(query, top, new_only=new_only), start=1):
-            head, tail = (best.entity if slot is None else slot for slot in (query.head, query.tail))
-            yield ScoredRow(line, head, query.relation, tail, best.score, rank, best.known, best.probability)
+            head, tail = (
+                best.entity if slot is None else slot for slot in (query.head, query.tail)
+            )
+            yield ScoredRow(
+                line, head, query.relation, tail, best.score, rank, best.known, best.probability
+            )
 
 
 def _scores(
@@ -221,7 +243,10 @@ def _scores(
 
 
 def view_file(
-    model: ScoringModel, queries: Sequence[Query | RecipeQuery], rows: Sequence[Record], out: Path | None = None
+    model: ScoringModel,
+    queries: Sequence[Query | RecipeQuery],
+    rows: Sequence[Record],
+    out: Path | None = None,
 ) -> ScoredFile:
     """Return the scores for a query file as a record, or with the path ``out`` in place of the scores."""
     # Recipe scores always use words.
@@ -237,7 +262,10 @@ def _labels(query: Query) -> tuple[str, str, str]:
 
 
 def with_new_words(
-    model: ScoringModel, folder: Path, queries: Sequence[Query | RecipeQuery], file: Path | None = None
+    model: ScoringModel,
+    folder: Path,
+    queries: Sequence[Query | RecipeQuery],
+    file: Path | None = None,
 ) -> ScoringModel:
     """Extend a model by new entities; UnknownEntityError without vectors, QueryFileError with a line of ``file``."""
     lines: dict[str, int | None] = {}
@@ -271,7 +299,9 @@ def note_of_words(model: ScoringModel) -> list[str]:
         return []
     if len(words) == 1:  # a misspelt word may have a vector, too
         known = model.scorer.entities[: -len(words)]
-        return [f"'{words[0]}' is not in the graph: scored by its words alone.{nearest(words[0], known)}"]
+        return [
+            f"'{words[0]}' is not in the graph: scored by its words alone.{nearest(words[0], known)}"
+        ]
     listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
     more = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""
     return [f"{listed}{more} are not in the graph: scored by their words alone."]

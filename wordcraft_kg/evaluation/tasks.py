@@ -48,7 +48,10 @@ def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
 
 def _shown(env: WordCraftEnv, index: int) -> ShownTask:
     observation, _ = env.reset(options={"task": index})
-    task, table = env.task, env.world.graph.labels(observation["table"][observation["action_mask"] == 1])
+    task, table = (
+        env.task,
+        env.world.graph.labels(observation["table"][observation["action_mask"] == 1]),
+    )
     return ShownTask(
         goal=task.goal,
         start=tuple(task.start),

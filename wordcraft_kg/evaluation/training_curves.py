@@ -12,7 +12,9 @@ from wordcraft_kg.models.policies.sources import ALPHA, source_names
 
 _CURVE_POINTS = 100
 """Approximate limit for points in a curve."""
-Figure = Literal["test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"]
+Figure = Literal[
+    "test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"
+]
 FIGURES: tuple[Figure, ...] = get_args(Figure)
 
 
@@ -46,7 +48,8 @@ def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, .
     for part in ("test", "train"):
         rows = _shared_rows(members, f"{part}_success")
         points = [
-            CurvePoint(step, float(np.mean(seeds)), *(student_interval(seeds) or (None, None))) for step, seeds in rows
+            CurvePoint(step, float(np.mean(seeds)), *(student_interval(seeds) or (None, None)))
+            for step, seeds in rows
         ]
         if points:
             curves[part] = tuple(points)
@@ -60,7 +63,10 @@ def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
     for source in (ALPHA.name, *source_names()):
         for action in actions:
             rows = _shared_rows(members, f"lambda_{source}_{action}")
-            points = [(step, float(np.mean(seeds))) for step, seeds in rows[:: max(1, len(rows) // _CURVE_POINTS)]]
+            points = [
+                (step, float(np.mean(seeds)))
+                for step, seeds in rows[:: max(1, len(rows) // _CURVE_POINTS)]
+            ]
             if points:
                 curves.append(LambdaCurve(source, action, tuple(points)))
     return curves
@@ -89,5 +95,10 @@ def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurv
 
 
 def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[float]]]:
-    rows = [{row.step: row.figures[key] for row in agent.metrics if key in row.figures} for agent in members]
-    return [(step, [row[step] for row in rows]) for step in sorted(set.intersection(*map(set, rows)))]
+    rows = [
+        {row.step: row.figures[key] for row in agent.metrics if key in row.figures}
+        for agent in members
+    ]
+    return [
+        (step, [row[step] for row in rows]) for step in sorted(set.intersection(*map(set, rows)))
+    ]

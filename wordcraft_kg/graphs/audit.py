@@ -153,7 +153,9 @@ class Audit(Record, omit_defaults=True, kw_only=True):
 def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> Audit:
     """Compute statistics for a graph and a split; the source ``book`` adds counts of omitted rows."""
     alike = alike_labels(graph.entities)
-    combines_with, component_of = np.bincount(graph.triples[:, 1], minlength=len(RELATIONS)).tolist()
+    combines_with, component_of = np.bincount(
+        graph.triples[:, 1], minlength=len(RELATIONS)
+    ).tolist()
     return Audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
         merged_duplicates=None if book is None else book.merged_duplicates,
@@ -203,7 +205,9 @@ def one_ingredient_away(split: Split) -> NDArray[np.bool_]:
     """Mark the test recipes that share an ingredient and the result with a train recipe; bool, shape (num_test,)."""
     test = split.recipes("test")
     slots = np.insert(test[:, [0, 2, 1, 2]].reshape(-1, 2), 1, COMPONENT_OF, axis=1)
-    return np.asarray(is_in(slots, split.partial, split.graph.num_entities).reshape(-1, 2).any(axis=1))
+    return np.asarray(
+        is_in(slots, split.partial, split.graph.num_entities).reshape(-1, 2).any(axis=1)
+    )
 
 
 def leakage(split: Split) -> dict[Relation, Leakage]:

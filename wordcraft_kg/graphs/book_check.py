@@ -17,7 +17,15 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted, with_visible
-from wordcraft_kg.graphs.book_files import DELIMITERS, Fault, Table, book_name, read_book, read_bytes, unknown_base
+from wordcraft_kg.graphs.book_files import (
+    DELIMITERS,
+    Fault,
+    Table,
+    book_name,
+    read_book,
+    read_bytes,
+    unknown_base,
+)
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, alike_labels
@@ -101,7 +109,11 @@ class BookCheck:
 
 @stage("checking the book")
 def check_book(
-    path: Path, base: Iterable[str] | None = None, name: str | None = None, *, single_ingredient: str | None = None
+    path: Path,
+    base: Iterable[str] | None = None,
+    name: str | None = None,
+    *,
+    single_ingredient: str | None = None,
 ) -> BookCheck:
     """Check a recipe book, and return all problems and notes.
 
@@ -135,32 +147,47 @@ def check_book(
     wanted = book.base if base is None else tuple(base)
     if wanted is not None and (unknown := sorted(set(wanted).difference(book.entities))):
         hint = nearest(unknown[0], book.entities)
-        findings.append(_problem("base", f"base entities that are not in {book.name}: {listed(unknown)}{hint}"))
-    graph = RecipeGraph.from_book(book, None if wanted is None else set(wanted).intersection(book.entities))
+        findings.append(
+            _problem("base", f"base entities that are not in {book.name}: {listed(unknown)}{hint}")
+        )
+    graph = RecipeGraph.from_book(
+        book, None if wanted is None else set(wanted).intersection(book.entities)
+    )
     line_of: dict[str, int] = {}
     for recipe, numbers in lines_of.items():
         for label in recipe:
             line_of[label] = min(line_of.get(label, numbers[0]), numbers[0])
     if graph.base_is_inferred:
-        message = (
-            f"no base is named, so the base is the {counted(len(graph.base), 'entity', 'entities')} without a recipe"
+        entities = counted(len(graph.base), "entity", "entities")
+        message = f"no base is named, so the base is the {entities} without a recipe"
+        findings.append(
+            _note("base", f"{message}: {listed(graph.base)}. Name the base: # base: a, b")
         )
-        findings.append(_note("base", f"{message}: {listed(graph.base)}. Name the base: # base: a, b"))
     findings += [*_characters(graph, line_of), *_spellings(graph, line_of), *_idle(graph, wanted)]
-    findings += [*_unreachable(graph, line_of, lines_of), *_plurals(graph, line_of), *_lonely(graph, line_of)]
+    findings += [
+        *_unreachable(graph, line_of, lines_of),
+        *_plurals(graph, line_of),
+        *_lonely(graph, line_of),
+    ]
     return BookCheck(_sorted(findings), _figures(graph), graph)
 
 
 def _decoded(data: bytes) -> tuple[str, list[Finding]]:
     findings = []
     if data.startswith(b"\xef\xbb\xbf"):
-        findings.append(_problem("bom", "the file starts with a byte order mark; save it without one", [1]))
+        findings.append(
+            _problem("bom", "the file starts with a byte order mark; save it without one", [1])
+        )
     text = data.decode("utf-8-sig", errors="replace")
     lines = list(io.StringIO(text, newline=""))
     returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
     if returns:
-        message = f"{counted(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
-        findings.append(_problem("line-ends", message, returns if len(returns) < len(lines) // 2 else ()))
+        message = (
+            f"{counted(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
+        )
+        findings.append(
+            _problem("line-ends", message, returns if len(returns) < len(lines) // 2 else ())
+        )
     try:
         data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -169,7 +196,9 @@ def _decoded(data: bytes) -> tuple[str, list[Finding]]:
     return text, findings
 
 
-def _read_other(path: Path, name: str | None, single: str | None, findings: list[Finding]) -> RecipeBook | None:
+def _read_other(
+    path: Path, name: str | None, single: str | None, findings: list[Finding]
+) -> RecipeBook | None:
     try:
         book = read_book(path, name=name, single_ingredient=single)
     except RecipeFileError as error:
@@ -177,17 +206,25 @@ def _read_other(path: Path, name: str | None, single: str | None, findings: list
         return None
     if book.dropped_self_results:
         recipes = counted(book.dropped_self_results, "recipe")
-        findings.append(_problem("self-result", f"{recipes} made from the result itself; such rows are dropped"))
+        findings.append(
+            _problem("self-result", f"{recipes} made from the result itself; such rows are dropped")
+        )
     if book.merged_duplicates:
-        findings.append(_problem("duplicate", f"{counted(book.merged_duplicates, 'row')} listed before"))
+        findings.append(
+            _problem("duplicate", f"{counted(book.merged_duplicates, 'row')} listed before")
+        )
     return book
 
 
-def _read_table(table: Table, name: str, findings: list[Finding], lines_of: dict[Recipe, list[int]]) -> RecipeBook:
+def _read_table(
+    table: Table, name: str, findings: list[Finding], lines_of: dict[Recipe, list[int]]
+) -> RecipeBook:
     for row in table:
         line = row[0]
         if len(findings) >= MAX_FINDINGS:
-            message = f"{len(findings):,} findings above; this line and those below it were not read"
+            message = (
+                f"{len(findings):,} findings above; this line and those below it were not read"
+            )
             findings.append(_problem("row", message, [line]))
             break
         if isinstance(row, Fault):
@@ -200,7 +237,9 @@ def _read_table(table: Table, name: str, findings: list[Finding], lines_of: dict
         lines_of.setdefault(recipe, []).append(line)
     for recipe, numbers in lines_of.items():
         if len(numbers) > 1 and not recipe.is_self_result:
-            findings.append(_problem("duplicate", f"{recipe} is listed {len(numbers):,} times", numbers))
+            findings.append(
+                _problem("duplicate", f"{recipe} is listed {len(numbers):,} times", numbers)
+            )
     known = {label for recipe in lines_of for label in recipe}.union(table.listed)
     for label, number in (table.base or {}).items():
         if label not in known:
@@ -227,13 +266,19 @@ def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Find
             message = f"the label '{label}' contains a comma, at which other tools may split it"
             yield _problem("comma", message, _at([label], line_of))
         if (visible := with_visible(label)) != label:
-            message = f"'{visible}' holds an invisible character; remove it, or replace it by a space"
+            message = (
+                f"'{visible}' holds an invisible character; remove it, or replace it by a space"
+            )
             yield _note("invisible", message, _at([label], line_of))
 
 
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
     idle = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 0))
-    unused = graph.labels(graph.base_ids[graph.use_counts[graph.base_ids] == 0]) if base is not None else ()
+    unused = (
+        graph.labels(graph.base_ids[graph.use_counts[graph.base_ids] == 0])
+        if base is not None
+        else ()
+    )
     if unused:
         yield _problem("base", f"base entities that no recipe uses: {listed(unused)}")
     others = [label for label in idle if label not in unused]
@@ -257,7 +302,9 @@ def _unreachable(
     needs = nx.DiGraph()
     needs.add_nodes_from(sorted(outside))
     for a, b, result in graph.recipes.tolist():
-        needs.add_edges_from((part, result) for part in (a, b) if part in outside and result in outside)
+        needs.add_edges_from(
+            (part, result) for part in (a, b) if part in outside and result in outside
+        )
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         labels = graph.labels(sorted(island))
         subject = counted(len(labels), "entity", "entities")
@@ -266,19 +313,28 @@ def _unreachable(
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
         if len(circle) > 1 and _is_closed(graph, circle):
             labels = graph.labels(sorted(circle))
-            lines = sorted(number for recipe in lines_of if recipe.result in labels for number in lines_of[recipe])
+            lines = sorted(
+                number
+                for recipe in lines_of
+                if recipe.result in labels
+                for number in lines_of[recipe]
+            )
             message = f"every recipe of these needs another of them, so none can be made first: {listed(labels)}"
             yield _problem("cycle", message, lines)
 
 
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
-    pairs = (pair for entity in entities for pair in graph.recipes[graph.recipes_of(entity), :2].tolist())
+    pairs = (
+        pair for entity in entities for pair in graph.recipes[graph.recipes_of(entity), :2].tolist()
+    )
     return all(not entities.isdisjoint(pair) for pair in pairs)
 
 
 def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for label in graph.entities:
-        endings = {f"{label}s", f"{label}es"} | ({f"{label[:-1]}ies"} if label.endswith("y") else set())
+        endings = {f"{label}s", f"{label}es"} | (
+            {f"{label[:-1]}ies"} if label.endswith("y") else set()
+        )
         for plural in sorted(endings):
             if plural in graph:
                 message = f"'{label}' and '{plural}' are singular and plural of one word"
@@ -288,7 +344,9 @@ def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding
 def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     lonely = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 1))
     if lonely:
-        message = f"{counted(len(lonely), 'entity', 'entities')} in one recipe only: {listed(lonely)}"
+        message = (
+            f"{counted(len(lonely), 'entity', 'entities')} in one recipe only: {listed(lonely)}"
+        )
         yield _note("lonely", message, _at(lonely[:LISTED], line_of))
 
 
@@ -323,4 +381,9 @@ def listed(labels: Iterable[str]) -> str:
 
 
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    return tuple(sorted(findings, key=lambda f: (f.severity != "problem", f.lines[:1] or (0,), f.kind, f.message)))
+    return tuple(
+        sorted(
+            findings,
+            key=lambda f: (f.severity != "problem", f.lines[:1] or (0,), f.kind, f.message),
+        )
+    )

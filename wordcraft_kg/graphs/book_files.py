@@ -19,7 +19,14 @@ from wordcraft_kg.base.artefacts import what_is, write_atomically
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.graphs.recipes import MAX_LABEL_LENGTH, Recipe, RecipeBook, check_label, label_fault, shown
+from wordcraft_kg.graphs.recipes import (
+    MAX_LABEL_LENGTH,
+    Recipe,
+    RecipeBook,
+    check_label,
+    label_fault,
+    shown,
+)
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
 KIND = "kind"
@@ -35,7 +42,11 @@ _SELF = "self"  # the `single_ingredient` that combines a single ingredient with
 
 @stage("reading the book")
 def read_book(
-    path: str | Path, *, keep_self_results: bool = False, single_ingredient: str | None = None, name: str | None = None
+    path: str | Path,
+    *,
+    keep_self_results: bool = False,
+    single_ingredient: str | None = None,
+    name: str | None = None,
 ) -> RecipeBook:
     """Read and validate a recipe book from a file, or from a graph folder.
 
@@ -71,13 +82,21 @@ def read_book(
         base, listed, rows = table.base, table.listed, _without_faults(path, table)
         lines_of_base, kinds = table.base or {}, table.kinds
     else:
-        raise RecipeFileError(f"{path}: unknown ending '{path.suffix}'; a recipe book is .csv, .tsv or .json.")
+        raise RecipeFileError(
+            f"{path}: unknown ending '{path.suffix}'; a recipe book is .csv, .tsv or .json."
+        )
     sha256 = hashlib.sha256(data).hexdigest()
     name = name or book_name(path)
-    book = RecipeBook.of(name, rows, listed=listed, keep_self_results=keep_self_results, sha256=sha256)
-    book = replace(book, kinds={recipe: kinds[recipe] for recipe in book.recipes if recipe in kinds})
+    book = RecipeBook.of(
+        name, rows, listed=listed, keep_self_results=keep_self_results, sha256=sha256
+    )
+    book = replace(
+        book, kinds={recipe: kinds[recipe] for recipe in book.recipes if recipe in kinds}
+    )
     if not book.recipes:
-        raise RecipeFileError(f"{path} has no recipe to keep ({book.dropped_self_results} self results dropped).")
+        raise RecipeFileError(
+            f"{path} has no recipe to keep ({book.dropped_self_results} self results dropped)."
+        )
     known = set(book.entities)
     for label, line in lines_of_base.items():
         if label not in known:
@@ -109,12 +128,16 @@ def read_bytes(path: Path) -> bytes:
         )
     try:
         if path.exists() and not path.is_file():
-            raise RecipeFileError(f"{path} is not a regular file; give a recipe book (.csv, .tsv, .json).")
+            raise RecipeFileError(
+                f"{path} is not a regular file; give a recipe book (.csv, .tsv, .json)."
+            )
         if path.exists() and (size := path.stat().st_size) > MAX_BOOK_SIZE:
             raise RecipeFileError(f"{path} has {size:,} bytes; the limit is {MAX_BOOK_SIZE:,}.")
         return path.read_bytes()
     except FileNotFoundError:
-        raise RecipeFileError(f"{path} does not exist. `wordcraft-kg books` lists the books known by name.") from None
+        raise RecipeFileError(
+            f"{path} does not exist. `wordcraft-kg books` lists the books known by name."
+        ) from None
     except OSError as error:
         raise RecipeFileError(f"{path} cannot be read: {error.strerror}.") from None
 
@@ -124,7 +147,9 @@ def _decode(path: Path, data: bytes) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line, byte = data.count(b"\n", 0, error.start) + 1, data[error.start]
-        raise RecipeFileError(f"{path}, line {line}: not UTF-8 (byte 0x{byte:02x}). Save the file as UTF-8.") from None
+        raise RecipeFileError(
+            f"{path}, line {line}: not UTF-8 (byte 0x{byte:02x}). Save the file as UTF-8."
+        ) from None
     if not text.strip():
         raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
     return text
@@ -190,10 +215,21 @@ class Table:
         if not number or self._is_header(line):
             self._has_kinds = line.rstrip().endswith(KIND)
             return
-        expected = self._delimiter.join(CSV_HEADER) + "'" + " separated by tabs" * (self._delimiter == "\t")
-        yield Fault(number, "header", f"the header is '{line.strip()[:80]}'; expected '{expected}; {KIND} may follow.")
+        expected = (
+            self._delimiter.join(CSV_HEADER)
+            + "'"
+            + " separated by tabs" * (self._delimiter == "\t")
+        )
+        yield Fault(
+            number,
+            "header",
+            f"the header is '{line.strip()[:80]}'; expected '{expected}; {KIND} may follow.",
+        )
         # A misspelt header is not a recipe, unlike a recipe in the header's place.
-        is_header = sum(cell.strip() in CSV_HEADER for cell in line.split(self._delimiter)) >= 2 or line[0] == "#"
+        is_header = (
+            sum(cell.strip() in CSV_HEADER for cell in line.split(self._delimiter)) >= 2
+            or line[0] == "#"
+        )
         if not is_header and (row := self._read(number, line)) is not None:
             yield row
 
@@ -230,7 +266,11 @@ class Table:
             try:
                 (cells,) = csv.reader([line], delimiter=self._delimiter, strict=True)
             except csv.Error as error:
-                return Fault(number, "row", f"{error}; a quoted cell ends in its line, and a quote in it is doubled.")
+                return Fault(
+                    number,
+                    "row",
+                    f"{error}; a quoted cell ends in its line, and a quote in it is doubled.",
+                )
         kind = cells.pop() if self._has_kinds and len(cells) == 4 else ""
         if kind and (fault := label_fault(kind)):
             return Fault(number, "label", fault)
@@ -238,13 +278,19 @@ class Table:
         if kind and not isinstance(row, Fault):
             recipe = Recipe.of(*row[1])
             if self.kinds.setdefault(recipe, kind) != kind:
-                return Fault(number, "row", f"{recipe} has the kind '{kind}' here, and '{self.kinds[recipe]}' above.")
+                return Fault(
+                    number,
+                    "row",
+                    f"{recipe} has the kind '{kind}' here, and '{self.kinds[recipe]}' above.",
+                )
         return row
 
     def _labels(self, number: int, cells: list[str]) -> Row | Fault:
         if len(cells) != 3:
             return Fault(number, "row", self._not_three(cells))
-        is_plain = all(cells) and all(map(str.isprintable, cells)) and not any(map(str.isspace, cells))
+        is_plain = (
+            all(cells) and all(map(str.isprintable, cells)) and not any(map(str.isspace, cells))
+        )
         if is_plain and max(map(len, cells)) <= MAX_LABEL_LENGTH:
             return number, cells
         one, other, result = cells
@@ -256,7 +302,9 @@ class Table:
             other = one if self._single in (None, _SELF) else self._single
         faults += filter(None, map(label_fault, (one, other, result)))
         return (
-            Fault(number, "label", " Also, ".join(dict.fromkeys(faults))) if faults else (number, (one, other, result))
+            Fault(number, "label", " Also, ".join(dict.fromkeys(faults)))
+            if faults
+            else (number, (one, other, result))
         )
 
     def _not_three(self, cells: Sequence[str]) -> str:
@@ -281,13 +329,20 @@ def _too_long(line: str) -> str:
 
 def trimmed(line: str, delimiter: str) -> str:
     """Strip spaces around the cells in a table row; spaces within quotes stay."""
-    loose = f"{delimiter} " in line or f" {delimiter}" in line or line[:1] == " " or line.rstrip("\r\n")[-1:] == " "
+    loose = (
+        f"{delimiter} " in line
+        or f" {delimiter}" in line
+        or line[:1] == " "
+        or line.rstrip("\r\n")[-1:] == " "
+    )
     return _CELLS[delimiter].sub(lambda cell: cell[1].strip(" "), line) if loose else line
 
 
 # A cell after any spaces: either quoted, up to the spaces before its end, or all up to its end.
 _CELLS = {
-    delimiter: re.compile(rf' *+("(?:[^"]|"")*+"(?= *+(?:[{delimiter}\r\n]|$))|[^{delimiter}\r\n]*+)')
+    delimiter: re.compile(
+        rf' *+("(?:[^"]|"")*+"(?= *+(?:[{delimiter}\r\n]|$))|[^{delimiter}\r\n]*+)'
+    )
     for delimiter in ",\t"
 }
 
@@ -307,10 +362,14 @@ def _parse_json(
         known = {check_label(label, f"{path}: entities") for label in entities}
         return None, entities, _rows(_official_recipes(path, entities), known, single), {}
     if isinstance(entities, list) and isinstance(content.get("recipes"), list):
-        known = {check_label(label, f"{path}: entities[{index}]") for index, label in enumerate(entities)}
+        known = {
+            check_label(label, f"{path}: entities[{index}]") for index, label in enumerate(entities)
+        }
         base = content.get("base")
         if base is not None and not isinstance(base, list):
-            raise RecipeFileError(f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null.")
+            raise RecipeFileError(
+                f"{path}: 'base' is {type(base).__name__}; expected a list of labels or null."
+            )
         for index, label in enumerate(base or ()):
             _known(label, known, f"{path}: base[{index}]")
         recipes = [*_rows(_own_recipes(path, content["recipes"]), known, single)]
@@ -325,9 +384,15 @@ def _kinds(kinds: Any, recipes: list[Sequence[str]], where: str) -> dict[Recipe,
     if kinds is None:
         return {}
     if not isinstance(kinds, list) or len(kinds) != len(recipes):
-        raise RecipeFileError(f'{where} is {shown(kinds)}; expected a list with a kind, or "", for each recipe.')
+        raise RecipeFileError(
+            f'{where} is {shown(kinds)}; expected a list with a kind, or "", for each recipe.'
+        )
     rows = enumerate(zip(recipes, kinds, strict=True))
-    return {Recipe.of(*row): check_label(kind, f"{where}[{index}]") for index, (row, kind) in rows if kind != ""}
+    return {
+        Recipe.of(*row): check_label(kind, f"{where}[{index}]")
+        for index, (row, kind) in rows
+        if kind != ""
+    }
 
 
 def _load_json(path: Path, text: str) -> Any:
@@ -342,7 +407,9 @@ def _load_json(path: Path, text: str) -> Any:
     try:
         return json.loads(text, object_pairs_hook=without_duplicate_keys)
     except json.JSONDecodeError as error:
-        raise RecipeFileError(f"{path}, line {error.lineno}, column {error.colno}: not JSON ({error.msg}).") from None
+        raise RecipeFileError(
+            f"{path}, line {error.lineno}, column {error.colno}: not JSON ({error.msg})."
+        ) from None
     except RecipeFileError:
         raise
     except RecursionError:
@@ -355,7 +422,9 @@ def _own_recipes(path: Path, recipes: list[Any]) -> Iterator[_Raw]:
     for index, row in enumerate(recipes):
         where = f"{path}: recipes[{index}]"
         if not isinstance(row, list) or len(row) not in (2, 3):
-            raise RecipeFileError(f"{where} is {shown(row)}; expected [ingredient, ingredient, result].")
+            raise RecipeFileError(
+                f"{where} is {shown(row)}; expected [ingredient, ingredient, result]."
+            )
         yield where, row, row[:-1], row[-1]
 
 
@@ -384,7 +453,9 @@ def _rows(recipes: Iterable[_Raw], known: set[str], single: str | None) -> Itera
 def _known(label: Any, known: set[str], where: str) -> str:
     label = check_label(label, where)
     if label not in known:
-        raise RecipeFileError(f"{where}: '{label}' is not among the file's entities.{nearest(label, known)}")
+        raise RecipeFileError(
+            f"{where}: '{label}' is not among the file's entities.{nearest(label, known)}"
+        )
     return label
 
 
@@ -398,10 +469,17 @@ def write_book(book: RecipeBook, path: Path) -> None:
         write_atomically(path, book_json(book))
     elif ending in (".csv", ".tsv"):
         directives = [("base", book.base), ("entities", book.idle or None)]
-        head = [f"# {key}: {_csv_line(labels, ',')}" for key, labels in directives if labels is not None]
-        write_atomically(path, [*head, *recipe_table(book.recipes, "," if ending == ".csv" else "\t", book.kinds)])
+        head = [
+            f"# {key}: {_csv_line(labels, ',')}" for key, labels in directives if labels is not None
+        ]
+        write_atomically(
+            path,
+            [*head, *recipe_table(book.recipes, "," if ending == ".csv" else "\t", book.kinds)],
+        )
     else:
-        raise RecipeFileError(f"{path}: unknown ending '{ending}'; a recipe book is written as .csv, .tsv or .json.")
+        raise RecipeFileError(
+            f"{path}: unknown ending '{ending}'; a recipe book is written as .csv, .tsv or .json."
+        )
 
 
 def recipe_table(
@@ -431,8 +509,13 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
 def _csv_line(labels: Iterable[str], delimiter: str) -> str:
     # Quotes only where they are needed; csv.writer needs a buffer because it only writes to files.
     cells = list(labels)
-    if not any(delimiter in cell or '"' in cell or cell != cell.strip() or cell[:1] == "#" for cell in cells):
+    if not any(
+        delimiter in cell or '"' in cell or cell != cell.strip() or cell[:1] == "#"
+        for cell in cells
+    ):
         return delimiter.join(cells) + "\n"
     buffer = io.StringIO()
-    csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_ALL).writerow(cells)
+    csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_ALL).writerow(
+        cells
+    )
     return buffer.getvalue()

@@ -65,13 +65,17 @@ def export_graph(
             f"memory; expected at most {MOST_BYTES / 2**30:.0f}. Take nt, tsv, parquet, csv or json, which need little."
         )
     with staged_file(out, force=force) as path:
-        exporter.write(graph, opened.split.unseen if part == "unseen" else opened.triples(part), path)
+        exporter.write(
+            graph, opened.split.unseen if part == "unseen" else opened.triples(part), path
+        )
 
 
 def _book(ending: str) -> Callable[[RecipeGraph, Ids, Path], object]:
     def write(graph: RecipeGraph, triples: Ids, path: Path) -> None:
         recipes = graph.recipe_labels()
-        book = RecipeBook.of(graph.name, recipes, base=graph.base, listed=graph.entities, keep_self_results=True)
+        book = RecipeBook.of(
+            graph.name, recipes, base=graph.base, listed=graph.entities, keep_self_results=True
+        )
         kinds = zip(recipes, graph.kinds or (), strict=graph.kinds is not None)
         staged = path.with_name("book" + ending)
         write_book(replace(book, kinds={recipe: kind for recipe, kind in kinds if kind}), staged)
@@ -116,7 +120,9 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
     view = nx.MultiDiGraph(name=graph.name, hash=graph.hash)
     in_base = np.isin(np.arange(graph.num_entities), graph.base_ids)
     columns = (in_base, graph.recipe_counts, graph.use_counts, layers(graph))
-    for label, base, recipes, uses, layer in zip(graph.entities, *(c.tolist() for c in columns), strict=True):
+    for label, base, recipes, uses, layer in zip(
+        graph.entities, *(c.tolist() for c in columns), strict=True
+    ):
         place = {"layer": layer} if layer >= 0 else {}  # GraphML cannot hold None
         view.add_node(label, kind="entity", base=base, recipes=recipes, uses=uses, **place)
     prefix = "recipe "
@@ -138,7 +144,11 @@ def triples_frame(graph: RecipeGraph, triples: Ids) -> "pd.DataFrame":
     names = np.array(graph.entities, dtype=object)
     head, relation, tail = triples.T
     return pd.DataFrame(
-        {"head": names[head], "relation": np.array(RELATIONS, dtype=object)[relation], "tail": names[tail]}
+        {
+            "head": names[head],
+            "relation": np.array(RELATIONS, dtype=object)[relation],
+            "tail": names[tail],
+        }
     )
 
 
@@ -148,7 +158,9 @@ EXPORTERS = {
         lambda graph, triples, path: write_atomically(path, triple_lines(triples, graph.entities)),
     ),
     "graphml": Exporter(
-        "GraphML, with a node for each recipe between its ingredients and its result", _graphml, _GRAPHML_BYTES
+        "GraphML, with a node for each recipe between its ingredients and its result",
+        _graphml,
+        _GRAPHML_BYTES,
     ),
     "nt": Exporter(
         "RDF N-Triples, with a node for each recipe",

@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from wordcraft_kg.base.artefacts import dump_json, read_json, staged_folder, what_is, write_atomically
+from wordcraft_kg.base.artefacts import (
+    dump_json,
+    read_json,
+    staged_folder,
+    what_is,
+    write_atomically,
+)
 from wordcraft_kg.base.errors import ArtefactError, RecipeFileError, SplitError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import as_values
@@ -47,7 +53,9 @@ class OpenedGraph:
 
     def train_sample(self, kg: TrainedOn) -> TrainSample:
         """Return recipes for training a model: the train recipes (partial), all (full) or no recipes (none)."""
-        return TrainSample.of(self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none"))
+        return TrainSample.of(
+            self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none")
+        )
 
 
 def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
@@ -76,19 +84,32 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
     """
     graph = split.graph
     with staged_folder(out, force=force) as folder:
-        source = {name: getattr(book, name) for name in ("sha256", "dropped_self_results", "merged_duplicates")}
+        source = {
+            name: getattr(book, name)
+            for name in ("sha256", "dropped_self_results", "merged_duplicates")
+        }
         if graph.base_is_inferred:
             source["base_is_inferred"] = True
-        of_graph = RecipeBook(graph.name, tuple(graph.recipe_labels()), graph.base, book.idle, kinds=book.kinds)
+        of_graph = RecipeBook(
+            graph.name, tuple(graph.recipe_labels()), graph.base, book.idle, kinds=book.kinds
+        )
         write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
         write_atomically(folder / "split.json", split.to_json())
         write_atomically(folder / "recipes.csv", recipe_table(of_graph.recipes, kinds=book.kinds))
         frame = entities_frame(graph)
         frame.insert(0, "id", range(len(frame)))
-        write_atomically(folder / "entities.tsv", frame.to_csv(sep="\t", index=False, lineterminator="\n"))
+        write_atomically(
+            folder / "entities.tsv", frame.to_csv(sep="\t", index=False, lineterminator="\n")
+        )
         (folder / "triples").mkdir()
-        for name, triples in (("full", graph.triples), ("partial", split.partial), ("unseen", split.unseen)):
-            write_atomically(folder / "triples" / f"{name}.tsv", triple_lines(triples, graph.entities))
+        for name, triples in (
+            ("full", graph.triples),
+            ("partial", split.partial),
+            ("unseen", split.unseen),
+        ):
+            write_atomically(
+                folder / "triples" / f"{name}.tsv", triple_lines(triples, graph.entities)
+            )
         record = audit(graph, split, book)
         write_atomically(folder / "audit.json", dump_json(as_values(record)))
     return record
@@ -125,7 +146,9 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
             raise ArtefactError(f"{damaged}: its name is {name!r}; expected a text. {again}")
         graph = RecipeGraph.from_book(replace(book, name=name))
         source_book = recorded.get("source")
-        graph.base_is_inferred = isinstance(source_book, dict) and source_book.get("base_is_inferred") is True
+        graph.base_is_inferred = (
+            isinstance(source_book, dict) and source_book.get("base_is_inferred") is True
+        )
         if recorded.get("hash") != graph.hash:
             raise ArtefactError(f"{damaged}: its content does not match its hash. {again}")
         split = read_split(read_json(folder / "split.json"), graph, str(folder / "split.json"))

@@ -34,10 +34,21 @@ class Folds:
             train recipes. Independent of the folds.
     """
 
-    def __init__(self, split: Split, count: int, seed: int, of_recipe: Ids, train_sample: TrainSample | None = None):
+    def __init__(
+        self,
+        split: Split,
+        count: int,
+        seed: int,
+        of_recipe: Ids,
+        train_sample: TrainSample | None = None,
+    ):
         self.split, self.count, self.seed = split, count, seed
         self.of_recipe = frozen(of_recipe)
-        self.train_sample = TrainSample.of(split.graph, split.is_in("train")) if train_sample is None else train_sample
+        self.train_sample = (
+            TrainSample.of(split.graph, split.is_in("train"))
+            if train_sample is None
+            else train_sample
+        )
 
     def with_train_sample(self, train_sample: TrainSample) -> "Folds":
         """Return the same folds with different training recipes."""
@@ -47,7 +58,8 @@ class Folds:
     def is_subsample(self) -> bool:
         """Whether the recipes for training (``train_sample``) are not exactly the split's train recipes."""
         return bool(
-            (self.train_sample.is_trained_on != self.split.is_in("train")).any() or self.train_sample.is_wrong.any()
+            (self.train_sample.is_trained_on != self.split.is_in("train")).any()
+            or self.train_sample.is_wrong.any()
         )
 
     def seen(self, left_out: Collection[int] = ()) -> NDArray[np.bool_]:
@@ -110,7 +122,9 @@ def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
     """
     whole("folds", count, 2)
     rows = np.flatnonzero(split.is_in("train"))
-    groups, group_of_row = np.unique(groups_of(split.graph, split.config.kind)[rows], return_inverse=True)
+    groups, group_of_row = np.unique(
+        groups_of(split.graph, split.config.kind)[rows], return_inverse=True
+    )
     if len(groups) < 2:
         raise ConfigError(
             f"the {split.config.kind} split keeps all train recipes together, so none can be left out; choose "
@@ -123,7 +137,9 @@ def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
             f"2 to {len(groups):,}, as many as there are train pairs, goals, groups or kinds to keep together",
         )
     fold_of_group = np.empty(len(groups), dtype=np.int64)
-    fold_of_group[np.random.default_rng([seed, count]).permutation(len(groups))] = np.arange(len(groups)) % count
+    fold_of_group[np.random.default_rng([seed, count]).permutation(len(groups))] = (
+        np.arange(len(groups)) % count
+    )
     of_recipe = np.full(split.graph.num_recipes, OUTSIDE, dtype=np.int64)
     of_recipe[rows] = fold_of_group[group_of_row]
     return Folds(split, count, seed, of_recipe)

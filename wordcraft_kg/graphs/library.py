@@ -93,9 +93,15 @@ def cache_folder() -> Path:
 def known_books() -> list[KnownBook]:
     """Return all recipe books with a name; for a repeated name, the book that :func:`open_book` opens."""
     books: dict[str, KnownBook] = {}
-    for origin, folder in (("built in", _BUILT_IN), ("cache", cache_folder()), ("data folder", data_folder())):
+    for origin, folder in (
+        ("built in", _BUILT_IN),
+        ("cache", cache_folder()),
+        ("data folder", data_folder()),
+    ):
         for path in _books_in(folder):
-            name = next((name for name, book in FETCHABLE.items() if book.file_name == path.name), path.stem)
+            name = next(
+                (name for name, book in FETCHABLE.items() if book.file_name == path.name), path.stem
+            )
             books.setdefault(name, KnownBook(name, origin, path))
     for name in FETCHABLE:
         books.setdefault(name, KnownBook(name, "to fetch", None))
@@ -106,7 +112,9 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
     """Find a book by path, else by name; RecipeFileError if unknown, changed, or not downloaded yet."""
     path = Path(name_or_path)
     if made_up := MADE_UP.fullmatch(str(name_or_path)):
-        raise RecipeFileError(f"'{name_or_path}' has no file, because it is made from '{made_up[2]}'; give that book.")
+        raise RecipeFileError(
+            f"'{name_or_path}' has no file, because it is made from '{made_up[2]}'; give that book."
+        )
     if path.is_file() or (path / "graph.json").is_file():
         return LocatedBook(path)
     books = {book.name: book for book in known_books()}
@@ -132,7 +140,10 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
 
 
 def open_book(
-    name_or_path: str | Path, *, keep_self_results: bool = False, single_ingredient: str | None = None
+    name_or_path: str | Path,
+    *,
+    keep_self_results: bool = False,
+    single_ingredient: str | None = None,
 ) -> RecipeBook:
     """Read a recipe book by path or name, see :func:`locate_book` and :func:`read_book`.
 
@@ -144,11 +155,16 @@ def open_book(
         326
     """
     if made_up := MADE_UP.fullmatch(str(name_or_path)):
-        book = open_book(made_up[2], keep_self_results=keep_self_results, single_ingredient=single_ingredient)
+        book = open_book(
+            made_up[2], keep_self_results=keep_self_results, single_ingredient=single_ingredient
+        )
         return with_made_up_words(book, int(made_up[1] or 0))
     located = locate_book(name_or_path)
     content = read_book(
-        located.path, keep_self_results=keep_self_results, single_ingredient=single_ingredient, name=located.name
+        located.path,
+        keep_self_results=keep_self_results,
+        single_ingredient=single_ingredient,
+        name=located.name,
     )
     return replace(content, base=located.base) if content.base is None else content
 
@@ -173,7 +189,9 @@ def fetch_file(name: str, url: str, sha256: str, target: Path) -> Path:
         data = _downloaded(url)
     except (OSError, HTTPException, ValueError) as error:
         reason = getattr(error, "reason", error)
-        raise FetchError(f"could not download '{name}' ({reason}). Try again when online. {by_hand}") from None
+        raise FetchError(
+            f"could not download '{name}' ({reason}). Try again when online. {by_hand}"
+        ) from None
     downloaded = hashlib.sha256(data).hexdigest()
     if downloaded != sha256:
         raise FetchError(

@@ -9,7 +9,28 @@ import numpy as np
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 
 PREFIX = "made-up"
-_STARTS = ["b", "d", "f", "g", "k", "l", "m", "n", "p", "r", "s", "t", "v", "z", "br", "dr", "gl", "kr", "pl", "tr"]
+_STARTS = [
+    "b",
+    "d",
+    "f",
+    "g",
+    "k",
+    "l",
+    "m",
+    "n",
+    "p",
+    "r",
+    "s",
+    "t",
+    "v",
+    "z",
+    "br",
+    "dr",
+    "gl",
+    "kr",
+    "pl",
+    "tr",
+]
 _VOWELS = ["a", "e", "i", "o", "u"]
 _ENDS = ["k", "l", "m", "n", "p", "r", "t", "x"]
 
@@ -26,7 +47,9 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
         betgegil + lenkrodim -> siksevan
     """
     words = sorted({word for label in book.entities for word in label.split()})
-    digest = sha256("\n".join(words).encode()).digest()  # so that two books do not share invented words
+    digest = sha256(
+        "\n".join(words).encode()
+    ).digest()  # so that two books do not share invented words
     rng, invented = np.random.default_rng([seed, *digest]), set[str]()
     while len(invented) < len(words):
         invented |= {_word(rng)} - set(words)
@@ -42,7 +65,9 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
         recipes=tuple(sorted(recipe_of.values())),
         base=None if book.base is None else tuple(sorted(map(renamed, book.base))),
         idle=tuple(sorted(map(renamed, book.idle))),
-        sha256=None if book.sha256 is None else sha256(f"{PREFIX} {seed} {book.sha256}".encode()).hexdigest(),
+        sha256=None
+        if book.sha256 is None
+        else sha256(f"{PREFIX} {seed} {book.sha256}".encode()).hexdigest(),
         kinds={recipe_of[recipe]: kind for recipe, kind in book.kinds.items()},
     )
 

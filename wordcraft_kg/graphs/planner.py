@@ -19,7 +19,9 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
     starts, order = graph.by_ingredient
     a, b, result = graph.recipes.T
     layer = np.full(graph.num_entities, -1, dtype=np.int64)
-    frontier = graph.base_ids if start is None else np.unique([graph.id_of(entity) for entity in start])
+    frontier = (
+        graph.base_ids if start is None else np.unique([graph.id_of(entity) for entity in start])
+    )
     frontier = frontier.astype(np.int64)
     depth = 0
     while len(frontier):
@@ -83,7 +85,13 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
         made = [part for part in dict.fromkeys((one, other)) if part in made_by]
         for part in reversed(made):
             is_last = part == made[-1]
-            stack.append((part, f"{below}{'└─' if is_last else '├─'} ", f"{below}{'   ' if is_last else '│  '}"))
+            stack.append(
+                (
+                    part,
+                    f"{below}{'└─' if is_last else '├─'} ",
+                    f"{below}{'   ' if is_last else '│  '}",
+                )
+            )
 
 
 class Planner:
@@ -103,7 +111,11 @@ class Planner:
         self.graph = graph
         starts, order = (array.tolist() for array in graph.by_ingredient)
         recipes = graph.recipes.tolist()
-        initial = graph.base_ids.tolist() if start is None else sorted({graph.id_of(entity) for entity in start})
+        initial = (
+            graph.base_ids.tolist()
+            if start is None
+            else sorted({graph.id_of(entity) for entity in start})
+        )
         self.start = graph.labels(initial)
         self.costs: list[float] = [math.inf] * graph.num_entities
         self._recipe: list[int] = [-1] * graph.num_entities
@@ -130,14 +142,20 @@ class Planner:
         graph = self.graph
         target = graph.id_of(goal)
         if self.costs[target] == math.inf:
-            raise GraphError(f"'{graph.entities[target]}' cannot be made from {', '.join(self.start) or 'nothing'}.")
+            raise GraphError(
+                f"'{graph.entities[target]}' cannot be made from {', '.join(self.start) or 'nothing'}."
+            )
         steps: list[int] = []
         done: set[int] = set()
         stack = [target]
         while stack:
             entity = stack[-1]
             index = self._recipe[entity]
-            missing = [] if index < 0 else [part for part in graph.recipes[index, :2].tolist() if part not in done]
+            missing = (
+                []
+                if index < 0
+                else [part for part in graph.recipes[index, :2].tolist() if part not in done]
+            )
             if missing:
                 stack.extend(reversed(missing))
                 continue

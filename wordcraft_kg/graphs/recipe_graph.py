@@ -41,7 +41,13 @@ class RecipeGraph:
         (80, True, False)
     """
 
-    def __init__(self, entities: Iterable[str], recipes: Ids, base_ids: Sequence[int] | Ids, name: str = "graph"):
+    def __init__(
+        self,
+        entities: Iterable[str],
+        recipes: Ids,
+        base_ids: Sequence[int] | Ids,
+        name: str = "graph",
+    ):
         """Build a graph from ids, see also :meth:`from_book` and :meth:`from_recipes`.
 
         ``entities`` are sorted, unique labels; ``recipes`` are rows ``(ingredient, ingredient, result)`` in any order,
@@ -51,7 +57,9 @@ class RecipeGraph:
         self.base_is_inferred = False
         self.kinds: tuple[str, ...] | None = None
         self.entities = tuple(entities)
-        if any(left >= right for left, right in zip(self.entities, self.entities[1:], strict=False)):
+        if any(
+            left >= right for left, right in zip(self.entities, self.entities[1:], strict=False)
+        ):
             raise GraphError("entity labels must be sorted and unique.")
         recipes = np.asarray(recipes, dtype=np.int64).reshape(-1, 3)
         base = np.unique(np.asarray(base_ids, dtype=np.int64))
@@ -59,7 +67,9 @@ class RecipeGraph:
             if ids.size and not 0 <= ids.min() <= ids.max() < len(self.entities):
                 raise GraphError(f"a {what} id is outside 0 .. {len(self.entities) - 1}.")
         pairs = np.sort(recipes[:, :2], axis=1)
-        self.recipes: Ids = frozen(sorted_unique(np.column_stack([pairs, recipes[:, 2]]), (0, 1, 2)))
+        self.recipes: Ids = frozen(
+            sorted_unique(np.column_stack([pairs, recipes[:, 2]]), (0, 1, 2))
+        )
         self.base_ids: Ids = frozen(base)
 
     @classmethod
@@ -85,12 +95,17 @@ class RecipeGraph:
             base_ids = np.array([index[label] for label in labels], dtype=np.int64)
         graph = cls(entities, recipes, base_ids, book.name)
         graph.base_is_inferred = labels is None
-        graph.kinds = tuple(book.kinds.get(recipe, "") for recipe in book.recipes) if book.kinds else None
+        graph.kinds = (
+            tuple(book.kinds.get(recipe, "") for recipe in book.recipes) if book.kinds else None
+        )
         return graph
 
     @classmethod
     def from_recipes(
-        cls, recipes: Iterable[Sequence[str]], base: Iterable[str] | None = None, name: str = "graph"
+        cls,
+        recipes: Iterable[Sequence[str]],
+        base: Iterable[str] | None = None,
+        name: str = "graph",
     ) -> "RecipeGraph":
         """Build a graph from rows ``(ingredient, ingredient, result)`` of labels; a bad label is a RecipeFileError."""
         rows = [[check_label(label, f"row {i}") for label in row] for i, row in enumerate(recipes)]
@@ -164,10 +179,14 @@ class RecipeGraph:
         if isinstance(entity, str):
             index = self._index.get(entity)
             if index is None:
-                raise UnknownEntityError(f"no entity '{entity}' in {self.name}.{nearest(entity, self.entities)}")
+                raise UnknownEntityError(
+                    f"no entity '{entity}' in {self.name}.{nearest(entity, self.entities)}"
+                )
             return index
         if not 0 <= entity < self.num_entities:
-            raise UnknownEntityError(f"no entity id {entity} in {self.name}; ids are 0 .. {self.num_entities - 1}.")
+            raise UnknownEntityError(
+                f"no entity id {entity} in {self.name}; ids are 0 .. {self.num_entities - 1}."
+            )
         return int(entity)
 
     def labels(self, ids: Iterable[int]) -> tuple[str, ...]:

@@ -89,7 +89,9 @@ class RecipeBook:
     @cached_property
     def entities(self) -> tuple[str, ...]:
         """Labels of all entities in the book, sorted."""
-        return tuple(sorted({label for recipe in self.recipes for label in recipe}.union(self.idle)))
+        return tuple(
+            sorted({label for recipe in self.recipes for label in recipe}.union(self.idle))
+        )
 
 
 def label_fault(label: Any) -> str | None:
@@ -123,7 +125,9 @@ def alike_labels(labels: Iterable[str]) -> list[tuple[str, ...]]:
     groups: dict[str, list[str]] = {}
     for label in labels:
         key = unicodedata.normalize("NFKC", label).casefold()
-        groups.setdefault("".join(char for char in key if char not in " -_'.\u2019") or key, []).append(label)
+        groups.setdefault(
+            "".join(char for char in key if char not in " -_'.\u2019") or key, []
+        ).append(label)
     return [tuple(group) for group in groups.values() if len(group) > 1]
 
 

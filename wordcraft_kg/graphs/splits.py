@@ -53,10 +53,20 @@ class SplitConfig:
 
     def __post_init__(self) -> None:
         one_of("kind", self.kind, tuple(SPLITS))
-        require(self, "train_ratio", 0 < self.train_ratio < 1, "more than 0 and less than 1, such as 0.8")
+        require(
+            self,
+            "train_ratio",
+            0 < self.train_ratio < 1,
+            "more than 0 and less than 1, such as 0.8",
+        )
         total = self.train_ratio + self.valid_ratio
         leaves_test = total < 1 and not math.isclose(total, 1)
-        require(self, "valid_ratio", self.valid_ratio >= 0 and leaves_test, "0, or a share that leaves a test part")
+        require(
+            self,
+            "valid_ratio",
+            self.valid_ratio >= 0 and leaves_test,
+            "0, or a share that leaves a test part",
+        )
         whole("seed", self.seed, 0)
 
 
@@ -138,7 +148,11 @@ class Split:
         """Return the validation or test triples, (T, 3), sorted, without those of train (and validation) recipes."""
         if part not in self._held_out:
             triples = self.triples_of(part)
-            seen = self.partial if part == "valid" else np.concatenate([self.partial, self.triples_of("valid")])
+            seen = (
+                self.partial
+                if part == "valid"
+                else np.concatenate([self.partial, self.triples_of("valid")])
+            )
             self._held_out[part] = frozen(triples[~is_in(triples, seen, self.graph.num_entities)])
         return self._held_out[part]
 
@@ -146,7 +160,9 @@ class Split:
         """Return the first part that gives each triple: 0 train, 1 validation, 2 test, -1 without; shape (T,)."""
         first = np.full(len(triples), -1, dtype=np.int8)
         for part in reversed(get_args(Part)):
-            first[is_in(triples, self.triples_of(part), self.graph.num_entities)] = PARTS.index(part)
+            first[is_in(triples, self.triples_of(part), self.graph.num_entities)] = PARTS.index(
+                part
+            )
         return first
 
     @cached_property
@@ -160,7 +176,11 @@ class Split:
         starts = self.graph.pair_starts[:-1]
         if not len(starts):
             return 0
-        return int(np.sum(np.minimum.reduceat(self.parts, starts) != np.maximum.reduceat(self.parts, starts)))
+        return int(
+            np.sum(
+                np.minimum.reduceat(self.parts, starts) != np.maximum.reduceat(self.parts, starts)
+            )
+        )
 
     @cached_property
     def hash(self) -> str:
@@ -171,14 +191,21 @@ class Split:
 
     def to_json(self) -> Iterator[str]:
         """Yield ``split.json``: settings, hashes, and each part's recipes, one row with labels per line."""
-        head = {"format": _SPLIT_FORMAT, "graph": self.graph.hash, "hash": self.hash, **asdict(self.config)}
+        head = {
+            "format": _SPLIT_FORMAT,
+            "graph": self.graph.hash,
+            "hash": self.hash,
+            **asdict(self.config),
+        }
         head["moved_for_coverage"] = self.moved_for_coverage
         dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
         yield "{\n" + "".join(f"{dump(key)}: {dump(value)},\n" for key, value in head.items())
         for index, part in enumerate(get_args(Part)):
             rows = self.graph.recipe_labels(self.recipes(part))
             yield f"{dump(part)}: [\n"
-            yield from (dump(row) + (",\n" if i < len(rows) - 1 else "\n") for i, row in enumerate(rows))
+            yield from (
+                dump(row) + (",\n" if i < len(rows) - 1 else "\n") for i, row in enumerate(rows)
+            )
             yield "],\n" if index < len(PARTS) - 1 else "]\n"
         yield "}\n"
 
@@ -194,7 +221,9 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
         >>> len(split.recipes("train")), len(split.recipes("test"))
         (271, 55)
     """
-    draw = (SPLITS[config.kind].draw or by_groups)(graph, config, np.random.default_rng(config.seed))
+    draw = (SPLITS[config.kind].draw or by_groups)(
+        graph, config, np.random.default_rng(config.seed)
+    )
     split = Split(graph, config, draw)
     needed = ["train", "test", *(["valid"] if config.valid_ratio else [])]
     empty = [part for part in needed if not np.any(draw.parts == PARTS.index(part))]
@@ -217,25 +246,34 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
     """Rebuild a split from parsed ``split.json``; GraphMismatchError for another graph, ArtefactError if damaged."""
     try:
         if content["format"] != _SPLIT_FORMAT:
-            raise ArtefactError(f"{where} has the format {content['format']!r}; expected {_SPLIT_FORMAT!r}.")
+            raise ArtefactError(
+                f"{where} has the format {content['format']!r}; expected {_SPLIT_FORMAT!r}."
+            )
         if content["graph"] != graph.hash:
             raise GraphMismatchError(
                 f"{where} belongs to graph {content['graph'][:12]} but the folder's graph is {graph.hash[:12]} "
                 f"({graph.num_entities} entities). Build the graph again with `wordcraft-kg build-graph`."
             )
-        config = SplitConfig(**{key: content[key] for key in ("kind", "train_ratio", "valid_ratio", "seed")})
+        config = SplitConfig(
+            **{key: content[key] for key in ("kind", "train_ratio", "valid_ratio", "seed")}
+        )
         row_of = {recipe: row for row, recipe in enumerate(graph.recipe_labels())}
         parts = np.full(graph.num_recipes, -1, dtype=np.int8)
         for index, part in enumerate(PARTS):
             parts[[row_of[Recipe(*row)] for row in content[part]]] = index
         split = Split(graph, config, Draw(parts, content["moved_for_coverage"]))
-        if split.hash != content["hash"] or sum(len(content[part]) for part in PARTS) != graph.num_recipes:
+        if (
+            split.hash != content["hash"]
+            or sum(len(content[part]) for part in PARTS) != graph.num_recipes
+        ):
             raise ArtefactError(
                 f"{where} is damaged or was edited: its content does not match its hash. Build the graph again."
             )
         return split
     except (KeyError, TypeError, ConfigError) as error:
-        raise ArtefactError(f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again.") from None
+        raise ArtefactError(
+            f"{where} is damaged ({type(error).__name__}: {error}). Build the graph again."
+        ) from None
 
 
 # --- split kinds -------------------------------------------------------------------------------------------------
@@ -294,7 +332,9 @@ def _slots(graph: RecipeGraph) -> Ids:
     keys = np.concatenate([ingredient_a, ingredient_b]) * graph.num_entities + np.tile(result, 2)
     used, slot = np.unique(keys, return_inverse=True)
     size = graph.num_recipes + len(used)
-    links = coo_array((np.ones(len(keys)), (np.tile(recipes, 2), graph.num_recipes + slot)), shape=(size, size))
+    links = coo_array(
+        (np.ones(len(keys)), (np.tile(recipes, 2), graph.num_recipes + slot)), shape=(size, size)
+    )
     _, group = connected_components(links, directed=False)
     return np.unique(group[recipes], return_inverse=True)[1].astype(np.int64)
 
@@ -317,7 +357,9 @@ SPLITS = {
     "by-recipe-plain": SplitKind(_PAIRS, "pairs are held out, train may lack entities"),
     "by-slot": SplitKind(_slots, "the ingredients of each result are held out"),
     "by-goal": SplitKind(_goals, "goals are held out"),
-    "by-kind": SplitKind(_kinds, "kinds of reasoning are held out; the book names them", uses_kinds=True),
+    "by-kind": SplitKind(
+        _kinds, "kinds of reasoning are held out; the book names them", uses_kinds=True
+    ),
     "none": SplitKind(_PAIRS, "full graph only", _none),
 }
 """Methods of splitting recipes, by name."""

@@ -19,7 +19,9 @@ MAX_DEPTH = 5
 DRAWN_TASKS = 1_000
 """Default size of a random set."""
 _ENUMERATED_DEPTH = 2  # deeper tasks are drawn at random
-MAX_ENUMERATED = 1_000_000  # plans at depth 2 that are enumerated, about 1 kB each; otherwise tasks are drawn
+MAX_ENUMERATED = (
+    1_000_000  # plans at depth 2 that are enumerated, about 1 kB each; otherwise tasks are drawn
+)
 _TRIES = 2_000  # draws without a new task after which drawing stops
 
 _Posed = tuple[int, Rows]  # a goal and starting ingredients, ascending
@@ -43,7 +45,9 @@ class PlanSearch:
         self._starts: list[int] = graph.pair_starts.tolist()
         self.recipes_of: list[list[tuple[int, int, int]]] = [[] for _ in range(graph.num_entities)]
         marks = itertools.repeat(True, len(self.rows)) if usable is None else usable.tolist()
-        for pair, (a, b, result), mark in zip(graph.pair_of_recipe.tolist(), self.rows, marks, strict=True):
+        for pair, (a, b, result), mark in zip(
+            graph.pair_of_recipe.tolist(), self.rows, marks, strict=True
+        ):
             if mark and result not in (a, b):
                 self.recipes_of[result].append((pair, a, b))
 
@@ -62,20 +66,26 @@ class PlanSearch:
         """Return all acyclic ways to make a goal from the entities ``have`` with at most ``attempts`` attempts."""
         return self._ways(goal, attempts, have, frozenset())
 
-    def _ways(self, entity: int, budget: int, have: frozenset[int], above: frozenset[int]) -> set[_Way]:
+    def _ways(
+        self, entity: int, budget: int, have: frozenset[int], above: frozenset[int]
+    ) -> set[_Way]:
         """Return the ways to make ``entity`` without the entities ``above``, which need ``entity``."""
         if entity in have:
             return {frozenset()}
         recipes = self.recipes_of[entity]
         if budget <= 1:
-            return {frozenset((pair,)) for pair, a, b in recipes if budget and a in have and b in have}
+            return {
+                frozenset((pair,)) for pair, a, b in recipes if budget and a in have and b in have
+            }
         above = above | {entity}
         ways = set()
         for pair, a, b in recipes:
             if above.isdisjoint((a, b)) and (one := self._ways(a, budget - 1, have, above)):
                 other = one if a == b else self._ways(b, budget - 1, have, above)
                 both = zip(one, one, strict=True) if a == b else itertools.product(one, other)
-                ways |= {way for way_a, way_b in both if len(way := way_a | way_b | {pair}) <= budget}
+                ways |= {
+                    way for way_a, way_b in both if len(way := way_a | way_b | {pair}) <= budget
+                }
         return ways
 
     def ordered(self, ways: Iterable[_Way], goal: int, have: frozenset[int]) -> list[Rows]:
@@ -152,11 +162,17 @@ def make_tasks(
     most_plans = graph.recipe_counts[graph.recipes[:, :2]].sum()
     is_complete = depth <= _ENUMERATED_DEPTH and (depth == 1 or bool(most_plans <= MAX_ENUMERATED))
     if is_complete:
-        tasks = {posed: plans for posed in sorted(set(_enumerated(sieve.search, depth))) if (plans := sieve(posed))}
+        tasks = {
+            posed: plans
+            for posed in sorted(set(_enumerated(sieve.search, depth)))
+            if (plans := sieve(posed))
+        }
     else:
         tasks = _drawn(sieve, _Draw(sieve, weighting, seed), limit)
     if not tasks:
-        where = "" if part == "all" else f" in the {part} part ({len(sieve.mixed)} belong to no part)"
+        where = (
+            "" if part == "all" else f" in the {part} part ({len(sieve.mixed)} belong to no part)"
+        )
         raise TaskError(f"{graph.name} has no task of depth {depth}{where}.")
     return TaskSet(
         graph,
@@ -173,7 +189,9 @@ def make_tasks(
 class _Sieve:
     def __init__(self, search: PlanSearch, depth: int, split: Split | None, part: TaskPart):
         self.search, self.depth, self.part = search, depth, part
-        self.parts: list[int] | None = None if split is None or part == "all" else split.parts.tolist()
+        self.parts: list[int] | None = (
+            None if split is None or part == "all" else split.parts.tolist()
+        )
         self.mixed: set[_Posed] = set()
 
     def __call__(self, posed: _Posed) -> Plans:
@@ -222,12 +240,20 @@ class _Draw:
     """
 
     def __init__(self, sieve: _Sieve, weighting: TaskWeighting, seed: int):
-        self.recipes_of, self.depth, self.weighting = sieve.search.recipes_of, sieve.depth, weighting
+        self.recipes_of, self.depth, self.weighting = (
+            sieve.search.recipes_of,
+            sieve.depth,
+            weighting,
+        )
         self.rng = np.random.default_rng(seed)
         last: dict[int, list[tuple[int, int]]] = {}
         for row, (a, b, result) in enumerate(sieve.search.rows):
             # A test plan may use a test recipe anywhere, but a train plan ends in a train recipe.
-            may_end = sieve.parts is None or sieve.part != "train" or sieve.parts[row] == PARTS.index("train")
+            may_end = (
+                sieve.parts is None
+                or sieve.part != "train"
+                or sieve.parts[row] == PARTS.index("train")
+            )
             if may_end and result not in (a, b):
                 last.setdefault(result, []).append((a, b))
         self.by_goal = list(last.items())

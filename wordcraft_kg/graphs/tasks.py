@@ -72,7 +72,15 @@ class TaskSet:
         return hash(self._content())
 
     def _content(self) -> tuple[object, ...]:
-        return self.graph, self.depth, self.part, self.starts.tobytes(), self.plans, self.is_complete, self.mixed
+        return (
+            self.graph,
+            self.depth,
+            self.part,
+            self.starts.tobytes(),
+            self.plans,
+            self.is_complete,
+            self.mixed,
+        )
 
     def __len__(self) -> int:
         return len(self.goals)
@@ -80,7 +88,9 @@ class TaskSet:
     def __getitem__(self, index: int) -> Task:
         graph = self.graph
         start = [entity for entity in self.starts[index].tolist() if entity < graph.num_entities]
-        plans = tuple(tuple(graph.recipe_labels(graph.recipes[list(rows)])) for rows in self.plans[index])
+        plans = tuple(
+            tuple(graph.recipe_labels(graph.recipes[list(rows)])) for rows in self.plans[index]
+        )
         return Task(graph.entities[self.goals[index]], graph.labels(start), self.depth, plans)
 
     def __iter__(self) -> Iterator[Task]:
@@ -104,7 +114,9 @@ class TaskSet:
     def final_pairs(self) -> Ids:
         """Numbers of the ingredient pairs that make each task's goal in a plan, shape (N, F), padded with -1."""
         pair = self.graph.pair_of_recipe.tolist()
-        return frozen(padded([sorted({pair[plan[-1]] for plan in plans}) for plans in self.plans], -1))
+        return frozen(
+            padded([sorted({pair[plan[-1]] for plan in plans}) for plans in self.plans], -1)
+        )
 
     def weights(self, weighting: TaskWeighting = "task") -> NDArray[np.float64]:
         """Return sampling probabilities (N,): uniform over tasks, or over goals and then over a goal's tasks."""
@@ -121,7 +133,13 @@ def replay(graph: RecipeGraph, start: Iterable[Entity], plan: Iterable[Recipe]) 
         missing = {recipe.ingredient_a, recipe.ingredient_b} - at_hand
         results = graph.labels(graph.results(recipe.ingredient_a, recipe.ingredient_b))
         if missing or recipe.result not in results:
-            reason = f"{', '.join(sorted(missing))} is not at hand" if missing else "there is no such recipe"
-            raise TaskError(f"{recipe.ingredient_a} + {recipe.ingredient_b} -> {recipe.result}: {reason}.")
+            reason = (
+                f"{', '.join(sorted(missing))} is not at hand"
+                if missing
+                else "there is no such recipe"
+            )
+            raise TaskError(
+                f"{recipe.ingredient_a} + {recipe.ingredient_b} -> {recipe.result}: {reason}."
+            )
         at_hand.update(results)
     return frozenset(at_hand)

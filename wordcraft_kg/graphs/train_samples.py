@@ -63,7 +63,9 @@ class TrainSample:
     @cached_property
     def hash(self) -> str:
         """SHA-256 hash of the graph and the training results."""
-        return hashlib.sha256(self.graph.hash.encode() + self.results.astype("<i8").tobytes()).hexdigest()
+        return hashlib.sha256(
+            self.graph.hash.encode() + self.results.astype("<i8").tobytes()
+        ).hexdigest()
 
 
 def check_train_sample(kg: str, train_fraction: float, label_noise: float) -> None:
@@ -71,7 +73,11 @@ def check_train_sample(kg: str, train_fraction: float, label_noise: float) -> No
     number_in("train_fraction", train_fraction, SMALLEST, 1, "more than 0 and at most 1")
     number_in("label_noise", label_noise, 0, 1, "0 to 1")
     if kg != "partial" and is_subsample(train_fraction, label_noise):
-        setting = f"`train_fraction` {train_fraction:g}" if train_fraction < 1 else f"`label_noise` {label_noise:g}"
+        setting = (
+            f"`train_fraction` {train_fraction:g}"
+            if train_fraction < 1
+            else f"`label_noise` {label_noise:g}"
+        )
         raise ConfigError(
             f"{setting} needs `kg` partial: a model of the full graph is evaluated on its own training recipes, and a "
             "model of other books has no train recipes."
@@ -92,7 +98,12 @@ def describe_train_sample(train_fraction: float, label_noise: float) -> str:
 
 
 def draw_train_sample(
-    split: Split, train_fraction: float = 1.0, label_noise: float = 0.0, seed: int = 0, *, of_recipe: Ids | None = None
+    split: Split,
+    train_fraction: float = 1.0,
+    label_noise: float = 0.0,
+    seed: int = 0,
+    *,
+    of_recipe: Ids | None = None,
 ) -> TrainSample:
     """Sample train recipes, and replace some results by wrong results.
 
@@ -119,11 +130,17 @@ def draw_train_sample(
     if not len(taken) or (of_recipe is not None and len(np.unique(of_recipe[train[taken]])) < 2):
         expected = "at least one of them" if of_recipe is None else "some in two folds or more"
         raise refuse(
-            "train_fraction", train_fraction, f"more of the {len(train):,} train recipes than {len(taken)}, {expected}"
+            "train_fraction",
+            train_fraction,
+            f"more of the {len(train):,} train recipes than {len(taken)}, {expected}",
         )
     wrong = train[taken[np.argsort(doubt[taken])][: round(label_noise * len(taken))]]
     if label_noise and not len(wrong):
-        raise refuse("label_noise", label_noise, f"at least one of the {len(taken)} recipes with a wrong result, or 0")
+        raise refuse(
+            "label_noise",
+            label_noise,
+            f"at least one of the {len(taken)} recipes with a wrong result, or 0",
+        )
     results = np.full(graph.num_recipes, _OUTSIDE, dtype=np.int64)
     results[train[taken]] = graph.recipes[train[taken], 2]
     parts = graph.triples[graph.triples[:, 1] == COMPONENT_OF]
@@ -136,14 +153,23 @@ def draw_train_sample(
 
 
 def _wrong_results(
-    recipes: Ids, pool: Ids, right: set[tuple[int, int]], rng: np.random.Generator, label_noise: float
+    recipes: Ids,
+    pool: Ids,
+    right: set[tuple[int, int]],
+    rng: np.random.Generator,
+    label_noise: float,
 ) -> list[int]:
     """Draw a wrong result for each recipe (n, 3) from ``pool``; ``right`` has the book's (ingredient, result) pairs."""
     drawn: dict[tuple[int, int, int], None] = {}
     for a, b, _ in recipes.tolist():
         for result in pool[rng.integers(len(pool), size=_TRIES)].tolist():
             is_new = (a, b, result) not in drawn  # a pair may have two wrong results
-            if is_new and result not in (a, b) and (a, result) not in right and (b, result) not in right:
+            if (
+                is_new
+                and result not in (a, b)
+                and (a, result) not in right
+                and (b, result) not in right
+            ):
                 drawn[a, b, result] = None
                 break
         else:

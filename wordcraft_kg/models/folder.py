@@ -62,7 +62,9 @@ def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> 
         return None
     history = _history(files)
     settings = history.config.values()
-    if not history.is_trained or is_subsample(settings.get("train_fraction", 1.0), settings.get("label_noise", 0.0)):
+    if not history.is_trained or is_subsample(
+        settings.get("train_fraction", 1.0), settings.get("label_noise", 0.0)
+    ):
         return open_model(folder, opened.source).train_sample
     return opened.train_sample(settings.get("kg", "none"))
 

@@ -9,7 +9,12 @@ from wordcraft_kg.base.errors import GraphMismatchError
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
-from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample, draw_train_sample, is_subsample
+from wordcraft_kg.graphs.train_samples import (
+    TrainSample,
+    describe_train_sample,
+    draw_train_sample,
+    is_subsample,
+)
 from wordcraft_kg.models.scorers.folder import WEIGHTS
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.config_file import RunConfig
@@ -66,7 +71,9 @@ class Model:
     @property
     def settings(self) -> dict[str, Any]:
         """All training settings by name, without the graph and None values."""
-        return {name: value for name, value in self.history.config.values().items() if name != "graph"}
+        return {
+            name: value for name, value in self.history.config.values().items() if name != "graph"
+        }
 
     @property
     def kg(self) -> TrainedOn:
@@ -88,17 +95,24 @@ class Model:
     @property
     def learned_from(self) -> str:
         """Training fraction and label noise in words; empty for all recipes without noise."""
-        return describe_train_sample(self.settings.get("train_fraction", 1.0), self.settings.get("label_noise", 0.0))
+        return describe_train_sample(
+            self.settings.get("train_fraction", 1.0), self.settings.get("label_noise", 0.0)
+        )
 
     @cached_property
     def train_sample(self) -> TrainSample:
         """The training recipes, with label noise if any; GraphMismatchError for another hash than recorded."""
         split = self.opened.split
-        train_fraction, label_noise = self.settings.get("train_fraction", 1.0), self.settings.get("label_noise", 0.0)
+        train_fraction, label_noise = (
+            self.settings.get("train_fraction", 1.0),
+            self.settings.get("label_noise", 0.0),
+        )
         if (folds := self.scorer.folds) is not None:
             train_sample = folds.train_sample(split.graph)
         elif is_subsample(train_fraction, label_noise):
-            train_sample = draw_train_sample(split, train_fraction, label_noise, self.settings["seed"])
+            train_sample = draw_train_sample(
+                split, train_fraction, label_noise, self.settings["seed"]
+            )
         else:
             train_sample = self.opened.train_sample(self.kg)
         if self.run.inputs.get("train_sample", train_sample.hash) != train_sample.hash:

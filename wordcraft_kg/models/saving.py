@@ -13,7 +13,14 @@ from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.models.model import History
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
-from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, VOCABULARY, WEIGHTS, stored, write_folds, write_scorer
+from wordcraft_kg.models.scorers.folder import (
+    FOLD_OUTPUTS,
+    VOCABULARY,
+    WEIGHTS,
+    stored,
+    write_folds,
+    write_scorer,
+)
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
@@ -70,7 +77,9 @@ def save_scorer(
         >>> open_model(folder).kg
         'partial'
     """
-    config = SavedConfig(opened.source, kg, origin or getattr(scorer, "name", type(scorer).__name__))
+    config = SavedConfig(
+        opened.source, kg, origin or getattr(scorer, "name", type(scorer).__name__)
+    )
     check_scorer(scorer, opened.graph)
     if tuple(scorer.entities) != opened.graph.entities:
         raise GraphMismatchError(

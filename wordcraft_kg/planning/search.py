@@ -64,7 +64,12 @@ class PlanSearch:
 
     @torch.no_grad()
     def values(
-        self, goal: Tensor, table: Tensor, model: Tensor, attempts_left: Tensor, tried: Tensor | None = None
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        attempts_left: Tensor,
+        tried: Tensor | None = None,
     ) -> Tensor:
         """Return log Q for all pairs of slots, shape (B, A, A), from :data:`NO_PLAN` to 0; -inf for empty slots.
 
@@ -75,11 +80,17 @@ class PlanSearch:
         slots = table.shape[1]
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
         for number in attempts_left.clamp(1, MAX_ATTEMPTS).unique().tolist():
-            for rows in self._chunks((attempts_left.clamp(1, MAX_ATTEMPTS) == number).nonzero()[:, 0], number, slots):
+            for rows in self._chunks(
+                (attempts_left.clamp(1, MAX_ATTEMPTS) == number).nonzero()[:, 0], number, slots
+            ):
                 past = None if tried is None else tried[rows]
-                values[rows] = self._values(goal[rows], table[rows], model[rows], number, past)[0].amax(1)
+                values[rows] = self._values(goal[rows], table[rows], model[rows], number, past)[
+                    0
+                ].amax(1)
         is_empty = table == self.knowledge.num_entities
-        return values.clamp(min=NO_PLAN).masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
+        return values.clamp(min=NO_PLAN).masked_fill(
+            is_empty[:, :, None] | is_empty[:, None], -torch.inf
+        )
 
     @torch.no_grad()
     def plan(
@@ -96,7 +107,9 @@ class PlanSearch:
         steps: list[tuple[int, int, int, float]] = []
         table, (one, other), device = list(table), pair, self.device
         for left in range(min(attempts_left, MAX_ATTEMPTS), 0, -1):
-            goals, tables, models = (torch.tensor(part, device=device) for part in ([goal], [table], [model]))
+            goals, tables, models = (
+                torch.tensor(part, device=device) for part in ([goal], [table], [model])
+            )
             values, results = self._values(goals, tables, models, left, tried)
             if steps:
                 one, other = divmod(int(values[0].amax(0).argmax()), len(table))
@@ -107,7 +120,9 @@ class PlanSearch:
             is_goal = int(result) == goal
             pairs = torch.tensor([one], device=device), torch.tensor([other], device=device)
             prior = 0.0 if is_goal else INTERMEDIATE
-            chance = self.curve.log_probabilities(self.knowledge, result, tables, models, pairs, prior=prior)
+            chance = self.curve.log_probabilities(
+                self.knowledge, result, tables, models, pairs, prior=prior
+            )
             steps.append((table[one], table[other], int(result), float(chance.exp())))
             if is_goal:
                 break
@@ -118,7 +133,9 @@ class PlanSearch:
         width = self._width(number)
         wide = slots + width * (number > 2)
         one = (width + 1) * wide * (wide + 1) // 2
-        check_memory("plan_width", width, "candidate plans", 200 * one + 4 * width ** max(number - 1, 0))
+        check_memory(
+            "plan_width", width, "candidate plans", 200 * one + 4 * width ** max(number - 1, 0)
+        )
         yield from rows.split(max(1, SCORES // one))
 
     def _width(self, number: int) -> int:
@@ -135,7 +152,9 @@ class PlanSearch:
         width = candidates.shape[1]
         wide = torch.cat([table, candidates], dim=1)
         # With two attempts left, two candidates can never be combined.
-        to_goal = self._log_probabilities(goal, wide, model, tried, most=slots if number == 2 else None)
+        to_goal = self._log_probabilities(
+            goal, wide, model, tried, most=slots if number == 2 else None
+        )
         sources = wide if number > 2 else table
         rows = torch.arange(len(goal), device=goal.device).repeat_interleave(width)
         past = None if tried is None else tried[rows]
@@ -153,13 +172,17 @@ class PlanSearch:
         if number == 2:
             after = torch.maximum(finish, direct[:, None])
         else:
-            of_new = to_candidates[:, :, new].transpose(1, 2)  # (B, x, y, S): x with an entity makes y
+            of_new = to_candidates[:, :, new].transpose(
+                1, 2
+            )  # (B, x, y, S): x with an entity makes y
             itself = of_new[..., new].diagonal(dim1=1, dim2=3).transpose(1, 2)
             begin = torch.maximum(of_new[..., :slots].amax(3), itself)
             pairs = of_new[..., new].permute(0, 3, 1, 2)  # (B, a, x, y): a and x make y
             of_pairs = of_table.flatten(2).amax(2)
             after = _after(of_pairs, finish, direct, begin, last[:, :, new], pairs, number - 1)
-        values = torch.cat([to_goal[:, None, :slots, :slots], of_table + after[:, :, None, None] - FURTHER], dim=1)
+        values = torch.cat(
+            [to_goal[:, None, :slots, :slots], of_table + after[:, :, None, None] - FURTHER], dim=1
+        )
         return values, torch.cat([goal[:, None], candidates], dim=1)
 
     def _log_probabilities(
@@ -177,7 +200,9 @@ class PlanSearch:
         one, other = torch.triu_indices(slots, slots, device=table.device)
         if most is not None:
             one, other = torch.stack([one, other])[:, (one < most) | (one == other)]
-        of_pairs = self.curve.log_probabilities(self.knowledge, goal, table, model, (one, other), prior=prior)
+        of_pairs = self.curve.log_probabilities(
+            self.knowledge, goal, table, model, (one, other), prior=prior
+        )
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
         values[:, one, other] = values[:, other, one] = of_pairs
         values.masked_fill_(empty[:, :, None] | empty[:, None], -torch.inf)
@@ -211,7 +236,13 @@ class PlanSearch:
 
 
 def _after(
-    begin: Tensor, finish: Tensor, direct: Tensor, steps: Tensor, last: Tensor, pairs: Tensor, number: int
+    begin: Tensor,
+    finish: Tensor,
+    direct: Tensor,
+    steps: Tensor,
+    last: Tensor,
+    pairs: Tensor,
+    number: int,
 ) -> Tensor:
     """Return the log-probability of the best plan after making each candidate, same shape as ``finish``.
 

@@ -10,7 +10,12 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
-from wordcraft_kg.models.policies.sources.source import Attempts, Evidence, ScoreView, check_constants
+from wordcraft_kg.models.policies.sources.source import (
+    Attempts,
+    Evidence,
+    ScoreView,
+    check_constants,
+)
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge, knowledge_of
 from wordcraft_kg.models.scorers.protocol import TripleScorer
@@ -39,7 +44,9 @@ class BestPlan(BestRecipe):
     reads_attempts: ClassVar[bool] = True
     curve: Tensor
 
-    def __init__(self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None):
+    def __init__(
+        self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None
+    ):
         super().__init__(num_entities, knowledge, fold_of_recipe)
         self._search: PlanSearch | None = None
         self.register_load_state_dict_post_hook(_forget)
@@ -47,7 +54,9 @@ class BestPlan(BestRecipe):
     @classmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
         whole, folded = whole_of(scorer), folds_of(scorer)
-        curve = folded.probabilities.recipes if folded is not None and folded.probabilities else None
+        curve = (
+            folded.probabilities.recipes if folded is not None and folded.probabilities else None
+        )
         if not isinstance(whole, RecipeScorer) or curve is None:
             raise ConfigError(
                 f"`use` p needs probabilities of recipes, and {getattr(scorer, 'name', 'this scorer')} has none. Train "
@@ -64,7 +73,11 @@ class BestPlan(BestRecipe):
     def serves(scorer: TripleScorer) -> bool:
         """Return whether a scorer has the probabilities of recipes that this source needs."""
         folded = folds_of(scorer)
-        return folded is not None and folded.probabilities is not None and folded.probabilities.recipes is not None
+        return (
+            folded is not None
+            and folded.probabilities is not None
+            and folded.probabilities.recipes is not None
+        )
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
@@ -83,11 +96,17 @@ class BestPlan(BestRecipe):
             self._search = PlanSearch(self.knowledge, curve, width=int(width))
         return self._search
 
-    def pair_scores(self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None) -> Tensor:
+    def pair_scores(
+        self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None
+    ) -> Tensor:
         """Return log Q for all slot pairs, shape (B, A, A); ValueError without ``attempts``."""
         if attempts is None:
-            raise ValueError("the source p needs `attempts`: the number of attempts left in each state.")
-        attempts = Attempts(*attempts)  # environment wrappers, which know no models, pass a plain pair
+            raise ValueError(
+                "the source p needs `attempts`: the number of attempts left in each state."
+            )
+        attempts = Attempts(
+            *attempts
+        )  # environment wrappers, which know no models, pass a plain pair
         return self.search.values(goal, table, model, attempts.left, self._tried(table, attempts))
 
     def _tried(self, table: Tensor, attempts: Attempts) -> Tensor | None:
@@ -105,9 +124,14 @@ class BestPlan(BestRecipe):
         nothing, links = torch.zeros(size, size), torch.zeros(size, size)
         for part in (0, 1):
             links[recipes[:, part].copy(), recipes[:, 2].copy()] = KNOWN_LINK
-        source = cls(size, knowledge_of(recipes, torch.eye(size), nothing, (nothing, links), (nothing, links)))
+        source = cls(
+            size,
+            knowledge_of(recipes, torch.eye(size), nothing, (nothing, links), (nothing, links)),
+        )
         impossible = [10 * NO_PLAN] * KINDS
-        source.register_buffer("curve", torch.tensor([*impossible, 0.0, 0.0, 0.0], dtype=torch.float64))
+        source.register_buffer(
+            "curve", torch.tensor([*impossible, 0.0, 0.0, 0.0], dtype=torch.float64)
+        )
         return source
 
     def evidence(  # noqa: D102 - inherited
@@ -124,18 +148,26 @@ class BestPlan(BestRecipe):
         models, left, entities = self.model_of(task), int(attempts.left), table[0].tolist()
         model = 0 if models is None else int(models)
         # Without empty slots, with a selection that is not on the table
-        at_hand = [one for one in dict.fromkeys((*entities, int(selection))) if one != self.num_entities]
+        at_hand = [
+            one for one in dict.fromkeys((*entities, int(selection))) if one != self.num_entities
+        ]
         tried = self._tried(torch.tensor([at_hand], device=table.device), attempts)
 
         def planned(entity: int, one: Evidence) -> Evidence:
             pair = at_hand.index(entity), at_hand.index(one.partner)
-            plan = self.search.plan(int(goal), at_hand, pair, model=model, attempts_left=left, tried=tried)
+            plan = self.search.plan(
+                int(goal), at_hand, pair, model=model, attempts_left=left, tried=tried
+            )
             if not plan:
                 return one
-            supporting = self.knowledge.supporting_recipes(entity, one.partner, plan[0][2], model=model, limit=3)
+            supporting = self.knowledge.supporting_recipes(
+                entity, one.partner, plan[0][2], model=model, limit=3
+            )
             return Evidence(one.partner, tuple(supporting), tuple(plan))
 
-        return tuple(one and planned(entity, one) for entity, one in zip(entities, evidence, strict=True))
+        return tuple(
+            one and planned(entity, one) for entity, one in zip(entities, evidence, strict=True)
+        )
 
 
 def _forget(source: nn.Module, _: object) -> None:

@@ -36,7 +36,10 @@ def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]])
         for part, points in parts.items()
     ]
     return charts.curves(
-        {name: [(at.step, at.success, at.low, at.high) for at in points] for name, _, _, points in named},
+        {
+            name: [(at.step, at.success, at.low, at.high) for at in points]
+            for name, _, _, points in named
+        },
         "environment steps",
         "greedy success",
         "Success on train and test tasks over training",
@@ -51,7 +54,10 @@ def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
     colours = source_colours()
     curves = {f"{label_of(curve.source).coefficient} {curve.action}": curve for curve in lambdas}
     return charts.curves(
-        {name: [(step, value, None, None) for step, value in curve.points] for name, curve in curves.items()},
+        {
+            name: [(step, value, None, None) for step, value in curve.points]
+            for name, curve in curves.items()
+        },
         "environment steps",
         "mean mixing weight (λ) in the last batch",
         f"Mixing weights of {agent} over training",
@@ -60,7 +66,9 @@ def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
     )
 
 
-def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve]]]) -> list[Markup]:
+def pictures_of_figures(
+    figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve]]],
+) -> list[Markup]:
     """Draw a chart for each logged statistic with a curve for each run, from the curves by agent and statistic."""
     pictures = []
     for figure, title in FIGURES.items():
@@ -71,20 +79,30 @@ def pictures_of_figures(figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve
         }
         if runs:
             picture = charts.curves(
-                {name: [(step, value, None, None) for step, value in run[2].points] for name, run in runs.items()},
+                {
+                    name: [(step, value, None, None) for step, value in run[2].points]
+                    for name, run in runs.items()
+                },
                 "environment steps",
                 title,
                 f"{title} over training, a curve for each seed".capitalize(),
                 percent=figure == "test_success",
                 colours={name: number for name, (number, _, _) in runs.items()},
                 # The first seed's curve carries the agent's name.
-                labels={name: agent for agent, name in {run[1]: name for name, run in reversed(runs.items())}.items()},
+                labels={
+                    name: agent
+                    for agent, name in {
+                        run[1]: name for name, run in reversed(runs.items())
+                    }.items()
+                },
             )
             pictures.append(picture)
     return pictures
 
 
-def contribution_bar(contributions: Mapping[str, float], scale: float, colours: Mapping[str, int]) -> Markup:
+def contribution_bar(
+    contributions: Mapping[str, float], scale: float, colours: Mapping[str, int]
+) -> Markup:
     """Draw terms by name as a bar from the middle, positive to the right; half the width is ``scale``."""
     half, height = 70.0, 12
     ends = {True: half, False: half}
@@ -115,7 +133,9 @@ def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
         for to_the_right in (True, False)
     )
     by_logit = sorted(step.slots, key=lambda slot: slot.logit, reverse=True)
-    return [(slot, contribution_bar(slot.contributions, scale, source_colours())) for slot in by_logit]
+    return [
+        (slot, contribution_bar(slot.contributions, scale, source_colours())) for slot in by_logit
+    ]
 
 
 ACTIONS: dict[str, Any] = {

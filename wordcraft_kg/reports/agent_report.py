@@ -28,14 +28,24 @@ def make_agent_report(
     episodes: int = 2,
 ) -> Report[AgentsView]:
     """Evaluate agents by :func:`~wordcraft_kg.evaluation.agents.view_agents`; return the report, ready to write."""
-    view = view_agents(groups, part=part, distractors=distractors, distractor_seeds=distractor_seeds, episodes=episodes)
+    view = view_agents(
+        groups,
+        part=part,
+        distractors=distractors,
+        distractor_seeds=distractor_seeds,
+        episodes=episodes,
+    )
     return Report(
         view,
         "agent_report.html.j2",
         {
             "success": _success(view),
-            "curves": agent_pictures.picture_of_success({agent.name: agent.curves for agent in view.agents}),
-            "training": agent_pictures.pictures_of_figures({agent.name: agent.training for agent in view.agents}),
+            "curves": agent_pictures.picture_of_success(
+                {agent.name: agent.curves for agent in view.agents}
+            ),
+            "training": agent_pictures.pictures_of_figures(
+                {agent.name: agent.training for agent in view.agents}
+            ),
             "lambdas": {
                 agent.name: agent_pictures.picture_of_lambdas(agent.name, agent.lambdas)
                 for agent in view.agents
@@ -43,7 +53,11 @@ def make_agent_report(
             },
             "slices": _pictures_of_slices(view),
         },
-        shown={"min_seeds": _MIN_SEEDS, "colours": agent_pictures.source_colours(), "actions": agent_pictures.ACTIONS},
+        shown={
+            "min_seeds": _MIN_SEEDS,
+            "colours": agent_pictures.source_colours(),
+            "actions": agent_pictures.ACTIONS,
+        },
     )
 
 
@@ -75,7 +89,11 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, tuple[str, Markup]]:
                 {label for rows in groups.values() for label in rows},
                 key=lambda label: -1 if label == NEVER else int(re.split("[–+]", label)[0]),
             )
-            cells: dict[str, Any] = {name: [rows.get(label) for label in labels] for name, rows in groups.items()}
-            picture = charts.dots(labels, cells, axis, f"success on {view.part} tasks", f"Success by {axis}")
+            cells: dict[str, Any] = {
+                name: [rows.get(label) for label in labels] for name, rows in groups.items()
+            }
+            picture = charts.dots(
+                labels, cells, axis, f"success on {view.part} tasks", f"Success by {axis}"
+            )
             pictures[key] = (heading, picture)
     return pictures

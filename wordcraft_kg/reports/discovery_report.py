@@ -19,19 +19,29 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
     colours = {name: number for number, name in enumerate((*view.players, _PEOPLE))}
     known: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     repeated: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
-    columns = (table[name].tolist() for name in ("player", "attempt", "mean", "low", "high", "repeated"))
+    columns = (
+        table[name].tolist() for name in ("player", "attempt", "mean", "low", "high", "repeated")
+    )
     for name, attempt, mean, low, high, repeat in zip(*columns, strict=True):
         # Bounds are equal if all runs agree, and NaN for a single run.
         known[name].append((attempt, mean, *((low, high) if low < high else (None, None))))
         repeated[name].append((attempt, repeat, None, None))
-    known[_PEOPLE] = [(attempt, mean, None, None) for attempt, mean in HUMAN_CURVE.items() if attempt <= view.attempts]
-    repeats = {name: points for name, points in repeated.items() if any(point[1] for point in points)}
+    known[_PEOPLE] = [
+        (attempt, mean, None, None)
+        for attempt, mean in HUMAN_CURVE.items()
+        if attempt <= view.attempts
+    ]
+    repeats = {
+        name: points for name, points in repeated.items() if any(point[1] for point in points)
+    }
     about = "Mean number of entities known after each attempt"
     pictures = {"known": charts.curves(known, "attempts", "entities known", about, colours=colours)}
     if repeats:
         share = "share of the attempts so far"
         about = f"Mean {share} that combined a pair tried before"
-        pictures["repeated"] = charts.curves(repeats, "attempts", share, about, percent=True, colours=colours)
+        pictures["repeated"] = charts.curves(
+            repeats, "attempts", share, about, percent=True, colours=colours
+        )
     return render_page(
         "discovery_report.html.j2",
         report=view,

@@ -23,7 +23,9 @@ def _term(label: Label) -> Term:
     return Term("Agents", label.words, label.meaning or label.about, label.symbol)
 
 
-_TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(Path(__file__).with_suffix(".toml").read_text("utf-8"))
+_TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(
+    Path(__file__).with_suffix(".toml").read_text("utf-8")
+)
 GLOSSARY = {
     **{label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())},
     **{key: Term(topic, *term) for topic, terms in _TERMS.items() for key, term in terms.items()},

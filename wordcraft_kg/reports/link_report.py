@@ -44,12 +44,18 @@ def make_link_report(
     seed: int = 0,
 ) -> Report[LinkView]:
     """Evaluate a link predictor; return the report. Arguments as ``rank_links`` and ``view_links``."""
-    links = rank_links(scorer, opened, kg, train_sample=train_sample, max_queries=max_queries, seed=seed)
+    links = rank_links(
+        scorer, opened, kg, train_sample=train_sample, max_queries=max_queries, seed=seed
+    )
     view = view_links(links, name=name, provenance=provenance, trace=trace, seed=seed)
     return Report(
         view,
         "link_report.html.j2",
-        {**_pictures_of_ranks(view), **_pictures_of_probabilities(view), **_pictures_of_training(view)},
+        {
+            **_pictures_of_ranks(view),
+            **_pictures_of_probabilities(view),
+            **_pictures_of_training(view),
+        },
         shown={"relations": RELATIONS, "players": PLAYERS},
         tables={"ranks.csv": labelled(links.graph, links.ranks)},
     )
@@ -66,15 +72,25 @@ def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
         for row in view.probabilities
         if not row.reason
     }
-    return {"probabilities": charts.log_reliability(series, "Share of true triples against their probability")}
+    return {
+        "probabilities": charts.log_reliability(
+            series, "Share of true triples against their probability"
+        )
+    }
 
 
 def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
     compared = [(view.model.name, view.metrics["all"])]
-    compared += [(GLOSSARY[row.baseline].name, view.baselines[row.baseline]["all"]) for row in view.comparisons]
+    compared += [
+        (GLOSSARY[row.baseline].name, view.baselines[row.baseline]["all"])
+        for row in view.comparisons
+    ]
     return {
         "baselines": charts.intervals(
-            [(name, (estimate.mrr or 0.0, *(estimate.mrr_ci or (None, None)))) for name, estimate in compared],
+            [
+                (name, (estimate.mrr or 0.0, *(estimate.mrr_ci or (None, None))))
+                for name, estimate in compared
+            ],
             "filtered MRR, with 95 % intervals",
             "Filtered MRR of the model and of each baseline",
             reference=view.metrics["all"].mrr,
@@ -84,24 +100,36 @@ def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
 
 def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
     loss = [(row.epoch, row.loss, None, None) for row in view.trace]
-    valid = [(row.epoch, row.valid_mrr, None, None) for row in view.trace if row.valid_mrr is not None]
+    valid = [
+        (row.epoch, row.valid_mrr, None, None) for row in view.trace if row.valid_mrr is not None
+    ]
     pictures = {}
     if loss:
-        pictures["loss"] = charts.curves({"loss": loss}, "epoch", "training loss", "Training loss by epoch")
+        pictures["loss"] = charts.curves(
+            {"loss": loss}, "epoch", "training loss", "Training loss by epoch"
+        )
     if valid:
-        pictures["valid"] = charts.curves({"MRR": valid}, "epoch", "validation MRR", "Validation MRR by epoch")
+        pictures["valid"] = charts.curves(
+            {"MRR": valid}, "epoch", "validation MRR", "Validation MRR by epoch"
+        )
     return pictures
 
 
 def comparison_page(view: LinkComparison) -> str:
     """Render a comparison between link predictors as an HTML page: MRR, and differences to the first model."""
     mrr = charts.intervals(
-        [(model.name, (model.mrr or 0.0, *(model.mrr_ci or (None, None)))) for model in view.models],
+        [
+            (model.name, (model.mrr or 0.0, *(model.mrr_ci or (None, None))))
+            for model in view.models
+        ],
         "filtered MRR, 95 % over recipes",
         "MRR of each model with its interval",
     )
     differences = charts.intervals(
-        [(model.name, (model.difference or 0.0, *(model.difference_ci or (None, None)))) for model in view.models],
+        [
+            (model.name, (model.difference or 0.0, *(model.difference_ci or (None, None))))
+            for model in view.models
+        ],
         f"difference of MRR to {view.models[0].name}, paired",
         f"Difference of each model's MRR to that of {view.models[0].name} with its interval",
         reference=0.0,

@@ -41,7 +41,9 @@ class Outline:
             anchor += f"-{slug}"
         self.headings[anchor] = title
         remark = Markup(' <span class="ci">{}</span>').format(note) if note else ""
-        return Markup('<h2 id="{}"><a href="#{}">{}</a>{}</h2>').format(anchor, anchor, title, remark)
+        return Markup('<h2 id="{}"><a href="#{}">{}</a>{}</h2>').format(
+            anchor, anchor, title, remark
+        )
 
     def term(self, key: str, text: str | None = None) -> Markup:
         """Record a glossary term (KeyError if unknown); return its name or ``text``, with the meaning as a tooltip."""
@@ -111,7 +113,9 @@ class Report(Generic[V]):
 def render(report: Report[Any]) -> str:
     """Return a report's page as self-contained HTML."""
     data = ("report.json", *report.tables, *report.files)
-    return render_page(report.template, data=data, report=report.view, pictures=report.pictures, **report.shown)
+    return render_page(
+        report.template, data=data, report=report.view, pictures=report.pictures, **report.shown
+    )
 
 
 @stage("writing the report")
@@ -129,6 +133,8 @@ def _write(report: Report[Any], out: Path, *, force: bool) -> None:
         write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
         write_atomically(folder / "index.html", render(report))
         for name, table in report.tables.items():
-            write_atomically(folder / name, table.to_csv(index=False, lineterminator="\n", float_format="%.6g"))
+            write_atomically(
+                folder / name, table.to_csv(index=False, lineterminator="\n", float_format="%.6g")
+            )
         for name, content in report.files.items():
             write_atomically(folder / name, content)

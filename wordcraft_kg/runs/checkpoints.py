@@ -48,8 +48,13 @@ class Checkpoints(Generic[P]):
 
     def records(self) -> dict[int, Path]:
         """Return the JSON record paths by checkpoint number, latest first."""
-        matches = ((re.fullmatch(rf"{self.unit}-(\d+)", path.stem), path) for path in self.folder.glob("*.json"))
-        return dict(sorted(((int(match[1]), path) for match, path in matches if match), reverse=True))
+        matches = (
+            (re.fullmatch(rf"{self.unit}-(\d+)", path.stem), path)
+            for path in self.folder.glob("*.json")
+        )
+        return dict(
+            sorted(((int(match[1]), path) for match, path in matches if match), reverse=True)
+        )
 
     def save(self, number: int, tensors: Mapping[str, "Tensor"], progress: P) -> None:
         """Write a checkpoint and the JSON record, then remove all but the last ``kept`` checkpoints."""
@@ -82,12 +87,18 @@ class Checkpoints(Generic[P]):
                 damaged.append(error)
                 continue
             for problem in damaged:
-                logging.getLogger(__name__).warning("%s Resuming from the checkpoint before, %s.", problem, path.stem)
+                logging.getLogger(__name__).warning(
+                    "%s Resuming from the checkpoint before, %s.", problem, path.stem
+                )
             self.last = number
             return checkpoint
         if damaged:
-            raise ArtefactError(f"all checkpoints of '{self.run_folder}' are damaged: {damaged[0]} Train again.")
-        raise ArtefactError(f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with `force`.")
+            raise ArtefactError(
+                f"all checkpoints of '{self.run_folder}' are damaged: {damaged[0]} Train again."
+            )
+        raise ArtefactError(
+            f"'{self.run_folder}' has no checkpoint yet. Wait, or train again with `force`."
+        )
 
     def drop(self) -> None:
         """Remove all checkpoints."""

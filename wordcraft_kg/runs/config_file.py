@@ -81,14 +81,20 @@ def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) ->
     hints = get_type_hints(kind)
     plain, nested = [], dict[str, Any]()
     for field in fields(kind):  # type: ignore[arg-type]
-        groups = [hint for hint in (hints[field.name], *get_args(hints[field.name])) if is_dataclass(hint)]
+        groups = [
+            hint for hint in (hints[field.name], *get_args(hints[field.name])) if is_dataclass(hint)
+        ]
         if groups:
-            group = next((group for group in groups if getattr(group, "command", None) == command), groups[0])
+            group = next(
+                (group for group in groups if getattr(group, "command", None) == command), groups[0]
+            )
             nested[field.name] = _taken(group, settings, command, path)  # type: ignore[arg-type]
         else:
             default = () if field.default is MISSING else (field.default,)
             plain.append((field.name, hints[field.name], *default))
-    given = {name: settings.pop(key) for name, *_ in plain if (key := name.removesuffix("_")) in settings}
+    given = {
+        name: settings.pop(key) for name, *_ in plain if (key := name.removesuffix("_")) in settings
+    }
     taken = as_record(given, defstruct(kind.__name__, plain, kw_only=True), path)
     try:
         return kind(**asdict(taken), **nested)
@@ -104,7 +110,9 @@ def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> Non
         return twin + (os.path.relpath(path, folder) if os.path.exists(path) else path)
 
     given = {key: value for key, value in moved(settings, relative).items() if value is not None}
-    lines = (f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in given.items())  # TOML, as JSON
+    lines = (
+        f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in given.items()
+    )  # TOML, as JSON
     text = "\n".join([f"[{command}]", *lines]) + "\n"
     path = folder / CONFIG_FILE
     if not path.is_file() or path.read_bytes() != text.encode():
@@ -131,14 +139,18 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     except ArtefactError:
         raise
     except (ValueError, AttributeError, RecursionError) as error:
-        raise ArtefactError(f"{path} is damaged ({error}). Train again, or restore a copy.") from None
+        raise ArtefactError(
+            f"{path} is damaged ({error}). Train again, or restore a copy."
+        ) from None
 
 
 def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
     """Return settings with a function applied to all paths: ``graph``, ``scorer``, ``with``, a file in ``features``."""
     result = dict(settings)
     if isinstance(sources := result.get("with"), list | tuple):
-        result["with"] = [change(source) if isinstance(source, str) else source for source in sources]
+        result["with"] = [
+            change(source) if isinstance(source, str) else source for source in sources
+        ]
     for key in ("graph", "scorer", "features"):
         value = result.get(key)
         if not isinstance(value, str):

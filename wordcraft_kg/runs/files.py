@@ -28,7 +28,9 @@ class RunFiles:
         """Return the content of an input or output file, after a SHA-256 check."""
         path = self.folder / name
         data = read_large_file(path)
-        if hashlib.sha256(data).hexdigest() != self.run.outputs.get(name, self.run.inputs.get(name)):
+        if hashlib.sha256(data).hexdigest() != self.run.outputs.get(
+            name, self.run.inputs.get(name)
+        ):
             raise ArtefactError(
                 f"{path} is damaged or was changed: the SHA-256 differs from run.json. Train again, or restore a copy."
             )

@@ -24,7 +24,15 @@ from wordcraft_kg.base.errors import ArtefactError, TrainingError, reason
 from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig
 from wordcraft_kg.runs.interruption import first_interrupt, interruption_message
-from wordcraft_kg.runs.record import RUN_FILE, RunRecord, Status, end_run, read_run, resume_run, start_run
+from wordcraft_kg.runs.record import (
+    RUN_FILE,
+    RunRecord,
+    Status,
+    end_run,
+    read_run,
+    resume_run,
+    start_run,
+)
 
 _BEGUN = ".begun-by-wordcraft-kg"
 """Marks a new folder until the first record; after an earlier kill, the folder can be removed."""
@@ -58,7 +66,13 @@ class RunKind(Generic[P]):
 class RunFolder(Generic[P]):
     """A locked run folder in which this process trains, see :func:`new_run`; Ctrl-C sets ``interrupted``."""
 
-    def __init__(self, path: Path, kind: RunKind[P], interrupted: threading.Event, record: RunRecord | None = None):
+    def __init__(
+        self,
+        path: Path,
+        kind: RunKind[P],
+        interrupted: threading.Event,
+        record: RunRecord | None = None,
+    ):
         self.path, self.kind, self.interrupted = path, kind, interrupted
         self.checkpoints = kind.checkpoints(path)
         self.is_live = False
@@ -70,7 +84,14 @@ class RunFolder(Generic[P]):
         assert self._record is not None, "begin the run first"
         return self._record
 
-    def begin(self, config: RunConfig, *, inputs: Mapping[str, str], files: Sequence[str] = (), **facts: Any) -> None:
+    def begin(
+        self,
+        config: RunConfig,
+        *,
+        inputs: Mapping[str, str],
+        files: Sequence[str] = (),
+        **facts: Any,
+    ) -> None:
         """Write ``config.toml``, and write ``run.json`` with the status ``running``.
 
         ``inputs`` are training data hashes by name; ``files`` names further files that training never changes;
@@ -99,7 +120,9 @@ class RunFolder(Generic[P]):
                 installed,
             )
         config.write(self.path)
-        self._record = resume_run(self.path, self.record, {CONFIG_FILE: sha256_of(self.path / CONFIG_FILE)})
+        self._record = resume_run(
+            self.path, self.record, {CONFIG_FILE: sha256_of(self.path / CONFIG_FILE)}
+        )
         self.is_live = True
 
     @contextmanager
@@ -107,7 +130,15 @@ class RunFolder(Generic[P]):
         """Turn errors from a checkpoint in this block into an ArtefactError that names the run folder."""
         try:
             yield
-        except (KeyError, RuntimeError, TypeError, ValueError, AttributeError, IndexError, OSError) as error:
+        except (
+            KeyError,
+            RuntimeError,
+            TypeError,
+            ValueError,
+            AttributeError,
+            IndexError,
+            OSError,
+        ) as error:
             raise ArtefactError(
                 f"the checkpoint in '{self.path}' does not fit the run ({reason(error)}). Train again."
             ) from None
@@ -172,7 +203,10 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
         with locked(out):
             (out / _BEGUN).touch()
             try:
-                with first_interrupt() as interrupted, _failing(RunFolder(out, kind, interrupted)) as run:
+                with (
+                    first_interrupt() as interrupted,
+                    _failing(RunFolder(out, kind, interrupted)) as run,
+                ):
                     yield run
             finally:
                 if _is_dead(out):
@@ -188,10 +222,15 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
     with locked(folder):
         record = kind.read_record(folder)  # under the lock, the record cannot change
         if record.status == "done":
-            raise ArtefactError(f"'{folder}' is finished and cannot be resumed. Choose an unfinished run.")
+            raise ArtefactError(
+                f"'{folder}' is finished and cannot be resumed. Choose an unfinished run."
+            )
         drop_temporary(folder)
         try:
-            with first_interrupt() as interrupted, _failing(RunFolder(folder, kind, interrupted, record)) as run:
+            with (
+                first_interrupt() as interrupted,
+                _failing(RunFolder(folder, kind, interrupted, record)) as run,
+            ):
                 yield run
         finally:
             _settle(folder)
@@ -202,7 +241,9 @@ def check_run_output(out: Path, *, force: bool) -> None:
     with suppress(ArtefactError):  # without a run, or damaged
         if read_run(out).status != "done":
             return
-        shutil.rmtree(out / "checkpoints", ignore_errors=True)  # left by a run killed after the last record
+        shutil.rmtree(
+            out / "checkpoints", ignore_errors=True
+        )  # left by a run killed after the last record
     check_new_run(out, force=force)
 
 
@@ -247,7 +288,9 @@ def locked(folder: Path, use: str = "trained") -> Iterator[None]:
 
 
 def _in_use(folder: Path, use: str = "trained") -> ArtefactError:
-    return ArtefactError(f"'{folder}' is being {use} by another process; wait, or stop the process.")
+    return ArtefactError(
+        f"'{folder}' is being {use} by another process; wait, or stop the process."
+    )
 
 
 def _aside(out: Path) -> Path:

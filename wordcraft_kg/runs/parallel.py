@@ -60,7 +60,9 @@ def not_done(jobs: Iterable[J], kept: Checkpoints[Any]) -> list[J]:
     return [job for job in jobs if not is_done(job)]
 
 
-def train_jobs(jobs: Sequence[Job], threads: int, note: Callable[..., None], *, is_long: bool) -> None:
+def train_jobs(
+    jobs: Sequence[Job], threads: int, note: Callable[..., None], *, is_long: bool
+) -> None:
     """Run all jobs, in parallel processes if the jobs are long and there are enough CPU cores.
 
     ``threads`` is the number of CPU threads per job. ``note`` is called with job number and number of finished steps;

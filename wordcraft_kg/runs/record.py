@@ -21,7 +21,16 @@ from wordcraft_kg.graphs.folder import TrainedOn
 
 RUN_FILE = "run.json"
 _SEED = re.compile(r"seed-(\d+)")
-_PACKAGES = ("torch", "pykeen", "numpy", "pandas", "networkx", "safetensors", "transformers", "sentence-transformers")
+_PACKAGES = (
+    "torch",
+    "pykeen",
+    "numpy",
+    "pandas",
+    "networkx",
+    "safetensors",
+    "transformers",
+    "sentence-transformers",
+)
 Status = Literal["running", "interrupted", "failed", "done"]
 
 
@@ -139,7 +148,9 @@ def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
     """Read a finished run's record as :func:`read_run`; ArtefactError if unfinished, or without ``result``."""
     run = read_run(folder, expected)
     if run.status != "done":
-        raise ArtefactError(f"'{folder}' is {run.status}, not done. Repeat the training command to resume.")
+        raise ArtefactError(
+            f"'{folder}' is {run.status}, not done. Repeat the training command to resume."
+        )
     if result not in run.outputs:
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return run
@@ -155,7 +166,9 @@ def run_folders(path: Path) -> list[Path]:
 
 def run_name(folder: Path) -> str:
     """Return a display name for a run: the folder name; for a folder ``seed-N``, ``<parent folder>-seed-N``."""
-    folder = Path(os.path.realpath(folder))  # Path.resolve raises on a loop of links before Python 3.13
+    folder = Path(
+        os.path.realpath(folder)
+    )  # Path.resolve raises on a loop of links before Python 3.13
     return f"{folder.parent.name}-{folder.name}" if _SEED.fullmatch(folder.name) else folder.name
 
 
@@ -188,7 +201,14 @@ def _git_state() -> GitState | None:
         return None
     try:
         commit, changes = (
-            subprocess.run(["git", *arguments], cwd=root, capture_output=True, text=True, check=True, timeout=10).stdout
+            subprocess.run(
+                ["git", *arguments],
+                cwd=root,
+                capture_output=True,
+                text=True,
+                check=True,
+                timeout=10,
+            ).stdout
             for arguments in (["rev-parse", "HEAD"], ["status", "--porcelain"])
         )
     except (OSError, subprocess.SubprocessError):

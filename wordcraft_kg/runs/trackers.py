@@ -70,9 +70,18 @@ class WeightsAndBiases:
         disabled = ["disable_code", "disable_git", "disable_job_creation"]
         disabled += ["x_disable_machine_info", "x_disable_meta", "x_disable_stats"]
         empty = dict.fromkeys(("host", "program", "username"), "")
-        options = {"console": "off", "mode": "offline", "silent": True, "x_save_requirements": False}
-        private = wandb.Settings(root_dir=str(folder), **options, **empty, **dict.fromkeys(disabled, True))
-        self._run = wandb.init(project=PROJECT, name=folder.name, config=dict(settings), settings=private)
+        options = {
+            "console": "off",
+            "mode": "offline",
+            "silent": True,
+            "x_save_requirements": False,
+        }
+        private = wandb.Settings(
+            root_dir=str(folder), **options, **empty, **dict.fromkeys(disabled, True)
+        )
+        self._run = wandb.init(
+            project=PROJECT, name=folder.name, config=dict(settings), settings=private
+        )
 
     def log(self, step: int, values: Mapping[str, float]) -> None:  # noqa: D102
         self._run.log(dict(values), step=step)
@@ -111,7 +120,10 @@ def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
 
 @contextmanager
 def tracking(
-    run: RunFolder[Any], trackers: Sequence[Tracker | str], settings: Mapping[str, Any], step: int = 0
+    run: RunFolder[Any],
+    trackers: Sequence[Tracker | str],
+    settings: Mapping[str, Any],
+    step: int = 0,
 ) -> Iterator[Log]:
     """Open checked trackers, yield a function that logs to all, and close; ``step`` is of a resumed run."""
     opened: list[Tracker] = []
@@ -124,7 +136,9 @@ def tracking(
     status: Status = "failed"
     try:
         for tracker in trackers:
-            opened.append(TRACKERS[tracker](run.path, settings, step) if isinstance(tracker, str) else tracker)
+            opened.append(
+                TRACKERS[tracker](run.path, settings, step) if isinstance(tracker, str) else tracker
+            )
         yield log
         status = run.record.status
     except KeyboardInterrupt:

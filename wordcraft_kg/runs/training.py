@@ -13,7 +13,14 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.config_file import CONFIG_FILE, RunConfig, moved
 from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind, check_new_run, new_run, resumed_run
+from wordcraft_kg.runs.folder import (
+    Progress,
+    RunFolder,
+    RunKind,
+    check_new_run,
+    new_run,
+    resumed_run,
+)
 from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_run
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 
@@ -54,7 +61,9 @@ class Training(ABC, Generic[C, P, T]):
         return run.checkpoints.load()
 
     @abstractmethod
-    def fit(self, run: RunFolder[P], report: Progress | None, log: Log, checkpoint: Checkpoint[P] | None) -> T:
+    def fit(
+        self, run: RunFolder[P], report: Progress | None, log: Log, checkpoint: Checkpoint[P] | None
+    ) -> T:
         """Train to the end or the first Ctrl-C; unless ``run.is_live``, restore, and call ``run.resume(config)``."""
 
     @classmethod
@@ -97,7 +106,9 @@ def train(
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     trackers = checked_trackers(trackers)
     record = None if force else _earlier(folder, trainer.kind)
-    if record is not None and (record.status != "done" or (keep(folder) if callable(keep) else keep)):
+    if record is not None and (
+        record.status != "done" or (keep(folder) if callable(keep) else keep)
+    ):
         files = RunFiles(folder, record)
         recorded = _checked_settings(files, config, opened, trainer)
         if record.status == "done":
@@ -128,7 +139,10 @@ def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
 
 
 def _resume(
-    training: Training[C, P, T], folder: Path, trackers: Iterable[Tracker | str], progress: Progress | bool | None
+    training: Training[C, P, T],
+    folder: Path,
+    trackers: Iterable[Tracker | str],
+    progress: Progress | bool | None,
 ) -> T:
     kind = training.kind
     with shown(progress, kind.name, kind.unit) as report, resumed_run(folder, kind) as run:
@@ -139,11 +153,15 @@ def _resume(
             return training.fit(run, report, log, checkpoint)
 
 
-def _checked_settings(files: RunFiles, config: C, opened: OpenedGraph, trainer: type[Training[C, P, T]]) -> C:
+def _checked_settings(
+    files: RunFiles, config: C, opened: OpenedGraph, trainer: type[Training[C, P, T]]
+) -> C:
     files.bytes(CONFIG_FILE)
     recorded: C = trainer.config_type.read(files.folder)  # type: ignore[assignment]
     if recorded.command != config.command:
-        raise ConfigError(f"'{files.folder}' was written by {recorded.command}, not {config.command}. {_ADVICE}")
+        raise ConfigError(
+            f"'{files.folder}' was written by {recorded.command}, not {config.command}. {_ADVICE}"
+        )
     given = trainer.input_hashes(config)
     for name, expected in {"graph": opened.graph.hash, "split": opened.split.hash, **given}.items():
         if files.run.inputs.get(name) != expected:
@@ -189,7 +207,18 @@ def train_seeds(
     trackers = list(trackers)
     for seed, config in configs.items():
         folder = parent / f"seed-{seed}"
-        yield seed, train(trainer, config, folder, force=force, keep=True, trackers=trackers, progress=progress(seed))
+        yield (
+            seed,
+            train(
+                trainer,
+                config,
+                folder,
+                force=force,
+                keep=True,
+                trackers=trackers,
+                progress=progress(seed),
+            ),
+        )
 
 
 @contextmanager
@@ -204,7 +233,11 @@ def shown(progress: Progress | bool | None, name: str, unit: str) -> Iterator[Pr
 
         def show(done: int, total: int, figures: dict[str, float]) -> None:
             bar.total = total
-            shown = {name: f"{value:.4g}" for name, value in figures.items() if name not in _SHOWN_BY_TQDM}
+            shown = {
+                name: f"{value:.4g}"
+                for name, value in figures.items()
+                if name not in _SHOWN_BY_TQDM
+            }
             bar.set_postfix(shown, refresh=False)
             bar.update(done - bar.n)
 

@@ -39,7 +39,9 @@ def cell_file(store: Path, task: Task) -> Path:
 def exchange_cells(plan: Plan, root: Path, store: Path) -> int:
     """Copy missing cells between results and store, both ways; ConfigError for a file. Return those taken."""
     if store.is_file():
-        raise ConfigError(f"`store` '{store}' is a file; expected a folder of cells, which may be new.")
+        raise ConfigError(
+            f"`store` '{store}' is a file; expected a folder of cells, which may be new."
+        )
     taken = 0
     for task in (task for task in plan.tasks.values() if task.kind != "graphs"):
         if _is_here(task, root):
@@ -59,10 +61,14 @@ def read_cell(task: Task, store: Path) -> Figures | None:
     try:
         cell = parse_record(read_small_file(path), StoredCell, path)
         if cell.sha256 != hash_of([cell.settings, cell.figures]) or cell.settings != task.settings:
-            raise ArtefactError(f"{path} is damaged or was changed: the hash or the settings do not fit.")
+            raise ArtefactError(
+                f"{path} is damaged or was changed: the hash or the settings do not fit."
+            )
         return as_record(cell.figures, FIGURES[task.kind], path)
     except ArtefactError as error:
-        logging.getLogger(__name__).warning("%s The training is repeated, and the cell replaced.", error)
+        logging.getLogger(__name__).warning(
+            "%s The training is repeated, and the cell replaced.", error
+        )
         return None
 
 
@@ -78,8 +84,16 @@ def keep_cell(task: Task, root: Path, store: Path) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, text)
         except OSError as error:
-            log.warning("the cell of '%s' cannot be written to '%s' (%s).", task.title, store, error.strerror)
-    elif (before.platform, before.versions) == (figures.platform, figures.versions) and path.read_text("utf-8") != text:
+            log.warning(
+                "the cell of '%s' cannot be written to '%s' (%s).",
+                task.title,
+                store,
+                error.strerror,
+            )
+    elif (before.platform, before.versions) == (
+        figures.platform,
+        figures.versions,
+    ) and path.read_text("utf-8") != text:
         log.warning(
             "'%s' has other results than its cell %s, which stays. If the code has changed, raise VERSIONS in "
             "wordcraft_kg/studies/plan.py.",
@@ -90,9 +104,13 @@ def keep_cell(task: Task, root: Path, store: Path) -> None:
 
 def _text(task: Task, figures: Figures) -> str:
     values = as_values(
-        structs.replace(figures, **{name: _UNTIMED[name] for name in _UNTIMED if hasattr(figures, name)})
+        structs.replace(
+            figures, **{name: _UNTIMED[name] for name in _UNTIMED if hasattr(figures, name)}
+        )
     )
-    cell = StoredCell("wordcraft-kg cell 1", hash_of([task.settings, values]), task.settings, values)
+    cell = StoredCell(
+        "wordcraft-kg cell 1", hash_of([task.settings, values]), task.settings, values
+    )
     return json.dumps(as_values(cell), ensure_ascii=False, separators=(",", ":")) + "\n"
 
 

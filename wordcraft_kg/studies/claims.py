@@ -31,7 +31,13 @@ import numpy as np
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.base.statistics import FEWEST_PAIRS, Scores, crossed_difference, rate_interval, student_interval
+from wordcraft_kg.base.statistics import (
+    FEWEST_PAIRS,
+    Scores,
+    crossed_difference,
+    rate_interval,
+    student_interval,
+)
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.results import RunResult, StudyResults, steps_to
 from wordcraft_kg.studies.study import Claim, Expected, Measure, Values, points_at
@@ -88,7 +94,9 @@ class ClaimVerdict(Record, frozen=True):
     measured: tuple[Measured, ...]
 
 
-def view_claims(results: StudyResults, claims: Iterable[Claim] | None = None) -> tuple[ClaimVerdict, ...]:
+def view_claims(
+    results: StudyResults, claims: Iterable[Claim] | None = None
+) -> tuple[ClaimVerdict, ...]:
     """Compare claims (default: the study's claims) with results; a claim has a verdict for each grid point."""
     given = results.study.claims if claims is None else claims
     return tuple(entry for claim in given for entry in check_claim(results, claim))
@@ -112,7 +120,9 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
     return entries + [_verdict(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)]
 
 
-def _verdict(claim: Claim, verdict: Verdict, why: str, measured: tuple[Measured, ...]) -> ClaimVerdict:
+def _verdict(
+    claim: Claim, verdict: Verdict, why: str, measured: tuple[Measured, ...]
+) -> ClaimVerdict:
     seeds = min((of.seeds for of in measured), default=FEWEST_PAIRS)
     if verdict != "undecided" and seeds < FEWEST_PAIRS:
         why += f" (provisional: {counted(seeds, 'seed')})"
@@ -155,11 +165,17 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> tuple[list[int
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
     seeds, a, b = _sides(results, claim, point)
     low, high = _interval(claim, a, b)
-    left, right, tasks = float(a.mean()), float(b.mean()), a.shape[1] if claim.measure == "success" else 0
+    left, right, tasks = (
+        float(a.mean()),
+        float(b.mean()),
+        a.shape[1] if claim.measure == "success" else 0,
+    )
     return Measured(point, left, right, left - right, low, high, len(seeds), tasks)
 
 
-def _check_runs(results: StudyResults, claim: Claim, point: Values, runs: Sequence[RunResult]) -> None:
+def _check_runs(
+    results: StudyResults, claim: Claim, point: Values, runs: Sequence[RunResult]
+) -> None:
     names = f"'{claim.left}' and '{claim.right}'"
     if not runs:
         raise ConfigError(f"no common seed for {names}, {_point(point)}")
@@ -172,8 +188,12 @@ def _check_runs(results: StudyResults, claim: Claim, point: Values, runs: Sequen
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
     runs = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
     if not runs:
-        reasons = [lost.why for lost in results.missing if lost.variant == variant and lost.values == point]
-        raise ConfigError(f"no runs for '{variant}', {_point(point)}: {reasons[0] if reasons else 'not in the study'}")
+        reasons = [
+            lost.why for lost in results.missing if lost.variant == variant and lost.values == point
+        ]
+        raise ConfigError(
+            f"no runs for '{variant}', {_point(point)}: {reasons[0] if reasons else 'not in the study'}"
+        )
     return runs
 
 
@@ -239,14 +259,20 @@ def _comparable(low: float, high: float, by: float) -> tuple[Verdict, str]:
 
 
 def _varies(
-    results: StudyResults, claim: Claim, measured: Sequence[Measured], intervals: Sequence[tuple[float, float]]
+    results: StudyResults,
+    claim: Claim,
+    measured: Sequence[Measured],
+    intervals: Sequence[tuple[float, float]],
 ) -> tuple[Verdict, str]:
     lows, highs = zip(*intervals, strict=True)
     more = [_point(of.values) for of, low in zip(measured, lows, strict=True) if low > 0]
     less = [_point(of.values) for of, high in zip(measured, highs, strict=True) if high < 0]
     if more and less:
         right = claim.right or f"{claim.than:g}"
-        return "reproduced", f"{claim.left} is ahead with {'; '.join(more)}, {right} with {'; '.join(less)}"
+        return (
+            "reproduced",
+            f"{claim.left} is ahead with {'; '.join(more)}, {right} with {'; '.join(less)}",
+        )
     if len(measured) in (len(more), len(less)):
         everywhere = f"{'more' if more else 'less'} at all {counted(len(measured), 'point')}"
         if any(_changes(results, claim, *pair) for pair in combinations(measured, 2)):
@@ -260,11 +286,17 @@ def _varies(
 def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured) -> bool:
     """Return whether the difference of the sides surely changes between two points, paired by seed and task."""
     (seeds, *left), (others, *right) = (_sides(results, claim, of.values) for of in (one, other))
-    tasks = [{results.tasks_of(run) for run in _runs(results, claim.left, of.values).values()} for of in (one, other)]
+    tasks = [
+        {results.tasks_of(run) for run in _runs(results, claim.left, of.values).values()}
+        for of in (one, other)
+    ]
     common = sorted({*seeds} & {*others})
     if tasks[0] != tasks[1] or len(common) < FEWEST_PAIRS:
         return max(one.low or 0, other.low or 0) > min(one.high or 0, other.high or 0)
-    paired = [(a - b)[[of.index(seed) for seed in common]] for of, (a, b) in ((seeds, left), (others, right))]
+    paired = [
+        (a - b)[[of.index(seed) for seed in common]]
+        for of, (a, b) in ((seeds, left), (others, right))
+    ]
     low, high = _interval(msgspec.structs.replace(claim, than=None), *paired)
     return (low or 0) > 0 or (high or 0) < 0
 
@@ -274,7 +306,9 @@ def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:
     left, right = (f"{mark}{side}{mark}" for side in claim.sides)
     interval = "" if measured.low is None else f" [{signed(measured.low)}, {signed(measured.high)}]"
     other = claim.sides[1] if claim.is_value else f"{right} {share(measured.right)}"
-    size = counted(measured.seeds, "seed") + (f", {counted(measured.tasks, 'task')}" if measured.tasks else "")
+    size = counted(measured.seeds, "seed") + (
+        f", {counted(measured.tasks, 'task')}" if measured.tasks else ""
+    )
     sides = f"{left} {share(measured.left)} against {other}"
     return f"{_MEASURES[claim.measure]}{sides}: {signed(measured.difference)}{interval} ({size})"
 

@@ -19,7 +19,13 @@ from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import FIGURES, check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
 from wordcraft_kg.studies.results import StudyResults, read_figures
-from wordcraft_kg.studies.store import collect_study, forget_failure, note_failure, own_results, write_plan
+from wordcraft_kg.studies.store import (
+    collect_study,
+    forget_failure,
+    note_failure,
+    own_results,
+    write_plan,
+)
 from wordcraft_kg.studies.study import Study, check_study
 from wordcraft_kg.studies.tasks import Outcome, Task
 
@@ -109,10 +115,21 @@ class _Engine:
 
     def _missing(self) -> dict[str, Task]:
         tasks = self.plan.tasks
-        missing = {address: task for address, task in tasks.items() if not self._is_present(task, is_done)}
+        missing = {
+            address: task for address, task in tasks.items() if not self._is_present(task, is_done)
+        }
         for kind in ("scorers", "graphs"):  # a damaged scorer needs a graph
-            needed = {tasks[address] for task in missing.values() for address in task.needs if address not in missing}
-            for task in (task for task in needed if task.kind == kind and not self._is_present(task, check_whole)):
+            needed = {
+                tasks[address]
+                for task in missing.values()
+                for address in task.needs
+                if address not in missing
+            }
+            for task in (
+                task
+                for task in needed
+                if task.kind == kind and not self._is_present(task, check_whole)
+            ):
                 shutil.rmtree(task.folder(self.root))
                 missing[task.address] = task
         return missing
@@ -127,7 +144,9 @@ class _Engine:
     def _work(self, workers: LocalWorkers) -> None:
         is_full = False
         while self.state.running or (self._waiting and not is_full):
-            while not is_full and len(self.state.running) < workers.places and (task := self._next()):
+            while (
+                not is_full and len(self.state.running) < workers.places and (task := self._next())
+            ):
                 forget_failure(self.root, task.address)  # from an earlier call
                 self.state.running[task.address] = time.monotonic()
                 workers.start(task)
@@ -161,21 +180,31 @@ class _Engine:
         self._fail(task, outcome)
         for other in [other for other in self._waiting.values() if task.address in other.needs]:
             del self._waiting[other.address]
-            self._fail(other, Outcome(other.address, "failed", f"{task.title} failed: {outcome.error}"))
+            self._fail(
+                other, Outcome(other.address, "failed", f"{task.title} failed: {outcome.error}")
+            )
 
     def _fail(self, task: Task, outcome: Outcome) -> None:
         self.state.failed[task.address] = outcome
         try:
             note_failure(self.root, task, outcome)
         except OSError as error:  # the disk may be full
-            logging.getLogger(__name__).warning("why '%s' failed cannot be kept (%s).", task.title, error.strerror)
+            logging.getLogger(__name__).warning(
+                "why '%s' failed cannot be kept (%s).", task.title, error.strerror
+            )
 
     def _show(self) -> None:
         if self.watch:
             self.watch(self.plan, self.state)
 
 
-_STEPS_PER_SECOND = {"none": 55_000, "u,v": 42_000, "w": 26_000, "random": 20_000, "one-hot": 13_000}
+_STEPS_PER_SECOND = {
+    "none": 55_000,
+    "u,v": 42_000,
+    "w": 26_000,
+    "random": 20_000,
+    "one-hot": 13_000,
+}
 """By scorer sources or, without a scorer, by vectors above 50 dimensions; on one core, with 8 distractors."""
 _SECONDS_OF_SCORER = {"train-complex": 70.0, "train-links": 120.0, "train-recipes": 50.0}
 """Duration with folds, for a book of 700 entities."""
@@ -197,7 +226,11 @@ def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
         if seconds:
             measured[_sort(task)].append(seconds / _usual(task))
     needed = {address for task in left.values() for address in task.needs}
-    left |= {address: plan.tasks[address] for address in needed if not (root / address / RUN_FILE).exists()}
+    left |= {
+        address: plan.tasks[address]
+        for address in needed
+        if not (root / address / RUN_FILE).exists()
+    }
     factors = {sort: median(ratios) for sort, ratios in measured.items()}
     return sum(_usual(task) * factors.get(_sort(task), 1.0) for task in left.values()) / 3600
 
@@ -216,7 +249,11 @@ def _sort(task: Task) -> str:
 
 def _usual(task: Task) -> float:
     if task.kind == "runs":
-        return _START + task.settings["settings"].get("steps", ImpalaConfig.steps) / _STEPS_PER_SECOND[_sort(task)]
+        return (
+            _START
+            + task.settings["settings"].get("steps", ImpalaConfig.steps)
+            / _STEPS_PER_SECOND[_sort(task)]
+        )
     return _SECONDS_OF_SCORER.get(_sort(task), 1.0)
 
 
@@ -255,5 +292,7 @@ def run_study(
     check_study(study)
     root, plan = Path(out), make_plan(study, name)
     number, work = plan.jobs(jobs), partial(perform, keep_all=keep_all)
-    run_plan(plan, root, lambda: LocalWorkers(root, number, work, plan.threads), watch=watch, store=store)
+    run_plan(
+        plan, root, lambda: LocalWorkers(root, number, work, plan.threads), watch=watch, store=store
+    )
     return collect_study(root, name)

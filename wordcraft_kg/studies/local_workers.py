@@ -47,13 +47,21 @@ class LocalWorkers:
 
     def start(self, task: Task) -> None:
         """Send a task to an idle process."""
-        number = next(i for i, place in enumerate(self._places) if place is None or place.task is None)
+        number = next(
+            i for i, place in enumerate(self._places) if place is None or place.task is None
+        )
         place = self._places[number]
-        self._begin(number, place if place and place.process.is_alive() else self._started(number), task, 1)
+        self._begin(
+            number, place if place and place.process.is_alive() else self._started(number), task, 1
+        )
 
     def wait(self, seconds: float) -> list[Outcome]:
         """Return outcomes for finished tasks after at most ``seconds``; a task whose process died is repeated once."""
-        busy = {place.connection: (number, place) for number, place in enumerate(self._places) if place and place.task}
+        busy = {
+            place.connection: (number, place)
+            for number, place in enumerate(self._places)
+            if place and place.task
+        }
         outcomes = []
         for ready in wait(list(busy), timeout=seconds):
             number, place = busy[ready]  # type: ignore[index]
@@ -129,7 +137,9 @@ def _threads_of(threads: int) -> Iterator[None]:
         os.environ.update(before)
 
 
-def _work(connection: Connection, root: Path, perform: _Perform, own: list[int], parent: int) -> None:
+def _work(
+    connection: Connection, root: Path, perform: _Perform, own: list[int], parent: int
+) -> None:
     # A training takes Ctrl-C as a request to write a checkpoint; between trainings, ignore the signal.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):

@@ -24,14 +24,25 @@ from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import agent_config, scorer_config
-from wordcraft_kg.studies.results import FIGURES_FILE, Figures, RunFigures, ScorerFigures, read_figures, write_figures
+from wordcraft_kg.studies.results import (
+    FIGURES_FILE,
+    Figures,
+    RunFigures,
+    ScorerFigures,
+    read_figures,
+    write_figures,
+)
 from wordcraft_kg.studies.tasks import Kind, Outcome, Task
 
 if TYPE_CHECKING:
     from wordcraft_kg.runs.training import Training
 
 T = TypeVar("T")
-FIGURES: dict[Kind, type[Figures]] = {"graphs": Figures, "scorers": ScorerFigures, "runs": RunFigures}
+FIGURES: dict[Kind, type[Figures]] = {
+    "graphs": Figures,
+    "scorers": ScorerFigures,
+    "runs": RunFigures,
+}
 _LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
 """Run files that its figures do not need: tens of megabytes each."""
 
@@ -73,8 +84,12 @@ def make_graph(task: Task, root: Path, book: str) -> None:
     recipes = open_book(book)
     graph = RecipeGraph.from_book(recipes)
     split = make_split(graph, SplitConfig(**task.settings["split"]))
-    if graph.hash != task.settings["graph"] or split.hash != task.settings.get("split_hash", split.hash):
-        raise ArtefactError(f"the book '{book}' has changed since the study was planned; repeat the command.")
+    if graph.hash != task.settings["graph"] or split.hash != task.settings.get(
+        "split_hash", split.hash
+    ):
+        raise ArtefactError(
+            f"the book '{book}' has changed since the study was planned; repeat the command."
+        )
     write_graph_folder(folder, recipes, split, force=True)
     write_figures(folder, Figures(seconds=0.0, versions={"wordcraft-kg": version("wordcraft-kg")}))
 
@@ -93,7 +108,9 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
     except WordCraftKGError as error:
         return Outcome(task.address, "failed", str(error), disk_full=_is_disk_full(error))
     except Exception as error:
-        return Outcome(task.address, "failed", reason(error), traceback.format_exc(), _is_disk_full(error))
+        return Outcome(
+            task.address, "failed", reason(error), traceback.format_exc(), _is_disk_full(error)
+        )
     return Outcome(task.address, "done" if is_finished else "interrupted")
 
 
@@ -111,7 +128,9 @@ def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: 
 
     with suppress(ArtefactError):
         begun_with = read_run(folder).inputs
-        if any(begun_with.get(name) != value for name, value in trainer.input_hashes(config).items()):
+        if any(
+            begun_with.get(name) != value for name, value in trainer.input_hashes(config).items()
+        ):
             _clear(folder)  # a damaged scorer was trained again on another machine
     try:
         return train(trainer, config, folder, keep=True)
@@ -136,7 +155,9 @@ def _run(task: Task, root: Path, keep_all: bool) -> bool:
     config = agent_config(task.settings["settings"], graph, scorer[0] if scorer else None)
     if _trained(AgentTraining, config, folder).interrupted:
         return False
-    write_figures(folder, replace(_run_figures(folder, open_graph(graph)), platform=platform_of(task.device)))
+    write_figures(
+        folder, replace(_run_figures(folder, open_graph(graph)), platform=platform_of(task.device))
+    )
     if not keep_all:
         for name in _LARGE:
             (folder / name).unlink()
@@ -161,7 +182,11 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
         success={name: rate.mean for name, rate in summary.success.items()},
         by_plan={name: rate.by_plan for name, rate in summary.success.items()},
         terminations={str(name): share for name, share in summary.outcomes[part].items()},
-        won="".join(f"{round(task.success * distractor_seeds)}" for task in read_episodes(folder) if task.part == part),
+        won="".join(
+            f"{round(task.success * distractor_seeds)}"
+            for task in read_episodes(folder)
+            if task.part == part
+        ),
         distractor_seeds=distractor_seeds,
         curve=curve,
         steps=summary.steps,
@@ -206,7 +231,9 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
     def make(recipes):  # type: ignore[no-untyped-def]
         if name == "kernel":
             return KernelScorer(whole, recipes, glove_features(whole.entities).vectors)
-        return {"facts": SymbolicScorer, "neighbours": NeighbourScorer}[name](whole, recipe_triples(recipes))
+        return {"facts": SymbolicScorer, "neighbours": NeighbourScorer}[name](
+            whole, recipe_triples(recipes)
+        )
 
     is_full = settings.get("kg", "partial") == "full"
     scorer = make(whole.recipes) if is_full else cross_fit(opened.split, make)
@@ -223,4 +250,6 @@ def _scorer_figures(folder: Path, seconds: float) -> ScorerFigures:
     if model.kg == "partial" and len(unseen):
         ranked = rank_triples(model.scorer, sampled_for(graph, unseen), graph.triples)
         mrr = round(mean_reciprocal_rank(ranked), 6)
-    return ScorerFigures(seconds=round(seconds, 3), versions=model.run.versions, mrr=mrr, kg=model.kg)
+    return ScorerFigures(
+        seconds=round(seconds, 3), versions=model.run.versions, mrr=mrr, kg=model.kg
+    )

@@ -62,8 +62,12 @@ def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
     return kind(**{**_IN_STUDIES.get(kind, {}), **settings})
 
 
-DEFAULTS_OF_AGENT = {name: value for kind in _PART_OF_AGENT.values() for name, value in defaults_of(kind).items()}
-DEFAULTS_OF_GRAPH = {name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for name, field in OF_GRAPH.items()}
+DEFAULTS_OF_AGENT = {
+    name: value for kind in _PART_OF_AGENT.values() for name, value in defaults_of(kind).items()
+}
+DEFAULTS_OF_GRAPH = {
+    name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for name, field in OF_GRAPH.items()
+}
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,11 @@ class Plan:
 
     def jobs(self, wanted: int | None) -> int:
         """Return the number of parallel tasks: ``wanted`` (ConfigError out of range), or as many as the cores allow."""
-        return max(cores() // self.threads, 1) if wanted is None else whole("jobs", wanted, 1, MAX_THREADS)
+        return (
+            max(cores() // self.threads, 1)
+            if wanted is None
+            else whole("jobs", wanted, 1, MAX_THREADS)
+        )
 
 
 def make_plan(study: Study, name: str) -> Plan:
@@ -96,9 +104,19 @@ def make_plan(study: Study, name: str) -> Plan:
     planner = _Planner(study)
     cells = tuple(cells_of(study))
     # First seeds for all variants first: an interrupted study has figures for each variant.
-    runs = {number: planner.run(cells[number]) for number in sorted(range(len(cells)), key=lambda i: cells[i].seed)}
+    runs = {
+        number: planner.run(cells[number])
+        for number in sorted(range(len(cells)), key=lambda i: cells[i].seed)
+    }
     _refuse_equal(cells, runs)
-    return Plan(name, study, cells, tuple(runs[number] for number in range(len(cells))), planner.tasks, planner.books)
+    return Plan(
+        name,
+        study,
+        cells,
+        tuple(runs[number] for number in range(len(cells))),
+        planner.tasks,
+        planner.books,
+    )
 
 
 def _refuse_equal(cells: Sequence[Cell], runs: Mapping[int, str]) -> None:
@@ -108,7 +126,9 @@ def _refuse_equal(cells: Sequence[Cell], runs: Mapping[int, str]) -> None:
     names: dict[tuple[str, ...], str] = {}
     for name, addresses in by_variant.items():
         if (other := names.setdefault(tuple(addresses), name)) != name:
-            raise ConfigError(f"variants '{other}' and '{name}' are the same trainings; remove the duplicate.")
+            raise ConfigError(
+                f"variants '{other}' and '{name}' are the same trainings; remove the duplicate."
+            )
 
 
 class _Planner:
@@ -159,13 +179,19 @@ class _Planner:
         name = cell.settings.get(SCORER)
         if name is None:
             return None
-        own = {key.removeprefix(f"{SCORER}."): v for key, v in cell.settings.items() if key.startswith(f"{SCORER}.")}
+        own = {
+            key.removeprefix(f"{SCORER}."): v
+            for key, v in cell.settings.items()
+            if key.startswith(f"{SCORER}.")
+        }
         settings = {**self.study.scorers[str(name)], **own}
         command = str(settings.pop("command"))
         unknown = settings.keys() - SCORER_SETTINGS[command]
         if unknown:
             wrong = min(unknown)
-            raise ConfigError(f"{command} has no setting '{SCORER}.{wrong}'.{nearest(wrong, SCORER_SETTINGS[command])}")
+            raise ConfigError(
+                f"{command} has no setting '{SCORER}.{wrong}'.{nearest(wrong, SCORER_SETTINGS[command])}"
+            )
         if settings.get("share") == 0:
             return None
         threads, device = 1, "cpu"
@@ -187,7 +213,9 @@ class _Planner:
         return self._add("scorers", described, title, (graph,), threads, device)
 
     def _agent(self, cell: Cell, graph: str, scorer: str | None) -> str:
-        given: dict[str, Any] = {name: value for name, value in cell.settings.items() if name in OF_AGENT}
+        given: dict[str, Any] = {
+            name: value for name, value in cell.settings.items() if name in OF_AGENT
+        }
         if scorer is None and SCORER in cell.settings:
             given = {name: value for name, value in given.items() if name not in KNOWLEDGE_SETTINGS}
         given["seed"] = cell.seed
@@ -196,13 +224,21 @@ class _Planner:
             given["eval_every"] = max(steps // _CURVE_POINTS, 1)
         config = agent_config(given, graph, scorer)
         has_cost = ImpalaConfig.has_scorer_cost(config.policy.sources, config.tasks.depth)
-        given["scorer_cost"] = given.get("scorer_cost", ImpalaConfig.scorer_cost) if has_cost else 0.0
-        settings = {name: v for kind in _PART_OF_AGENT.values() for name, v in _not_default(given, kind).items()}
+        given["scorer_cost"] = (
+            given.get("scorer_cost", ImpalaConfig.scorer_cost) if has_cost else 0.0
+        )
+        settings = {
+            name: v
+            for kind in _PART_OF_AGENT.values()
+            for name, v in _not_default(given, kind).items()
+        }
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
         needs = (graph,) if scorer is None else (graph, scorer)
-        return self._add("runs", described, title, needs, config.trainer.threads, config.trainer.device)
+        return self._add(
+            "runs", described, title, needs, config.trainer.threads, config.trainer.device
+        )
 
     def _content(self, features: Value | None) -> dict[str, str]:
         spec = FeatureSpec.parse(LEARNED if features is None else str(features))
@@ -215,7 +251,11 @@ class _Planner:
             raise refuse("features", features, expected, nearest(str(features), names))
         if spec.source not in self._files:
             path = path / ENCODED if path.is_dir() else path
-            labels = [path.with_suffix(end) for end in (".labels.txt", ".txt")] if path.suffix.lower() == ".npy" else []
+            labels = (
+                [path.with_suffix(end) for end in (".labels.txt", ".txt")]
+                if path.suffix.lower() == ".npy"
+                else []
+            )
             hashes = [sha256_of(file) for file in (path, *labels) if file.is_file()]
             self._files[spec.source] = " ".join(hashes)
         return {"content": self._files[spec.source]}
@@ -228,7 +268,9 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
     """
     settings = {**_IN_STUDIES[ImpalaConfig], **settings}
     parts = {
-        name: kind(**{field.name: settings[field.name] for field in fields(kind) if field.name in settings})
+        name: kind(
+            **{field.name: settings[field.name] for field in fields(kind) if field.name in settings}
+        )
         for name, kind in _PART_OF_AGENT.items()
     }
     return replace(AgentConfig(graph, scorer), **parts)
@@ -247,7 +289,11 @@ def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> No
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
     defaults = defaults_of(kind)
-    return {name: settings[name] for name in defaults if name in settings and settings[name] != defaults[name]}
+    return {
+        name: settings[name]
+        for name in defaults
+        if name in settings and settings[name] != defaults[name]
+    }
 
 
 def _values(values: Mapping[str, Any]) -> str:

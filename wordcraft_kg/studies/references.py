@@ -63,7 +63,10 @@ class ReferenceTable(Record, frozen=True):
 
 
 def view_references(
-    opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int] = DISTRACTORS, external: Sequence[Path] = ()
+    opened: OpenedGraph,
+    play: TaskPlay | OpenPlay,
+    columns: Sequence[int] = DISTRACTORS,
+    external: Sequence[Path] = (),
 ) -> ReferenceTable:
     """Return a table with published results, scripted players for missing columns, and the user's results.
 
@@ -96,9 +99,15 @@ def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPla
     return OpenPlay(opened.graph.labels(Discovery(opened.graph, base).base))
 
 
-def scripted_rows(opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]) -> tuple[ReferenceRow, ...]:
+def scripted_rows(
+    opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]
+) -> tuple[ReferenceRow, ...]:
     """Evaluate scripted players on tasks with these distractor counts, or in open-ended play; return a row for each."""
-    return tuple(_task_rows(opened, play, columns) if isinstance(play, TaskPlay) else _open_rows(opened, play))
+    return tuple(
+        _task_rows(opened, play, columns)
+        if isinstance(play, TaskPlay)
+        else _open_rows(opened, play)
+    )
 
 
 def scorer_rows(
@@ -123,10 +132,16 @@ READERS["scorers"] = ResultReader(MODEL, is_model, _own_scorers)
 
 
 def _task_rows(
-    opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], model: tuple[str, Model] | None = None
+    opened: OpenedGraph,
+    play: TaskPlay,
+    columns: Sequence[int],
+    model: tuple[str, Model] | None = None,
 ) -> Iterator[ReferenceRow]:
     config = WordCraftConfig(
-        part=play.part, depth=play.depth, max_attempts=play.attempts, num_distractors=max(columns, default=0)
+        part=play.part,
+        depth=play.depth,
+        max_attempts=play.attempts,
+        num_distractors=max(columns, default=0),
     )
     view = view_baselines(opened, opened.graph.name, config, columns, model, seed=_SEED)
     options = f"--part {play.part} --depth {play.depth} --distractors {','.join(map(str, columns))}"
@@ -140,7 +155,8 @@ def _task_rows(
             kind=_kind(player),
             measure="success",
             figures=figures_of(
-                {column: of[player, column] for column in columns}, {column: own[player, column] for column in columns}
+                {column: of[player, column] for column in columns},
+                {column: own[player, column] for column in columns},
             ),
             origin="ours",
             source=f"wordcraft-kg evaluate-agent {opened.graph.name} {options}",
@@ -153,13 +169,17 @@ def _task_rows(
 
 
 def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
-    view, _ = view_discovery(opened.graph, _OPEN_PLAYERS, attempts=MARKS[-1], runs=RUNS, seed=_SEED, base=play.base)
+    view, _ = view_discovery(
+        opened.graph, _OPEN_PLAYERS, attempts=MARKS[-1], runs=RUNS, seed=_SEED, base=play.base
+    )
     for player, known in view.players.items():
         yield ReferenceRow(
             player=player,
             kind=_kind(player),
             measure="entities known",
-            figures=figures_of({int(mark): (at.mean, at.low, at.high) for mark, at in known.items()}),
+            figures=figures_of(
+                {int(mark): (at.mean, at.low, at.high) for mark, at in known.items()}
+            ),
             origin="ours",
             source=f"wordcraft-kg discover {opened.graph.name} --base '{','.join(play.base)}'",
             play=play,
@@ -174,7 +194,9 @@ def in_order(rows: Sequence[ReferenceRow]) -> tuple[ReferenceRow, ...]:
     return tuple(sorted(rows, key=lambda row: (_KINDS.index(row.kind), row.origin == "external")))
 
 
-def _merged(known: Sequence[ReferenceRow], now: Sequence[ReferenceRow], columns: Sequence[int]) -> list[ReferenceRow]:
+def _merged(
+    known: Sequence[ReferenceRow], now: Sequence[ReferenceRow], columns: Sequence[int]
+) -> list[ReferenceRow]:
     more = {row.player: row for row in now}
     rows = []
     for row in known:

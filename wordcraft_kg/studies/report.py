@@ -35,7 +35,9 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "tables": tables_of(view),
             "notes": notes(view),
             "origin_in_words": origin_in_words,
-            "correlation": lambda of: with_bounds(of.value, (of.low, of.high), ".2f") if of else "–",
+            "correlation": lambda of: (
+                with_bounds(of.value, (of.low, of.high), ".2f") if of else "–"
+            ),
             "title": title_of,
             "words": in_words,
             "claims": [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))],
@@ -53,10 +55,15 @@ def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
     """Yield a caption and a chart for each grid point; a "scatter" study has a single chart for all scorer settings."""
     if view.drawing == "scatter" and view.scatters:
         for title in dict.fromkeys(title_of(scatter.values) for scatter in view.scatters):
-            yield title, _scatter(view, [one for one in view.scatters if title_of(one.values) == title])
+            yield (
+                title,
+                _scatter(view, [one for one in view.scatters if title_of(one.values) == title]),
+            )
         return
     for point in view.points:
-        is_curve = view.drawing == "curves" and any(len(entry.curve) > 1 for entry in point.variants)
+        is_curve = view.drawing == "curves" and any(
+            len(entry.curve) > 1 for entry in point.variants
+        )
         yield point.title, (_curves if is_curve else _bars)(view, point)
 
 
@@ -94,7 +101,9 @@ def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
     for scatter in scatters:
         for at in scatter.points:
             name = at.variant if several else "in-sample" if scatter.in_sample else "cross-fitted"
-            series.setdefault(name, []).append((at.label, (at.mrr, *at.mrr_range), (at.success, *at.interval)))
+            series.setdefault(name, []).append(
+                (at.label, (at.mrr, *at.mrr_range), (at.success, *at.interval))
+            )
     without = next((scatter.without for scatter in scatters if scatter.without is not None), None)
     return charts.scatter(
         series,

@@ -57,7 +57,16 @@ class TableGame(Record):
 SEEN = "knows the recipes of the test tasks"
 OVER_SEEDS = "95 %, over seeds and tasks"
 OVER_TASKS = "95 %, bootstrap over tasks"
-_NO_RESULT = ("seed", "graph", "scorer", "threads", "device", "log_every", "eval_every", "checkpoint_every")
+_NO_RESULT = (
+    "seed",
+    "graph",
+    "scorer",
+    "threads",
+    "device",
+    "log_every",
+    "eval_every",
+    "checkpoint_every",
+)
 _SHOWN = ("steps", "distractors")
 """Training settings that do not change the figures, and settings with a separate column or remark."""
 
@@ -79,8 +88,12 @@ class ResultReader:
 
     expected: str
     knows: Callable[[Path], bool]
-    task_rows: Callable[[Sequence[Path], OpenedGraph, TaskPlay, Sequence[int]], Sequence[ReferenceRow]]
-    open_rows: Callable[[Sequence[Path], OpenedGraph, OpenPlay], Sequence[ReferenceRow]] | None = None
+    task_rows: Callable[
+        [Sequence[Path], OpenedGraph, TaskPlay, Sequence[int]], Sequence[ReferenceRow]
+    ]
+    open_rows: Callable[[Sequence[Path], OpenedGraph, OpenPlay], Sequence[ReferenceRow]] | None = (
+        None
+    )
     games: Callable[[Path, OpenedGraph], Iterable[TableGame]] | None = None
 
 
@@ -112,8 +125,12 @@ def read_table_games(opened: OpenedGraph, path: Path) -> tuple[TableGame, ...]:
     games = tuple(reader.games(path, opened))
     if not games:
         raise ConfigError(f"'{path}' has no games on tasks.")
-    if unknown := {label for game in games for label in (game.goal, *game.table)}.difference(opened.graph.entities):
-        raise ArtefactError(f"'{path}' is damaged: {opened.graph.name} has no entity '{min(unknown)}'.")
+    if unknown := {label for game in games for label in (game.goal, *game.table)}.difference(
+        opened.graph.entities
+    ):
+        raise ArtefactError(
+            f"'{path}' is damaged: {opened.graph.name} has no entity '{min(unknown)}'."
+        )
     return games
 
 
@@ -121,7 +138,9 @@ def _reader_of(path: Path, readers: Sequence[ResultReader]) -> ResultReader:
     for reader in readers:
         if reader.knows(path):
             return reader
-    raise ConfigError(f"'{path}' {what_is(path)}; expected {', '.join(reader.expected for reader in readers)}.")
+    raise ConfigError(
+        f"'{path}' {what_is(path)}; expected {', '.join(reader.expected for reader in readers)}."
+    )
 
 
 def begins_with(path: Path, form: str) -> bool:
@@ -161,7 +180,9 @@ def agent_rows(
                 f"--external-results: '{agent.name}' has different task settings than the table: {agent.config.tasks}."
             )
         check_tasks(agent.name, its, play)
-    world = World(opened, next(iter(groups.values()))[0].config.tasks.environment(play.part, columns[0]))
+    world = World(
+        opened, next(iter(groups.values()))[0].config.tasks.environment(play.part, columns[0])
+    )
     estimates: dict[str, dict[int, Estimate]] = {name: {} for name in groups}
     own: dict[str, dict[int, float]] = {name: {} for name in groups}
     for column in columns:
@@ -171,7 +192,9 @@ def agent_rows(
                 played = [evaluator(PolicyPlayer(agent.policy)) for agent in members]
                 rates = [result.success.mean(axis=1) for result in played]
                 mean = sum(float(rate.mean()) for rate in rates) / len(rates)
-                own[name][column] = sum(float(result.by_plan.mean()) for result in played) / len(rates)
+                own[name][column] = sum(float(result.by_plan.mean()) for result in played) / len(
+                    rates
+                )
                 estimates[name][column] = (mean, *rate_interval(rates))
     rows = []
     for name, members in groups.items():
@@ -180,7 +203,11 @@ def agent_rows(
                 f"--external-results: '{name}' plays with {members[0].config.tasks.distractors} distractors only; "
                 f"add this number to --distractors {','.join(map(str, columns))}."
             )
-        rows.append(_agent_row(name, members, figures_of(estimates[name], own[name]), play, origin, evaluator))
+        rows.append(
+            _agent_row(
+                name, members, figures_of(estimates[name], own[name]), play, origin, evaluator
+            )
+        )
     return tuple(rows)
 
 
@@ -193,7 +220,11 @@ def _agent_row(
     evaluator: Evaluator,
 ) -> ReferenceRow:
     config = members[0].config
-    settings = {key: str(value) for key, value in config.differing().items() if key not in _NO_RESULT + _SHOWN}
+    settings = {
+        key: str(value)
+        for key, value in config.differing().items()
+        if key not in _NO_RESULT + _SHOWN
+    }
     steps_done = sorted({agent.metrics[-1].step if agent.metrics else 0 for agent in members})
     trained = {
         "steps": ", ".join(f"{number:,}" for number in steps_done),
@@ -236,5 +267,7 @@ def _own_agents(
     return agent_rows(group_agents(agents), opened, play, columns, "external")
 
 
-AGENTS = ResultReader("a run folder of 'train-agent' or a folder of its seeds", _is_run, _own_agents)
+AGENTS = ResultReader(
+    "a run folder of 'train-agent' or a folder of its seeds", _is_run, _own_agents
+)
 READERS: Registry[ResultReader] = Registry("wordcraft_kg.result_readers", {"agents": AGENTS})

@@ -26,7 +26,11 @@ def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
     before, lower = 0, level
     for step, value in curve:
         if value >= level:
-            return step if lower >= level else step - (step - before) * (value - level) / (value - lower)
+            return (
+                step
+                if lower >= level
+                else step - (step - before) * (value - level) / (value - lower)
+            )
         before, lower = step, value
     return math.inf
 
@@ -114,7 +118,9 @@ class StudyResults(Record, frozen=True):
 def results_text(results: StudyResults) -> str:
     """Return a study's results as JSON text with a line for each training, for readable diffs."""
     values = as_values(results)
-    runs = ",\n".join(json.dumps(run, ensure_ascii=False, separators=(",", ":")) for run in values.pop("runs"))
+    runs = ",\n".join(
+        json.dumps(run, ensure_ascii=False, separators=(",", ":")) for run in values.pop("runs")
+    )
     return f'{json.dumps(values, ensure_ascii=False)[:-1]}, "runs": [\n{runs}\n]}}\n'
 
 
@@ -155,7 +161,11 @@ class RunFigures(Figures, frozen=True, kw_only=True):
 def write_figures(folder: Path, figures: Figures) -> None:
     """Write a task's results with a hash to ``figures.json`` in the task's folder; the file marks the task as done."""
     values = as_values(figures)
-    write_atomically(folder / FIGURES_FILE, dump_json({"sha256": hash_of(values), "figures": values}), durable=True)
+    write_atomically(
+        folder / FIGURES_FILE,
+        dump_json({"sha256": hash_of(values), "figures": values}),
+        durable=True,
+    )
 
 
 def read_figures(folder: Path, kind: type[F]) -> F:
@@ -175,4 +185,6 @@ def read_figures(folder: Path, kind: type[F]) -> F:
 
 def hash_of(values: Any) -> str:
     """Return the SHA-256 of JSON values."""
-    return hashlib.sha256(json.dumps(values, sort_keys=True, ensure_ascii=False).encode()).hexdigest()
+    return hashlib.sha256(
+        json.dumps(values, sort_keys=True, ensure_ascii=False).encode()
+    ).hexdigest()

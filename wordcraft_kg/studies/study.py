@@ -42,7 +42,9 @@ OF_GRAPH = {
     "valid_ratio": "valid_ratio",
 }
 """Graph settings by option: ``book``, and :class:`SplitConfig` fields."""
-OF_AGENT = {field.name: kind for kind in (TaskConfig, PolicyConfig, ImpalaConfig) for field in fields(kind)}
+OF_AGENT = {
+    field.name: kind for kind in (TaskConfig, PolicyConfig, ImpalaConfig) for field in fields(kind)
+}
 SCORER = "scorer"
 """The setting that names a scorer in the study; ``scorer.epochs`` is a setting for that scorer."""
 _PLAIN_SCORERS = ("facts", "neighbours", "kernel")
@@ -130,7 +132,11 @@ class Cell(Record, frozen=True):
 
 def built_in() -> list[str]:
     """Return the built-in studies' names."""
-    return sorted(path.name.removesuffix(".toml") for path in BUILT_IN.iterdir() if path.name.endswith(".toml"))
+    return sorted(
+        path.name.removesuffix(".toml")
+        for path in BUILT_IN.iterdir()
+        if path.name.endswith(".toml")
+    )
 
 
 def read_study(source: str | Path) -> Study:
@@ -171,9 +177,13 @@ def parse_study(text: str, source: str) -> Study:
     return study
 
 
-def adapted(study: Study, *, book: str | None = None, steps: int | None = None, seeds: int | None = None) -> Study:
+def adapted(
+    study: Study, *, book: str | None = None, steps: int | None = None, seeds: int | None = None
+) -> Study:
     """Return a study with another book, steps or seeds; ConfigError if the study varies the setting."""
-    given: Values = {name: value for name, value in (("book", book), ("steps", steps)) if value is not None}
+    given: Values = {
+        name: value for name, value in (("book", book), ("steps", steps)) if value is not None
+    }
     for name in given:
         tables: list[dict[str, Any]] = [study.grid, *study.points, *study.variants.values()]
         if any(name in table for table in tables):
@@ -188,7 +198,9 @@ def check_study(study: Study, source: str = "study") -> None:
     """Raise ConfigError for the first unknown, wrong or contradictory name or setting in a study."""
     whole("seeds", study.seeds, 1, 1_000)
     if not study.variants:
-        raise ConfigError(f'{source}: no variants; expected at least one table [variants."a name"].')
+        raise ConfigError(
+            f'{source}: no variants; expected at least one table [variants."a name"].'
+        )
     if study.reference and study.reference not in study.variants:
         raise ConfigError(
             f"{source}: reference '{study.reference}' is not a variant; expected {', '.join(study.variants)}."
@@ -231,7 +243,9 @@ def _check_settings(study: Study, source: str) -> None:
         _known(source, where, table, known)
         twice = [name for name in table if where.startswith("variants.") and name in varied]
         if twice:
-            raise ConfigError(f"{source}: {where}{twice[0]} is also in the grid; remove the setting from the variant.")
+            raise ConfigError(
+                f"{source}: {where}{twice[0]} is also in the grid; remove the setting from the variant."
+            )
 
 
 def _check_grid(study: Study, source: str) -> None:
@@ -254,7 +268,9 @@ def _check_points(study: Study, source: str) -> None:
             raise ConfigError(f"{source}: points[{number}] is a duplicate.")
         for name in point:
             if name in study.grid:
-                raise ConfigError(f"{source}: points[{number}].{name} is also in the grid; keep one.")
+                raise ConfigError(
+                    f"{source}: points[{number}].{name} is also in the grid; keep one."
+                )
 
 
 def _check_claim(study: Study, claim: Claim, source: str) -> None:
@@ -270,7 +286,9 @@ def _check_claim(study: Study, claim: Claim, source: str) -> None:
     if claim.expected == "comparable" and not claim.by:
         raise ConfigError(f"{where} needs 'by': how close is comparable?")
     if claim.measure == "steps" and not claim.right:
-        raise ConfigError(f"{where}: steps are counted until the curve of a variant is reached; give 'right'.")
+        raise ConfigError(
+            f"{where}: steps are counted until the curve of a variant is reached; give 'right'."
+        )
     for values in (claim.at, {**claim.at, **claim.right_at}):
         if not points_at(study, values):
             raise ConfigError(f"{where} is about {values}, which is not a grid point.")
@@ -290,7 +308,9 @@ def points_at(study: Study, values: Values) -> list[Values]:
 def _known(source: str, where: str, table: Any, known: Any) -> None:
     for name in table:
         if name not in known:
-            raise ConfigError(f"{source}: unknown setting '{where}{name}'.{nearest(str(name), known)}")
+            raise ConfigError(
+                f"{source}: unknown setting '{where}{name}'.{nearest(str(name), known)}"
+            )
 
 
 def cells_of(study: Study) -> list[Cell]:
@@ -300,11 +320,18 @@ def cells_of(study: Study) -> list[Cell]:
         for name, settings in study.variants.items():
             merged = {**study.settings, **values, **settings}
             if SCORER not in merged:
-                merged = {key: value for key, value in merged.items() if not key.startswith(f"{SCORER}.")}
+                merged = {
+                    key: value for key, value in merged.items() if not key.startswith(f"{SCORER}.")
+                }
             cells += [Cell(name, values, seed, merged) for seed in range(study.seeds)]
     return cells
 
 
 def split_of(settings: Values) -> SplitConfig:
     """Return the split settings for a cell (one training)."""
-    return SplitConfig(**{OF_GRAPH[name]: settings[name] for name in OF_GRAPH if name != "book" and name in settings})  # type: ignore[arg-type]
+    fields = {
+        field: settings[name]
+        for name, field in OF_GRAPH.items()
+        if name != "book" and name in settings
+    }
+    return SplitConfig(**fields)  # type: ignore[arg-type]

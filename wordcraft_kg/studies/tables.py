@@ -28,10 +28,18 @@ _Column = tuple[str, Callable[[VariantFigures], str]]
 
 def tables_of(view: StudyView) -> list[Table]:
     """Return the tables of a study report, one per grid point with a row per agent; empty columns are left out."""
-    columns = [(heading, text) for heading, text in _COLUMNS if any(text(at) for p in view.points for at in p.variants)]
+    columns = [
+        (heading, text)
+        for heading, text in _COLUMNS
+        if any(text(at) for p in view.points for at in p.variants)
+    ]
     headings = tuple(heading for heading, _ in columns)
     return [
-        Table(point.title, headings, tuple(tuple(text(entry) for _, text in columns) for entry in point.variants))
+        Table(
+            point.title,
+            headings,
+            tuple(tuple(text(entry) for _, text in columns) for entry in point.variants),
+        )
         for point in view.points
     ]
 
@@ -65,7 +73,9 @@ def _reached(at: VariantFigures) -> str:
     if not at.curve:
         return ""
     ends = at.reached_interval
-    return _amount(at.reached) + (f" [{_amount(ends[0])}, {_amount(ends[1])}]" if ends and ends[0] != ends[1] else "")
+    return _amount(at.reached) + (
+        f" [{_amount(ends[0])}, {_amount(ends[1])}]" if ends and ends[0] != ends[1] else ""
+    )
 
 
 def _amount(steps: int | None) -> str:
@@ -79,7 +89,11 @@ _COLUMNS: tuple[_Column, ...] = (
     ("success [seeds]", lambda at: bounds(at.seed_interval)),
     (
         "difference [seeds, tasks]",
-        lambda at: with_bounds(at.comparison.difference, at.comparison.interval, "+.3f") if at.comparison else "",
+        lambda at: (
+            with_bounds(at.comparison.difference, at.comparison.interval, "+.3f")
+            if at.comparison
+            else ""
+        ),
     ),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
@@ -101,7 +115,11 @@ def notes(view: StudyView) -> list[str]:
             "Reached after: environment steps until the mean learning curve reaches where that of "
             f"{view.reference} ends, with the interval over seeds.",
             "p: of no difference, the level at which the interval of the difference reaches 0, none below three seeds"
-            + (f"; corrected by Holm for {counted(view.comparisons, 'comparison')}." if view.comparisons else "."),
+            + (
+                f"; corrected by Holm for {counted(view.comparisons, 'comparison')}."
+                if view.comparisons
+                else "."
+            ),
         ]
     return sentences
 
@@ -161,7 +179,11 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
     """Yield a study's results as lines of text: ``metric`` of each agent at each grid point, and verdicts on claims."""
     yield f"{view.title}: {_TITLES[metric]}"
     for point in view.points:
-        graphs = dict.fromkeys(f"{graph.name}, {graph.kind}; " for graph in point.graphs) if point.values else ()
+        graphs = (
+            dict.fromkeys(f"{graph.name}, {graph.kind}; " for graph in point.graphs)
+            if point.values
+            else ()
+        )
         yield f"{point.title} ({''.join(graphs)}{counted(point.tasks, 'test task')})"
         width = max(len(entry.variant) for entry in point.variants)
         shown = {entry.variant: _SHOWN[metric](entry) for entry in point.variants}
@@ -170,7 +192,11 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
             line = f"  {entry.variant:<{width}}  {shown[entry.variant]:<{longest}}  {counted(len(entry.seeds), 'seed')}"
             yield (line + (_comparison(entry) if metric == "success" else "")).rstrip()
     if metric == "success":
-        of = f"of {view.comparisons} comparisons, corrected by Holm" if view.comparisons > 1 else "of the comparison"
+        of = (
+            f"of {view.comparisons} comparisons, corrected by Holm"
+            if view.comparisons > 1
+            else "of the comparison"
+        )
         compared = f"; differences to {view.reference}; p {of}" if view.comparisons else ""
         yield f"intervals: 95 % over seeds and tasks{compared}"
     if metric == "success" and view.claims:

@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.statistics import FEWEST_PAIRS, correlation, crossed_difference, rate_interval, student_interval
+from wordcraft_kg.base.statistics import (
+    FEWEST_PAIRS,
+    correlation,
+    crossed_difference,
+    rate_interval,
+    student_interval,
+)
 from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.evaluation.training_curves import CurvePoint
 from wordcraft_kg.studies.results import RunResult, StudyResults, steps_to
@@ -77,7 +83,9 @@ class PointFigures(Record):
     variants: tuple[VariantFigures, ...]
 
 
-def figures_of(results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]) -> VariantFigures:
+def figures_of(
+    results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]
+) -> VariantFigures:
     """Summarise the runs ``members`` of a variant, and compare with the runs ``base`` of the reference variant."""
     success = [run.success["test"] for run in members]
     train = [run.success["train"] for run in members if "train" in run.success]
@@ -113,7 +121,9 @@ def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
     return np.array([run.rates for run in members])
 
 
-def _comparison(results: StudyResults, members: list[RunResult], base: list[RunResult]) -> Comparison | None:
+def _comparison(
+    results: StudyResults, members: list[RunResult], base: list[RunResult]
+) -> Comparison | None:
     by_seed = {run.seed: run for run in base}
     pairs = [(run, by_seed[run.seed]) for run in members if run.seed in by_seed]
     if members is base or not pairs or results.tasks_of(members[0]) != results.tasks_of(base[0]):
@@ -155,7 +165,9 @@ def _reached(
         return round(reached) if math.isfinite(reached) else None
 
     ends = {run.seed: end for run, end in zip(base, goal[:, -1], strict=True)}
-    ahead = np.array([row - ends[run.seed] for run, row in zip(members, table, strict=True) if run.seed in ends])
+    ahead = np.array(
+        [row - ends[run.seed] for run, row in zip(members, table, strict=True) if run.seed in ends]
+    )
     reached = first(table.mean(axis=0) - goal[:, -1].mean())
     if len(ahead) < 2:
         return reached, None
@@ -206,17 +218,26 @@ class ScorerScatter(Record):
     without: Share | None
 
 
-def scatters_of(results: StudyResults, points: Sequence[PointFigures], reference: str) -> Iterator[ScorerScatter]:
+def scatters_of(
+    results: StudyResults, points: Sequence[PointFigures], reference: str
+) -> Iterator[ScorerScatter]:
     """Yield a plot for each combination of settings other than the scorer's, with in-sample scores apart."""
     groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
     for point in points:
         for entry in point.variants:
             if entry.mrr is not None:
-                key = msgspec.json.encode((_others(point), _is_in_sample(results, point, entry)), order="sorted")
+                key = msgspec.json.encode(
+                    (_others(point), _is_in_sample(results, point, entry)), order="sorted"
+                )
                 groups.setdefault(key, []).append((point, entry))
     for members in groups.values():
         rows = [_scatter_point(point, entry) for point, entry in members]
-        bare = [at.mean for point, _ in members for at in point.variants if at.variant == reference and at.mrr is None]
+        bare = [
+            at.mean
+            for point, _ in members
+            for at in point.variants
+            if at.variant == reference and at.mrr is None
+        ]
         mrr, success = [at.mrr for at in rows], [at.success for at in rows]
         latest = 1 + max(at.reached or 0 for at in rows)
         yield ScorerScatter(
@@ -225,35 +246,60 @@ def scatters_of(results: StudyResults, points: Sequence[PointFigures], reference
             points=tuple(sorted(rows, key=lambda at: (at.mrr, at.label))),
             pearson=_correlation(mrr, success, "pearson"),
             spearman=_correlation(mrr, success, "spearman"),
-            steps_spearman=_correlation(mrr, [latest if at.reached is None else at.reached for at in rows], "spearman"),
+            steps_spearman=_correlation(
+                mrr, [latest if at.reached is None else at.reached for at in rows], "spearman"
+            ),
             without=mean_of(bare) if bare else None,
         )
 
 
 def _others(point: PointFigures) -> Values:
-    return {name: value for name, value in point.values.items() if not name.startswith(f"{SCORER}.")}
+    return {
+        name: value for name, value in point.values.items() if not name.startswith(f"{SCORER}.")
+    }
 
 
 def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigures) -> bool:
-    settings = {**results.study.settings, **point.values, **results.study.variants.get(entry.variant, {})}
+    settings = {
+        **results.study.settings,
+        **point.values,
+        **results.study.variants.get(entry.variant, {}),
+    }
     return settings.get("in_sample") is True
 
 
 def _scatter_point(point: PointFigures, at: VariantFigures) -> ScatterPoint:
     assert at.mrr is not None
     assert at.mrr_range is not None
-    return ScatterPoint(_label(point, at.variant), at.variant, at.mrr, at.mrr_range, at.mean, at.interval, at.reached)
+    return ScatterPoint(
+        _label(point, at.variant),
+        at.variant,
+        at.mrr,
+        at.mrr_range,
+        at.mean,
+        at.interval,
+        at.reached,
+    )
 
 
-def _correlation(x: Sequence[float], y: Sequence[float], kind: Literal["pearson", "spearman"]) -> Correlation | None:
+def _correlation(
+    x: Sequence[float], y: Sequence[float], kind: Literal["pearson", "spearman"]
+) -> Correlation | None:
     estimate = correlation(x, y, kind)
     return Correlation(*estimate) if estimate else None
 
 
 def _label(point: PointFigures, variant: str) -> str:
     prefix = f"{SCORER}."
-    values = {name.removeprefix(prefix): value for name, value in point.values.items() if name.startswith(prefix)}
+    values = {
+        name.removeprefix(prefix): value
+        for name, value in point.values.items()
+        if name.startswith(prefix)
+    }
     differing = {name: value for name, value in values.items() if value != _EVERYTHING.get(name)}
     named = differing or dict(list(values.items())[:1])
-    shown = [f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in named.items()]
+    shown = [
+        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
+        for name, value in named.items()
+    ]
     return ", ".join(shown) or variant

@@ -12,7 +12,13 @@ from wordcraft_kg.evaluation.reference import PlayedGraph
 from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults
 from wordcraft_kg.studies.study import Drawing, Value, Values
-from wordcraft_kg.studies.variants import PointFigures, ScorerScatter, VariantFigures, figures_of, scatters_of
+from wordcraft_kg.studies.variants import (
+    PointFigures,
+    ScorerScatter,
+    VariantFigures,
+    figures_of,
+    scatters_of,
+)
 
 
 class StudyView(Record):
@@ -57,7 +63,9 @@ def view_study(results: StudyResults) -> StudyView:
         drawing=study.drawing,
         reference=reference,
         points=tuple(points),
-        scatters=tuple(scatters_of(results, points, reference)) if study.drawing == "scatter" else (),
+        scatters=tuple(scatters_of(results, points, reference))
+        if study.drawing == "scatter"
+        else (),
         comparisons=len(_p_values(points)),
         claims=view_claims(results),
         missing=results.missing,
@@ -89,7 +97,9 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
         )
     points: dict[bytes, tuple[Values, Runs]] = {}
     for run in results.runs:
-        _, runs = points.setdefault(msgspec.json.encode(run.values, order="sorted"), (run.values, {}))
+        _, runs = points.setdefault(
+            msgspec.json.encode(run.values, order="sorted"), (run.values, {})
+        )
         runs.setdefault(run.variant, []).append(run)
     order = {name: number for number, name in enumerate(results.study.variants)}
     cells = [
@@ -98,7 +108,9 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     ]
     for values, runs in cells:
         for variant, members in runs.items():
-            _check_alike(results, f"'{variant}'" + (f" with {title_of(values)}" if values else ""), members)
+            _check_alike(
+                results, f"'{variant}'" + (f" with {title_of(values)}" if values else ""), members
+            )
     return cells
 
 
@@ -128,7 +140,9 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
         )
     for run in members:
         if "test" not in run.success or "test" not in run.by_plan or not run.won:
-            raise ConfigError(f"{cell}, seed {run.seed}: no test tasks were played, so nothing can be compared.")
+            raise ConfigError(
+                f"{cell}, seed {run.seed}: no test tasks were played, so nothing can be compared."
+            )
 
 
 def _named(graph: PlayedGraph) -> str:
@@ -140,12 +154,23 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
     variants = [figures_of(results, name, members, base) for name, members in runs.items()]
     graphs = {members[0].graph: results.graphs[members[0].graph] for members in runs.values()}
     first = next(iter(runs.values()))[0]
-    title = title_of(values) or ", ".join(f"{graph.name}, {graph.kind}" for graph in graphs.values())
-    return PointFigures(values, title, tuple(graphs.values()), len(first.won), first.distractor_seeds, tuple(variants))
+    title = title_of(values) or ", ".join(
+        f"{graph.name}, {graph.kind}" for graph in graphs.values()
+    )
+    return PointFigures(
+        values,
+        title,
+        tuple(graphs.values()),
+        len(first.won),
+        first.distractor_seeds,
+        tuple(variants),
+    )
 
 
 def _p_values(points: Sequence[PointFigures]) -> list[float]:
-    comparisons = [entry.comparison for point in points for entry in point.variants if entry.comparison]
+    comparisons = [
+        entry.comparison for point in points for entry in point.variants if entry.comparison
+    ]
     return [each.p_value for each in comparisons if each.p_value is not None]
 
 
@@ -158,4 +183,7 @@ def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
         comparison = msgspec.structs.replace(entry.comparison, p_corrected=next(corrected))
         return msgspec.structs.replace(entry, comparison=comparison)
 
-    return [msgspec.structs.replace(point, variants=tuple(map(with_p, point.variants))) for point in points]
+    return [
+        msgspec.structs.replace(point, variants=tuple(map(with_p, point.variants)))
+        for point in points
+    ]

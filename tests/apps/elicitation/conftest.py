@@ -7,7 +7,12 @@ from tokenizers import Tokenizer, models, pre_tokenizers
 
 from wordcraft_kg.apps.elicitation.prompts import DEFAULT, read_prompts
 
-SIZES = {"hidden_size": 16, "num_hidden_layers": 2, "num_attention_heads": 2, "intermediate_size": 16}
+SIZES = {
+    "hidden_size": 16,
+    "num_hidden_layers": 2,
+    "num_attention_heads": 2,
+    "intermediate_size": 16,
+}
 
 
 def save(folder, kind, config, tokenizer):
@@ -21,13 +26,21 @@ def save(folder, kind, config, tokenizer):
 
 @pytest.fixture(scope="session")
 def tokenizer(kitchen):
-    texts = [text for prompt in read_prompts(DEFAULT) for text in (prompt.text("a"), *prompt.neutral)]
-    words = sorted({word for text in (*kitchen.entities, *texts) for word in text.replace(",", " ,").split()})
+    texts = [
+        text for prompt in read_prompts(DEFAULT) for text in (prompt.text("a"), *prompt.neutral)
+    ]
+    words = sorted(
+        {word for text in (*kitchen.entities, *texts) for word in text.replace(",", " ,").split()}
+    )
     words += [label.capitalize() for label in kitchen.entities]
-    vocabulary = {word: number for number, word in enumerate(dict.fromkeys(("[UNK]", "[PAD]", *words)))}
+    vocabulary = {
+        word: number for number, word in enumerate(dict.fromkeys(("[UNK]", "[PAD]", *words)))
+    }
     made = Tokenizer(models.WordLevel(vocabulary, unk_token="[UNK]"))
     made.pre_tokenizer = pre_tokenizers.Whitespace()
-    return transformers.PreTrainedTokenizerFast(tokenizer_object=made, unk_token="[UNK]", pad_token="[PAD]")
+    return transformers.PreTrainedTokenizerFast(
+        tokenizer_object=made, unk_token="[UNK]", pad_token="[PAD]"
+    )
 
 
 @pytest.fixture(scope="session")

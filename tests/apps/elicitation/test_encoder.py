@@ -24,7 +24,9 @@ def vectors(encoder_folder, kitchen, tmp_path_factory):
     return write_vectors(out, labels, made, inputs={"graph": kitchen.hash, **hashes})
 
 
-def test_a_vector_is_the_mean_over_the_tokens_with_length_1(vectors, encoder_folder, tokenizer, kitchen):
+def test_a_vector_is_the_mean_over_the_tokens_with_length_1(
+    vectors, encoder_folder, tokenizer, kitchen
+):
     model = transformers.AutoModel.from_pretrained(encoder_folder).eval()
     features = make_features(str(vectors), kitchen.entities)
     for label, vector in list(zip(kitchen.entities, features.vectors, strict=True))[::7]:
@@ -56,9 +58,13 @@ def test_vectors_of_another_book_or_changed_ones_are_refused(vectors, tmp_path):
         make_features(str(tmp_path), ["flour"])
 
 
-def test_a_recipe_scorer_learns_from_a_folder_and_scores_its_further_labels(vectors, opened_kitchen, tmp_path):
+def test_a_recipe_scorer_learns_from_a_folder_and_scores_its_further_labels(
+    vectors, opened_kitchen, tmp_path
+):
     settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors))
-    folder = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "model").folder
+    folder = train_recipes(
+        RecipesConfig(opened_kitchen.source, settings), tmp_path / "model"
+    ).folder
     assert "flour bread" in with_words(folder, load_scorer(folder), ["flour bread"]).entities
     with pytest.raises(LookupError, match=r"'water bread'.*--labels LABEL"):
         with_words(folder, load_scorer(folder), ["water bread"])
@@ -72,15 +78,23 @@ def test_a_label_of_unknown_words_alone_is_refused(encoder_folder):
 
 def test_the_command_writes_vectors_of_all_labels(run, encoder_folder, home, monkeypatch):
     monkeypatch.chdir(home)
-    outcome = run("encode", "kitchen", "--encoder", encoder_folder, "--labels", "flour bread,milk", "--json")
+    outcome = run(
+        "encode", "kitchen", "--encoder", encoder_folder, "--labels", "flour bread,milk", "--json"
+    )
     values = json.loads(outcome.out)
     assert (outcome.code, values["labels"], values["dimensions"]) == (0, 81, 16)
     assert values["out"] == "vectors/kitchen"
     assert read_run(home / "vectors/kitchen").inputs.keys() == {"graph", "model.safetensors"}
-    (home / "other.csv").write_text("ingredient_a,ingredient_b,result\nflour,bread flour,water flour\n")
-    both = run("encode", "kitchen", "other.csv", "--encoder", encoder_folder, "--out", "both", "--json")
+    (home / "other.csv").write_text(
+        "ingredient_a,ingredient_b,result\nflour,bread flour,water flour\n"
+    )
+    both = run(
+        "encode", "kitchen", "other.csv", "--encoder", encoder_folder, "--out", "both", "--json"
+    )
     assert (both.code, json.loads(both.out)["labels"]) == (0, 82)
-    outcome = run("encode", "kitchen", "--encoder", encoder_folder / "config.json", "--out", "other")
+    outcome = run(
+        "encode", "kitchen", "--encoder", encoder_folder / "config.json", "--out", "other"
+    )
     assert (outcome.code, outcome.kind) == (1, "ArtefactError")
     assert "cannot be loaded as a sentence encoder" in outcome.err
     assert not (home / "other").exists()

@@ -16,7 +16,9 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.knowledge.folder import TABLES, read_knowledge
 from wordcraft_kg.runs.record import read_run
 
-PROMPTS = tuple(each for each in read_prompts(DEFAULT) if each.name in ("need", "use", "from", "and", "with"))
+PROMPTS = tuple(
+    each for each in read_prompts(DEFAULT) if each.name in ("need", "use", "from", "and", "with")
+)
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +39,9 @@ def log_prob(language_model, text, label):
     with torch.no_grad():
         logits = language_model.model(ids).logits[0, -1].double().numpy()
     log_probs = logits - np.log(np.exp(logits).sum())
-    return np.mean([log_probs[language_model.tokenizer.convert_tokens_to_ids(word)] for word in label.split()])
+    return np.mean(
+        [log_probs[language_model.tokenizer.convert_tokens_to_ids(word)] for word in label.split()]
+    )
 
 
 def information(language_model, prompt, entity, label):
@@ -55,8 +59,13 @@ def test_a_cell_is_the_log_probability_of_a_label_after_a_text_minus_that_after_
     for prompt, info, table in zip(PROMPTS, knowledge.record.tables, knowledge.tables, strict=True):
         assert (info.name, info.role, info.phrase) == (prompt.name, prompt.role, prompt.phrase)
         for one, other in [*rng.permutation(labels)[:20].reshape(-1, 2), (several[0], labels[0])]:
-            there, back = (information(language_model, prompt, *pair) for pair in ((one, other), (other, one)))
-            expected = {"part": back if prompt.about == "result" else there, "pair": (there + back) / 2}[prompt.role]
+            there, back = (
+                information(language_model, prompt, *pair) for pair in ((one, other), (other, one))
+            )
+            expected = {
+                "part": back if prompt.about == "result" else there,
+                "pair": (there + back) / 2,
+            }[prompt.role]
             found = float(table[labels.index(one), labels.index(other)])
             assert found == pytest.approx(expected, abs=0.01), (prompt.name, one, other)
         assert not table.diagonal().any()
@@ -70,7 +79,9 @@ def test_the_folder_names_graph_weights_and_prompts(written, model_folder, kitch
     assert inputs["graph"] == kitchen.hash
     assert inputs["prompts"] == read_run(written).outputs["prompts.json"]
     assert inputs["model.safetensors"] in (written / "README.md").read_text()
-    assert "{" not in (written / "README.md").read_text().split("|---|")[1].replace("{e}", "").replace("{E}", "")
+    assert "{" not in (written / "README.md").read_text().split("|---|")[1].replace(
+        "{e}", ""
+    ).replace("{E}", "")
 
 
 @pytest.mark.parametrize("damage", [False, True])
@@ -104,12 +115,15 @@ def test_an_interrupted_run_continues_with_the_same_bits(
     assert 0 < repeated <= len(calls) - 9 - done
 
 
-def test_random_weights_are_a_control_that_depends_on_the_seed_alone(model_folder, kitchen, tmp_path):
+def test_random_weights_are_a_control_that_depends_on_the_seed_alone(
+    model_folder, kitchen, tmp_path
+):
     before = torch.random.get_rng_state()
     models = [open_language_model(model_folder, seed) for seed in (0, 0, 1)]
     assert torch.equal(torch.random.get_rng_state(), before)
     tables = [
-        elicit_knowledge(tmp_path / str(place), kitchen, model, PROMPTS[:1]) for place, model in enumerate(models)
+        elicit_knowledge(tmp_path / str(place), kitchen, model, PROMPTS[:1])
+        for place, model in enumerate(models)
     ]
     assert torch.equal(tables[0].tables[0], tables[1].tables[0])
     assert not torch.equal(tables[0].tables[0], tables[2].tables[0])
@@ -120,10 +134,16 @@ def test_random_weights_are_a_control_that_depends_on_the_seed_alone(model_folde
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", ["no weights", "no configuration", "cut", "masked", "encoder", "not a model"])
-def test_what_is_no_whole_causal_model_is_refused(kind, model_folder, masked_folder, encoder_folder, tmp_path):
+@pytest.mark.parametrize(
+    "kind", ["no weights", "no configuration", "cut", "masked", "encoder", "not a model"]
+)
+def test_what_is_no_whole_causal_model_is_refused(
+    kind, model_folder, masked_folder, encoder_folder, tmp_path
+):
     folder = tmp_path / "model"
-    shutil.copytree({"masked": masked_folder, "encoder": encoder_folder}.get(kind, model_folder), folder)
+    shutil.copytree(
+        {"masked": masked_folder, "encoder": encoder_folder}.get(kind, model_folder), folder
+    )
     weights, reason = folder / "model.safetensors", "cannot be loaded as a causal language model"
     if kind == "no weights":
         weights.unlink()
@@ -148,9 +168,13 @@ def test_a_label_without_tokens_is_refused(language_model, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
-def test_rows_of_another_tokenizer_are_not_continued(language_model, kitchen, tmp_path, monkeypatch):
+def test_rows_of_another_tokenizer_are_not_continued(
+    language_model, kitchen, tmp_path, monkeypatch
+):
     read = module._LabelProbabilities.read
-    monkeypatch.setattr(module._LabelProbabilities, "after", lambda self, texts: torch.zeros(len(texts), self.size))
+    monkeypatch.setattr(
+        module._LabelProbabilities, "after", lambda self, texts: torch.zeros(len(texts), self.size)
+    )
     monkeypatch.setattr(module, "write_knowledge", lambda *args, **kwargs: 1 / 0)
     for tokens in (read, lambda self, texts: [text[::-1] for text in read(self, texts)]):
         monkeypatch.setattr(module._LabelProbabilities, "read", tokens)
@@ -183,17 +207,37 @@ def test_prompts_with_a_fault_are_refused(change, reason, tmp_path):
     with pytest.raises(ArtefactError) as error:
         read_prompts(tmp_path / "prompts.json")
     assert reason in str(error.value)
-    with pytest.raises(ArtefactError, match=r"`prompts` '.*absent' does not exist; expected a file such as prompts"):
+    with pytest.raises(
+        ArtefactError, match=r"`prompts` '.*absent' does not exist; expected a file such as prompts"
+    ):
         read_prompts(tmp_path / "absent")
 
 
-def test_the_command_writes_tables_and_names_a_missing_extra(run, model_folder, home, monkeypatch, uninstalled):
+def test_the_command_writes_tables_and_names_a_missing_extra(
+    run, model_folder, home, monkeypatch, uninstalled
+):
     monkeypatch.chdir(home)
-    (home / "prompts.json").write_text(prompts_text(tuple(each for each in PROMPTS if each.name == "use")))
-    command = ("elicit", "kitchen", "--model", model_folder, "--prompts", "prompts.json", "--out", "lm")
+    (home / "prompts.json").write_text(
+        prompts_text(tuple(each for each in PROMPTS if each.name == "use"))
+    )
+    command = (
+        "elicit",
+        "kitchen",
+        "--model",
+        model_folder,
+        "--prompts",
+        "prompts.json",
+        "--out",
+        "lm",
+    )
     outcome = run(*command, "--json")
     values = json.loads(outcome.out)
-    assert (outcome.code, values["out"], values["entities"], list(values["tables"])) == (0, "lm", 80, ["use"])
+    assert (outcome.code, values["out"], values["entities"], list(values["tables"])) == (
+        0,
+        "lm",
+        80,
+        ["use"],
+    )
     assert " makes " in values["tables"]["use"][0]
     assert read_knowledge(home / "lm").record.tables[0].name == "use"
     assert run(*command).kind == "OutputExistsError"

@@ -28,13 +28,20 @@ def log_prob(reader, prompt, answer):
 
 
 @torch.inference_mode()
-def test_the_answer_by_probabilities_is_the_most_probable_text_of_all_pairs_that_were_not_tried(reader):
+def test_the_answer_by_probabilities_is_the_most_probable_text_of_all_pairs_that_were_not_tried(
+    reader,
+):
     prompt, tried = reader.tokens("flour is a part of"), set()
-    expected = {f"{a} + {b}": log_prob(reader, prompt, f"{a} + {b}") for a, b in itertools.product(ITEMS, ITEMS)}
+    expected = {
+        f"{a} + {b}": log_prob(reader, prompt, f"{a} + {b}")
+        for a, b in itertools.product(ITEMS, ITEMS)
+    }
     for _ in range(15):
         answer = PLAYER["by_probabilities"](reader, prompt, ITEMS, tried)
         assert expected[answer] == pytest.approx(max(expected.values()), abs=1e-4)
-        for text in [text for text in expected if sorted(text.split(" + ")) == sorted(answer.split(" + "))]:
+        for text in [
+            text for text in expected if sorted(text.split(" + ")) == sorted(answer.split(" + "))
+        ]:
             del expected[text]
     assert not expected
 
@@ -44,17 +51,30 @@ def test_the_answer_by_generation_is_that_of_a_model_without_a_kept_text(reader)
     for text in ("flour is a part of", "flour is hot", "sugar is a part of flour"):
         prompt = reader.tokens(text)
         expected = reader.model.generate(
-            torch.tensor([prompt]), do_sample=False, max_new_tokens=5, eos_token_id=reader.end, pad_token_id=1
+            torch.tensor([prompt]),
+            do_sample=False,
+            max_new_tokens=5,
+            eos_token_id=reader.end,
+            pad_token_id=1,
         )
         written = [token for token in expected[0, len(prompt) :].tolist() if token != reader.end]
-        assert PLAYER["by_generation"](reader, prompt, 5) == reader.tokenizer.decode(written, skip_special_tokens=True)
+        assert PLAYER["by_generation"](reader, prompt, 5) == reader.tokenizer.decode(
+            written, skip_special_tokens=True
+        )
 
 
 @pytest.mark.parametrize("by", ["generation", "probabilities"])
-def test_equal_games_get_equal_answers_and_a_full_context_begins_anew(reader, by, monkeypatch, capsys):
+def test_equal_games_get_equal_answers_and_a_full_context_begins_anew(
+    reader, by, monkeypatch, capsys
+):
     state = {"goal": "bread", "table": ITEMS, "attempts_left": 9}
-    game = [{**state, "text": f"{RULES}\n\nbread", "new": True}, *[{**state, "text": "egg", "new": False}] * 9]
-    monkeypatch.setattr("sys.stdin", io.StringIO("".join(json.dumps(line) + "\n" for line in game + game)))
+    game = [
+        {**state, "text": f"{RULES}\n\nbread", "new": True},
+        *[{**state, "text": "egg", "new": False}] * 9,
+    ]
+    monkeypatch.setattr(
+        "sys.stdin", io.StringIO("".join(json.dumps(line) + "\n" for line in game + game))
+    )
     PLAYER["play"](reader, by, 80, 4)
     answers = capsys.readouterr().out.splitlines()
     assert len(answers) == 20

@@ -23,7 +23,9 @@ from wordcraft_kg.models.scorers.cross_fitting import cross_fit
 from wordcraft_kg.models.scorers.kernel import KernelScorer
 
 SHORT = ImpalaConfig(steps=1_024, batch_size=16, log_every=128, eval_every=512)
-LEARNED = PolicyConfig(features="learned", embedding_size=8, key_size=8, value_size=8, hidden_size=8)
+LEARNED = PolicyConfig(
+    features="learned", embedding_size=8, key_size=8, value_size=8, hidden_size=8
+)
 
 
 @pytest.fixture(scope="session")
@@ -69,7 +71,9 @@ def agents(kitchen_folder, run_folder, made_once):
 def hostile():
     """A graph of labels that a page must show as text, and that addresses must survive."""
     rows = zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)
-    return explored_graph(RecipeGraph.from_recipes([*rows, ("water", "earth", "mud")], name="<b>hostile</b>"))
+    return explored_graph(
+        RecipeGraph.from_recipes([*rows, ("water", "earth", "mud")], name="<b>hostile</b>")
+    )
 
 
 @pytest.fixture(scope="session")
@@ -102,7 +106,11 @@ def kernel(parted_kitchen, saved):
 @pytest.fixture(scope="session")
 def neighbours(parted_kitchen, saved):
     """The neighbour rule, without folds."""
-    return saved("neighbours", NeighbourScorer(parted_kitchen.graph, parted_kitchen.split.partial), parted_kitchen)
+    return saved(
+        "neighbours",
+        NeighbourScorer(parted_kitchen.graph, parted_kitchen.split.partial),
+        parted_kitchen,
+    )
 
 
 @pytest.fixture(scope="session")
@@ -126,8 +134,13 @@ def of_recipes(tmp_path_factory, saved):
         folder = tmp_path_factory.mktemp("mine") / "graph"
         graph = RecipeGraph.from_recipes(rows, name="mine")
         split = make_split(graph, SplitConfig(**settings))
-        write_graph_folder(folder, RecipeBook("mine", tuple(graph.recipe_labels()), graph.base), split)
-        opened, kg = open_graph(folder), kg or ("full" if split.config.kind == "none" else "partial")
+        write_graph_folder(
+            folder, RecipeBook("mine", tuple(graph.recipe_labels()), graph.base), split
+        )
+        opened, kg = (
+            open_graph(folder),
+            kg or ("full" if split.config.kind == "none" else "partial"),
+        )
         return saved("model", NeighbourScorer(graph, opened.triples(kg)), opened, kg)
 
     return make
@@ -137,7 +150,13 @@ def of_recipes(tmp_path_factory, saved):
 def hostile_predictor(of_recipes):
     """A model of a graph of hostile labels."""
     results = (max(HOSTILE, key=len), *HOSTILE[:2])
-    rows = [(one, other, made) for one in HOSTILE for other in HOSTILE if one < other for made in results]
+    rows = [
+        (one, other, made)
+        for one in HOSTILE
+        for other in HOSTILE
+        if one < other
+        for made in results
+    ]
     return of_recipes(rows, train_ratio=0.7)
 
 

@@ -57,7 +57,11 @@ class Shown(HTMLParser):
         self.tags.append((tag, values))
         if tag == "form":
             self.forms.append(Form(values))
-        elif tag == "input" and "name" in values and (values.get("type") != "checkbox" or "checked" in values):
+        elif (
+            tag == "input"
+            and "name" in values
+            and (values.get("type") != "checkbox" or "checked" in values)
+        ):
             self.forms[-1].fields.append((str(values["name"]), values.get("value") or ""))
         elif tag == "select":
             self._select, self._options = str(values["name"]), []
@@ -67,22 +71,33 @@ class Shown(HTMLParser):
     def handle_endtag(self, tag):
         self.text += " " if tag in ("td", "th", "option", "dt", "dd") else ""
         if tag == "select":
-            chosen = [value for value, is_selected in self._options if is_selected] or [self._options[0][0]]
+            chosen = [value for value, is_selected in self._options if is_selected] or [
+                self._options[0][0]
+            ]
             self.forms[-1].fields.append((self._select, chosen[-1]))
 
     def handle_data(self, data):
         if self._options and self._options[-1][0] == "?":
-            self._options[-1] = (data, self._options[-1][1])  # an option without a value is its text
+            self._options[-1] = (
+                data,
+                self._options[-1][1],
+            )  # an option without a value is its text
         self.text += data
 
     @property
     def links(self):
-        return [values["href"] or "" for tag, values in self.tags if tag == "a" and values.get("href")]
+        return [
+            values["href"] or "" for tag, values in self.tags if tag == "a" and values.get("href")
+        ]
 
     @property
     def own(self):
         """The pages of the site that it links to."""
-        return [state_of(link) for link in self.links if link.startswith("/") and not link.startswith("/files")]
+        return [
+            state_of(link)
+            for link in self.links
+            if link.startswith("/") and not link.startswith("/files")
+        ]
 
     def form(self, name):
         """The fields of the form that has a field of this name."""
@@ -106,7 +121,9 @@ def look(explored, state, *, is_static=False):
         return "" if is_static else page.address(state)
 
     return Shown(
-        Site(explored, address, lambda name: f"/files/{name}", is_static=is_static).page(page_of(state), state)
+        Site(explored, address, lambda name: f"/files/{name}", is_static=is_static).page(
+            page_of(state), state
+        )
     )
 
 

@@ -22,7 +22,14 @@ from wordcraft_kg.apps.explorer.pages.runs import Run, Runs
 from wordcraft_kg.apps.explorer.pages.tasks import Tasks
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeBook, RecipeGraph, SplitConfig, make_split, open_book, write_graph_folder
+from wordcraft_kg.graphs import (
+    RecipeBook,
+    RecipeGraph,
+    SplitConfig,
+    make_split,
+    open_book,
+    write_graph_folder,
+)
 
 LARGEST = 300 * 1024
 
@@ -34,8 +41,14 @@ def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agent
             for seed in range(row.distractor_seeds):
                 state = Episode(run="guided", part=part, task=row.number, distractor_seed=seed)
                 episode = view_of(agents, state)
-                assert (episode.goal, episode.start, episode.plans) == (row.goal, row.start, row.plans)
-                assert (episode.terminations[seed] == "goal") == (episode.first.episode.outcome == "goal")
+                assert (episode.goal, episode.start, episode.plans) == (
+                    row.goal,
+                    row.start,
+                    row.plans,
+                )
+                assert (episode.terminations[seed] == "goal") == (
+                    episode.first.episode.outcome == "goal"
+                )
             assert episode.terminations.count("goal") == row.won
 
 
@@ -87,7 +100,10 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents):
     assert plain.explained.model == "no_scorer"
     assert (mlp.explained, "this mlp was made for" in mlp.problem) == (None, True)
     assert guided.folds == 3
-    assert "not available: " in look(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp"))).text
+    assert (
+        "not available: "
+        in look(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp"))).text
+    )
     small = view_of(agents, Episode(task=5, distractors=2, other=("mlp",)))
     assert small.agents[1].explained.table == small.table
     assert small.terminations == ()  # it was evaluated with eight
@@ -106,7 +122,9 @@ def test_the_form_asks_at_the_table_that_is_seen(agents):
     # An emptied line is taken off, a filled one is put on the table, and what is held is the first pick.
     lines = [value for name, value in sent if name == "table"]
     assert lines == [*shown.table, "", "", ""]
-    added = next(label for label in agents.opened.graph.entities if label not in (*shown.table, shown.goal))
+    added = next(
+        label for label in agents.opened.graph.entities if label not in (*shown.table, shown.goal)
+    )
     changed = [("table", line) for line in ("", *lines[1:-2], f"  {added} ", "")]
     rest = [(name, value) for name, value in sent if name not in ("table", "selection")]
     state = episode.read("", [*rest, *changed, ("selection", shown.table[1])])
@@ -119,7 +137,9 @@ def test_the_form_asks_at_the_table_that_is_seen(agents):
 
 
 def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents):
-    state = Episode(goal="bread", table=agents.opened.graph.entities[:MOST_ON_TABLE], other=("plain", "mlp"))
+    state = Episode(
+        goal="bread", table=agents.opened.graph.entities[:MOST_ON_TABLE], other=("plain", "mlp")
+    )
     assert len(look(agents, state).page.encode()) < LARGEST
     state = Episode(goal=state.goal, table=state.table, other=("plain",))
     view = view_of(agents, state)
@@ -137,12 +157,20 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
     for (a, b, goal), fold in zip(graph.recipes.tolist(), folds, strict=True):
         if fold >= 0:
             by_goal.setdefault(goal, {}).setdefault(fold, [a, b])
-    goal, ways = next((goal, list(ways.values())) for goal, ways in by_goal.items() if len(ways) > 1)
-    both = Episode(goal=graph.entities[goal], table=graph.labels(dict.fromkeys([*ways[0], *ways[1]])))
+    goal, ways = next(
+        (goal, list(ways.values())) for goal, ways in by_goal.items() if len(ways) > 1
+    )
+    both = Episode(
+        goal=graph.entities[goal], table=graph.labels(dict.fromkeys([*ways[0], *ways[1]]))
+    )
     shown = view_of(agents, both).first
     learned = {" + ".join(sorted(graph.labels(way))) for way in ways[:2]}
-    assert learned <= {f"{recipe.ingredient_a} + {recipe.ingredient_b}" for recipe in shown.in_sample}
-    unseen = msgspec.structs.replace(shown.ways[0][0], is_in_sample=False)  # as the second recipe of a plan of depth 2
+    assert learned <= {
+        f"{recipe.ingredient_a} + {recipe.ingredient_b}" for recipe in shown.in_sample
+    }
+    unseen = msgspec.structs.replace(
+        shown.ways[0][0], is_in_sample=False
+    )  # as the second recipe of a plan of depth 2
     partly = msgspec.structs.replace(shown, ways=((*shown.ways[0], unseen),))
     assert (shown.is_known, partly.is_known, bool(partly.in_sample)) == (True, False, True)
     text = look(agents, both).text
@@ -156,7 +184,9 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
 def explored_of(book, split, home, **tasks):
     graph = RecipeGraph.from_book(book)
     write_graph_folder(home / "graph", book, make_split(graph, split))
-    config = AgentConfig(str(home / "graph"), None, TaskConfig(**tasks), LEARNED, replace(SHORT, steps=64))
+    config = AgentConfig(
+        str(home / "graph"), None, TaskConfig(**tasks), LEARNED, replace(SHORT, steps=64)
+    )
     train_agent(config, home / "run")
     return Explored.open(home / "graph", [], [home / "run"])
 
@@ -192,7 +222,9 @@ def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents):
     assert any("alert(1)" in page.text for page in pages)
 
 
-@pytest.mark.parametrize(("kind", "part"), [("none", "train"), ("by-goal", "test"), ("by-recipe", "test")])
+@pytest.mark.parametrize(
+    ("kind", "part"), [("none", "train"), ("by-goal", "test"), ("by-recipe", "test")]
+)
 def test_pages_fit_any_split(tmp_path, kind, part):
     explored = explored_of(open_book("kitchen"), SplitConfig(kind), tmp_path, distractors=3)  # type: ignore[arg-type]
     shown = view_of(explored, Tasks())
@@ -216,7 +248,9 @@ def test_the_runs_are_what_their_records_say(agents):
         summary = json.loads((agents.runs[row.name] / "evaluation.json").read_text())
         means = {part: success["mean"] for part, success in summary["success"].items()}
         assert {part: success.mean for part, success in row.success.items()} == means
-        assert all(success.ci[0] <= success.mean <= success.ci[1] for success in row.success.values())
+        assert all(
+            success.ci[0] <= success.mean <= success.ci[1] for success in row.success.values()
+        )
         assert (row.steps, row.status, row.is_live) == (summary["steps"], "done", False)
     guided, plain, mlp = view.runs
     assert (guided.scorer, guided.use, guided.kg) == ("kitchen-recipes", ("u", "v", "w"), "partial")
@@ -231,7 +265,12 @@ def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agen
     lines = lines_of(agents.runs["guided"])
     points = [(line["step"], line["test_success"]) for line in lines if "test_success" in line]
     assert [(point.step, point.success) for point in view.curves["test"]] == points
-    assert view.settings == {"graph": "kitchen", "scorer": "kitchen-recipes", "use": "u,v,w", "steps": "4000"}
+    assert view.settings == {
+        "graph": "kitchen",
+        "scorer": "kitchen-recipes",
+        "use": "u,v,w",
+        "steps": "4000",
+    }
     page = look(agents, Run("guided")).page
     assert str(tmp_path.parent) not in page
     assert "data-live" not in page
@@ -248,7 +287,11 @@ def unfinished(agents, tmp_path):
         for name in ("config.toml", "policy.json", "constants.safetensors"):
             shutil.copy(done / name, live / name)
         record = json.loads((done / "run.json").read_text())
-        record |= {"status": status, "ended": None if status == "running" else record["ended"], "outputs": {}}
+        record |= {
+            "status": status,
+            "ended": None if status == "running" else record["ended"],
+            "outputs": {},
+        }
         (live / "run.json").write_text(json.dumps(record))
         if lines:
             text = (done / "metrics.jsonl").read_text().splitlines(keepends=True)
@@ -267,7 +310,11 @@ def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(agents, unfinishe
     assert view.row.steps == (written[-1]["step"] if written else 0)
     assert (view.row.status, view.row.is_live, view.outcomes) == (status, status == "running", {})
     assert (view.row.success == {}) == (lines == 0)
-    live = [attributes["data-live"] for tag, attributes in page.tags if tag == "section" and "data-live" in attributes]
+    live = [
+        attributes["data-live"]
+        for tag, attributes in page.tags
+        if tag == "section" and "data-live" in attributes
+    ]
     assert live == (["3"] if status == "running" else [])
     assert "checkpoint" in view.waits_for
     assert view.waits_for in page.text
@@ -297,7 +344,9 @@ def test_a_run_that_ends_while_it_is_looked_at_is_shown_as_done(agents, unfinish
     assert not PAGES["run"].is_live(explored, Run())
 
 
-def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(kitchen_folder, tmp_path, monkeypatch):
+def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(
+    kitchen_folder, tmp_path, monkeypatch
+):
     from wordcraft_kg.agents.impala import Impala
 
     update, seen = Impala.update, []
@@ -311,11 +360,16 @@ def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(kitchen_folde
             seen.append(view_of(explored, Run()))
 
     monkeypatch.setattr(Impala, "update", look)
-    train_agent(AgentConfig(str(kitchen_folder), None, TaskConfig(distractors=2), LEARNED, trainer), tmp_path / "run")
+    train_agent(
+        AgentConfig(str(kitchen_folder), None, TaskConfig(distractors=2), LEARNED, trainer),
+        tmp_path / "run",
+    )
     agent, run = seen
     assert agent.checkpoint == run.checkpoint == "step 320"
     assert len(agent.explained.episode.steps) == 2
-    assert run.waits_for == "Episodes use the weights of step 320; new weights follow every 320 steps."
+    assert (
+        run.waits_for == "Episodes use the weights of step 320; new weights follow every 320 steps."
+    )
     assert [point.step for point in run.curves["test"]] == [0]
 
 

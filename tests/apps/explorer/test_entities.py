@@ -5,7 +5,15 @@ from collections import Counter
 import pytest
 from refusals import refuses
 
-from tests.apps.explorer.shown import Shown, client_of, explored_by, explored_graph, look, view_by, view_of
+from tests.apps.explorer.shown import (
+    Shown,
+    client_of,
+    explored_by,
+    explored_graph,
+    look,
+    view_by,
+    view_of,
+)
 from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, train_links
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import paging
@@ -22,7 +30,11 @@ PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
 @pytest.mark.parametrize(
     ("rows", "furthest", "most_used"),
     [
-        ([("a", "b", "c"), ("c", "b", "d"), ("x", "y", "z")], ("d", "c", "z"), ("b", "a", "c", "x", "y")),
+        (
+            [("a", "b", "c"), ("c", "b", "d"), ("x", "y", "z")],
+            ("d", "c", "z"),
+            ("b", "a", "c", "x", "y"),
+        ),
         ([("a", "b", "c"), ("b", "c", "a"), ("c", "a", "b")], (), ("a", "b", "c")),
         ([], (), ()),
     ],
@@ -41,7 +53,10 @@ def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows, fu
     ],
 )
 def test_the_overview_asks_questions_and_each_is_answered(explored, content, pages):
-    models, runs = explored.models if "models" in content else {}, explored.runs if "runs" in content else {}
+    models, runs = (
+        explored.models if "models" in content else {},
+        explored.runs if "runs" in content else {},
+    )
     explored = Explored(explored.opened, models, runs)
     page, client = look(explored, Home()).page, client_of(explored)
     links = Shown(page.split('aria-label="Examples"')[1].split("</ul>")[0]).links
@@ -58,7 +73,10 @@ def test_the_overview_asks_questions_and_each_is_answered(explored, content, pag
     ("settings", "train_sample"),
     [
         ({}, ""),
-        ({"train_fraction": 0.5, "label_noise": 0.25}, "50 % of the train recipes, 25 % of them with a wrong result"),
+        (
+            {"train_fraction": 0.5, "label_noise": 0.25},
+            "50 % of the train recipes, 25 % of them with a wrong result",
+        ),
     ],
 )
 def test_a_model_that_was_taught_a_dose_says_of_what(settings, train_sample, tmp_path):
@@ -72,7 +90,9 @@ def test_a_model_that_was_taught_a_dose_says_of_what(settings, train_sample, tmp
 def test_pages_together_hold_every_row_once(total):
     rows = list(range(total))
     first = paging(total, 1, 20)
-    shown = [row for page in range(1, first.pages + 1) for row in rows[paging(total, page, 20).rows]]
+    shown = [
+        row for page in range(1, first.pages + 1) for row in rows[paging(total, page, 20).rows]
+    ]
     assert shown == rows
     assert first.pages == max((total + 19) // 20, 1)
     for page in (0, -1, first.pages + 1):
@@ -83,8 +103,12 @@ def test_pages_together_hold_every_row_once(total):
 def test_the_list_has_every_entity_in_the_order_asked_for(kitchen, monkeypatch):
     monkeypatch.setattr(entities, "ENTITIES_A_PAGE", 7)
     layer = layers(kitchen).tolist()
-    made = [sum(row[2] == i for row in kitchen.recipes.tolist()) for i in range(kitchen.num_entities)]
-    used = [sum(i in row[:2] for row in kitchen.recipes.tolist()) for i in range(kitchen.num_entities)]
+    made = [
+        sum(row[2] == i for row in kitchen.recipes.tolist()) for i in range(kitchen.num_entities)
+    ]
+    used = [
+        sum(i in row[:2] for row in kitchen.recipes.tolist()) for i in range(kitchen.num_entities)
+    ]
     keys = {
         "label": lambda i: 0,
         "layer": lambda i: layer[i] if layer[i] >= 0 else 10**6,
@@ -97,24 +121,42 @@ def test_the_list_has_every_entity_in_the_order_asked_for(kitchen, monkeypatch):
             for i in sorted(range(kitchen.num_entities), key=lambda i: (key(i), i))
         ]
         pages = list_entities(kitchen, "", order).paging.pages
-        rows = [row for page in range(1, pages + 1) for row in list_entities(kitchen, "", order, page).entities]
+        rows = [
+            row
+            for page in range(1, pages + 1)
+            for row in list_entities(kitchen, "", order, page).entities
+        ]
         assert [(row.entity, row.layer, row.recipes, row.uses) for row in rows] == expected
 
 
 def test_an_entity_that_cannot_be_made_has_no_layer():
     graph = RecipeGraph.from_recipes([("a", "b", "c"), ("d", "d", "d2")], base=["a", "b"])
     assert [row.layer for row in list_entities(graph).entities] == [0, 0, 1, None, None]
-    assert [row.entity for row in list_entities(graph, order="layer").entities] == ["a", "b", "c", "d", "d2"]
+    assert [row.entity for row in list_entities(graph, order="layer").entities] == [
+        "a",
+        "b",
+        "c",
+        "d",
+        "d2",
+    ]
 
 
 @pytest.mark.parametrize(
     ("rows", "wanted", "expected"),
     [
-        ([(a, "tree", b) for a in PIES for b in PIES if a != b], "pie", ("pie", "piece", "apple pie", "magpie")),
+        (
+            [(a, "tree", b) for a in PIES for b in PIES if a != b],
+            "pie",
+            ("pie", "piece", "apple pie", "magpie"),
+        ),
         ([("pie", "tree", "piece")], "  ", ()),
         ([("Crème brûlée", "ICE", "Straße")], "creme BRU", ("Crème brûlée",)),
         ([("Crème brûlée", "ICE", "Straße")], "strasse", ("Straße",)),
-        ([("ax", "water", "m1"), ("ay", "water", "m2"), ("ay", "fire", "m3")], "a", ("ay", "ax", "water")),
+        (
+            [("ax", "water", "m1"), ("ay", "water", "m2"), ("ay", "fire", "m3")],
+            "a",
+            ("ay", "ax", "water"),
+        ),
     ],
 )
 def test_a_search_takes_the_label_itself_then_beginnings_words_and_parts_without_case_and_accents(
@@ -129,7 +171,10 @@ def test_a_search_takes_the_label_itself_then_beginnings_words_and_parts_without
 def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours, monkeypatch):
     monkeypatch.setattr(entity, "LISTED", 1_000)
     graph, split = neighbours.graph, neighbours.split
-    part_of = {tuple(row): PARTS[part] for row, part in zip(graph.recipe_labels(), split.parts.tolist(), strict=True)}
+    part_of = {
+        tuple(row): PARTS[part]
+        for row, part in zip(graph.recipe_labels(), split.parts.tolist(), strict=True)
+    }
     parts = set()
     for label in ("water", "bread", "flour"):
         found = view_by(neighbours, Entity(label))

@@ -71,7 +71,9 @@ def test_a_page_is_plain_accessible_and_small(shown, address):
     assert len(ids) == len(set(ids))
     # Data are no script: browsers run none of another type.
     assert not re.search(r"<script(?![^>]* src=)(?! type=.application/json)|<style", page.page)
-    labelled = {attributes["for"] for tag, attributes in page.tags if tag == "label" and "for" in attributes}
+    labelled = {
+        attributes["for"] for tag, attributes in page.tags if tag == "label" and "for" in attributes
+    }
     for tag, attributes in page.tags:
         assert not [name for name in attributes if name == "style" or name.startswith("on")]
         if tag in ("input", "select") and attributes.get("type") not in ("hidden", "checkbox"):
@@ -126,9 +128,13 @@ def test_hostile_labels_stay_text_and_their_links_lead_to_them(hostile_predictor
         assert getattr(view, of_label, label) == label or name == "map"
         assert " ".join(label.split()) in page.text or name == "predictions"
         tags = [tag for tag, _ in page.tags]
-        assert tags.count("script") == (3 if name == "map" else 1)  # two files, and the data of the links
+        assert tags.count("script") == (
+            3 if name == "map" else 1
+        )  # two files, and the data of the links
         assert "img" not in tags
-        entities = {target.entity for where, target in page.own if where in ("entity", "map", "path")} - {""}
+        entities = {
+            target.entity for where, target in page.own if where in ("entity", "map", "path")
+        } - {""}
         assert entities <= set(explored.opened.graph.entities)
         assert name != "map" or entities == set(explored.opened.graph.entities)
         for form in filters_of(page) if name in ("entity", "recipes") else ():
@@ -143,7 +149,10 @@ NO_BREAD = "Did you mean 'bread'"
     ("address", "message"),
     [
         *((f"/{name}/braed", NO_BREAD) for name in ("entity", "recipes", "path")),
-        *((f"/{name}?{field}=braed", NO_BREAD) for name, field in (("map", "entity"), ("tasks", "goal"))),
+        *(
+            (f"/{name}?{field}=braed", NO_BREAD)
+            for name, field in (("map", "entity"), ("tasks", "goal"))
+        ),
         *((f"/{name}?page=99", "`page` 99") for name in ("predictions", "tasks")),
         ("/predictions?entity=braed", NO_BREAD),
         ("/predictions?page=0", "`page` 0"),
@@ -156,7 +165,10 @@ NO_BREAD = "Did you mean 'bread'"
         ("/pair?b=bread", "is missing"),
         ("/pair?a=braed&b=bread", NO_BREAD),
         ("/pair?a=bread&b=braed", NO_BREAD),
-        ("/episode?table=flouur&table=water", r"no entity 'flouur' in kitchen\. Did you mean 'flour'"),
+        (
+            "/episode?table=flouur&table=water",
+            r"no entity 'flouur' in kitchen\. Did you mean 'flour'",
+        ),
         ("/episode?run=giuded", "no run 'giuded'"),
         ("/episode?other=nobody", "no run 'nobody'"),
         ("/episode?table=flour&table=water&selection=fire", "selection"),

@@ -33,14 +33,18 @@ def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel)
     ranks = rank_triples(scorer, triples, graph.triples)
     statuses = set()
     for row, (head, relation, tail) in enumerate(triples.tolist()):
-        view = view_by(kernel, Link(graph.entities[head], RELATIONS[relation], graph.entities[tail]))
+        view = view_by(
+            kernel, Link(graph.entities[head], RELATIONS[relation], graph.entities[tail])
+        )
         assert view.score == pytest.approx(float(scorer.score(head, relation, tail)))
         assert view.as_tail.rank == ranks["rank"].iloc[row]
         assert view.as_head.rank == ranks["rank"].iloc[row + len(triples)]
         assert view.as_head.candidates == ranks["candidates"].iloc[row + len(triples)]
         is_learned = view.known == "train"
         assert (view.status == "learned") == view.reason.is_in_sample == is_learned
-        chance = None if is_learned else pytest.approx(float(scorer.probability(head, relation, tail)))
+        chance = (
+            None if is_learned else pytest.approx(float(scorer.probability(head, relation, tail)))
+        )
         assert view.probability == chance
         assert {row.part for row in view.recipes} >= {view.known}
         statuses.add((view.status, view.known))
@@ -60,7 +64,9 @@ def test_a_link_that_is_not_in_the_book_says_so(kernel):
     assert itself.probability is not None
     other = view_by(kernel, Link("bread", "componentOf", "water"))
     assert (other.status, other.recipes) == ("not in the book", ())
-    assert {row.entity for row in other.tails.best}.isdisjoint({"water"}) or other.as_tail.rank <= 10
+    assert {row.entity for row in other.tails.best}.isdisjoint(
+        {"water"}
+    ) or other.as_tail.rank <= 10
     for slot, ends in ((other.tails, ("bread", None)), (other.heads, (None, "water"))):
         assert (slot.head, slot.tail, len(slot.best)) == (*ends, 10)
 
@@ -95,10 +101,19 @@ def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers):
 def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel, explored):
     _, link = held_out(kernel)
     view = view_by(kernel, Pair(link.head, link.tail))
-    assert (view.results, view.link.status, view.link.probability is None) == (None, "held out", False)
-    assert view.link.score == pytest.approx(float(kernel.model.scorer.score(link.head, COMBINES_WITH, link.tail)))
+    assert (view.results, view.link.status, view.link.probability is None) == (
+        None,
+        "held out",
+        False,
+    )
+    assert view.link.score == pytest.approx(
+        float(kernel.model.scorer.score(link.head, COMBINES_WITH, link.tail))
+    )
     assert view.link.rank == view_by(kernel, link).as_tail
-    texts = [look(explored, Pair("flour", "water", f"kitchen-{name}")).text for name in ("complex", "recipes")]
+    texts = [
+        look(explored, Pair("flour", "water", f"kitchen-{name}")).text
+        for name in ("complex", "recipes")
+    ]
     assert [text.count("scores only links") for text in texts] == [1, 0]
     assert "Results, if the pair combines" in texts[1]
 
@@ -109,7 +124,8 @@ def test_an_example_offers_others_and_a_choice_does_not(explored, page):
     assert len(set(examples)) == 3
     text = look(explored, page).text
     assert all(
-        (one if isinstance(page, Goal) else " + ".join(one)) in text.split("try another: ")[1] for one in examples
+        (one if isinstance(page, Goal) else " + ".join(one)) in text.split("try another: ")[1]
+        for one in examples
     )
     chosen = Goal("bread") if isinstance(page, Goal) else Pair("flour", "water")
     assert "try another" not in look(explored, chosen).text
@@ -117,10 +133,14 @@ def test_an_example_offers_others_and_a_choice_does_not(explored, page):
 
 def test_reasons_stand_below_their_rows(explored):
     shown = look(explored, Pair(model="kitchen-recipes"))
-    assert [attributes for tag, attributes in shown.tags if tag == "tr"].count({"class": "why"}) == 10
+    assert [attributes for tag, attributes in shown.tags if tag == "tr"].count(
+        {"class": "why"}
+    ) == 10
 
 
-@pytest.mark.parametrize(("known", "how_many"), [("unseen", ""), ("all", " of these"), ("learned", "All of these")])
+@pytest.mark.parametrize(
+    ("known", "how_many"), [("unseen", ""), ("all", " of these"), ("learned", "All of these")]
+)
 def test_ranks_of_what_was_learned_are_marked_as_memory(explored, known, how_many):
     text = look(explored, Predictions(known=known)).text  # type: ignore[arg-type]
     shown = f"{how_many} queries are for training triples: these ranks are in-sample"
@@ -134,14 +154,19 @@ def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes):
     assert PAGES["predictions"].address(Predictions(known="learned")) in page.links
     assert "was trained on all recipes" in look(explored, Entity("part 1")).text
     a, b, result = explored.opened.graph.labels(explored.opened.split.recipes("test")[0])
-    assert "was trained on this link: the score is in-sample" in look(explored, Link(a, "combinesWith", b)).text
+    assert (
+        "was trained on this link: the score is in-sample"
+        in look(explored, Link(a, "combinesWith", b)).text
+    )
     pair = look(explored, Pair(a, b))
     assert "recipes in the book are in-sample" in pair.text
     assert result in pair.text
 
 
 def test_a_book_without_a_split_has_pages_too(of_recipes):
-    predictor = of_recipes([("a", "b", "c"), ("b", "a", "d"), ("b", "c", "d"), ("a", "d", "e")], kind="none")
+    predictor = of_recipes(
+        [("a", "b", "c"), ("b", "a", "d"), ("b", "c", "d"), ("a", "d", "e")], kind="none"
+    )
     explored = explored_by(predictor)
     assert "This model was trained on all recipes" in look(explored, Predictions()).text
     assert all(look(explored, state).text for state in (Link(), Pair(), Recipes("a")))
@@ -182,7 +207,8 @@ def test_a_model_compared_with_itself_does_not_differ(explored):
 
 def test_too_few_unseen_triples_leave_no_headline(of_recipes):
     predictor = of_recipes(
-        [(f"part {i % 3}", f"other {i % 4}", f"thing {i}") for i in range(9)], kind="by-recipe-plain"
+        [(f"part {i % 3}", f"other {i % 4}", f"thing {i}") for i in range(9)],
+        kind="by-recipe-plain",
     )
     explored = Explored(predictor.model.opened, {"model": predictor, "again": predictor})
     assert view_of(explored, Compare()).headline is None
@@ -192,7 +218,9 @@ def test_too_few_unseen_triples_leave_no_headline(of_recipes):
 def test_ranks_are_made_once_however_many_ask(kitchen_folder, links_folder, monkeypatch):
     explored = Explored.open(kitchen_folder, [links_folder])
     made, views, rank_graph = [], [], predictions.rank_graph
-    monkeypatch.setattr(predictions, "rank_graph", lambda predictor: made.append(1) or rank_graph(predictor))
+    monkeypatch.setattr(
+        predictions, "rank_graph", lambda predictor: made.append(1) or rank_graph(predictor)
+    )
     at_once(lambda: views.append(view_of(explored, Predictions())), 6)
     assert (len(made), len(views)) == (1, 6)
     assert all(view == views[0] for view in views)

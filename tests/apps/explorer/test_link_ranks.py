@@ -78,9 +78,12 @@ def test_of_many_entities_fewer_triples_are_ranked(neighbours, monkeypatch, each
 def test_all_triples_are_ranked_on_both_sides_as_reports_rank_them(neighbours, everything):
     graph, labels = neighbours.graph, neighbours.graph.entities
     ranks = rank_triples(neighbours.model.scorer, graph.triples, graph.triples)
-    ranks["learned"] = is_in(ranks[["head", "relation", "tail"]].to_numpy(), neighbours.split.partial, len(labels))
+    ranks["learned"] = is_in(
+        ranks[["head", "relation", "tail"]].to_numpy(), neighbours.split.partial, len(labels)
+    )
     expected = {
-        (labels[row.head], RELATIONS[row.relation], labels[row.tail], row.side): row for row in ranks.itertuples()
+        (labels[row.head], RELATIONS[row.relation], labels[row.tail], row.side): row
+        for row in ranks.itertuples()
     }
     assert len(everything) == 2 * len(graph.triples) == len(expected)
     for query in everything:
@@ -121,7 +124,9 @@ def test_a_filter_chooses_what_it_says(ranked, everything, chosen):
     assert view.learned == sum(query.learned for query in expected)
     assert all(fits(query) for query in view.queries)
     if expected:
-        assert view.metrics.mrr == pytest.approx(sum(1 / query.rank for query in expected) / len(expected))
+        assert view.metrics.mrr == pytest.approx(
+            sum(1 / query.rank for query in expected) / len(expected)
+        )
 
 
 @pytest.mark.parametrize(
@@ -144,12 +149,15 @@ def test_each_link_is_listed_once_by_its_first_query(ranked, everything, order, 
     ranks = {}
     for query in everything:
         ranks.setdefault(link_of(query), []).append(query.rank)
-    assert {link_of(query): query.rank for query in listed} == {link: first(both) for link, both in ranks.items()}
+    assert {link_of(query): query.rank for query in listed} == {
+        link: first(both) for link, both in ranks.items()
+    }
     assert (len(listed), max(map(len, ranks.values()))) == (len(ranks), 4)
 
 
 @pytest.mark.parametrize(
-    "state", [Predictions(), Predictions(part="new"), Predictions(known="all", entity="water", rank="1")]
+    "state",
+    [Predictions(), Predictions(part="new"), Predictions(known="all", entity="water", rank="1")],
 )
 def test_each_facet_leads_to_as_many_links_as_it_says(explored, state):
     page, links = look(explored, state), 0
@@ -166,13 +174,20 @@ def test_each_facet_leads_to_as_many_links_as_it_says(explored, state):
 
 def test_new_links_are_the_candidates_before_a_true_answer(neighbours, ranked, everything):
     true = {(*key_of(query)[:3],) for query in everything}
-    first = {(q.top, *key_of(q)[1:]) if q.side == "head" else (q.head, q.relation, q.top, q.side) for q in everything}
+    first = {
+        (q.top, *key_of(q)[1:]) if q.side == "head" else (q.head, q.relation, q.top, q.side)
+        for q in everything
+    }
     new = list(ranked_queries(ranked.split.graph, ranked.rows(RankFilter(part="new", known="all"))))
     assert {key_of(query) for query in new} == {key for key in first if key[:3] not in true}
     assert {(query.rank, query.known) for query in new} == {(1.0, "new")}
     for q in new[::40]:
-        assert q.score == pytest.approx(float(neighbours.model.scorer.score(q.head, q.relation, q.tail)))
-    assert (scores := [q.score for q in pages(ranked, RankFilter(part="new"))]) == sorted(scores, reverse=True)
+        assert q.score == pytest.approx(
+            float(neighbours.model.scorer.score(q.head, q.relation, q.tail))
+        )
+    assert (scores := [q.score for q in pages(ranked, RankFilter(part="new"))]) == sorted(
+        scores, reverse=True
+    )
 
 
 def test_two_models_are_compared_query_by_query(ranked, by_kernel):
@@ -181,7 +196,10 @@ def test_two_models_are_compared_query_by_query(ranked, by_kernel):
         {key_of(query): query for query in ranked_queries(model.split.graph, model.rows(UNSEEN))}
         for model in (ranked, by_kernel)
     )
-    shown = (view_compared_ranks(ranked, by_kernel, UNSEEN, page=page + 1) for page in range(found.paging.pages))
+    shown = (
+        view_compared_ranks(ranked, by_kernel, UNSEEN, page=page + 1)
+        for page in range(found.paging.pages)
+    )
     compared = [query for page in shown for query in page.queries]
     assert len(one) == len(other)
     assert len(compared) == len({link_of(query) for query in one.values()})
@@ -201,12 +219,21 @@ def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked, by_kernel, 
     found = view_compared_ranks(ranked, by_kernel, UNSEEN, better)  # type: ignore[arg-type]
     assert found.queries
     assert all(sign * gain(query) > 0 for query in found.queries)
-    assert len(found.queries) <= found.paging.total <= (found.better[0] if sign > 0 else found.better[1])
-    assert found.metrics[0].queries == view_compared_ranks(ranked, by_kernel, UNSEEN).metrics[0].queries
+    assert (
+        len(found.queries)
+        <= found.paging.total
+        <= (found.better[0] if sign > 0 else found.better[1])
+    )
+    assert (
+        found.metrics[0].queries
+        == view_compared_ranks(ranked, by_kernel, UNSEEN).metrics[0].queries
+    )
 
 
 def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(ranked, all_seeing):
-    found = view_compared_ranks(ranked, rank_graph(all_seeing), RankFilter(part="test", known="all"))
+    found = view_compared_ranks(
+        ranked, rank_graph(all_seeing), RankFilter(part="test", known="all")
+    )
     assert found.learned == found.metrics[0].queries
     assert any(other.learned and not one.learned for one, other in found.queries)
     assert view_compared_ranks(ranked, rank_graph(all_seeing), UNSEEN).queries == ()
@@ -215,4 +242,6 @@ def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(ran
 @pytest.mark.parametrize("other", ["rankers", "hostile_predictor"])
 def test_models_of_other_splits_or_graphs_are_not_compared(request, other, ranked):
     with pytest.raises(GraphMismatchError):
-        view_compared_ranks(ranked, rank_graph(request.getfixturevalue(other)), RankFilter(known="all"))
+        view_compared_ranks(
+            ranked, rank_graph(request.getfixturevalue(other)), RankFilter(known="all")
+        )

@@ -8,7 +8,14 @@ import pytest
 from tests.apps.explorer.shown import look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages import map as maps
-from wordcraft_kg.apps.explorer.pages.map import HEIGHT, WIDTH, Map, communities_of, map_of, view_map
+from wordcraft_kg.apps.explorer.pages.map import (
+    HEIGHT,
+    WIDTH,
+    Map,
+    communities_of,
+    map_of,
+    view_map,
+)
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RecipeGraph
 
@@ -28,7 +35,9 @@ def test_each_entity_has_a_place_on_the_map_the_most_used_first(kitchen, kitchen
     checked_values(view)
 
 
-def test_entities_that_are_linked_lie_nearer_than_others_and_so_do_those_of_a_group(kitchen, kitchen_map):
+def test_entities_that_are_linked_lie_nearer_than_others_and_so_do_those_of_a_group(
+    kitchen, kitchen_map
+):
     places, view = np.array([(spot.x, spot.y) for spot in kitchen_map.spots]), kitchen_map
     far = np.linalg.norm(places[:, None] - places[None], axis=2)
     linked = np.zeros_like(far, dtype=bool)
@@ -42,12 +51,19 @@ def test_entities_that_are_linked_lie_nearer_than_others_and_so_do_those_of_a_gr
 
 def test_the_map_holds_the_links_between_different_entities(kitchen, kitchen_map):
     names = [spot.entity for spot in kitchen_map.spots]
-    triples = [(kitchen.entities[a], relation, kitchen.entities[b]) for a, relation, b in kitchen.triples.tolist()]
+    triples = [
+        (kitchen.entities[a], relation, kitchen.entities[b])
+        for a, relation, b in kitchen.triples.tolist()
+    ]
     combines = {frozenset((names[a], names[b])) for a, b in kitchen_map.combines}
-    assert combines == {frozenset((a, b)) for a, relation, b in triples if relation == COMBINES_WITH and a != b}
+    assert combines == {
+        frozenset((a, b)) for a, relation, b in triples if relation == COMBINES_WITH and a != b
+    }
     assert len(combines) == len(kitchen_map.combines)
     components = [(names[a], names[b]) for a, b in kitchen_map.components]
-    assert sorted(components) == sorted((a, b) for a, relation, b in triples if relation == COMPONENT_OF and a != b)
+    assert sorted(components) == sorted(
+        (a, b) for a, relation, b in triples if relation == COMPONENT_OF and a != b
+    )
 
 
 def test_the_links_of_a_chosen_entity_are_those_of_its_recipes(kitchen, kitchen_map):
@@ -57,11 +73,20 @@ def test_the_links_of_a_chosen_entity_are_those_of_its_recipes(kitchen, kitchen_
         uses = [recipe for recipe in kitchen.recipe_labels() if entity in recipe[:2]]
         combines = {b if a == entity else a for a, b, _ in uses}
         makes = {result for _, _, result in uses}
-        made_of = {label for a, b, result in kitchen.recipe_labels() if result == entity for label in (a, b)}
+        made_of = {
+            label
+            for a, b, result in kitchen.recipe_labels()
+            if result == entity
+            for label in (a, b)
+        }
         assert view.spots[view.chosen.entity].entity == entity
         kinds = (view.chosen.combines, view.chosen.makes, view.chosen.made_of)
         for expected, kind in zip((combines, makes, made_of), kinds, strict=True):
-            assert {view.spots[number].entity for number in kind.placed} == set(kind.listed) == expected
+            assert (
+                {view.spots[number].entity for number in kind.placed}
+                == set(kind.listed)
+                == expected
+            )
             assert kind.total == len(expected)
             uses = [kitchen.use_counts[kitchen.id_of(label)] for label in kind.listed]
             assert uses == sorted(uses, reverse=True)
@@ -100,7 +125,8 @@ def test_above_the_limit_the_most_used_are_placed_and_a_chosen_one_is_a_guest(ki
 
 
 @pytest.mark.parametrize(
-    "rows", [[], [("a", "b", "c")], [("a", "a", "b")], [("a", "b", "c"), ("d", "d", "d"), ("e", "e", "f")]]
+    "rows",
+    [[], [("a", "b", "c")], [("a", "a", "b")], [("a", "b", "c"), ("d", "d", "d"), ("e", "e", "f")]],
 )
 def test_small_and_disconnected_graphs_have_maps(rows):
     graph = RecipeGraph.from_recipes(rows)
@@ -121,16 +147,29 @@ def test_of_very_many_links_a_map_holds_and_draws_some(kitchen, monkeypatch):
     chosen = view_map(kitchen, found, most).chosen
     assert (len(chosen.combines.placed), len(chosen.combines.listed)) == (3, 2)
     assert chosen.combines.total > 3
-    assert tuple(found.spots[number].entity for number in chosen.combines.placed)[:2] == chosen.combines.listed
+    assert (
+        tuple(found.spots[number].entity for number in chosen.combines.placed)[:2]
+        == chosen.combines.listed
+    )
 
 
 def test_the_links_of_a_chosen_entity_are_lines_to_its_partners_which_are_named_first(explored):
     view, page = view_of(explored, Map(entity="bread")), look(explored, Map(entity="bread"))
-    lines = {values["class"]: values["d"] for name, values in page.tags if name == "path" and "L" in values["d"]}
+    lines = {
+        values["class"]: values["d"]
+        for name, values in page.tags
+        if name == "path" and "L" in values["d"]
+    }
     for kind, links in (("combines", view.chosen.combines), ("makes", view.chosen.makes)):
         ends = [view.spots[end] for end in links.placed if end != view.chosen.entity]
-        assert re.findall(r"L(\d+) (\d+)", lines[kind]) == [(str(spot.x), str(spot.y)) for spot in ends]
-    dots = [values["class"] for _, values in page.tags if " r" in f" {values.get('class')}" and "href" in values]
+        assert re.findall(r"L(\d+) (\d+)", lines[kind]) == [
+            (str(spot.x), str(spot.y)) for spot in ends
+        ]
+    dots = [
+        values["class"]
+        for _, values in page.tags
+        if " r" in f" {values.get('class')}" and "href" in values
+    ]
     chosen = view.spots[view.chosen.entity]
     place = dots.index(next(dot for dot in dots if "chosen" in dot))
     assert view.spots[place] == chosen
@@ -145,7 +184,9 @@ def test_each_colour_of_layers_is_in_the_legend_with_the_number_of_its_entities(
     assert len(legend) == len({style for style, _, _ in legend}) == 5
 
 
-TWO_CLIQUES = np.array([(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (3, 6), (4, 5), (4, 6), (5, 6), (2, 3)])
+TWO_CLIQUES = np.array(
+    [(0, 1), (0, 2), (1, 2), (3, 4), (3, 5), (3, 6), (4, 5), (4, 6), (5, 6), (2, 3)]
+)
 
 
 def test_entities_that_are_linked_among_each_other_are_a_group_with_typical_members_first():

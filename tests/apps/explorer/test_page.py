@@ -31,7 +31,11 @@ class Nothing(Record):
 
 PAGE = Page("example", Example, lambda *_: Nothing(), subject="entity")
 LABELS = st.text(st.characters(codec="utf-8", exclude_categories=["Cs", "Cc"]), max_size=30)
-SORTS, NUMBERS, TABLES = st.sampled_from(["rank", "score"]), st.integers(0, 10**6), st.lists(LABELS).map(tuple)
+SORTS, NUMBERS, TABLES = (
+    st.sampled_from(["rank", "score"]),
+    st.integers(0, 10**6),
+    st.lists(LABELS).map(tuple),
+)
 
 
 @given(st.builds(Example, LABELS, SORTS, NUMBERS, st.booleans(), TABLES))
@@ -45,10 +49,15 @@ def test_each_state_is_read_back_from_its_address(state):
 def test_choices_at_their_defaults_are_not_in_the_address():
     assert PAGE.address(Example()) == "/example"
     assert PAGE.address(Example("olive oil", page=2)) == "/example/olive%20oil?page=2"
-    assert PAGE.address(Example(full=True, table=("a", "b,c"))) == "/example?full=true&table=a&table=b%2Cc"
+    assert (
+        PAGE.address(Example(full=True, table=("a", "b,c")))
+        == "/example?full=true&table=a&table=b%2Cc"
+    )
 
 
-@pytest.mark.parametrize("label", [".", "..", "a/b", "../../etc/passwd", "a\\b", "/", "...", "%2e%2e", "100 %"])
+@pytest.mark.parametrize(
+    "label", [".", "..", "a/b", "../../etc/passwd", "a\\b", "/", "...", "%2e%2e", "100 %"]
+)
 def test_a_label_that_a_browser_would_take_for_a_folder_is_in_the_query(label):
     assert PAGE.address(Example(label)).startswith("/example?entity=")
 
@@ -116,6 +125,8 @@ def test_a_page_from_outside_is_served_exported_and_in_the_menu(point, tmp_path,
 
 
 def test_two_pages_of_one_name_are_refused(point, tmp_path):
-    (tmp_path / "outside_letters" / "__init__.py").write_text(MODULE.replace('"letters"', '"entity"'))
+    (tmp_path / "outside_letters" / "__init__.py").write_text(
+        MODULE.replace('"letters"', '"entity"')
+    )
     with pytest.raises(ConfigError, match="two pages have the name 'entity'"):
         pages_by_name([point])

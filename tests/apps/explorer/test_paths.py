@@ -27,7 +27,9 @@ def chain(length):
 def test_the_steps_are_those_of_the_cheapest_derivation_with_the_parts_of_their_recipes(kitchen):
     planner, split = Planner(kitchen), make_split(kitchen, SplitConfig())
     explored = explored_graph(kitchen, split=split)
-    part_of = {recipe: part for part in PARTS for recipe in kitchen.recipe_labels(split.recipes(part))}
+    part_of = {
+        recipe: part for part in PARTS for recipe in kitchen.recipe_labels(split.recipes(part))
+    }
     seen = set()
     for entity in kitchen.entities:
         view = view_of(explored, Path(entity))
@@ -43,7 +45,9 @@ def test_the_steps_are_those_of_the_cheapest_derivation_with_the_parts_of_their_
     assert seen == {"train", "test"}
 
 
-def test_each_craft_is_a_layer_after_all_that_it_needs_and_a_layer_before_something_that_needs_it(kitchen):
+def test_each_craft_is_a_layer_after_all_that_it_needs_and_a_layer_before_something_that_needs_it(
+    kitchen,
+):
     explored = explored_graph(kitchen)
     for entity in kitchen.entities:
         view = view_of(explored, Path(entity))
@@ -67,23 +71,46 @@ LOST = [("gone", "b", "d")]
         ("a", [("b", "b", "a")], "base", [], (), "a is a base entity"),
         ("c", [("a", "b", "c")], "made", [], (), "1 craft in 1 layer"),
         ("d", LOST, "impossible", [("gone",)], ("gone",), "d cannot be made from the base (a, b)"),
-        ("d", LOST, "impossible", [("gone",)], ("gone",), "entities without recipes outside the base: gone."),
+        (
+            "d",
+            LOST,
+            "impossible",
+            [("gone",)],
+            ("gone",),
+            "entities without recipes outside the base: gone.",
+        ),
         ("gone", LOST, "impossible", [], ("gone",), "No recipe makes it."),
         ("x", [("x", "b", "y"), ("y", "b", "x")], "impossible", [("y",)], (), "form a cycle"),
     ],
 )
-def test_a_path_says_whether_it_can_be_gone_and_why_not(goal, rows, outcome, blocked, sources, text):
+def test_a_path_says_whether_it_can_be_gone_and_why_not(
+    goal, rows, outcome, blocked, sources, text
+):
     explored = explored_graph([*rows, ("a", "b", "other")], ["a", "b"])
     view = view_of(explored, Path(goal))
-    assert (view.outcome, [row.missing for row in view.blocked], view.sources) == (outcome, blocked, sources)
-    assert (view.steps, view.layers, len(view.drawn)) == ((1, 1, 1) if outcome == "made" else (0, 0, 0))
+    assert (view.outcome, [row.missing for row in view.blocked], view.sources) == (
+        outcome,
+        blocked,
+        sources,
+    )
+    assert (view.steps, view.layers, len(view.drawn)) == (
+        (1, 1, 1) if outcome == "made" else (0, 0, 0)
+    )
     assert text in look(explored, Path(goal)).text
 
 
 def test_of_what_cannot_be_made_the_view_says_what_its_recipes_lack_and_where_that_ends():
-    rows = [("lost", "a", "one"), ("one", "one", "goal"), ("a", "two", "goal"), ("gone", "lost", "two")]
+    rows = [
+        ("lost", "a", "one"),
+        ("one", "one", "goal"),
+        ("a", "two", "goal"),
+        ("gone", "lost", "two"),
+    ]
     view = path_to("goal", *rows, base=["a"])
-    assert [(row.recipe.ingredient_a, row.missing) for row in view.blocked] == [("a", ("two",)), ("one", ("one",))]
+    assert [(row.recipe.ingredient_a, row.missing) for row in view.blocked] == [
+        ("a", ("two",)),
+        ("one", ("one",)),
+    ]
     assert (view.sources, view.num_sources, view.recipes) == (("gone", "lost"), 2, 2)
 
 
@@ -98,13 +125,26 @@ def test_a_long_path_is_listed_page_by_page_and_its_last_layers_are_drawn(monkey
         path_to("00009", *chain(9), page=4)
 
 
-CHAIN = [("a", "b", "c"), ("c", "a", "d"), ("c", "x", "e"), ("e", "e", "d"), ("d", "d", "f"), ("lone", "lone", "two")]
+CHAIN = [
+    ("a", "b", "c"),
+    ("c", "a", "d"),
+    ("c", "x", "e"),
+    ("e", "e", "d"),
+    ("d", "d", "f"),
+    ("lone", "lone", "two"),
+]
 
 
 @pytest.mark.parametrize(
     ("start", "goal", "ends", "recipes", "text"),
     [
-        ("a", "f", "af", ["a + c -> d", "d + d -> f"], "The shortest chain from a to f has 2 recipes"),
+        (
+            "a",
+            "f",
+            "af",
+            ["a + c -> d", "d + d -> f"],
+            "The shortest chain from a to f has 2 recipes",
+        ),
         ("x", "f", "xf", ["c + x -> e", "e + e -> d", "d + d -> f"], "from x to f has 3 recipes"),
         (
             "f",
@@ -113,7 +153,13 @@ CHAIN = [("a", "b", "c"), ("c", "a", "d"), ("c", "x", "e"), ("e", "e", "d"), ("d
             ["c + x -> e", "e + e -> d", "d + d -> f"],
             "No chain of recipes leads from f to x. The shortest",
         ),
-        ("lone", "f", ("lone", "f"), [], "No chain of recipes leads from lone to f, and none leads back."),
+        (
+            "lone",
+            "f",
+            ("lone", "f"),
+            [],
+            "No chain of recipes leads from lone to f, and none leads back.",
+        ),
         ("a", "a", "aa", [], "a is the start and the goal"),
     ],
 )
@@ -132,7 +178,10 @@ def test_a_chain_of_recipes_leads_between_any_two_entities_or_back_or_is_said_to
 
 
 def test_no_chain_is_shorter_than_the_shown_one(kitchen):
-    explored, length = explored_graph(kitchen), dict.fromkeys(kitchen.entities, 1_000) | {"water": 0}
+    explored, length = (
+        explored_graph(kitchen),
+        dict.fromkeys(kitchen.entities, 1_000) | {"water": 0},
+    )
     for _ in kitchen.entities:
         for a, b, result in kitchen.recipe_labels():
             length[result] = min(length[result], length[a] + 1, length[b] + 1)

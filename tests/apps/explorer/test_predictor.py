@@ -20,7 +20,10 @@ def test_each_entity_of_a_slot_has_the_part_of_its_triple_and_whether_it_was_lea
         triples = slot.triples(np.arange(neighbours.graph.num_entities))
         part = neighbours.split.part_of(triples)
         assert np.where(part < 0, NEW, part).tolist() == slot.part.tolist()
-        assert is_in(triples, neighbours.split.partial, neighbours.graph.num_entities).tolist() == slot.learned.tolist()
+        assert (
+            is_in(triples, neighbours.split.partial, neighbours.graph.num_entities).tolist()
+            == slot.learned.tolist()
+        )
         scores = neighbours.model.scorer.score(*triples.T[:1], relation, triples[:, 2])
         assert slot.scores.tolist() == pytest.approx(scores.flatten().tolist())
         seen |= set(slot.part.tolist())
@@ -37,7 +40,10 @@ def test_ranks_are_those_of_reports_whether_a_link_is_true_or_not(neighbours):
         assert slot.ranks(np.arange(graph.num_entities)).tolist() == expected["rank"].tolist()
         for other in (0, 17, 40):
             found = slot.rank(other)
-            assert (found.rank, found.candidates) == (expected["rank"].iloc[other], expected["candidates"].iloc[other])
+            assert (found.rank, found.candidates) == (
+                expected["rank"].iloc[other],
+                expected["candidates"].iloc[other],
+            )
 
 
 def test_the_best_leave_out_what_was_learned_unless_it_is_asked_for(neighbours):
@@ -48,7 +54,9 @@ def test_the_best_leave_out_what_was_learned_unless_it_is_asked_for(neighbours):
     for with_learned in (False, True):
         answers = neighbours.best(slot, with_learned=with_learned, top=12)
         listed = [labels[i] for i in by_score if with_learned or not slot.learned[i]]
-        assert [(row.entity, row.position) for row in answers.best] == list(zip(listed, range(1, 13), strict=False))
+        assert [(row.entity, row.position) for row in answers.best] == list(
+            zip(listed, range(1, 13), strict=False)
+        )
         assert ("learned" in {row.status for row in answers.best}) == with_learned
         assert (answers.head, answers.relation, answers.tail) == ("flour", "combinesWith", None)
 
@@ -58,12 +66,19 @@ def test_beside_the_best_stands_what_is_true_and_was_not_learned(neighbours):
     for entity, relation, side in SLOTS:
         slot = neighbours.slot(entity, relation, side)
         found = neighbours.best(slot, truth=1_000)
-        true = [i for i in range(neighbours.graph.num_entities) if slot.part[i] != NEW and not slot.learned[i]]
+        true = [
+            i
+            for i in range(neighbours.graph.num_entities)
+            if slot.part[i] != NEW and not slot.learned[i]
+        ]
         assert {row.entity for row in found.truth} == {neighbours.graph.entities[i] for i in true}
         assert found.true_unlearned == len(true)
         assert found.true_learned == int(slot.learned.sum())
         assert [row.rank for row in found.truth] == sorted(row.rank for row in found.truth)
-        assert {(row.status, row.known) for row in found.truth} <= {("held out", "valid"), ("held out", "test")}
+        assert {(row.status, row.known) for row in found.truth} <= {
+            ("held out", "valid"),
+            ("held out", "test"),
+        }
         assert neighbours.best(slot, truth=2).truth == found.truth[:2]
         compared += len(true)
     assert compared > 20
@@ -85,7 +100,11 @@ def test_probabilities_are_those_of_the_scorer_and_none_for_what_was_learned(ker
     found = kernel.best(kernel.slot(3, COMPONENT_OF, "head"), with_learned=True, top=80)
     assert {row.status for row in found.best} >= {"learned", "not in the book"}
     for row in found.best:
-        expected = None if row.status == "learned" else float(scorer.probability(row.entity, COMPONENT_OF, 3))
+        expected = (
+            None
+            if row.status == "learned"
+            else float(scorer.probability(row.entity, COMPONENT_OF, 3))
+        )
         assert row.probability == (expected if expected is None else pytest.approx(expected))
     without = neighbours.best(neighbours.slot(3, COMPONENT_OF, "head"))
     assert {row.probability for row in without.best} == {None}
@@ -111,14 +130,21 @@ def with_train_sample(parted_kitchen, tmp_path):
 
     def with_train_sample(**settings):
         config = LinksConfig(parted_kitchen.source, ComplExConfig(dim=2, epochs=1, **settings))  # type: ignore[arg-type]
-        return LinkPredictor("with_train_sample", tmp_path, open_model(train_links(config, tmp_path / "model").folder))
+        return LinkPredictor(
+            "with_train_sample",
+            tmp_path,
+            open_model(train_links(config, tmp_path / "model").folder),
+        )
 
     return with_train_sample
 
 
 def test_what_a_dose_left_out_is_true_but_not_learned(with_train_sample):
     predictor = with_train_sample(folds=0, train_fraction=0.5)
-    slots = [predictor.best(predictor.slot(*slot), with_learned=True, top=80, witnesses=0) for slot in SLOTS]
+    slots = [
+        predictor.best(predictor.slot(*slot), with_learned=True, top=80, witnesses=0)
+        for slot in SLOTS
+    ]
     statuses = {(row.status, row.known) for slot in slots for row in slot.best}
     assert {("not learned", "train"), ("learned", "train"), ("held out", "test")} <= statuses
     assert ("learned", "test") not in statuses
@@ -128,7 +154,9 @@ def test_what_was_taught_wrong_is_learned_and_has_no_probability(with_train_samp
     predictor = with_train_sample(folds=2, label_noise=0.5)
     train_sample = predictor.model.train_sample
     a, _, result = train_sample.among(train_sample.is_wrong)[0].tolist()
-    found = predictor.best(predictor.slot(a, COMPONENT_OF, "tail"), with_learned=True, top=80, witnesses=0)
+    found = predictor.best(
+        predictor.slot(a, COMPONENT_OF, "tail"), with_learned=True, top=80, witnesses=0
+    )
     (wrong,) = [row for row in found.best if row.entity == predictor.graph.entities[result]]
     assert (wrong.status, wrong.known, wrong.probability) == ("learned", "new", None)
     assert any(row.probability is not None for row in found.best)

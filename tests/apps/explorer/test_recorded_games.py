@@ -33,14 +33,25 @@ def played(kitchen_folder, agents, tmp_path_factory):
             go_on(answers, study, answers.begin(name, study.cells), 4)
     world = World(opened, WordCraftConfig(part="test", num_distractors=8, max_attempts=2))
     settings = PlayedSettings.of(world, opened.split, tasks=4)
-    play_all("program", lambda talk: lambda prompt: "1 + 2", Play(TaskGames(world), settings, None), home / "program")
+    play_all(
+        "program",
+        lambda talk: lambda prompt: "1 + 2",
+        Play(TaskGames(world), settings, None),
+        home / "program",
+    )
     runs = [agents.runs["guided"], agents.runs["plain"]]
-    return Explored.open(kitchen_folder, [], runs, [home / "study", home / "program"]), read_study(home / "study")
+    return Explored.open(kitchen_folder, [], runs, [home / "study", home / "program"]), read_study(
+        home / "study"
+    )
 
 
 def test_each_recorded_table_leads_to_an_episode_with_every_player(played):
     explored, study = played
-    actions = {(one.answer.goal, one.session): one.answer.actions for given in study.answers.values() for one in given}
+    actions = {
+        (one.answer.goal, one.session): one.answer.actions
+        for given in study.answers.values()
+        for one in given
+    }
     tables = view_of(explored, Games()).tables
     assert [len(row.solved + row.not_solved) for row in tables] == [2] * 4 + [1] * 4
     assert {Episode(**row.settings) for row in tables} <= set(PAGES["episode"].states(explored))
@@ -58,19 +69,33 @@ def test_each_recorded_table_leads_to_an_episode_with_every_player(played):
         }
         for one in others:
             picks = tuple(pick.entity for pick in one.attempts[0].picks)
-            assert f"{one.player} people {picks[0]}" in page.text or f"program {picks[0]}" in page.text
+            assert (
+                f"{one.player} people {picks[0]}" in page.text or f"program {picks[0]}" in page.text
+            )
             assert one.kind == "other" or picks == actions[view.goal, int(one.player.split()[1])]
         for step, pick in zip(view.first.episode.steps, guided.attempts[0].picks, strict=True):
             (slot,) = (slot for slot in step.slots if slot.entity == step.action)
-            assert (pick.entity, pick.sources, pick.probability) == (slot.entity, slot.sources, slot.probability)
+            assert (pick.entity, pick.sources, pick.probability) == (
+                slot.entity,
+                slot.sources,
+                slot.probability,
+            )
 
 
 def test_a_game_at_a_table_of_the_evaluation_is_shown_there_too(played):
-    row = next(row for row in view_of(played[0], Games()).tables if "program" in row.solved + row.not_solved)
-    drawn, other = (Episode(part="test", task=row.settings["task"], distractor_seed=seed) for seed in (0, 1))
+    row = next(
+        row
+        for row in view_of(played[0], Games()).tables
+        if "program" in row.solved + row.not_solved
+    )
+    drawn, other = (
+        Episode(part="test", task=row.settings["task"], distractor_seed=seed) for seed in (0, 1)
+    )
     players = view_of(played[0], drawn).players
     assert players == view_of(played[0], Episode(**row.settings)).players
-    assert all(pick.probability is not None for attempt in players[-1].attempts for pick in attempt.picks)
+    assert all(
+        pick.probability is not None for attempt in players[-1].attempts for pick in attempt.picks
+    )
     assert view_of(played[0], other).players == ()
 
 

@@ -24,7 +24,12 @@ from wordcraft_kg.apps.explorer.pages import PAGES, entities
 from wordcraft_kg.apps.explorer.server import make_app
 from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_ADDRESS
 from wordcraft_kg.apps.web.serving import listen
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, UnknownEntityError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    UnknownEntityError,
+)
 from wordcraft_kg.base.records import as_values
 
 
@@ -56,7 +61,11 @@ def test_every_link_that_can_be_reached_leads_to_a_page(client):
             continue
         answer = client.get(address)
         assert answer.status_code == 200, (address, re.findall("<p>.*</p>", answer.text))
-        todo += [link for link in dict.fromkeys(Shown(answer.text).links) if link[0] == "/" and link not in seen]
+        todo += [
+            link
+            for link in dict.fromkeys(Shown(answer.text).links)
+            if link[0] == "/" and link not in seen
+        ]
         seen.update(todo)
     assert set(kinds) >= set(PAGES) - {"games"}  # there are no recorded games
 
@@ -68,13 +77,17 @@ def test_every_page_of_the_menu_has_its_view_as_json(client, explored):
             assert answer.json() == as_values(page.view(explored, page.state()))
 
 
-@pytest.mark.parametrize("address", ["/home", "/nothing", "/search?q=a", "/files/explorer.css", "/entity/nothing"])
+@pytest.mark.parametrize(
+    "address", ["/home", "/nothing", "/search?q=a", "/files/explorer.css", "/entity/nothing"]
+)
 def test_every_answer_has_the_security_headers(client, address):
     answer = client.get(address)
     assert {name: answer.headers[name] for name in HEADERS} == HEADERS
 
 
-@pytest.mark.parametrize("host", ["evil.example", "localhost.evil.example", "", "127.0.0.1.nip.io", "[::1"])
+@pytest.mark.parametrize(
+    "host", ["evil.example", "localhost.evil.example", "", "127.0.0.1.nip.io", "[::1"]
+)
 def test_another_hosts_name_is_refused(client, host):
     answer = client.get("/home", headers={"Host": host})
     assert answer.status_code == 421
@@ -98,7 +111,8 @@ def test_nothing_but_reading_is_possible(client, method):
 
 
 @pytest.mark.parametrize(
-    "path", ["/../../etc/passwd", "/files/../server.py", "/files/%2e%2e%2fserver.py", "/files/server.py"]
+    "path",
+    ["/../../etc/passwd", "/files/../server.py", "/files/%2e%2e%2fserver.py", "/files/server.py"],
 )
 def test_no_path_leads_out_of_the_site(client, path):
     answer = client.get(path)
@@ -115,7 +129,10 @@ def test_no_path_leads_out_of_the_site(client, path):
 def test_entities_are_offered_where_an_entity_is_not_there(client, path, is_meant):
     answer = client.get(path)
     assert answer.status_code == 404
-    assert ("Similar names" in answer.text, "/entity/bread" in Shown(answer.text).links) == (is_meant, is_meant)
+    assert ("Similar names" in answer.text, "/entity/bread" in Shown(answer.text).links) == (
+        is_meant,
+        is_meant,
+    )
 
 
 @pytest.mark.parametrize(
@@ -155,7 +172,13 @@ def test_search_finds_labels_and_their_addresses(client):
 def test_hostile_labels_are_text_in_pages_lists_and_searches(hostile_client):
     client, page = hostile_client, PAGES["entity"]
     own = [page.address(page.state(entity=label)) for label in HOSTILE]
-    for address in (*own, "/home", "/entities", f"/entities?q={quote('<script>')}", f"/entity/{quote('<b>nothing')}"):
+    for address in (
+        *own,
+        "/home",
+        "/entities",
+        f"/entities?q={quote('<script>')}",
+        f"/entity/{quote('<b>nothing')}",
+    ):
         answer = client.get(address)
         assert answer.status_code == (404 if "nothing" in address else 200)
         for markup in ("<script>alert", "<b>nothing", "<b>hostile", "<img"):
@@ -203,7 +226,9 @@ def test_what_cannot_be_made_is_tried_again(explored):
 def test_a_folder_of_another_graph_or_kind_is_refused(request, graph, model, run, error):
     models, runs = ([request.getfixturevalue(name)] if name else [] for name in (model, run))
     with pytest.raises(error):
-        Explored.open(graph if graph == "everyday" else request.getfixturevalue(graph), models, runs)
+        Explored.open(
+            graph if graph == "everyday" else request.getfixturevalue(graph), models, runs
+        )
 
 
 def test_models_and_runs_are_found_by_name_and_the_first_without(explored):
@@ -219,7 +244,9 @@ def test_models_and_runs_are_found_by_name_and_the_first_without(explored):
             find()
 
 
-def test_folders_of_one_name_are_told_apart_by_their_parents(kitchen_folder, links_folder, tmp_path):
+def test_folders_of_one_name_are_told_apart_by_their_parents(
+    kitchen_folder, links_folder, tmp_path
+):
     for place in ("one", "two"):
         shutil.copytree(links_folder, tmp_path / place / "cx")
     found = Explored.open(kitchen_folder, [tmp_path / "one" / "cx", tmp_path / "two" / "cx"])
@@ -228,7 +255,11 @@ def test_folders_of_one_name_are_told_apart_by_their_parents(kitchen_folder, lin
 
 def test_looking_writes_nothing(client, kitchen_folder, links_folder, run_folder):
     def content():
-        files = [path for folder in (kitchen_folder, links_folder, run_folder) for path in folder.rglob("*")]
+        files = [
+            path
+            for folder in (kitchen_folder, links_folder, run_folder)
+            for path in folder.rglob("*")
+        ]
         return {path: (path.stat().st_size, path.stat().st_mtime_ns) for path in files}
 
     before = content()
@@ -244,7 +275,11 @@ def test_the_json_of_a_page_is_json_whatever_its_labels_are(hostile_client):
 def serving(*arguments):
     """Start a server on a free port; yields it and its address."""
     command = [sys.executable, "-m", "wordcraft_kg", *arguments, "--port", "0", "--json"]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": {**os.environ, "OMP_NUM_THREADS": "1"}}
+    pipes = {
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+        "env": {**os.environ, "OMP_NUM_THREADS": "1"},
+    }
     with subprocess.Popen(command, text=True, **pipes) as server:
         try:
             yield server, json.loads(server.stdout.readline())["address"]
@@ -271,7 +306,12 @@ def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(term
             urllib.request.urlopen(f"{address}/entity/brea")
         for method in ("POST", "GET"):
             assert b"400" in send(
-                address, f"{method} / HTTP/1.1", "Host: localhost", "Transfer-Encoding: chunked", "", "zz"
+                address,
+                f"{method} / HTTP/1.1",
+                "Host: localhost",
+                "Transfer-Encoding: chunked",
+                "",
+                "zz",
             )
         server.send_signal(termination)
         out, err = server.communicate(timeout=20)

@@ -18,7 +18,11 @@ LOADING = ("link", "script", "img")
 
 def loaded(page):
     """The files that a page loads."""
-    sources = [attributes.get("href") or attributes.get("src") or "" for tag, attributes in page.tags if tag in LOADING]
+    sources = [
+        attributes.get("href") or attributes.get("src") or ""
+        for tag, attributes in page.tags
+        if tag in LOADING
+    ]
     return [source for source in sources if source and not source.startswith("data:")]
 
 
@@ -57,9 +61,16 @@ def test_there_are_no_forms_and_nothing_is_loaded_from_elsewhere(pages):
 def test_the_record_says_what_was_written(static_site, explored):
     record = json.loads((static_site / "site.json").read_text())
     sizes = [page.stat().st_size for page in static_site.rglob("*.html")]
-    assert (record["pages"], record["bytes"], record["largest"]) == (len(sizes), sum(sizes), max(sizes))
+    assert (record["pages"], record["bytes"], record["largest"]) == (
+        len(sizes),
+        sum(sizes),
+        max(sizes),
+    )
     assert (record["graph_hash"], record["skipped"]) == (explored.opened.graph.hash, {})
-    assert (set(record["models"]), set(record["runs"])) == (set(explored.models), set(explored.runs))
+    assert (set(record["models"]), set(record["runs"])) == (
+        set(explored.models),
+        set(explored.runs),
+    )
 
 
 def test_the_search_file_has_every_entity_the_most_used_first(static_site, explored):
@@ -76,7 +87,9 @@ def test_labels_make_safe_file_names_and_none_is_lost(hostile, hostile_site):
     pages = list((hostile_site / "entity").iterdir())
     assert len(pages) == hostile.opened.graph.num_entities == len(HOSTILE) + 3
     assert all(re.fullmatch(r"[a-z0-9-]{1,70}\.html", page.name) for page in pages)
-    assert not [page for page in hostile_site.rglob("*.html") if "<script>alert" in page.read_text()]
+    assert not [
+        page for page in hostile_site.rglob("*.html") if "<script>alert" in page.read_text()
+    ]
 
 
 def test_an_export_reports_each_page(tmp_path):
@@ -89,7 +102,9 @@ def test_an_export_reports_each_page(tmp_path):
 
 def test_the_same_site_has_the_same_bytes(hostile, hostile_site, tmp_path):
     def content(site):
-        return {path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.is_file()}
+        return {
+            path.relative_to(site): path.read_bytes() for path in site.rglob("*") if path.is_file()
+        }
 
     export_site(Explored(hostile.opened), tmp_path / "again")
     assert content(tmp_path / "again") == content(hostile_site)
@@ -107,7 +122,9 @@ def test_a_site_is_replaced_only_on_request(tmp_path):
     assert (other / "notes.txt").read_text() == "mine"
 
 
-def test_no_file_says_where_folders_are_on_this_machine(explored, run_folder, tmp_path, monkeypatch):
+def test_no_file_says_where_folders_are_on_this_machine(
+    explored, run_folder, tmp_path, monkeypatch
+):
     shutil.copytree(run_folder, tmp_path / "w")
     (tmp_path / "w" / "episodes.jsonl").unlink()
     broken = Explored(explored.opened, runs={"w": tmp_path / "w"})

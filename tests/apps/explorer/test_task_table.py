@@ -9,7 +9,12 @@ from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import random_entity
 from wordcraft_kg.agents.records import PlayedTask, read_episodes
 from wordcraft_kg.agents.training import train_agent
-from wordcraft_kg.apps.explorer.pages.tasks import TASKS_A_PAGE, ListedTask, TaskResults, view_task_table
+from wordcraft_kg.apps.explorer.pages.tasks import (
+    TASKS_A_PAGE,
+    ListedTask,
+    TaskResults,
+    view_task_table,
+)
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.task_search import make_tasks
@@ -23,7 +28,9 @@ def played_at_random(opened, depth):
     for number in (number for number in range(len(world.tasks)) if number % 3):
         task, won = world.tasks[number], success[number].tolist()
         terminations = tuple("goal" if one else "no_recipe" for one in won)
-        lines.append(PlayedTask("train", task.goal, task.start, float(np.mean(won)), terminations, (2,) * 4))
+        lines.append(
+            PlayedTask("train", task.goal, task.start, float(np.mean(won)), terminations, (2,) * 4)
+        )
     return world.tasks, lines
 
 
@@ -33,7 +40,11 @@ def test_all_tasks_are_listed_once_with_how_often_they_were_solved(opened, depth
     results = TaskResults.of(tasks, reversed(lines))
     by_task = {(line.goal, line.start): line.terminations for line in lines}
     pages = view_task_table(tasks, results).paging.pages
-    rows = [row for page in range(1, pages + 1) for row in view_task_table(tasks, results, page=page).rows]
+    rows = [
+        row
+        for page in range(1, pages + 1)
+        for row in view_task_table(tasks, results, page=page).rows
+    ]
     assert [row.number for row in rows] == list(range(len(tasks)))
     for row, task in zip(rows, tasks, strict=True):
         terminations = by_task.get((task.goal, task.start))
@@ -66,9 +77,13 @@ def test_only_what_is_shown_gets_labels(opened, monkeypatch):
     tasks, lines = played_at_random(opened, 2)
     results, asked = TaskResults.of(tasks, lines), []
     labels = TaskSet.__getitem__
-    monkeypatch.setattr(TaskSet, "__getitem__", lambda self, index: asked.append(index) or labels(self, index))
+    monkeypatch.setattr(
+        TaskSet, "__getitem__", lambda self, index: asked.append(index) or labels(self, index)
+    )
     found = view_task_table(tasks, results, page=2)
-    assert asked == [row.number for row in found.rows] == list(range(TASKS_A_PAGE, 2 * TASKS_A_PAGE))
+    assert (
+        asked == [row.number for row in found.rows] == list(range(TASKS_A_PAGE, 2 * TASKS_A_PAGE))
+    )
     assert len(tasks) > 5 * TASKS_A_PAGE
 
 
@@ -78,6 +93,10 @@ def test_the_results_of_a_run_are_those_of_its_evaluation(opened, tmp_path):
     folder = train_agent(config, tmp_path / "run").folder
     summary = read_agent_run(folder).evaluation
     for part in ("train", "test"):
-        results = TaskResults.of(make_tasks(opened.graph, 1, opened.split, part), read_episodes(folder))  # type: ignore[arg-type]
+        results = TaskResults.of(
+            make_tasks(opened.graph, 1, opened.split, part), read_episodes(folder)
+        )  # type: ignore[arg-type]
         assert (results.distractor_seeds == 5).all()
-        assert results.won.sum() / results.distractor_seeds.sum() == pytest.approx(summary.success[part].mean)  # type: ignore[index]
+        assert results.won.sum() / results.distractor_seeds.sum() == pytest.approx(
+            summary.success[part].mean
+        )  # type: ignore[index]

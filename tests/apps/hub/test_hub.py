@@ -26,10 +26,17 @@ class Hub(BaseHTTPRequestHandler):
                 self.server.created.append(json.loads(body))
                 return self.answer({"url": f"http://{self.headers['Host']}/me/mine"})
             case [_, _, _, "preupload", _]:
-                modes = [{"uploadMode": "regular", "shouldIgnore": False, **one} for one in json.loads(body)["files"]]
+                modes = [
+                    {"uploadMode": "regular", "shouldIgnore": False, **one}
+                    for one in json.loads(body)["files"]
+                ]
                 return self.answer({"files": modes})
             case [kind, *repository, "commit", revision]:
-                values = [line["value"] for line in map(json.loads, body.splitlines()) if line["key"] == "file"]
+                values = [
+                    line["value"]
+                    for line in map(json.loads, body.splitlines())
+                    if line["key"] == "file"
+                ]
                 commit, repository = hashlib.sha1(body).hexdigest(), (kind, "/".join(repository))
                 pushed = {one["path"]: base64.b64decode(one["content"]) for one in values}
                 files[*repository, revision] = files[*repository, commit] = {"": commit, **pushed}
@@ -40,12 +47,24 @@ class Hub(BaseHTTPRequestHandler):
     def do_GET(self):
         match self.path.partition("?")[0].split("/")[1:]:
             case ["api", kind, owner, name, *rest]:
-                files = self.server.files.get((kind, f"{owner}/{name}", rest[1] if rest else "main"))
+                files = self.server.files.get(
+                    (kind, f"{owner}/{name}", rest[1] if rest else "main")
+                )
                 if files is None:
                     return self.answer({"error": "absent"}, 404, {"X-Error-Code": "RepoNotFound"})
                 return self.answer({"id": f"{owner}/{name}", "sha": files[""]})
-            case [*dataset, owner, name, "resolve", commit, file] | [*dataset, owner, name, "resolve", commit, _, file]:
-                files = self.server.files["datasets" if dataset else "models", f"{owner}/{name}", commit]
+            case [*dataset, owner, name, "resolve", commit, file] | [
+                *dataset,
+                owner,
+                name,
+                "resolve",
+                commit,
+                _,
+                file,
+            ]:
+                files = self.server.files[
+                    "datasets" if dataset else "models", f"{owner}/{name}", commit
+                ]
                 data = files[self.path.partition(f"{commit}/")[2]]
                 return self.answer(data, headers={"X-Repo-Commit": commit, "ETag": f'"{file}"'})
         return self.answer({"error": "absent"}, 404)
@@ -76,7 +95,9 @@ def hub(monkeypatch, home):
         server.shutdown()
 
 
-def test_a_graph_and_a_model_come_back_byte_for_byte_with_cards(hub, run, home, parted_folder, recipes_folder):
+def test_a_graph_and_a_model_come_back_byte_for_byte_with_cards(
+    hub, run, home, parted_folder, recipes_folder
+):
     for kind, folder in (("dataset", parted_folder), ("model", recipes_folder)):
         pushed = run("hub", "push", folder, "me/mine", "--private", "--revision", "trial", "--json")
         pulled = run("hub", "pull", "me/mine", "--revision", "trial", "--out", kind)
@@ -121,5 +142,9 @@ def test_failures_name_the_remedy_and_never_the_token(hub, run, parted_folder, m
     assert "status 404" in run("hub", "pull", "me/absent", "--out", "new").err
     monkeypatch.setenv("HF_TOKEN", "hf_wrong")
     outcome = run("hub", "push", parted_folder, "me/mine")
-    assert (outcome.kind, "status 401" in outcome.err, "hf auth login" in outcome.err) == ("FetchError", True, True)
+    assert (outcome.kind, "status 401" in outcome.err, "hf auth login" in outcome.err) == (
+        "FetchError",
+        True,
+        True,
+    )
     assert "hf_wrong" not in outcome.err

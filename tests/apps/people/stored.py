@@ -11,7 +11,12 @@ from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_spli
 def lines_of(folder):
     """Return the lines of a study's export as objects, with tuples for lists."""
     return [
-        SimpleNamespace(**{name: tuple(value) if isinstance(value, list) else value for name, value in line.items()})
+        SimpleNamespace(
+            **{
+                name: tuple(value) if isinstance(value, list) else value
+                for name, value in line.items()
+            }
+        )
         for line in read_study(folder).lines()
     ]
 

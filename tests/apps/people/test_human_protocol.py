@@ -24,7 +24,9 @@ def protocol(kitchen):
 
 
 def test_a_session_is_40_train_tasks_and_then_40_test_tasks():
-    assert schedule() == tuple((part, number) for part in ("train", "test") for number in range(1, 41))
+    assert schedule() == tuple(
+        (part, number) for part in ("train", "test") for number in range(1, 41)
+    )
 
 
 def test_the_tasks_are_those_of_an_environment_as_agents_get_it(protocol, kitchen):
@@ -66,7 +68,12 @@ def test_an_answer_is_what_an_environment_says_of_the_same_picks(protocol):
             env.step(slots[0])
             *_, info = env.step(slots[1])
             answer = protocol.answer(task, slots, 1.23456)
-            assert (answer.part, answer.number, answer.goal, answer.table) == (part, number, task.goal, task.table)
+            assert (answer.part, answer.number, answer.goal, answer.table) == (
+                part,
+                number,
+                task.goal,
+                task.table,
+            )
             assert answer.actions == tuple(task.table[slot] for slot in slots)
             assert answer.success == (info["outcome"] == "goal")
             assert set(answer.made) >= set(env.world.graph.labels(env.state.table[10:]))
@@ -91,7 +98,12 @@ def test_a_task_does_not_depend_on_what_was_posed_before(protocol, kitchen):
 
 
 def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():
-    keys = [(seed, part, number) for seed in (0, 1, 2**40) for part in ("train", "test") for number in range(1, 41)]
+    keys = [
+        (seed, part, number)
+        for seed in (0, 1, 2**40)
+        for part in ("train", "test")
+        for number in range(1, 41)
+    ]
     assert len({episode_seed(*key) for key in keys}) == len(keys)
     golden = {(0, "train", 1): 3613627650, (0, "test", 1): 1321936645, (1, "train", 40): 264182322}
     assert {key: episode_seed(*key) for key in golden} == golden
@@ -99,12 +111,26 @@ def test_episode_seeds_differ_by_seed_part_and_number_and_never_change():
 
 def test_the_header_and_an_answer_have_nothing_about_people(protocol, kitchen):
     settings = {"tasks_per_part": 40, "depth": 1, "num_distractors": 8, "attempts": 1}
-    weights = {"distractor_weighting": "use", "distractor_policy": "any", "task_weighting": "task", "ambiguity": "all"}
+    weights = {
+        "distractor_weighting": "use",
+        "distractor_policy": "any",
+        "task_weighting": "task",
+        "ambiguity": "all",
+    }
     hashes = {"graph_hash": kitchen.hash, "split_hash": make_split(kitchen, SplitConfig()).hash}
     others = {"graph": "kitchen", "seed": 0, "settings": settings | weights}
     assert as_values(protocol.header) == {**others, **hashes}
     answer = protocol.answer(protocol.task("train", 1), (0, 1), 1.5)
-    assert list(as_values(answer)) == ["part", "number", "goal", "table", "actions", "made", "success", "seconds"]
+    assert list(as_values(answer)) == [
+        "part",
+        "number",
+        "goal",
+        "table",
+        "actions",
+        "made",
+        "success",
+        "seconds",
+    ]
 
 
 @given(st.integers(1, 10_000), st.data())

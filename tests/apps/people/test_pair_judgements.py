@@ -29,7 +29,9 @@ class Fixed:
 
 @pytest.fixture
 def graph():
-    return RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d"), ("b", "c", "d"), ("a", "a", "b")])
+    return RecipeGraph.from_recipes(
+        [("a", "b", "c"), ("a", "b", "d"), ("b", "c", "d"), ("a", "a", "b")]
+    )
 
 
 @pytest.fixture
@@ -80,7 +82,9 @@ def test_the_area_is_the_share_of_ordered_cases():
     assert area == pytest.approx(np.mean(pairs))
     # Hanley and McNeil's standard error for cases that are drawn one by one
     a, n, m = area, right.sum(), (~right).sum()
-    variance = a * (1 - a) + (n - 1) * (a / (2 - a) - a * a) + (m - 1) * (2 * a * a / (1 + a) - a * a)
+    variance = (
+        a * (1 - a) + (n - 1) * (a / (2 - a) - a * a) + (m - 1) * (2 * a * a / (1 + a) - a * a)
+    )
     assert (high - low) / 3.92 == pytest.approx(np.sqrt(variance / (n * m)), rel=0.15)
     # Copies of the same cases in a person's cluster are no further evidence.
     copies = area_under_curve([*right] * 3, [*scores] * 3, [*range(40)] * 3)
@@ -110,4 +114,6 @@ def test_published_judgements_give_the_figures_of_the_guide(alchemy):
     assert (view.pairs, view.recipes, view.judgements, view.questions) == (832, 359, 1949, 178)
     assert view.auc_people == pytest.approx(0.588, abs=5e-4)
     assert view.right_people == pytest.approx(0.607, abs=5e-4)
-    assert (*view.auc_people_ci, *view.right_people_ci) == pytest.approx((0.564, 0.612, 0.516, 0.700), abs=2e-3)
+    assert (*view.auc_people_ci, *view.right_people_ci) == pytest.approx(
+        (0.564, 0.612, 0.516, 0.700), abs=2e-3
+    )

@@ -21,7 +21,9 @@ from wordcraft_kg.base.statistics import wilson_interval
 def session(protocol, right, seconds=1.0):
     """Somebody's answers: a digit for each, 1 for a right one."""
     turns = zip(protocol.turns, right, strict=False)
-    answers = tuple(answered(protocol, protocol.task(*turn), digit == "1", seconds) for turn, digit in turns)
+    answers = tuple(
+        answered(protocol, protocol.task(*turn), digit == "1", seconds) for turn, digit in turns
+    )
     assert [answer.success for answer in answers] == [digit == "1" for digit in right]
     return Session(protocol.header, answers)
 
@@ -40,7 +42,9 @@ def summed(*sessions, agents=None):
 def test_each_part_is_summed_up_over_all_sessions(protocol):
     view = summed(*(session(protocol, right) for right in ("110100", "1110", "")))
     assert (view.graph, view.sessions, view.finished) == ("kitchen", 3, 1)
-    assert view.settings == {k: v for k, v in protocol.header.settings.items() if k != "num_distractors"}
+    assert view.settings == {
+        k: v for k, v in protocol.header.settings.items() if k != "num_distractors"
+    }
     (condition,) = view.conditions
     assert (condition.distractors, condition.sessions, condition.finished) == (8, 3, 1)
     train, test = condition.parts["train"], condition.parts["test"]
@@ -64,7 +68,10 @@ def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(
     row = summed(*people, agents={"agent": made}).conditions[0].parts["train"]
     right = 3 * (answers == "111")
     assert row.people_interval == wilson_interval(right, 3)
-    assert (row.agents["agent"].tables, row.agents["agent"].interval) == (3, wilson_interval(right, 3))
+    assert (row.agents["agent"].tables, row.agents["agent"].interval) == (
+        3,
+        wilson_interval(right, 3),
+    )
 
 
 def test_one_person_alone_has_no_interval_over_people_and_none_without_answers(protocol):
@@ -76,7 +83,10 @@ def test_one_person_alone_has_no_interval_over_people_and_none_without_answers(p
 def test_numbers_of_distractors_are_conditions_of_their_own(protocol):
     few = HumanProtocol(protocol.world, 1, tasks=3)
     view = summed(session(protocol, "110"), session(few, "100100"), session(few, "000", 2.0))
-    shown = [(one.distractors, one.parts["train"].successes, one.sessions, one.finished) for one in view.conditions]
+    shown = [
+        (one.distractors, one.parts["train"].successes, one.sessions, one.finished)
+        for one in view.conditions
+    ]
     assert shown == [(1, 1, 2, 1), (8, 2, 1, 0)]
 
 
@@ -91,7 +101,9 @@ def test_sessions_with_other_seeds_belong_together_and_other_settings_do_not(pro
 @pytest.mark.parametrize("what", ["graph", "split"])
 def test_another_graph_or_split_is_not_summed_up(protocol, kitchen, what):
     with pytest.raises(GraphMismatchError, match=f"{what}_hash"):
-        summed(session(protocol, "1"), session(HumanProtocol(other_world(kitchen, what), tasks=3), "1"))
+        summed(
+            session(protocol, "1"), session(HumanProtocol(other_world(kitchen, what), tasks=3), "1")
+        )
 
 
 def test_a_session_is_not_counted_twice_but_unbegun_ones_are_alike(protocol):
@@ -119,7 +131,9 @@ def is_solved(policy, env, seen):
     number = torch.tensor([env.state.task]) if env.config.part == "train" else None
     for _ in range(2):
         batch = [torch.as_tensor(seen[name])[None] for name in ("goal", "selection", "table")]
-        seen, _, _, _, info = env.step(int(policy(*batch, policy.weights(), number).logits.argmax()))
+        seen, _, _, _, info = env.step(
+            int(policy(*batch, policy.weights(), number).logits.argmax())
+        )
     return info["outcome"] == "goal"
 
 
@@ -150,6 +164,8 @@ def test_an_agent_of_another_graph_or_split_is_refused(agent, kitchen):
 
 def test_answers_at_a_table_that_is_not_posed_today_are_refused(agent):
     one = session(HumanProtocol(agent.opened, 5, tasks=3), "1")
-    turned = replace(one, answers=(msgspec.structs.replace(one.answers[0], table=one.answers[0].table[::-1]),))
+    turned = replace(
+        one, answers=(msgspec.structs.replace(one.answers[0], table=one.answers[0].table[::-1]),)
+    )
     with pytest.raises(ArtefactError, match="poses another task"):
         agent_successes(agent, [turned])

@@ -48,14 +48,25 @@ def test_a_goal_is_made_by_typing_the_words_of_the_plan(typed):
     words, env = solution(1, part="all")
     outcome = typed(words, *ONCE, "0")
     assert (outcome.code, outcome.err) == (0, "")
-    for shown in (f"Goal: {env.task.goal}", f"You made the goal: {env.task.goal}.", f"Solution: {words[0]}"):
+    for shown in (
+        f"Goal: {env.task.goal}",
+        f"You made the goal: {env.task.goal}.",
+        f"Solution: {words[0]}",
+    ):
         assert shown in outcome.out
     assert outcome.out.splitlines()[-1] == "goals made: 1 of 1   to repeat these tasks: --seed 0"
 
 
 def test_a_deeper_task_brings_what_is_made_to_the_table(typed):
     words, _ = solution(1, part="train", depth=2, num_distractors=3, max_attempts=3)
-    settings = {"depth": 2, "distractors": 3, "part": "train", "attempts": 3, "seed": 0, "episodes": 1}
+    settings = {
+        "depth": 2,
+        "distractors": 3,
+        "part": "train",
+        "attempts": 3,
+        "seed": 0,
+        "episodes": 1,
+    }
     options = (word for name, value in settings.items() for word in (f"--{name}", value))
     outcome = typed(words, *PLAY, *options, "--json")
     assert outcome.out.count("\n") == 1
@@ -73,13 +84,17 @@ def test_a_goal_that_was_not_made_is_followed_by_a_plan(typed):
 def test_the_same_seed_poses_the_same_tasks_whatever_was_answered(typed):
     def goals(lines, seed):
         shown = typed(lines, *PLAY, "--seed", seed, "--attempts", "2", "--episodes", "4").out
-        return [line.partition("   (goals made")[0] for line in shown.splitlines() if "Goal: " in line]
+        return [
+            line.partition("   (goals made")[0] for line in shown.splitlines() if "Goal: " in line
+        ]
 
     assert len(goals(["1 1"] * 8, 3)) == 4
     assert goals(["1 1"] * 8, 3) == goals(["2 1"] * 8, 3) != goals(["1 1"] * 8, 4)
 
 
-@pytest.mark.parametrize("bad", ["0 1", "1", "11 1", "x" * 5_000, "²", "", "  ", "\ufffd", "zzz", "?"])
+@pytest.mark.parametrize(
+    "bad", ["0 1", "1", "11 1", "x" * 5_000, "²", "", "  ", "\ufffd", "zzz", "?"]
+)
 def test_bad_input_is_asked_again_and_changes_nothing(typed, bad):
     words, _ = solution(1, part="all")
     shown = typed([bad, bad, bad, *words], *ONCE, "0").out
@@ -96,14 +111,21 @@ def test_q_or_the_end_of_the_input_ends_the_game_in_good_order(typed, lines):
 
 
 def test_the_game_fits_80_columns(typed):
-    outcome = typed(["?", "zzz", "1 2"], "play", "everyday", "--distractors", "40", "--episodes", "1")
+    outcome = typed(
+        ["?", "zzz", "1 2"], "play", "everyday", "--distractors", "40", "--episodes", "1"
+    )
     assert max(map(len, outcome.out.splitlines())) <= 80
 
 
 def test_input_that_is_not_text_is_bad_input():
-    command, environment = [sys.executable, "-m", "wordcraft_kg"], os.environ | {"PYTHONIOENCODING": "utf-8:strict"}
+    command, environment = (
+        [sys.executable, "-m", "wordcraft_kg"],
+        os.environ | {"PYTHONIOENCODING": "utf-8:strict"},
+    )
     text = b"\xff\xfe\n1 1"
-    done = subprocess.run([*command, *ONCE, "2"], input=text, capture_output=True, cwd=ROOT, env=environment)
+    done = subprocess.run(
+        [*command, *ONCE, "2"], input=text, capture_output=True, cwd=ROOT, env=environment
+    )
     assert (done.returncode, done.stderr) == (0, b"")
     assert b"expected two items" in done.stdout
     assert done.stdout.endswith(b"goals made: 0 of 1   to repeat these tasks: --seed 2\n")
@@ -133,7 +155,12 @@ def test_the_tally_goes_along_with_the_game(typed):
     words = [word for number in (1, 2) for word in solution(number, part="all")[0]]
     shown = typed([*words, "1 1", "1 1", "q"], *PLAY, "--seed", "0").out
     headings = [line.partition("   ")[2] for line in shown.splitlines() if "Goal: " in line]
-    assert headings[:4] == ["", "(goals made: 1 of 1)", "(goals made: 2 of 2)", "(goals made: 2 of 3)"]
+    assert headings[:4] == [
+        "",
+        "(goals made: 1 of 1)",
+        "(goals made: 2 of 2)",
+        "(goals made: 2 of 3)",
+    ]
     assert "3 of 7. Goal: " in typed(["1 1"] * 2, *PLAY, "--seed", "0", "--episodes", "7").out
 
 
@@ -149,7 +176,11 @@ def test_another_session_has_other_tasks_and_says_how_to_have_them_again(typed):
 @pytest.mark.parametrize(
     ("lines", "command", "message"),
     [
-        (["1 1", "1"], (*PLAY, "--seed", "2"), "goals made: 0 of 1   to repeat these tasks: --seed 2\n"),
+        (
+            ["1 1", "1"],
+            (*PLAY, "--seed", "2"),
+            "goals made: 0 of 1   to repeat these tasks: --seed 2\n",
+        ),
         ([*GOOD, "air"], WORLD, "known items: 7 of 1177 after 2 attempts\n"),
     ],
 )
@@ -170,7 +201,12 @@ def test_ctrl_c_ends_the_line_and_shows_the_tally(run, monkeypatch, lines, comma
 def test_the_open_ended_world_is_discovered_by_typing_names(typed):
     outcome = typed([*GOOD, "air + air", "mud, time"], *WORLD)
     assert (outcome.code, outcome.err) == (0, "")
-    for shown in ("water + earth -> mud", "air + air -> wind", "air + air -> nothing new (already tried)", "7 wind"):
+    for shown in (
+        "water + earth -> mud",
+        "air + air -> wind",
+        "air + air -> nothing new (already tried)",
+        "7 wind",
+    ):
         assert shown in outcome.out
     graph = open_graph("everyday").graph
     made = graph.labels(graph.results("mud", "time"))
@@ -186,7 +222,11 @@ def test_the_game_is_that_of_the_environment(typed):
         *_, info = env.step([env.graph.id_of(one), env.graph.id_of(other)])
     assert info["outcome"] == "out_of_attempts"
     assert (values["known"], values["reachable"]) == (info["known"], env.discovery.reachable)
-    assert (values["discovered"], values["attempts"], values["attempted"]) == (["mud", "wind"], 2, 2)
+    assert (values["discovered"], values["attempts"], values["attempted"]) == (
+        ["mud", "wind"],
+        2,
+        2,
+    )
 
 
 def test_the_game_ends_when_everything_is_known(typed, tmp_path):

@@ -17,12 +17,28 @@ from refusals import refuses
 
 from tests.apps.people.stored import at_once, contents, go_on, lines_of, other_world, unchanged
 from wordcraft_kg.apps.people import answers_database
-from wordcraft_kg.apps.people.answers_database import ANSWERS_FILE, AnswersDatabase, Cell, read_answers
+from wordcraft_kg.apps.people.answers_database import (
+    ANSWERS_FILE,
+    AnswersDatabase,
+    Cell,
+    read_answers,
+)
 from wordcraft_kg.apps.people.config import MOST_CONDITIONS, MOST_FORMS, MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import HumanProtocol
-from wordcraft_kg.apps.people.study import Study, check_study_folder, kept_answers, read_study, read_study_record
+from wordcraft_kg.apps.people.study import (
+    Study,
+    check_study_folder,
+    kept_answers,
+    read_study,
+    read_study_record,
+)
 from wordcraft_kg.apps.people.web_app import ALPHABET, code_hash, new_code, read_code
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    OutputExistsError,
+)
 from wordcraft_kg.graphs import RecipeGraph
 
 SMALL = StudyConfig(tasks=3, distractors=(1, 8), forms=2, seed=5)
@@ -65,12 +81,28 @@ def take_part(folder, study, count=6):
 def test_codes_are_read_as_people_type_them():
     code = new_code()
     assert len(set(code)) > 4
-    for typed in (code, code.upper(), code.replace("-", ""), f"  {code.replace('-', ' ')}\n", code.replace("-", "–")):
+    for typed in (
+        code,
+        code.upper(),
+        code.replace("-", ""),
+        f"  {code.replace('-', ' ')}\n",
+        code.replace("-", "–"),
+    ):
         assert read_code(typed) == code
 
 
 @pytest.mark.parametrize(
-    "typed", ["", "-", "abcd", "k7qm-2xwd-9hr", "k7qm-2xwd-9hrtt", "k7qm-2xwd-9hr0", "k7qm-2xwd-9hrï", "x" * 10_000]
+    "typed",
+    [
+        "",
+        "-",
+        "abcd",
+        "k7qm-2xwd-9hr",
+        "k7qm-2xwd-9hrtt",
+        "k7qm-2xwd-9hr0",
+        "k7qm-2xwd-9hrï",
+        "x" * 10_000,
+    ],
 )
 def test_what_is_no_code_is_none(typed):
     assert read_code(typed) is None
@@ -115,7 +147,10 @@ def test_several_threads_get_the_same_tasks(kitchen):
         ({"forms": MOST_FORMS + 1}, "forms"),
         ({"seed": -1}, "seed"),
         ({"seed": 2**63 - 1}, "seed"),
-        *(({"distractors": amounts}, "num_distractors") for amounts in ((), (1, 1), (1, -1), (1, 10_000))),
+        *(
+            ({"distractors": amounts}, "num_distractors")
+            for amounts in ((), (1, 1), (1, -1), (1, 10_000))
+        ),
         ({"distractors": tuple(range(MOST_CONDITIONS + 1))}, "num_distractors"),
         ({"consent": " \n"}, "consent"),
         ({"consent": "x" * 20_001}, "consent"),
@@ -129,14 +164,21 @@ def test_settings_that_cannot_be_are_refused(kitchen, changes, setting):
 def test_people_are_assigned_to_the_cell_that_fewest_have_begun(study, answers):
     people = [begin(answers, study) for _ in range(8)]
     assert [person.number for person in people] == list(range(1, 9))
-    assert [person.cell for person in people] == [Cell(0, 1), Cell(0, 8), Cell(1, 1), Cell(1, 8)] * 2
+    assert [person.cell for person in people] == [
+        Cell(0, 1),
+        Cell(0, 8),
+        Cell(1, 1),
+        Cell(1, 8),
+    ] * 2
 
 
 def test_of_equally_begun_cells_the_least_finished_comes_first(study, answers):
     people = [begin(answers, study) for _ in range(4)]
     for person, count in zip(people, (6, 6, 5), strict=False):
         go_on(answers, study, person, count)
-    assert [begin(answers, study).cell for _ in range(3)] == [people[place].cell for place in (2, 3, 0)]
+    assert [begin(answers, study).cell for _ in range(3)] == [
+        people[place].cell for place in (2, 3, 0)
+    ]
     assert answers.stored().finished == 2
 
 
@@ -185,8 +227,23 @@ def test_no_time_of_day_stays_with_an_answer(study, folder, answers):
     go_on(answers, study, begin(answers, study), 2)
     with sqlite3.connect(folder / ANSWERS_FILE) as connection:
         assert connection.execute("SELECT COUNT(*) FROM showings").fetchone() == (0,)
-        (names,) = zip(*connection.execute("SELECT name FROM pragma_table_info('answers')"), strict=True)
-    assert names == (*("session", "part", "number", "goal", "slots", "actions", "made", "success", "seconds", "loads"),)
+        (names,) = zip(
+            *connection.execute("SELECT name FROM pragma_table_info('answers')"), strict=True
+        )
+    assert names == (
+        *(
+            "session",
+            "part",
+            "number",
+            "goal",
+            "slots",
+            "actions",
+            "made",
+            "success",
+            "seconds",
+            "loads",
+        ),
+    )
 
 
 def test_answers_are_read_while_they_are_served_and_afterwards(study, folder, answers):
@@ -206,7 +263,9 @@ def test_answers_are_read_while_they_are_served_and_afterwards(study, folder, an
             assert list(session.answers) == given[person.number]
             assert session.header == study.protocol(person.cell).header
         assert [line.session for line in lines_of(folder)] == [1] * 6 + [2] * 4
-        assert [line.part for line in lines_of(folder)] == ["train"] * 3 + ["test"] * 3 + ["train"] * 3 + ["test"]
+        assert [line.part for line in lines_of(folder)] == ["train"] * 3 + ["test"] * 3 + [
+            "train"
+        ] * 3 + ["test"]
 
 
 @pytest.fixture
@@ -260,11 +319,19 @@ def test_a_withdrawn_answer_is_in_no_file_while_the_study_goes_on(study, folder,
     leaves, stays = (answers.begin(code, study.cells) for code in ("0" * 64, "1" * 64))
     for person in (leaves, stays):
         go_on(answers, study, person)
-    tables = {person: [task.table for task in study.tasks(person.cell)] for person in (leaves, stays)}
-    private = [json.dumps(table, ensure_ascii=False) for table in tables[leaves] if table not in tables[stays]]
+    tables = {
+        person: [task.table for task in study.tasks(person.cell)] for person in (leaves, stays)
+    }
+    private = [
+        json.dumps(table, ensure_ascii=False)
+        for table in tables[leaves]
+        if table not in tables[stays]
+    ]
 
     def found():
-        return {text.encode() in b"".join(contents(folder).values()) for text in (*private, "0" * 64)}
+        return {
+            text.encode() in b"".join(contents(folder).values()) for text in (*private, "0" * 64)
+        }
 
     assert (len(private), found()) == (6, {True})
     answers.withdraw(leaves)
@@ -275,7 +342,10 @@ def test_a_folder_that_cannot_be_written_is_refused_at_the_start(folder, monkeyp
     connect = sqlite3.connect
 
     def read_only(path, **options):
-        return connect(path if "uri" in options else f"{Path(str(path)).as_uri()}?mode=ro", **options | {"uri": True})
+        return connect(
+            path if "uri" in options else f"{Path(str(path)).as_uri()}?mode=ro",
+            **options | {"uri": True},
+        )
 
     monkeypatch.setattr(sqlite3, "connect", read_only)
     with pytest.raises(ArtefactError, match="cannot be read or written"):
@@ -283,8 +353,13 @@ def test_a_folder_that_cannot_be_written_is_refused_at_the_start(folder, monkeyp
 
 
 def test_a_study_that_begins_on_a_full_disk_leaves_nothing(study, tmp_path, monkeypatch):
-    monkeypatch.setattr(answers_database, "TABLES", ("PRAGMA max_page_count = 2", *answers_database.TABLES))
-    with pytest.raises(ArtefactError, match="database or disk is full"), kept_answers(tmp_path / "study", study):
+    monkeypatch.setattr(
+        answers_database, "TABLES", ("PRAGMA max_page_count = 2", *answers_database.TABLES)
+    )
+    with (
+        pytest.raises(ArtefactError, match="database or disk is full"),
+        kept_answers(tmp_path / "study", study),
+    ):
         pass
     assert not list(tmp_path.iterdir())
 
@@ -339,7 +414,9 @@ RECORDS: dict[str, Any] = {
     "a negative seed": lambda record: record | {"seed": -1},
     "a hash that is none": lambda record: record | {"graph_hash": "x"},
     "no number of tasks": lambda record: record | {"settings": {}},
-    "too many tasks": lambda record: record | {"settings": record["settings"] | {"tasks_per_part": 10**9}},
+    "too many tasks": lambda record: (
+        record | {"settings": record["settings"] | {"tasks_per_part": 10**9}}
+    ),
     "a list": lambda record: [record],
 }
 
@@ -356,7 +433,10 @@ def test_a_damaged_record_is_refused(study, folder, change):
     path = folder / "study.json"
     path.write_text(json.dumps(RECORDS[change](json.loads(path.read_text()))))
     refuses_all(
-        folder, read_study, lambda path: check_study_folder(path, study.record), match=r"study\.json is damaged"
+        folder,
+        read_study,
+        lambda path: check_study_folder(path, study.record),
+        match=r"study\.json is damaged",
     )
 
 

@@ -61,7 +61,9 @@ class Browser:
     def answer(self, code, first, second, place=None):
         """Answer the task that the page shows, or another."""
         number = self.given(code) if place is None else place
-        return self.post(f"/s/{code}/answer", {"task": str(number), "first": str(first), "second": str(second)})
+        return self.post(
+            f"/s/{code}/answer", {"task": str(number), "first": str(first), "second": str(second)}
+        )
 
     def take(self, code, first, second):
         """Load the next task, and answer it."""
@@ -108,7 +110,13 @@ def test_the_consent_text_is_shown_as_text_in_its_paragraphs(browser):
 
 @pytest.mark.parametrize(
     ("consent", "code", "place"),
-    [("", "", "/"), ("yes", "", "/"), ("maybe", CODE, "/"), ("yes", "mine", "/"), ("no", CODE, "/declined")],
+    [
+        ("", "", "/"),
+        ("yes", "", "/"),
+        ("maybe", CODE, "/"),
+        ("yes", "mine", "/"),
+        ("no", CODE, "/declined"),
+    ],
 )
 def test_only_an_explicit_yes_begins_a_session(browser, consent, code, place):
     page = browser.post("/begin", {"consent": consent, "code": code})
@@ -163,7 +171,11 @@ def test_who_withdraws_leaves_nothing_behind_and_nobody_gets_their_place(browser
 
 @pytest.mark.parametrize(
     ("typed", "status", "said"),
-    [(CODE, 404, "There is no session with this code"), ("<b>", 400, "12 letters"), ("", 400, "12 letters")],
+    [
+        (CODE, 404, "There is no session with this code"),
+        ("<b>", 400, "12 letters"),
+        ("", 400, "12 letters"),
+    ],
 )
 def test_a_code_that_leads_nowhere_is_answered_on_the_first_page(browser, typed, status, said):
     page = browser.post("/return", {"code": typed})
@@ -193,7 +205,9 @@ def test_a_person_gets_the_tasks_with_answers_in_practice_only(browser, study, c
         held = browser.get(f"/s/{code}/task?task={place}&first={one}")
         assert f"<strong>{labels[one - 1]}</strong>" in held
         is_right = place % 2 == 0
-        shown = browser.answer(code, one, other if is_right else next(i for i in range(1, 9) if i not in (one, other)))
+        shown = browser.answer(
+            code, one, other if is_right else next(i for i in range(1, 9) if i not in (one, other))
+        )
         if task.part == "train":
             assert browser.place == f"/s/{code}/feedback/{task.number}"
             assert ("Correct: " in shown, "Incorrect: " in shown) == (is_right, not is_right)
@@ -232,7 +246,9 @@ STALE = ("task=0&first=3", "first=3", "task=2&first=3", "task=x&first=3")
 NO_SLOT = ("", "0", "11", "-1", "1.0", "x", "²", "٣", "9" * 5_000)
 
 
-@pytest.mark.parametrize("query", [*STALE, *(f"task=1&first={held}" for held in NO_SLOT), "task=1&first=1&first=2"])
+@pytest.mark.parametrize(
+    "query", [*STALE, *(f"task=1&first={held}" for held in NO_SLOT), "task=1&first=1&first=2"]
+)
 def test_a_first_pick_that_is_none_or_at_another_table_is_no_pick(browser, code, query):
     browser.take(code, 1, 1)
     assert ">Undo<" not in browser.get(f"/s/{code}/task")
@@ -290,7 +306,14 @@ def test_a_copy_of_a_test_answer_leads_on(browser, code):
 @pytest.mark.parametrize(
     ("task", "first", "second"),
     [
-        *[("", "", ""), ("0", "", ""), ("0", "1", ""), ("0", "0", "1"), ("0", "1", "11"), ("1", "1", "2")],
+        *[
+            ("", "", ""),
+            ("0", "", ""),
+            ("0", "1", ""),
+            ("0", "0", "1"),
+            ("0", "1", "11"),
+            ("1", "1", "2"),
+        ],
         *((task, "1", "2") for task in ("99999999", "-1", "x", "²", "9" * 5_000)),
     ],
 )
@@ -306,11 +329,17 @@ def test_people_do_not_see_each_others_tasks_as_answered(browser):
     one, other = browser.begin(), browser.begin()
     for code in (one, one, other):
         browser.take(code, 1, 2)
-    assert [(line.session, line.number, line.form) for line in browser.lines()] == [(1, 1, 0), (1, 2, 0), (2, 1, 1)]
+    assert [(line.session, line.number, line.form) for line in browser.lines()] == [
+        (1, 1, 0),
+        (1, 2, 0),
+        (2, 1, 1),
+    ]
 
 
 def test_nothing_of_a_request_is_stored_and_no_cookie_is_set(browser):
-    browser.client.headers.update({"User-Agent": "Mozilla-of-Ada", "X-Forwarded-For": "203.0.113.77", "Cookie": "a=b"})
+    browser.client.headers.update(
+        {"User-Agent": "Mozilla-of-Ada", "X-Forwarded-For": "203.0.113.77", "Cookie": "a=b"}
+    )
     code = browser.begin()
     answer = browser.client.get(f"/s/{code}/task")
     browser.answer(code, 1, 2)
@@ -321,7 +350,15 @@ def test_nothing_of_a_request_is_stored_and_no_cookie_is_set(browser):
 
 
 def test_every_page_is_kept_by_no_browser_and_has_the_headers_of_the_guard(browser, code):
-    for path in ("/", "/declined", f"/s/{code}", f"/s/{code}/task", f"/s/{code}/end", "/nowhere", "/s/nobody/task"):
+    for path in (
+        "/",
+        "/declined",
+        f"/s/{code}",
+        f"/s/{code}/task",
+        f"/s/{code}/end",
+        "/nowhere",
+        "/s/nobody/task",
+    ):
         answer = browser.client.get(path)
         assert answer.headers["cache-control"] == "no-store", path
         assert HEADERS.items() <= {name: answer.headers.get(name) for name in HEADERS}.items()
@@ -334,27 +371,55 @@ def test_forms_of_other_sites_and_other_hosts_are_refused(browser, code):
     browser.get(f"/s/{code}/task")
     form = {"task": "0", "first": "1", "second": "2"}
     consent = {"consent": "yes", "code": CODE}
-    for path, values in ((f"/s/{code}/answer", form), ("/begin", consent), (f"/s/{code}/withdraw", {})):
-        for origin in ("http://evil.example", "http://localhost:1", "http://localhost", "http://[", "null"):
-            assert browser.client.post(path, data=values, headers={"Origin": origin}).status_code == 403
-        assert browser.client.post(path, data=values, headers={"Host": "evil.example"}).status_code == 421
+    for path, values in (
+        (f"/s/{code}/answer", form),
+        ("/begin", consent),
+        (f"/s/{code}/withdraw", {}),
+    ):
+        for origin in (
+            "http://evil.example",
+            "http://localhost:1",
+            "http://localhost",
+            "http://[",
+            "null",
+        ):
+            assert (
+                browser.client.post(path, data=values, headers={"Origin": origin}).status_code
+                == 403
+            )
+        assert (
+            browser.client.post(path, data=values, headers={"Host": "evil.example"}).status_code
+            == 421
+        )
     assert browser.lines() == []
     assert browser.answers.stored().people == 1
-    assert browser.client.post("/begin", data={}, headers={"Origin": "http://localhost:8766"}).url.path == "/"
+    assert (
+        browser.client.post("/begin", data={}, headers={"Origin": "http://localhost:8766"}).url.path
+        == "/"
+    )
 
 
 def test_what_is_too_long_or_of_another_method_is_refused(browser, code):
-    for content in (b"x" * (LONGEST_BODY + 1), (b"x" * 1_000 for _ in range(100))):  # its length is said or not
+    for content in (
+        b"x" * (LONGEST_BODY + 1),
+        (b"x" * 1_000 for _ in range(100)),
+    ):  # its length is said or not
         assert browser.client.post(f"/s/{code}/answer", content=content).status_code == 413
     assert browser.client.put("/begin").status_code == 405
     for path in ("/begin", "/return", f"/s/{code}/answer", f"/s/{code}/withdraw"):
         assert browser.client.get(path).status_code in (404, 405)
     for content in (b"\xff\xfe", b"=&=&;", b"task=%ff&first=1", b"&" * 1_000, b"a=1&" * 1_000):
-        assert browser.client.post(f"/s/{code}/answer", content=content).url.path == f"/s/{code}/task"
+        assert (
+            browser.client.post(f"/s/{code}/answer", content=content).url.path == f"/s/{code}/task"
+        )
 
 
 def test_the_files_of_the_pages_are_there_and_no_others(browser):
-    for name, kind in (("explorer.css", "text/css"), ("study.css", "text/css"), ("study.js", "text/javascript")):
+    for name, kind in (
+        ("explorer.css", "text/css"),
+        ("study.css", "text/css"),
+        ("study.js", "text/javascript"),
+    ):
         answer = browser.client.get(f"/files/{name}")
         assert (answer.status_code, answer.headers["content-type"].partition(";")[0]) == (200, kind)
     for name in ("app.py", "..%2fapp.py", "layout.html.j2", "%00"):
@@ -382,10 +447,18 @@ def test_the_machine_s_time_does_not_count(monkeypatch):
 
 
 @pytest.mark.parametrize(("ends", "status"), [("late", 408), ("cancelled", 503)])
-def test_a_half_sent_form_is_refused_after_a_while_and_at_the_end(browser, monkeypatch, caplog, ends, status):
+def test_a_half_sent_form_is_refused_after_a_while_and_at_the_end(
+    browser, monkeypatch, caplog, ends, status
+):
     monkeypatch.setattr(guard, "LONGEST_WAIT", 0.05 if ends == "late" else 60)
     headers = [(b"host", b"localhost"), (b"content-length", b"100")]
-    scope = {"type": "http", "method": "POST", "path": "/begin", "query_string": b"", "headers": headers}
+    scope = {
+        "type": "http",
+        "method": "POST",
+        "path": "/begin",
+        "query_string": b"",
+        "headers": headers,
+    }
     sent = []
 
     async def send(message):
@@ -402,7 +475,9 @@ def test_a_half_sent_form_is_refused_after_a_while_and_at_the_end(browser, monke
     assert (sent[0]["status"], caplog.records) == (status, [])
 
 
-def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitchen, tmp_path, caplog):
+def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(
+    kitchen, tmp_path, caplog
+):
     study = Study(kitchen, StudyConfig(tasks=40, forms=1))
     with browsing(study, tmp_path / "study") as browser:
         connection, code = browser.answers._connection, browser.begin()
@@ -416,7 +491,9 @@ def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitc
                 acknowledged += browser.status != 500
             assert acknowledged < 80
         assert "Something went wrong" in browser.page
-        assert [(record.exc_info, "disk is full" in record.message) for record in caplog.records] == [(None, True)]
+        assert [
+            (record.exc_info, "disk is full" in record.message) for record in caplog.records
+        ] == [(None, True)]
         assert len(browser.lines()) == acknowledged
         connection.execute("PRAGMA max_page_count = 1000000")
         browser.take(code, 1, 2)
@@ -424,8 +501,13 @@ def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(kitc
 
 
 def test_labels_stay_text(tmp_path):
-    rows = [(one, other, made) for one, other, made in zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)]
-    graph = RecipeGraph.from_recipes([*rows, *rows[:1], ("water", "earth", "mud"), ("mud", "water", "clay")])
+    rows = [
+        (one, other, made)
+        for one, other, made in zip(HOSTILE, HOSTILE[1:], HOSTILE[2:], strict=False)
+    ]
+    graph = RecipeGraph.from_recipes(
+        [*rows, *rows[:1], ("water", "earth", "mud"), ("mud", "water", "clay")]
+    )
     study = Study(graph, StudyConfig(tasks=12, distractors=(4,), forms=1))
     with browsing(study, tmp_path / "study") as browser:
         code = browser.begin()
@@ -433,8 +515,12 @@ def test_labels_stay_text(tmp_path):
         for place, task in enumerate(study.tasks(study.cells[0])):
             page = browser.get(f"/s/{code}/task")
             assert page.count("<") == plain
-            assert [unescape(text) for text in re.findall(r'class="label">([^<]*)<', page)] == list(task.table)
+            assert [unescape(text) for text in re.findall(r'class="label">([^<]*)<', page)] == list(
+                task.table
+            )
             browser.get(f"/s/{code}/task?task={place}&first=1")
             browser.answer(code, 1, 2)
         assert browser.place.endswith("/end")
-        assert [line.table for line in browser.lines()] == [task.table for task in study.tasks(study.cells[0])]
+        assert [line.table for line in browser.lines()] == [
+            task.table for task in study.tasks(study.cells[0])
+        ]

@@ -32,7 +32,11 @@ def served(out, *options):
     """Serve a study on a free port; yield the process and its address."""
     command = [sys.executable, "-m", "wordcraft_kg", *SERVE, str(out)]
     process = subprocess.Popen(
-        [*command, *SMALL, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
+        [*command, *SMALL, *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
     )
     try:
         line = process.stdout.readline()
@@ -91,7 +95,10 @@ def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp
         process.send_signal(signal.SIGINT)
         said, log = process.communicate(timeout=20)
         assert (process.returncode, said) == (0, "")
-        assert log == f"stopped; 1 person (1 finished) and 4 answers stored in {out}; repeat the command to resume\n"
+        assert (
+            log
+            == f"stopped; 1 person (1 finished) and 4 answers stored in {out}; repeat the command to resume\n"
+        )
     assert sorted(path.name for path in out.iterdir()) == ["answers.sqlite", "study.json"]
 
 
@@ -103,7 +110,10 @@ def test_who_asks_is_nobodys_business_and_a_service_manager_ends_it_like_ctrl_c(
         process.send_signal(signal.SIGTERM)
         said, log = process.communicate(timeout=20)
     assert (process.returncode, "stopped; 1 person" in log) == (0, True)
-    assert sorted(path.name for path in (tmp_path / "study").iterdir()) == ["answers.sqlite", "study.json"]
+    assert sorted(path.name for path in (tmp_path / "study").iterdir()) == [
+        "answers.sqlite",
+        "study.json",
+    ]
     assert code not in said + log
     assert "GET" not in log
     assert "127.0.0.1" not in log
@@ -123,14 +133,20 @@ def test_a_port_in_use_is_an_error_before_anything_is_written(run, tmp_path):
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = str(other.getsockname()[1])
-        outcome = run("people", "serve", "kitchen", "--out", tmp_path / "study", *SMALL, "--port", port)
+        outcome = run(
+            "people", "serve", "kitchen", "--out", tmp_path / "study", *SMALL, "--port", port
+        )
     assert f"--port {port} is in use by another program" in refused(outcome)
     assert not (tmp_path / "study").exists()
 
 
 def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path):
     with served(tmp_path / "study", "--allow-host", "lab.example.org") as (_, address):
-        for host, status in (("lab.example.org", 200), ("LAB.example.org:443", 200), ("evil.example.org", 421)):
+        for host, status in (
+            ("lab.example.org", 200),
+            ("LAB.example.org:443", 200),
+            ("evil.example.org", 421),
+        ):
             assert CLIENT.get(address, headers={"Host": host}).status_code == status
 
 
@@ -163,21 +179,30 @@ def test_options_that_cannot_be_write_nothing(run, tmp_path, monkeypatch, option
     Path("latin.txt").write_bytes("Einverständnis".encode("latin-1"))
     Path("empty.txt").write_text(" \n\n")
     port = () if "--port" in options else ("--port", "0")
-    outcome = run("people", "serve", "kitchen", "--out", "study", "--no-browser", *port, *options.split())
+    outcome = run(
+        "people", "serve", "kitchen", "--out", "study", "--no-browser", *port, *options.split()
+    )
     assert message in refused(outcome)
     assert not Path("study").exists()
 
 
 def test_a_folder_of_another_study_is_refused_and_stays(run, begun):
-    for graph, kind, name in (("everyday", "GraphMismatchError", "graph_hash"), ("kitchen", "ConfigError", "seed 0")):
+    for graph, kind, name in (
+        ("everyday", "GraphMismatchError", "graph_hash"),
+        ("kitchen", "ConfigError", "seed 0"),
+    ):
         with unchanged(begun):
-            outcome = run("people", "serve", graph, "--out", begun, *SMALL, "--port", "0", "--seed", "1")
+            outcome = run(
+                "people", "serve", graph, "--out", begun, *SMALL, "--port", "0", "--seed", "1"
+            )
         assert f"is a study with {name}" in refused(outcome, kind)
 
 
 def test_a_consent_text_is_shown_in_paragraphs_however_its_lines_end(tmp_path):
     text = tmp_path / "consent.txt"
-    text.write_bytes(b"\xef\xbb\xbfWhat it is about. \r\n  It takes long.\r\n\r\n\r\n \r\nDo you agree?\r\n")
+    text.write_bytes(
+        b"\xef\xbb\xbfWhat it is about. \r\n  It takes long.\r\n\r\n\r\n \r\nDo you agree?\r\n"
+    )
     with served(tmp_path / "study", "--consent", str(text)) as (_, address):
         shown = re.findall(r"<p>(.*?)</p>", page(address), re.DOTALL)
     assert shown[:2] == ["What it is about.\nIt takes long.", "Do you agree?"]
@@ -196,14 +221,20 @@ def test_the_export_has_a_line_for_each_answer_and_the_study_stays(summary, begu
     values = json.loads(summary(begun, "--export", out, "--force", "--json").out)
     assert values == {"out": str(out), "people": 4, "answers": 10}
     assert "exists" in refused(summary(begun, "--export", out), "OutputExistsError")
-    for wrong in ((begun, begun, "--export", out), (begun, "--export", out, "--run", "agent"), (begun, "--force")):
+    for wrong in (
+        (begun, begun, "--export", out),
+        (begun, "--export", out, "--run", "agent"),
+        (begun, "--force"),
+    ):
         assert "--export" in refused(summary(*wrong))
 
 
 def test_the_summary_of_a_study_is_by_condition_with_its_people(summary, begun):
     values = json.loads(summary(begun, "--json").out)
     assert (values["graph"], values["sessions"], values["finished"]) == ("kitchen", 4, 1)
-    answered = [[part["answered"] for part in one["parts"].values()] for one in values["conditions"]]
+    answered = [
+        [part["answered"] for part in one["parts"].values()] for one in values["conditions"]
+    ]
     assert answered == [[4, 2], [3, 1]]
     text = summary(begun).out.splitlines()
     assert text[0] == "kitchen; sessions: 4, finished: 1"
@@ -234,7 +265,19 @@ def test_a_summary_refuses_what_it_cannot_sum_up(summary, begun, tmp_path):
 @pytest.mark.slow
 def test_agents_are_compared_with_people(run, summary, begun, tmp_path):
     for name in ("one", "two"):
-        assert run("train-agent", "kitchen", "--steps", "256", "--eval-every", "0", "--out", tmp_path / name).code == 0
+        assert (
+            run(
+                "train-agent",
+                "kitchen",
+                "--steps",
+                "256",
+                "--eval-every",
+                "0",
+                "--out",
+                tmp_path / name,
+            ).code
+            == 0
+        )
     options = ("--run", tmp_path / "one", "--run", tmp_path / "two")
     values = json.loads(summary(begun, *options, "--json").out)
     agents = values["conditions"][0]["parts"]["train"]["agents"]
@@ -242,7 +285,9 @@ def test_agents_are_compared_with_people(run, summary, begun, tmp_path):
     assert agents["one"]["tables"] == 4
     assert "  one " in (text := summary(begun, *options).out)
     assert "at the same 4 tables" in text
-    assert "expected a run" in refused(summary(begun, "--run", tmp_path / "nowhere"), "ArtefactError")
+    assert "expected a run" in refused(
+        summary(begun, "--run", tmp_path / "nowhere"), "ArtefactError"
+    )
 
 
 @pytest.mark.slow
@@ -278,4 +323,6 @@ def test_of_people_at_once_and_a_killed_server_no_answer_is_lost_and_none_is_dou
         for code in {code for code, _ in acknowledged}:
             done = 1 + max(task for other, task in acknowledged if other == code)
             shown = page(address, "/return", code=code)
-            assert re.search(f"({done}|{done + 1}) of 4 tasks completed|Thank you for participating", shown)
+            assert re.search(
+                f"({done}|{done + 1}) of 4 tasks completed|Thank you for participating", shown
+            )

@@ -5,7 +5,13 @@ from collections.abc import Callable
 import numpy as np
 
 from wordcraft_kg.agents.evaluation import Evaluator
-from wordcraft_kg.agents.players import Player, knowledge_player, random_distinct, random_entity, recipe_oracle
+from wordcraft_kg.agents.players import (
+    Player,
+    knowledge_player,
+    random_distinct,
+    random_entity,
+    recipe_oracle,
+)
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
@@ -29,7 +35,9 @@ def picks_of(player, world, distractor_seeds):
     def recording(engine, rng):
         nonlocal episode
         slots = player(engine, rng)
-        if (engine.selection == engine.nothing).all() and (engine.attempts_left == world.config.attempts).all():
+        if (engine.selection == engine.nothing).all() and (
+            engine.attempts_left == world.config.attempts
+        ).all():
             episode += 1
         for row in np.flatnonzero(engine.attempts_left > 0):
             found.setdefault((int(evaluator.tasks[row]), episode), []).append(int(slots[row]))

@@ -25,7 +25,13 @@ from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import knowledge_players, scorer_players
 from wordcraft_kg.apps.text_agents import benchmark, benchmark_players, submission
-from wordcraft_kg.apps.text_agents.benchmark import FrozenTask, FrozenTrack, Track, open_track, read_manifest
+from wordcraft_kg.apps.text_agents.benchmark import (
+    FrozenTask,
+    FrozenTrack,
+    Track,
+    open_track,
+    read_manifest,
+)
 from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter, reproduce
 from wordcraft_kg.apps.text_agents.commands.bench_leaderboard import bench_leaderboard
 from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
@@ -33,7 +39,13 @@ from wordcraft_kg.apps.text_agents.commands.bench_verify import bench_verify
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
 from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema, verify
 from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError, PlayerError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    OutputExistsError,
+    PlayerError,
+)
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
@@ -96,14 +108,18 @@ def lines_in(folder):
 @pytest.mark.slow
 def test_the_manifest_and_the_schema_are_those_that_the_script_makes(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["make_benchmark.py", "--check"])
-    runpy.run_path(str(Path(__file__).parents[3] / "data" / "make_benchmark.py"), run_name="__main__")
+    runpy.run_path(
+        str(Path(__file__).parents[3] / "data" / "make_benchmark.py"), run_name="__main__"
+    )
 
 
 def test_prompts_and_schema_are_those_of_the_manifest():
     # Other prompts are another experiment, and need another version of the benchmark.
     assert read_manifest()[0].prompts["text"] == prompt_hash()
     assert json.loads(SCHEMA.read_text()) == submission_schema()
-    assert read_manifest()[0].canary in (Path(__file__).parents[3] / "docs/benchmark.md").read_text()
+    assert (
+        read_manifest()[0].canary in (Path(__file__).parents[3] / "docs/benchmark.md").read_text()
+    )
 
 
 @pytest.mark.parametrize("name", ["craft-8", "goal-8"])
@@ -113,11 +129,15 @@ def test_a_scripted_player_has_the_success_of_the_evaluation(submitted, name, pl
     config = WordCraftConfig("test", track.frozen.depth, track.frozen.distractors)
     lines = [json.loads(line) for line in lines_in(submitted(name, player))]
     world = World(track.opened, config)
-    scripted = knowledge_players(track.opened.split)[{"oracle": "recipe oracle"}.get(player, "nearest words")]
+    scripted = knowledge_players(track.opened.split)[
+        {"oracle": "recipe oracle"}.get(player, "nearest words")
+    ]
     expected = Evaluator(world, distractor_seeds=1)(scripted)
     chosen = chosen_tasks(world, 500)
     for values in ("success", "by_plan"):
-        assert np.array_equal([line[values] for line in lines], getattr(expected, values)[chosen, 0]), values
+        assert np.array_equal(
+            [line[values] for line in lines], getattr(expected, values)[chosen, 0]
+        ), values
 
 
 @pytest.mark.parametrize("track", LITE)
@@ -132,13 +152,17 @@ def test_every_lite_track_can_be_played_and_verified(submitted, track, player):
 
 
 def test_the_tasks_with_made_up_words_are_the_same_tasks(submitted):
-    known, unknown = (verify(submitted(f"depth-2-lite{words}", "votes")) for words in ("", "-made-up"))
+    known, unknown = (
+        verify(submitted(f"depth-2-lite{words}", "votes")) for words in ("", "-made-up")
+    )
     assert known.figures == unknown.figures
     assert known.games_hash != unknown.games_hash
 
 
 @pytest.mark.parametrize("player", ["random", "votes", PROGRAM])
-def test_the_same_player_writes_the_same_bytes_and_is_reproduced(submitted, tmp_path, player, capsys):
+def test_the_same_player_writes_the_same_bytes_and_is_reproduced(
+    submitted, tmp_path, player, capsys
+):
     first = submitted(player=player)
     bench_run("craft-8-lite", player=player, out=tmp_path / "again")
     for name in ("games.jsonl", "submission.json"):
@@ -151,10 +175,20 @@ def test_a_program_keeps_its_messages_and_look_ups_are_offered_and_counted(tmp_p
     asks = FIRST_TWO.replace("'1 + 2'", "'look up air' if '\"new\": true' in line else '1 + 2'")
     player = f"program:{PYTHON} -c {shlex.quote(asks)}"
     bench_run(
-        "craft-1-lite", player=player, out=tmp_path / "out", look_ups="partial", price=0.5, tokens=(9, 3), measured=True
+        "craft-1-lite",
+        player=player,
+        out=tmp_path / "out",
+        look_ups="partial",
+        price=0.5,
+        tokens=(9, 3),
+        measured=True,
     )
     submission = verify(tmp_path / "out")
-    assert (submission.look_ups, submission.knowledge, submission.prompts) == (100, "partial", "standard")
+    assert (submission.look_ups, submission.knowledge, submission.prompts) == (
+        100,
+        "partial",
+        "standard",
+    )
     assert (submission.price, submission.tokens) == (0.5, {"input": 9, "output": 3})
     assert re.fullmatch(r"\d{4}-\d\d-\d\d", submission.date)
     assert len(lines_in(tmp_path / "out" / "messages")) == 101
@@ -163,13 +197,16 @@ def test_a_program_keeps_its_messages_and_look_ups_are_offered_and_counted(tmp_p
         verify(tmp_path / "out")
 
 
-def test_declared_weights_are_hashed_before_the_games_and_compared_in_reproduction(tmp_path, capsys):
+def test_declared_weights_are_hashed_before_the_games_and_compared_in_reproduction(
+    tmp_path, capsys
+):
     weights, out = tmp_path / "model.gguf", tmp_path / "out"
     with pytest.raises(ArtefactError, match=r"model.gguf is missing"):
         bench_run("craft-1-lite", player=PROGRAM, out=out, weights=weights)
     weights.write_text("weights")
     with pytest.raises(
-        ConfigError, match=r"`weights`: expected a player by text \(program, inspect, mcp\), but got random"
+        ConfigError,
+        match=r"`weights`: expected a player by text \(program, inspect, mcp\), but got random",
     ):
         bench_run("craft-1-lite", player="random", out=out, weights=weights)
     assert not out.exists()
@@ -223,7 +260,10 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
         ({"graph_hash": OTHER}, "'graph_hash' is 0000"),
         ({"track": "craft-9"}, "unknown track 'craft-9'"),
         ({"track": "craft-8"}, "100 of 500 games"),
-        ({"prompts": "standard", "prompt_hash": OTHER}, "'prompt_hash' is 0000.*declare custom prompts"),
+        (
+            {"prompts": "standard", "prompt_hash": OTHER},
+            "'prompt_hash' is 0000.*declare custom prompts",
+        ),
         ({"prompts": "standard"}, "'prompt_hash' is None"),
         ({"prompt_hash": OTHER}, "'prompts' is none"),
         ({"prompts": "custom"}, "'prompts' is custom"),
@@ -258,14 +298,26 @@ def test_an_edited_figure_is_refused(copied, value):
         (lambda lines: [lines[1], lines[0], *lines[2:]], "line 1: game 1; expected game 0"),
         (lambda lines: [*lines, lines[0]], "line 101: game 0; expected no more than 100 games"),
         (lambda lines: [lines[0], *lines], "line 2: game 0; expected game 1"),
-        (lambda lines: [lines[0].replace(b'"success": false', b'"success": true'), *lines[1:]], "line 1: the replay"),
-        (lambda lines: [lines[0].replace(b'"goal": "', b'"goal": "x'), *lines[1:]], "line 1: the replay gives"),
-        (lambda lines: [re.sub(rb'\[\["\w+', b'[["unicorn', lines[0]), *lines[1:]], "line 1: attempt 1 .*unicorn"),
+        (
+            lambda lines: [lines[0].replace(b'"success": false', b'"success": true'), *lines[1:]],
+            "line 1: the replay",
+        ),
+        (
+            lambda lines: [lines[0].replace(b'"goal": "', b'"goal": "x'), *lines[1:]],
+            "line 1: the replay gives",
+        ),
+        (
+            lambda lines: [re.sub(rb'\[\["\w+', b'[["unicorn', lines[0]), *lines[1:]],
+            "line 1: attempt 1 .*unicorn",
+        ),
         (
             lambda lines: [re.sub(rb'\[(\[".*?\])\]', rb"[\1, \1]", lines[0], count=1), *lines[1:]],
             "line 1: attempt 2 comes",
         ),
-        (lambda lines: [re.sub(rb'\[\[".*?\]\]', b"[null]", lines[0], count=1), *lines[1:]], "line 1: 1 attempt were"),
+        (
+            lambda lines: [re.sub(rb'\[\[".*?\]\]', b"[null]", lines[0], count=1), *lines[1:]],
+            "line 1: 1 attempt were",
+        ),
         (lambda lines: [lines[0][:-2] + b"\n", *lines[1:]], "line 1,.* is damaged"),
         (lambda lines: [*lines[:-1], lines[-1][:-1]], "line 100, has no end"),
         (lambda lines: [b" " + lines[0], *lines[1:]], "line 1: the replay gives"),
@@ -294,12 +346,17 @@ def mutated(rng, data):
         lines[one] = lines[other].replace(b'"number": %d,' % other, b'"number": %d,' % one)
     else:
         place = int(rng.integers(len(data)))
-        return data[:place] + bytes([(data[place] + 1 + int(rng.integers(255))) % 256]) + data[place + kind - 4 :]
+        return (
+            data[:place]
+            + bytes([(data[place] + 1 + int(rng.integers(255))) % 256])
+            + data[place + kind - 4 :]
+        )
     return b"".join(lines)
 
 
 @pytest.mark.parametrize(
-    ("track", "amount"), [("craft-8-lite", 60), pytest.param("craft-8-lite", 10_000, marks=pytest.mark.slow)]
+    ("track", "amount"),
+    [("craft-8-lite", 60), pytest.param("craft-8-lite", 10_000, marks=pytest.mark.slow)],
 )
 def test_every_mutation_of_the_games_is_refused(copied, track, amount):
     folder = copied(track, "nearest-words")
@@ -315,11 +372,17 @@ def test_every_mutation_of_the_games_is_refused(copied, track, amount):
 
 def test_a_manifest_of_another_book_is_refused(monkeypatch):
     manifest, manifest_hash = read_manifest()
-    books = {name: msgspec.structs.replace(book, hash=OTHER) for name, book in manifest.books.items()}
+    books = {
+        name: msgspec.structs.replace(book, hash=OTHER) for name, book in manifest.books.items()
+    }
     monkeypatch.setattr(
-        benchmark, "read_manifest", lambda: (msgspec.structs.replace(manifest, books=books), manifest_hash)
+        benchmark,
+        "read_manifest",
+        lambda: (msgspec.structs.replace(manifest, books=books), manifest_hash),
     )
-    with pytest.raises(GraphMismatchError, match=r"the book 'everyday' has the hash 82dcde20aeb1.* made for 0000"):
+    with pytest.raises(
+        GraphMismatchError, match=r"the book 'everyday' has the hash 82dcde20aeb1.* made for 0000"
+    ):
         open_track.__wrapped__("goal-8")
 
 
@@ -336,7 +399,9 @@ def test_players_and_tracks_that_do_not_fit_are_refused(submitted, tmp_path):
     with pytest.raises(ConfigError, match="expected a player by text"):
         enter(open_track("craft-8-lite"), "random", RunSettings(tmp_path, "partial"))
     with pytest.raises(ArtefactError, match=r"prompts.txt is missing"):
-        bench_run("craft-8-lite", player="random", out=tmp_path / "out", prompts=tmp_path / "prompts.txt")
+        bench_run(
+            "craft-8-lite", player="random", out=tmp_path / "out", prompts=tmp_path / "prompts.txt"
+        )
     with pytest.raises(OutputExistsError, match="exists"):
         bench_run("craft-8-lite", player="votes", out=submitted())
 
@@ -360,7 +425,10 @@ def test_no_other_file_is_changed(tmp_path, files, force, reason):
 
 
 def test_a_forced_run_that_stopped_continues_without_force(submitted, tmp_path):
-    out, three = tmp_path / "out", FIRST_TWO.replace("sys.stdin", "(sys.stdin.readline() for _ in range(3))")
+    out, three = (
+        tmp_path / "out",
+        FIRST_TWO.replace("sys.stdin", "(sys.stdin.readline() for _ in range(3))"),
+    )
     player, stops = (f"program:{PYTHON} -c {shlex.quote(code)}" for code in (FIRST_TWO, three))
     bench_run("craft-8-lite", player=player, out=out)
     with pytest.raises(PlayerError, match="repeat the command without --force"):
@@ -378,8 +446,16 @@ def kitchen_track(opened_kitchen, monkeypatch):
     """The kitchen's test tasks, in place of any track."""
     world = World(opened_kitchen, WordCraftConfig("test", 1, 3))
     tables = EvaluationTables(world)
-    tasks = tuple(FrozenTask(plans, tuple(tables.table(task))) for task, plans in enumerate(world.tasks.plans))
-    track = Track("craft-8", "everyday-v2", "kitchen", FrozenTrack("", "by-recipe", 1, 1, 3, tasks), opened_kitchen)
+    tasks = tuple(
+        FrozenTask(plans, tuple(tables.table(task))) for task, plans in enumerate(world.tasks.plans)
+    )
+    track = Track(
+        "craft-8",
+        "everyday-v2",
+        "kitchen",
+        FrozenTrack("", "by-recipe", 1, 1, 3, tasks),
+        opened_kitchen,
+    )
     for module in (benchmark, benchmark_players, submission):
         monkeypatch.setattr(module, "open_track", lambda name: track)
     return track
@@ -388,11 +464,17 @@ def kitchen_track(opened_kitchen, monkeypatch):
 def test_models_and_agents_play_as_in_the_evaluation_and_only_their_weights_reproduce(
     kitchen_track, recipes_folder, tmp_path, capsys
 ):
-    trainer = ImpalaConfig(steps=64, batch_size=8, unroll=2, log_every=64, eval_every=64, checkpoint_every=64)
+    trainer = ImpalaConfig(
+        steps=64, batch_size=8, unroll=2, log_every=64, eval_every=64, checkpoint_every=64
+    )
     tasks = TaskConfig(distractors=3)
-    train_agent(AgentConfig("kitchen", str(recipes_folder), tasks, trainer=trainer), tmp_path / "run")
+    train_agent(
+        AgentConfig("kitchen", str(recipes_folder), tasks, trainer=trainer), tmp_path / "run"
+    )
     model = open_model(recipes_folder)
-    scripted = scorer_players(model.opened.graph, load_scorer(recipes_folder), model.triples, plans=True)
+    scripted = scorer_players(
+        model.opened.graph, load_scorer(recipes_folder), model.triples, plans=True
+    )
     evaluate = Evaluator(kitchen_track.world, distractor_seeds=1)
     learned = r"train recipes of this book, \w+ words"
     for player, expected in (
@@ -407,7 +489,9 @@ def test_models_and_agents_play_as_in_the_evaluation_and_only_their_weights_repr
         assert bench_verify(folder, player=player) == 0
         record = edit(folder, weights=dict.fromkeys(verify(folder).weights, OTHER))
         assert re.match(learned, record["training_data"])
-        assert record["training_data"].endswith("glove words") or "agent" not in player  # the policy has words too
+        assert (
+            record["training_data"].endswith("glove words") or "agent" not in player
+        )  # the policy has words too
         assert bench_verify(folder, player=player) == 1
         assert "'weights' is" in capsys.readouterr().out
         other_split = replace(kitchen_track, opened=open_graph("kitchen", SplitConfig("by-goal")))
@@ -422,7 +506,10 @@ def test_a_model_declares_the_knowledge_from_outside_its_recipes(kitchen_track, 
     settings = RecipeScorerConfig(kg="none", folds=2, with_=(str(other),))
     train_recipes(RecipesConfig("kitchen", settings), tmp_path / "model")
     _, entrant = enter(kitchen_track, f"scorer:{tmp_path / 'model'}", RunSettings(tmp_path))
-    assert re.match(r"no recipe of this book, \w+ words, outside knowledge: other \(book\)", entrant.training_data)
+    assert re.match(
+        r"no recipe of this book, \w+ words, outside knowledge: other \(book\)",
+        entrant.training_data,
+    )
 
 
 def test_verification_names_each_folder_and_fails_if_one_is_refused(submitted, tmp_path, capsys):
@@ -432,9 +519,13 @@ def test_verification_names_each_folder_and_fails_if_one_is_refused(submitted, t
     assert second.startswith(f"refused  {tmp_path}/submission.json is missing")
 
 
-def test_the_leaderboard_has_a_table_for_each_track_and_refuses_edited_submissions(submitted, copied, tmp_path):
+def test_the_leaderboard_has_a_table_for_each_track_and_refuses_edited_submissions(
+    submitted, copied, tmp_path
+):
     page = tmp_path / "page.md"
-    for number, (track, player) in enumerate([("craft-8-lite", "random"), ("craft-8-lite", PROGRAM)]):
+    for number, (track, player) in enumerate(
+        [("craft-8-lite", "random"), ("craft-8-lite", PROGRAM)]
+    ):
         (tmp_path / "all" / f"{number}").mkdir(parents=True)
         for file in submitted(track, player).glob("*.json*"):
             (tmp_path / "all" / f"{number}" / file.name).write_bytes(file.read_bytes())

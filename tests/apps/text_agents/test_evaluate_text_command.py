@@ -46,7 +46,9 @@ def test_a_program_plays_all_tasks_and_the_result_is_the_view(play, games):
     lines = outcome.out.splitlines()
     assert f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]" in lines[1]
     assert "63 test tasks of depth 1, 2 distractors, 1 distractor seed each" in lines[2]
-    assert lines[-1].endswith("reference kitchen --part test --depth 1 --distractors 2 --external-results out")
+    assert lines[-1].endswith(
+        "reference kitchen --part test --depth 1 --distractors 2 --external-results out"
+    )
     before = lines_of(games)
     assert len(before) == 64
     assert sum(json.loads(line)["success"] for line in before[1:]) == round(success.mean * 63)
@@ -82,7 +84,9 @@ def test_an_evaluation_that_was_killed_while_the_header_was_written_begins_anew(
 
 
 def test_the_open_ended_world_is_played_as_often_as_configured(play):
-    result = json.loads(play("--open-ended", "--attempts", "5", "--distractor-seeds", "2", "--json").out)["result"]
+    result = json.loads(
+        play("--open-ended", "--attempts", "5", "--distractor-seeds", "2", "--json").out
+    )["result"]
     assert (result["games"], result["success"], result["settings"]["part"]) == (2, None, None)
     assert [*result["known"]] == ["1", "5"]
     assert result["known"]["5"] >= len(result["settings"]["base"])
@@ -94,7 +98,11 @@ def test_the_open_ended_world_is_played_as_often_as_configured(play):
         (["kitchn"], "", "Did you mean 'kitchen'"),
         (["kitchen", "--depth", "0"], "depth", "expected a whole number, 1 to 5"),
         (["kitchen", "--attempts", "0"], "attempts", "expected a whole number, 1 to 1000"),
-        (["kitchen", "--distractor-seeds", "0"], "distractor_seeds", "expected a whole number, 1 or more"),
+        (
+            ["kitchen", "--distractor-seeds", "0"],
+            "distractor_seeds",
+            "expected a whole number, 1 or more",
+        ),
         (["kitchen", "--tasks", "0"], "tasks", "expected a whole number, 1 or more"),
         (["kitchen", "--max_invalid", "-1"], "max_invalid", "expected a whole number, 0 or more"),
         (["kitchen", "--timeout", "0"], "timeout", "--timeout 0"),
@@ -102,13 +110,22 @@ def test_the_open_ended_world_is_played_as_often_as_configured(play):
         (["kitchen", "--open-ended", "--depth", "2"], "open_ended", "no tasks"),
         (["kitchen", "--knowledge", "scorer"], "knowledge", "add the model folder"),
         (["kitchen", "--scorer", "somewhere"], "scorer", "a scorer needs --knowledge scorer"),
-        (["kitchen", "--player", "no-such-program --key sk-123"], "", "player 'no-such-program' cannot be started"),
+        (
+            ["kitchen", "--player", "no-such-program --key sk-123"],
+            "",
+            "player 'no-such-program' cannot be started",
+        ),
     ],
 )
 def test_bad_input_is_refused_and_nothing_is_written(run, tmp_path, arguments, setting, fragment):
     player = [] if "--player" in arguments else ["--player", PLAYER]
     outcome = run("evaluate-text", *arguments, *player, "--out", tmp_path / "words")
-    assert (outcome.code, outcome.out, outcome.setting, fragment in outcome.err) == (1, "", setting, True)
+    assert (outcome.code, outcome.out, outcome.setting, fragment in outcome.err) == (
+        1,
+        "",
+        setting,
+        True,
+    )
     assert not [word for word in ("Traceback", "sk-123") if word in outcome.err]
     assert not (tmp_path / "words").exists()
 
@@ -134,12 +151,22 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(play, games):
     ("options", "edit", "fragment"),
     [
         ((), lambda lines: [*lines, lines[1]], "line 4, is damaged: the game is a duplicate"),
-        ((), lambda lines: [lines[0], lines[1].replace('"task": 0', '"task": 5')], "line 2, is damaged"),
+        (
+            (),
+            lambda lines: [lines[0], lines[1].replace('"task": 0', '"task": 5')],
+            "line 2, is damaged",
+        ),
         (OPEN, lambda lines: [*lines, lines[1]], "line 4, is damaged: the game is a duplicate"),
-        ((), lambda lines: [lines[0], lines[1].replace('"actions": 2', f'"actions": {2**63}')], "is damaged: Expected"),
+        (
+            (),
+            lambda lines: [lines[0], lines[1].replace('"actions": 2', f'"actions": {2**63}')],
+            "is damaged: Expected",
+        ),
     ],
 )
-def test_repeated_unknown_and_impossible_games_are_refused_and_kept(play, games, options, edit, fragment):
+def test_repeated_unknown_and_impossible_games_are_refused_and_kept(
+    play, games, options, edit, fragment
+):
     options = options or ("--tasks", "2")
     play(*options)
     edited = edit(lines_of(games))
@@ -168,11 +195,14 @@ def test_a_folder_in_which_another_process_plays_is_left_alone(play, games):
 
 
 @pytest.mark.parametrize(
-    ("name", "folder"), [("lab/model-1.5", "lab-model-1.5"), ("../../up", "-..-up"), ("..", "player"), ("été", "été")]
+    ("name", "folder"),
+    [("lab/model-1.5", "lab-model-1.5"), ("../../up", "-..-up"), ("..", "player"), ("été", "été")],
 )
 def test_a_name_with_slashes_names_one_folder_and_none_elsewhere(play, tmp_path, name, folder):
     assert play("--tasks", "1", "--name", name, out=None).code == 0
-    assert [path.parent.relative_to(tmp_path) for path in tmp_path.rglob(GAMES_FILE)] == [Path("text-agents", folder)]
+    assert [path.parent.relative_to(tmp_path) for path in tmp_path.rglob(GAMES_FILE)] == [
+        Path("text-agents", folder)
+    ]
     assert result_in(Path("text-agents", folder)).player == name
 
 

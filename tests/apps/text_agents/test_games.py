@@ -23,7 +23,13 @@ from wordcraft_kg.apps.text_agents.results import (
     result_of,
 )
 from wordcraft_kg.apps.text_agents.settings import MAX_INVALID
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, GraphMismatchError, LeakError
+from wordcraft_kg.base.errors import (
+    ActionError,
+    ConfigError,
+    EpisodeError,
+    GraphMismatchError,
+    LeakError,
+)
 from wordcraft_kg.evaluation.reference import TaskPlay
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.studies.result_readers import external_rows
@@ -39,8 +45,12 @@ def play_all(games, distractor_seeds, player):
 
 
 @pytest.mark.parametrize("name", PLAYERS)
-@pytest.mark.parametrize("settings", [{}, {"depth": 2, "num_tasks": 60, "max_attempts": 3}], ids=["depth 1", "depth 2"])
-def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_last_digit(kitchen, name, settings):
+@pytest.mark.parametrize(
+    "settings", [{}, {"depth": 2, "num_tasks": 60, "max_attempts": 3}], ids=["depth 1", "depth 2"]
+)
+def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_last_digit(
+    kitchen, name, settings
+):
     world = World(kitchen, WordCraftConfig(part="test", num_distractors=3, **settings))
     player = PLAYERS[name](kitchen)
     slots = picks_of(player, world, 2)
@@ -59,7 +69,9 @@ def test_a_player_of_the_texts_alone_makes_every_goal(games, kitchen):
         lines = dict(line.split(": ", 1) for line in prompt.splitlines() if ": " in line)
         table = {thing.split(" ", 1)[1] for thing in lines["Table"].split(", ")}
         recipes = kitchen.graph.recipe_labels()
-        return next(f"{a} + {b}" for a, b, result in recipes if result == lines["Goal"] and {a, b} <= table)
+        return next(
+            f"{a} + {b}" for a, b, result in recipes if result == lines["Goal"] and {a, b} <= table
+        )
 
     played = play_all(games, 1, lambda task, distractor_seed: answer)
     assert all(one.success for one in played)
@@ -82,7 +94,9 @@ def test_an_invalid_message_costs_nothing_until_there_are_too_many(games):
 
 
 def test_a_refusal_in_between_does_not_count_with_later_ones(kitchen):
-    games = TaskGames(World(kitchen, WordCraftConfig(part="test", num_distractors=3, max_attempts=4)))
+    games = TaskGames(
+        World(kitchen, WordCraftConfig(part="test", num_distractors=3, max_attempts=4))
+    )
     talk = Conversation(games.begin(0), max_invalid=1)
     for message, left in (("nonsense", 4), ("1 1", 3), ("nonsense", 3), ("nonsense", 2)):
         talk.hear(message)
@@ -124,53 +138,93 @@ def test_the_open_ended_world_is_played_by_pairs_and_counts_known_entities(kitch
     assert played.known_after[:3] == (known,) * 3
     assert (played.repeated, played.lost_attempts, len(other.game.labels)) == (1, 1, base)
     settings = PlayedSettings.of(games.env, kitchen.split)
-    result = result_of("somebody", settings, [played, msgspec.structs.replace(played, known_after=())])
+    result = result_of(
+        "somebody", settings, [played, msgspec.structs.replace(played, known_after=())]
+    )
     assert result.known == {1: (known + base) / 2, 4: (played.known_after[-1] + base) / 2}
 
 
 @pytest.mark.parametrize("part", ["test", "train"])
 @pytest.mark.parametrize(("distractors", "depth", "attempts"), [(2, 1, 1), (8, 1, 1), (4, 2, 3)])
-def test_look_ups_reveal_no_way_to_the_goal_and_all_other_train_recipes(kitchen, part, distractors, depth, attempts):
-    graph, knowledge, is_train = kitchen.graph, PartialGraphKnowledge(kitchen.split), kitchen.split.is_in("train")
-    world = World(kitchen, WordCraftConfig(part, depth, num_distractors=distractors, max_attempts=attempts))
+def test_look_ups_reveal_no_way_to_the_goal_and_all_other_train_recipes(
+    kitchen, part, distractors, depth, attempts
+):
+    graph, knowledge, is_train = (
+        kitchen.graph,
+        PartialGraphKnowledge(kitchen.split),
+        kitchen.split.is_in("train"),
+    )
+    world = World(
+        kitchen, WordCraftConfig(part, depth, num_distractors=distractors, max_attempts=attempts)
+    )
     games, recipes = TaskGames(world), graph.recipe_labels()
     line_of = [f"{a} + {b} -> {result}" for a, b, result in recipes]
     for task in range(0, len(world.tasks), 6 * depth):
         game = games.begin(task)
         table = {graph.id_of(label) for label in game.labels}
-        facts = {fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)}
-        told = {int(pair) for pair, line in zip(graph.pair_of_recipe, line_of, strict=True) if line in facts}
-        assert not [way for way in world.search.ways(graph.id_of(game.goal), frozenset(table), attempts) if way <= told]
+        facts = {
+            fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)
+        }
+        told = {
+            int(pair)
+            for pair, line in zip(graph.pair_of_recipe, line_of, strict=True)
+            if line in facts
+        }
+        assert not [
+            way
+            for way in world.search.ways(graph.id_of(game.goal), frozenset(table), attempts)
+            if way <= told
+        ]
         solving = {recipes[row][:2] for plan in world.tasks.plans[task] for row in plan}
-        others = [row for row, (*pair, result) in enumerate(recipes) if result != game.goal and (*pair,) not in solving]
+        others = [
+            row
+            for row, (*pair, result) in enumerate(recipes)
+            if result != game.goal and (*pair,) not in solving
+        ]
         hidden = [line_of[row] for row in others if is_train[row] and line_of[row] not in facts]
         assert all(line.split(" -> ")[0] + f" -> {game.goal}" in line_of for line in hidden)
 
 
 def test_a_pair_that_solves_the_task_is_not_revealed_by_its_other_result():
-    pairs = {"mud": ("water", "earth"), "plant": ("water", "earth"), "lava": ("fire", "earth"), "pot": ("fire", "mud")}
+    pairs = {
+        "mud": ("water", "earth"),
+        "plant": ("water", "earth"),
+        "lava": ("fire", "earth"),
+        "pot": ("fire", "mud"),
+    }
     graph = RecipeGraph.from_recipes([(*pair, result) for result, pair in pairs.items()])
     games = TaskGames(World(graph, WordCraftConfig(part="all", num_distractors=0)))
     knowledge = PartialGraphKnowledge(make_split(graph, SplitConfig("none")))
     facts = {}
     for task, one in enumerate(games.world.tasks):
         game = games.begin(task)
-        facts[one.goal] = {fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)}
+        facts[one.goal] = {
+            fact for entity in range(graph.num_entities) for fact in knowledge.facts(entity, game)
+        }
     both = {"earth + water -> mud", "earth + water -> plant"}
     assert both.isdisjoint(facts["mud"] | facts["plant"])
     assert both < facts["lava"]
 
 
 def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games, kitchen):
-    talk = Conversation(games.begin(0), PartialGraphKnowledge(kitchen.split), look_ups=2, max_invalid=1)
-    unknown = "Invalid answer: unknown item 'unicorn': expected an item name, or the start of a name."
+    talk = Conversation(
+        games.begin(0), PartialGraphKnowledge(kitchen.split), look_ups=2, max_invalid=1
+    )
+    unknown = (
+        "Invalid answer: unknown item 'unicorn': expected an item name, or the start of a name."
+    )
     assert (talk.hear("look up unicorn").startswith(unknown), talk.look_ups) == (True, 0)
-    assert "look up water. A look-up does not use up an attempt. You have 2 look-ups." in talk.opening
+    assert (
+        "look up water. A look-up does not use up an attempt. You have 2 look-ups." in talk.opening
+    )
     assert talk.hear("Look up: the Bread").startswith("Known recipes with bread:\n")
     talk.hear("look up bread")
     assert (talk.look_ups, talk.game.attempts_left, talk.invalid_actions) == (2, 1, 1)
     replies = [talk.hear("look up bread") for _ in range(2)]
-    assert (all("You have no look-ups left" in reply for reply in replies), talk.is_over) == (True, True)
+    assert (all("You have no look-ups left" in reply for reply in replies), talk.is_over) == (
+        True,
+        True,
+    )
 
 
 def test_without_knowledge_nothing_can_be_looked_up(games):
@@ -216,7 +270,11 @@ def play(game, answer, number=0):
 
 
 def all_tasks(games, *answers):
-    return [play(games.begin(task), answer) for task in range(len(games.world.tasks)) for answer in answers]
+    return [
+        play(games.begin(task), answer)
+        for task in range(len(games.world.tasks))
+        for answer in answers
+    ]
 
 
 def write(path, settings, lines):
@@ -238,8 +296,12 @@ def test_all_tasks_make_the_result_and_the_first_game_of_a_task_counts(kitchen, 
 
 def test_a_figure_over_selected_tasks_is_refused(kitchen, games, path):
     count, settings = len(games.world.tasks), PlayedSettings.of(games.world, kitchen.split)
-    write(path, settings, [*all_tasks(games, "1 2"), play(games.begin(0, distractor_seed=1), "1 2")])
-    with pytest.raises(ConfigError, match=f"holds {count + 1} / {2 * count} games for the test tasks"):
+    write(
+        path, settings, [*all_tasks(games, "1 2"), play(games.begin(0, distractor_seed=1), "1 2")]
+    )
+    with pytest.raises(
+        ConfigError, match=f"holds {count + 1} / {2 * count} games for the test tasks"
+    ):
         read_games_result(path, kitchen)
     with pytest.raises(GraphMismatchError):
         read_games_result(path, open_graph("paper-examples"))
@@ -251,7 +313,11 @@ def test_games_in_the_open_ended_world_count_all(kitchen, path):
     write(path, settings, [])
     with pytest.raises(ConfigError, match="holds no finished game"):
         read_games_result(path, kitchen)
-    write(path, settings, [play(worlds.begin(), answer, number) for number, answer in enumerate(("1 2", "2 3"))])
+    write(
+        path,
+        settings,
+        [play(worlds.begin(), answer, number) for number, answer in enumerate(("1 2", "2 3"))],
+    )
     result = read_games_result(path, kitchen)
     assert (result.games, result.settings.distractor_seeds, result.success) == (2, 2, None)
     assert result.known[3] >= len(settings.base)
@@ -259,6 +325,10 @@ def test_games_in_the_open_ended_world_count_all(kitchen, path):
 
 def test_figures_are_marked_if_look_ups_in_other_games_name_the_recipes(kitchen, path):
     games = TaskGames(World(kitchen, WordCraftConfig(part="train", num_distractors=2)))
-    write(path, PlayedSettings.of(games.world, kitchen.split, knowledge="partial"), all_tasks(games, "1 2"))
+    write(
+        path,
+        PlayedSettings.of(games.world, kitchen.split, knowledge="partial"),
+        all_tasks(games, "1 2"),
+    )
     (row,) = external_rows(kitchen, TaskPlay("train", 1, 1), [2], [path])
     assert "look-ups in other games name the recipes of the task" in row.notes

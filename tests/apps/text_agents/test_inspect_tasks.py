@@ -35,9 +35,16 @@ from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 from wordcraft_kg.studies.result_readers import external_rows
 
-pytestmark = pytest.mark.filterwarnings("ignore:The 'initial' parameter is deprecated:DeprecationWarning")
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:The 'initial' parameter is deprecated:DeprecationWarning"
+)
 
-KEYS = {"by_plan": "by_plan", "actions_per_game": "actions", "ci_low": "ci_low", "ci_high": "ci_high"}
+KEYS = {
+    "by_plan": "by_plan",
+    "actions_per_game": "actions",
+    "ci_low": "ci_low",
+    "ci_high": "ci_high",
+}
 
 
 @pytest.fixture(autouse=True)
@@ -79,7 +86,8 @@ def turn(messages):
 def scripted(task, actions):
     """Return a model that picks the slots of a scripted player; it recognises a game by the first state."""
     keys = {
-        sample.input[1].text: (sample.metadata["task"], sample.metadata["distractor_seed"]) for sample in task.dataset
+        sample.input[1].text: (sample.metadata["task"], sample.metadata["distractor_seed"])
+        for sample in task.dataset
     }
     assert len(keys) == len(task.dataset)
 
@@ -99,10 +107,19 @@ def metrics_of(log):
     ("name", "settings", "log_format"),
     [
         ("random", {"distractors": 1, "distractor_seeds": 2, "tasks": 16}, "eval"),
-        ("full graph", {"distractors": 3, "distractor_seeds": 1, "tasks": 16, "depth": 2, "attempts": 3}, "json"),
-        pytest.param("oracle", {"distractors": 8, "distractor_seeds": 1}, "eval", marks=pytest.mark.slow),
+        (
+            "full graph",
+            {"distractors": 3, "distractor_seeds": 1, "tasks": 16, "depth": 2, "attempts": 3},
+            "json",
+        ),
         pytest.param(
-            "random", {"distractors": 1, "distractor_seeds": 3, "depth": 2, "tasks": 60}, "eval", marks=pytest.mark.slow
+            "oracle", {"distractors": 8, "distractor_seeds": 1}, "eval", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            "random",
+            {"distractors": 1, "distractor_seeds": 3, "depth": 2, "tasks": 60},
+            "eval",
+            marks=pytest.mark.slow,
         ),
     ],
     ids=["depth 1", "depth 2", "oracle", "many"],
@@ -112,33 +129,54 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
 ):
     amounts = {"depth": settings.get("depth", 1), "max_attempts": settings.get("attempts")}
     config = WordCraftConfig(part="test", num_distractors=settings["distractors"], **amounts)
-    world, distractor_seeds, tasks = World(kitchen, config), settings["distractor_seeds"], settings.get("tasks")
+    world, distractor_seeds, tasks = (
+        World(kitchen, config),
+        settings["distractor_seeds"],
+        settings.get("tasks"),
+    )
     player = PLAYERS[name](kitchen)
     everything = Evaluator(world, distractor_seeds=distractor_seeds)(
         player
     )  # a task's table does not depend on the other tasks
     chosen = chosen_tasks(world, tasks)
-    expected = Evaluation(*(getattr(everything, field.name)[chosen] for field in fields(Evaluation)))
+    expected = Evaluation(
+        *(getattr(everything, field.name)[chosen] for field in fields(Evaluation))
+    )
     assert 0 < expected.success.mean() < 1 or name == "oracle"
     task = crafting("kitchen", **settings)
-    log = play(task, scripted(task, picks_of(player, world, distractor_seeds)), log_format=log_format)
+    log = play(
+        task, scripted(task, picks_of(player, world, distractor_seeds)), log_format=log_format
+    )
 
     metrics, figures = metrics_of(log), expected.figures()
     assert metrics["success"] == figures.mean
-    assert {name: metrics[name] for name in KEYS} == {name: getattr(figures, key) for name, key in KEYS.items()}
+    assert {name: metrics[name] for name in KEYS} == {
+        name: getattr(figures, key) for name, key in KEYS.items()
+    }
     rates = expected.success.mean(axis=1)  # the games of one task are not independent
     assert metrics["stderr"] == pytest.approx(rates.std(ddof=1) / len(rates) ** 0.5)
 
     result = read_inspect_log(log.location)
-    assert (result.success, result.outcomes, result.games) == (figures, expected.shares(), expected.success.size)
+    assert (result.success, result.outcomes, result.games) == (
+        figures,
+        expected.shares(),
+        expected.success.size,
+    )
     assert (result.player, result.invalid_actions) == ("mockllm/model", 0)
-    assert result.settings == PlayedSettings.of(world, kitchen.split, distractor_seeds=distractor_seeds, tasks=tasks)
+    assert result.settings == PlayedSettings.of(
+        world, kitchen.split, distractor_seeds=distractor_seeds, tasks=tasks
+    )
     assert log.eval.task_version == prompt_hash()[:12]
 
 
-def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stays_in_the_log(kitchen):
+def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stays_in_the_log(
+    kitchen,
+):
     sample = crafting("kitchen", tasks=3, distractor_seeds=2).dataset[1]
-    assert (sample.id, sample.target) == ("test-21-0", World(kitchen, WordCraftConfig(part="test")).tasks[21].goal)
+    assert (sample.id, sample.target) == (
+        "test-21-0",
+        World(kitchen, WordCraftConfig(part="test")).tasks[21].goal,
+    )
     system, user = sample.input
     assert (system.role, user.role) == ("system", "user")
     assert system.text.startswith("This is a crafting game.")
@@ -158,7 +196,9 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
         assert (score.metadata["invalid_actions"], score.metadata["lost_attempts"]) == (3, 1)
     assert (valid.metadata["unfinished"], valid.metadata["termination"]) == (False, "same_twice")
     metrics = metrics_of(log)
-    counts = [metrics[f"{name}_in_run"] for name in ("unfinished", "invalid_actions", "lost_attempts")]
+    counts = [
+        metrics[f"{name}_in_run"] for name in ("unfinished", "invalid_actions", "lost_attempts")
+    ]
     assert (metrics["success"], counts) == (0, [3, 9, 3])
     result = read_inspect_log(log.location)
     assert (result.games, result.invalid_actions, result.lost_attempts) == (4, 9, 3)
@@ -203,7 +243,11 @@ def test_the_open_ended_world_counts_what_is_known_after_each_attempt(kitchen, p
 
     log = play(discovery("kitchen", attempts=12, games=2), lambda messages: pair(turn(messages)))
     metrics, result = metrics_of(log), read_inspect_log(log.location)
-    assert {attempts: metrics[f"known_{attempts}"] for attempts in expected} == expected == result.known
+    assert (
+        {attempts: metrics[f"known_{attempts}"] for attempts in expected}
+        == expected
+        == result.known
+    )
     assert (result.games, result.success, result.settings.base) == (2, None, kitchen.graph.base)
 
 
@@ -223,18 +267,28 @@ def test_a_log_stands_beside_the_reference_figures_as_a_language_model(play, kit
         external_rows(kitchen, OpenPlay(kitchen.graph.base), (), [Path(log.location)])
 
 
-@pytest.mark.parametrize("track", [pytest.param("depth-2-lite", marks=pytest.mark.slow), "discover-500-lite"])
+@pytest.mark.parametrize(
+    "track", [pytest.param("depth-2-lite", marks=pytest.mark.slow), "discover-500-lite"]
+)
 def test_a_log_of_a_benchmark_track_becomes_a_submission_that_verifies(play, tmp_path, track):
-    log = play(crafting(track=track), lambda messages: "1 + 2" if turn(messages) % 2 else "nonsense", message_limit=12)
+    log = play(
+        crafting(track=track),
+        lambda messages: "1 + 2" if turn(messages) % 2 else "nonsense",
+        message_limit=12,
+    )
     bench_run(track, player=f"inspect:{log.location}", out=tmp_path / "out")
     submission = verify(tmp_path / "out")
     assert (submission.player, submission.prompts) == ("mockllm/model", "standard")
     assert submission.invalid_actions >= submission.figures.games == len(log.samples)
     assert submission.tokens["input"] == 10 * submission.tokens["output"] > 0
-    with pytest.raises(ConfigError, match=f"are of everyday-v2/{track}; expected everyday-v2/craft-8-lite"):
+    with pytest.raises(
+        ConfigError, match=f"are of everyday-v2/{track}; expected everyday-v2/craft-8-lite"
+    ):
         bench_run("craft-8-lite", player=f"inspect:{log.location}", out=tmp_path / "other")
     with pytest.raises(ConfigError, match="the games have none"):
-        bench_run(track, player=f"inspect:{log.location}", out=tmp_path / "other", look_ups="partial")
+        bench_run(
+            track, player=f"inspect:{log.location}", out=tmp_path / "other", look_ups="partial"
+        )
     with pytest.raises(ConfigError, match="has its own numbers"):
         bench_run(track, player=f"inspect:{log.location}", out=tmp_path / "other", tokens=(1, 2))
     with pytest.raises(ConfigError, match="not all tasks"):
@@ -252,10 +306,14 @@ def test_a_log_without_some_of_the_games_gives_no_result(play, tmp_path):
 
     log = play(task, answer, fail_on_error=False)
     assert "ci_low" not in metrics_of(log)
-    with pytest.raises(ArtefactError, match=r"5 of 6 games were played; expected each.*tasks=N instead of --limit"):
+    with pytest.raises(
+        ArtefactError, match=r"5 of 6 games were played; expected each.*tasks=N instead of --limit"
+    ):
         read_inspect_log(log.location)
 
-    stopped, half, spoilt = (tmp_path / name for name in ("stopped.eval", "half.eval", "spoilt.json"))
+    stopped, half, spoilt = (
+        tmp_path / name for name in ("stopped.eval", "half.eval", "spoilt.json")
+    )
     log.status = "cancelled"
     write_eval_log(log, str(stopped))
     half.write_bytes(stopped.read_bytes()[:-300])
@@ -273,10 +331,19 @@ def test_a_log_without_some_of_the_games_gives_no_result(play, tmp_path):
 
 
 def test_other_logs_and_files_are_refused(play, tmp_path):
-    other = play(Task(dataset=[Sample(input="Say hello.", target="hello")], name="greeting"), lambda messages: "hello")
-    with pytest.raises(ArtefactError, match="logs the task 'greeting'; expected wordcraft_kg/crafting"):
+    other = play(
+        Task(dataset=[Sample(input="Say hello.", target="hello")], name="greeting"),
+        lambda messages: "hello",
+    )
+    with pytest.raises(
+        ArtefactError, match="logs the task 'greeting'; expected wordcraft_kg/crafting"
+    ):
         read_inspect_log(other.location)
-    for name, text in (("result.json", '{"success": 1}'), ("notes.txt", "hello"), ("empty.eval", "")):
+    for name, text in (
+        ("result.json", '{"success": 1}'),
+        ("notes.txt", "hello"),
+        ("empty.eval", ""),
+    ):
         (tmp_path / name).write_text(text)
         with pytest.raises(ArtefactError, match=f"{name} cannot be read as an Inspect AI log"):
             read_inspect_log(tmp_path / name)
@@ -297,7 +364,12 @@ def test_other_logs_and_files_are_refused(play, tmp_path):
         (crafting, {"knowledge": "scorer", "scorer": "models/none"}, "", "models/none"),
         (crafting, {"scorer": "models/none"}, "scorer", "a scorer needs `knowledge` scorer"),
         (crafting, {"look_ups": 1.5}, "look_ups", "1.5"),
-        (crafting, {"distractor": 2}, "distractor", "unknown parameter .* Did you mean .*distractors"),
+        (
+            crafting,
+            {"distractor": 2},
+            "distractor",
+            "unknown parameter .* Did you mean .*distractors",
+        ),
         (discovery, {"base": ["water", "unicorn"]}, "base", "unicorn"),
         (discovery, {"base": 1}, "base", "no entity '1'"),
         (discovery, {"base": True}, "base", "no entity 'True'"),
@@ -310,7 +382,9 @@ def test_a_wrong_parameter_is_an_error_without_a_traceback(make, parameters, set
         make(**{"graph": "kitchen", **parameters})
     assert raised.value.setting == setting
     assert isinstance(raised.value, PrerequisiteError)  # which Inspect shows without a traceback
-    assert raised.value.message.replace("\\[", "[") == str(raised.value)  # its terminal takes brackets for a style
+    assert raised.value.message.replace("\\[", "[") == str(
+        raised.value
+    )  # its terminal takes brackets for a style
 
 
 def test_inspect_finds_both_tasks_by_the_package_s_name():

@@ -51,9 +51,21 @@ def test_a_line_has_all_that_a_program_needs(games, tmp_path):
         for game in (first, games.begin(1), DiscoveryGames("kitchen", attempts=2).begin()):
             let_play(player, game, max_invalid=0)
     lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
-    expected = {"game": 1, "new": True, "text": text, "goal": first.goal, "table": labels, "attempts_left": 1}
+    expected = {
+        "game": 1,
+        "new": True,
+        "text": text,
+        "goal": first.goal,
+        "table": labels,
+        "attempts_left": 1,
+    }
     assert lines[0] == expected
-    assert [(line["game"], line["new"]) for line in lines] == [(1, True), (2, True), (3, True), (3, False)]
+    assert [(line["game"], line["new"]) for line in lines] == [
+        (1, True),
+        (2, True),
+        (3, True),
+        (3, False),
+    ]
     assert [(line["goal"], line["attempts_left"]) for line in lines[2:]] == [(None, 2), (None, 1)]
     assert " -> " in lines[3]["text"]
 
@@ -77,7 +89,10 @@ def test_a_program_that_breaks_the_protocol_is_an_error(games, code, fragment):
             let_play(player, games.begin(task))
             time.sleep(0.2)  # additional lines may take a moment
 
-    with pytest.raises(PlayerError, match=fragment) as error, LinePlayer(program(code), timeout=0.5) as player:
+    with (
+        pytest.raises(PlayerError, match=fragment) as error,
+        LinePlayer(program(code), timeout=0.5) as player,
+    ):
         play()
     assert player._process.poll() is not None
     assert str(error.value).startswith("player 'python")
@@ -85,12 +100,17 @@ def test_a_program_that_breaks_the_protocol_is_an_error(games, code, fragment):
 
 def test_a_program_that_never_reads_is_an_error_after_the_timeout_for_lines_of_any_length():
     never = program("import time; time.sleep(60)")
-    with pytest.raises(PlayerError, match=r"did not answer within 0\.5"), LinePlayer(never, timeout=0.5) as player:
+    with (
+        pytest.raises(PlayerError, match=r"did not answer within 0\.5"),
+        LinePlayer(never, timeout=0.5) as player,
+    ):
         player.ask("x" * 10**6)  # more than a pipe holds
     assert player._process.poll() is not None
 
 
-@pytest.mark.parametrize("then", ["import time; time.sleep(60)", "input(); print('1 1', flush=True)", ""])
+@pytest.mark.parametrize(
+    "then", ["import time; time.sleep(60)", "input(); print('1 1', flush=True)", ""]
+)
 def test_processes_that_a_program_has_started_end_with_it(tmp_path, then):
     pid = tmp_path / "pid"
     child = f"subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'], stdout=open({str(pid)!r}, 'w'))"
@@ -110,7 +130,10 @@ def test_stderr_of_a_program_is_shown_without_control_characters_up_to_a_limit(c
         assert player.ask("{}") == "1 1"
     shown = capfd.readouterr().err
     assert shown.startswith("\ufffd[31mre\td\ufffd xxx")
-    assert (len(shown) < 3_000, shown.endswith("more than 2,000 bytes on stderr; the rest is not shown\n")) == (
+    assert (
+        len(shown) < 3_000,
+        shown.endswith("more than 2,000 bytes on stderr; the rest is not shown\n"),
+    ) == (
         True,
         True,
     )

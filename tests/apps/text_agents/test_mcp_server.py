@@ -40,7 +40,11 @@ from wordcraft_kg.envs.words import PROMPTS
 ROOT = Path(__file__).parents[3]
 MODES = ("legacy", "auto")
 COMMAND = ["-m", "wordcraft_kg", "mcp", "kitchen", "--distractors", "3"]
-CLIENT = {"protocolVersion": "2025-06-18", "capabilities": {}, "clientInfo": {"name": "test", "version": "1"}}
+CLIENT = {
+    "protocolVersion": "2025-06-18",
+    "capabilities": {},
+    "clientInfo": {"name": "test", "version": "1"},
+}
 HELLO = json.dumps({"jsonrpc": "2.0", "id": 7, "method": "initialize", "params": CLIENT}).encode()
 PING = b'{"jsonrpc": "2.0", "id": 8, "method": "ping"}'
 
@@ -51,7 +55,9 @@ def world(games):
 
 
 def hosted(**options):
-    settings = GameSettings(**({"distractors": 3} if "open_ended" not in options else {}), **options)
+    settings = GameSettings(
+        **({"distractors": 3} if "open_ended" not in options else {}), **options
+    )
     return HostedGames(Play.open("kitchen", settings, max_invalid=NEVER, prompt_hash=tools_hash()))
 
 
@@ -124,7 +130,9 @@ def test_a_scripted_player_that_plays_by_tools_has_its_evaluation_to_the_last_di
         for task in range(len(world.tasks)):
             _, begun = await call("begin", task=task)
             one, other = slots[task, 0]
-            _, over = await call("combine", game=begun["game"], first=one + 1, second=begun["items"][other])
+            _, over = await call(
+                "combine", game=begun["game"], first=one + 1, second=begun["items"][other]
+            )
             assert over["is_over"]
 
     play_by_tools(host, play, mode)
@@ -135,7 +143,9 @@ def test_a_scripted_player_that_plays_by_tools_has_its_evaluation_to_the_last_di
 @pytest.mark.parametrize("mode", MODES)
 def test_a_game_has_texts_and_values(world, mode):
     one, other, goal = world.tasks[0].plans[0][0]
-    results = ", ".join(world.graph.labels(world.graph.outcomes[world.graph.id_of(one), world.graph.id_of(other)]))
+    results = ", ".join(
+        world.graph.labels(world.graph.outcomes[world.graph.id_of(one), world.graph.id_of(other)])
+    )
 
     async def play(call):
         text, begun = await call("begin", task=0)
@@ -143,12 +153,17 @@ def test_a_game_has_texts_and_values(world, mode):
         assert text.endswith("Attempts left: 1")
         game = begun["game"]
         text, listed = await call("state", game=game)
-        assert ", ".join(f"{number} {thing}" for number, thing in enumerate(begun["items"], 1)) in text
+        assert (
+            ", ".join(f"{number} {thing}" for number, thing in enumerate(begun["items"], 1)) in text
+        )
         assert (listed["success"], listed["is_over"]) == (None, False)
         text, made = await call("combine", game=game, first=f"the {one.upper()}", second=other)
         assert text == f"{one} + {other} -> {results}\n\nYou made the goal: {goal}."
         assert (made["success"], made["attempts_left"], made["is_over"]) == (True, 0, True)
-        assert await call("state", game=game) == (f"You made the goal: {goal}.", {key: made[key] for key in listed})
+        assert await call("state", game=game) == (
+            f"You made the goal: {goal}.",
+            {key: made[key] for key in listed},
+        )
 
     play_by_tools(hosted(), play, mode)
 
@@ -161,21 +176,35 @@ def test_an_invalid_call_is_a_tools_error_that_costs_nothing():
         ("combine", {"first": True, "second": 1}, "'first': Input should be a valid string"),
         ("combine", {"first": ["1"], "second": 1}, "'first': Input should be a valid string"),
         ("combine", {"first": 10**40, "second": 1}, "'first': Input should be a valid string"),
-        ("combine", {"first": "x" * 201, "second": 1}, "'first': String should have at most 200 characters"),
+        (
+            "combine",
+            {"first": "x" * 201, "second": 1},
+            "'first': String should have at most 200 characters",
+        ),
         ("combine", {}, "'first': Field required; 'second': Field required."),
-        ("combine", {"first": 1, "second": 2, "third": 3}, "unknown argument 'third': expected game, first, second."),
+        (
+            "combine",
+            {"first": 1, "second": 2, "third": 3},
+            "unknown argument 'third': expected game, first, second.",
+        ),
         ("begin", {"task": 10**6}, "less than or equal to 62"),
         ("begin", {"task": -1}, "greater than or equal to 0"),
         ("begin", {"task": 1.5}, "a valid integer"),
         ("begin", {"task": None}, "a valid integer"),
-        ("state", {"game": "elsewhere"}, "Unknown game id 'elsewhere': expected an id returned by `begin`"),
+        (
+            "state",
+            {"game": "elsewhere"},
+            "Unknown game id 'elsewhere': expected an id returned by `begin`",
+        ),
         ("fly", {}, "Unknown tool: fly"),
     )
 
     async def play(call):
         game = (await call("begin", task=1))[1]["game"]
         for tool, arguments, expected in invalid:
-            text, values = await call(tool, **({} if tool == "begin" else {"game": game}) | arguments)
+            text, values = await call(
+                tool, **({} if tool == "begin" else {"game": game}) | arguments
+            )
             assert (expected in text, "pydantic" in text, values) == (True, False, None), text
             assert text.endswith("Please answer again.") == (tool in ("combine", "begin"))
         assert (await call("state", game=game))[1]["attempts_left"] == 1
@@ -188,7 +217,11 @@ def test_an_invalid_call_is_a_tools_error_that_costs_nothing():
 
 @pytest.mark.parametrize(
     ("table", "key", "value"),
-    [(PROMPTS, "likely_partners", "x"), (vars(mcp_server), "MAX_SIZE", 7), (vars(mcp_server), "_INSTRUCTIONS", "x")],
+    [
+        (PROMPTS, "likely_partners", "x"),
+        (vars(mcp_server), "MAX_SIZE", 7),
+        (vars(mcp_server), "_INSTRUCTIONS", "x"),
+    ],
 )
 def test_the_hash_covers_game_prompts_tool_schemas_and_instructions(monkeypatch, table, key, value):
     before = tools_hash()
@@ -197,7 +230,9 @@ def test_the_hash_covers_game_prompts_tool_schemas_and_instructions(monkeypatch,
 
 
 def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen):
-    pair = next(pair for pair in kitchen.graph.outcomes if {*pair} <= {*kitchen.graph.base_ids.tolist()})
+    pair = next(
+        pair for pair in kitchen.graph.outcomes if {*pair} <= {*kitchen.graph.base_ids.tolist()}
+    )
     one, other = kitchen.graph.labels(pair)
 
     async def play(client):
@@ -231,7 +266,9 @@ def test_look_ups_cost_no_attempt_are_counted_and_only_offered_with_knowledge():
         assert (await call("state", game=game))[1]["attempts_left"] == 1
 
     without, with_knowledge = hosted(), hosted(knowledge="partial", look_ups=2)
-    assert {*connect(make_server(with_knowledge), names)} - {*connect(make_server(without), names)} == {"look_up"}
+    assert {*connect(make_server(with_knowledge), names)} - {
+        *connect(make_server(without), names)
+    } == {"look_up"}
     play_by_tools(with_knowledge, play)
 
 
@@ -280,13 +317,21 @@ def test_each_game_that_is_over_is_in_the_file_once_and_the_file_goes_on(tmp_pat
             first.combine("unicorn", "1")
         first.combine("1", "1")
         first.end()
-        with pytest.raises(ArtefactError, match="being written by another process"), kept_games(path, header):
+        with (
+            pytest.raises(ArtefactError, match="being written by another process"),
+            kept_games(path, header),
+        ):
             pass
     with kept_games(path, header) as host.keep:
         host.begin(7).end()
     one, two = games_of(path)
     thing = one.table[0]
-    assert (one.task, one.distractor_seed, one.invalid_actions, one.termination) == (5, 2, 1, "same_twice")
+    assert (one.task, one.distractor_seed, one.invalid_actions, one.termination) == (
+        5,
+        2,
+        1,
+        "same_twice",
+    )
     error = "unknown item 'unicorn': expected 1 to 5, an item name, or the start of a name."
     assert one.messages[1:4] == ("unicorn + 1", error, "1 + 1")
     assert one.messages[4].startswith(f"{thing} + {thing} -> ")
@@ -340,7 +385,11 @@ async def transcript(call, task):
     text, begun = await call("begin", task=task, distractor_seed=1)
     game = begun["game"]
     invalid = await call("combine", game=game, first="nonsense", second=1)
-    replies = [(text.replace(game, ""), begun), invalid, await call("combine", game=game, first=2, second=1)]
+    replies = [
+        (text.replace(game, ""), begun),
+        invalid,
+        await call("combine", game=game, first=2, second=1),
+    ]
     replies.append(await call("state", game=game))
     return [(text, {**(values or {}), "game": ""}) for text, values in replies]
 
@@ -361,7 +410,9 @@ def running(*options):
     """Run the command in another process."""
     pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    process = subprocess.Popen([sys.executable, *COMMAND, *options], cwd=ROOT, env=environment, **pipes)
+    process = subprocess.Popen(
+        [sys.executable, *COMMAND, *options], cwd=ROOT, env=environment, **pipes
+    )
     try:
         yield process
     finally:
@@ -389,10 +440,18 @@ def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path
 
 @pytest.mark.slow
 def test_malformed_messages_on_stdin_are_passed_over_and_the_last_ones_answered_though_the_input_ends():
-    malformed = (b"nonsense", b'{"jsonrpc": "2.0"}', b'"\xff\xfe"', b"[" * 100_000, b"x" * 3_000_000)
+    malformed = (
+        b"nonsense",
+        b'{"jsonrpc": "2.0"}',
+        b'"\xff\xfe"',
+        b"[" * 100_000,
+        b"x" * 3_000_000,
+    )
     ready = b'{"jsonrpc": "2.0", "method": "notifications/initialized"}'
     with running("--quiet") as process:
-        out, err = process.communicate(b"\n".join((*malformed, HELLO, ready, PING, PING)), timeout=20)
+        out, err = process.communicate(
+            b"\n".join((*malformed, HELLO, ready, PING, PING)), timeout=20
+        )
     begun, *answers = map(json.loads, out.splitlines())
     assert (begun["id"], begun["result"]["serverInfo"]["name"]) == (7, "wordcraft-kg")
     assert ([answer["id"] for answer in answers], err, process.returncode) == ([8, 8], b"", 0)
@@ -421,7 +480,10 @@ def test_a_server_ends_on_a_signal_though_its_client_does_not_read(number):
 
 def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_server_goes_on():
     def status_of(body, path="/mcp", **headers):
-        given = {"Content-Type": "application/json", "Accept": "application/json, text/event-stream"}
+        given = {
+            "Content-Type": "application/json",
+            "Accept": "application/json, text/event-stream",
+        }
         given |= {name.replace("_", "-"): value for name, value in headers.items()}
         answer = httpx2.post(address.replace("/mcp", path), content=body, headers=given, timeout=20)
         return answer.status_code, answer.text
@@ -436,7 +498,9 @@ def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_serve
         assert status_of(HELLO, Content_Type="text/plain")[0] == 400
         assert status_of(HELLO, "/other")[0] == 404
         for method in ("GET", "DELETE", "PUT"):
-            answer = httpx2.request(method, address, headers={"Accept": "text/event-stream"}, timeout=20)
+            answer = httpx2.request(
+                method, address, headers={"Accept": "text/event-stream"}, timeout=20
+            )
             assert (answer.status_code, answer.headers["Allow"]) == (405, "POST")
         status, text = status_of(HELLO)
         assert (status, json.loads(text)["result"]["serverInfo"]["name"]) == (200, "wordcraft-kg")
@@ -446,7 +510,9 @@ def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_serve
 def test_over_http_a_game_goes_on_in_another_connection(mode):
     with served(hosted()) as address:
         _, begun = connect(address, lambda client: called(client, "begin", task=0), mode)
-        _, state = connect(address, lambda client: called(client, "state", game=begun["game"]), mode)
+        _, state = connect(
+            address, lambda client: called(client, "state", game=begun["game"]), mode
+        )
     assert (state["game"], state["attempts_left"]) == (begun["game"], 1)
 
 
@@ -470,13 +536,19 @@ def test_bad_options_are_refused_before_anything_is_served(run, tmp_path):
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         for options, setting, fragment in (
-            (["--transport", "http", "--port", taken.getsockname()[1]], "port", "is in use by another program"),
+            (
+                ["--transport", "http", "--port", taken.getsockname()[1]],
+                "port",
+                "is in use by another program",
+            ),
             (["--json"], "", "stdout is reserved for the protocol"),
             (["--scorer", tmp_path], "scorer", "a scorer needs --knowledge scorer"),
             (["--open-ended", "--base", "unicorn"], "base", "no entity 'unicorn' in kitchen"),
         ):
             outcome = run("mcp", "kitchen", *options)
-            assert (outcome.code, outcome.setting, fragment in outcome.err) == (1, setting, True), options
+            assert (outcome.code, outcome.setting, fragment in outcome.err) == (1, setting, True), (
+                options
+            )
 
 
 def test_without_its_package_the_command_names_the_extra(run, uninstalled):

@@ -52,7 +52,10 @@ def wordnet(tmp_path):
         for word in words:
             senses.setdefault(word, []).append(offset)
     (folder / "data.noun").write_text("".join(lines))
-    index = [f"{lemma} n {len(some)} 1 @ {len(some)} 0 {' '.join(some)}  \n" for lemma, some in sorted(senses.items())]
+    index = [
+        f"{lemma} n {len(some)} 1 @ {len(some)} 0 {' '.join(some)}  \n"
+        for lemma, some in sorted(senses.items())
+    ]
     (folder / "index.noun").write_text("  1 the licence\n" + "".join(index))
     (folder / "noun.exc").write_text("loaves loaf_of_bread\n")
     return folder
@@ -77,7 +80,9 @@ def table_of(folder, name):
     knowledge = read_knowledge(folder)
     (place,) = [place for place, info in enumerate(knowledge.record.tables) if info.name == name]
     entities = knowledge.record.entities
-    return lambda row, column: float(knowledge.tables[place][entities.index(row), entities.index(column)])
+    return lambda row, column: float(
+        knowledge.tables[place][entities.index(row), entities.index(column)]
+    )
 
 
 def test_wordnet_becomes_tables_triples_and_facts(run, wordnet, opened, tmp_path, monkeypatch):
@@ -87,7 +92,9 @@ def test_wordnet_becomes_tables_triples_and_facts(run, wordnet, opened, tmp_path
     assert (outcome.code, values["entities"], values["aligned"], values["nodes"]) == (0, 6, 5, 8)
     methods = {one["method"]: one["entities"] for one in values["coverage"]}
     assert methods == {"exact": 4, "lemma": 1, "none": 1}
-    rows = dict(line.split("\t")[:2] for line in (tmp_path / "wn/alignment.tsv").read_text().splitlines())
+    rows = dict(
+        line.split("\t")[:2] for line in (tmp_path / "wn/alignment.tsv").read_text().splitlines()
+    )
     # Neighbours in recipes choose the dough of bakers, not money; breads is the plural of bread.
     assert (rows["dough"], rows["breads"], rows["zzyzx"]) == ("wn:00000004-n", "wn:00000003-n", "")
     mentions, part = table_of(tmp_path / "wn", "mentions"), table_of(tmp_path / "wn", "part")
@@ -106,18 +113,43 @@ def test_wordnet_becomes_tables_triples_and_facts(run, wordnet, opened, tmp_path
 
 def test_overrides_replace_and_leave_out(wordnet, opened, tmp_path):
     (tmp_path / "overrides.tsv").write_text("dough\twn:00000007-n\nwater\t\n")
-    import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn", overrides=tmp_path / "overrides.tsv")
-    rows = {line.split("\t")[0]: line.split("\t")[1:3] for line in (tmp_path / "wn/alignment.tsv").open()}
+    import_knowledge(
+        opened, "wordnet", wordnet, tmp_path / "wn", overrides=tmp_path / "overrides.tsv"
+    )
+    rows = {
+        line.split("\t")[0]: line.split("\t")[1:3]
+        for line in (tmp_path / "wn/alignment.tsv").open()
+    }
     assert rows["dough"] == ["wn:00000007-n", "override"]
     assert rows["water"] == ["", "left out"]
 
 
 def test_each_method_of_alignment(wordnet):
-    labels = ["breads", "dough!", "loafofbread", "loaves", "rye bread", "slice of bread", "wheatflour", "zzyzx"]
+    labels = [
+        "breads",
+        "dough!",
+        "loafofbread",
+        "loaves",
+        "rye bread",
+        "slice of bread",
+        "wheatflour",
+        "zzyzx",
+    ]
     network = read_wordnet(wordnet)
     alignment = align(network, labels, np.zeros((0, 3), dtype=np.int64))
-    assert alignment.methods == ("lemma", "exact", "lemma", "lemma", "head word", "none", "head word", "none")
-    names = [network.nodes[node].lstrip("0") if node >= 0 else "" for node in alignment.nodes.tolist()]
+    assert alignment.methods == (
+        "lemma",
+        "exact",
+        "lemma",
+        "lemma",
+        "head word",
+        "none",
+        "head word",
+        "none",
+    )
+    names = [
+        network.nodes[node].lstrip("0") if node >= 0 else "" for node in alignment.nodes.tolist()
+    ]
     assert names == ["3-n", "4-n", "3-n", "3-n", "3-n", "", "5-n", ""]
     assert alignment.confidences[[0, 4, 7]].tolist() == [0.95, 0.5, 0]
     assert 0.5 < alignment.confidences[1] < 1  # dough has two senses
@@ -126,15 +158,21 @@ def test_each_method_of_alignment(wordnet):
 def test_held_out_recipes_have_no_influence(wordnet, tmp_path):
     train = [("flour", "water", "dough"), ("wheat", "wheat", "flour"), ("water", "water", "breads")]
     written = []
-    for held_out in ([("dough", "dough", "breads")], [("breads", "wheat", "water"), ("breads", "breads", "dough")]):
+    for held_out in (
+        [("dough", "dough", "breads")],
+        [("breads", "wheat", "water"), ("breads", "breads", "dough")],
+    ):
         graph = RecipeGraph.from_recipes([*train, *held_out])
-        parts = np.array([2 * (tuple(recipe) in held_out) for recipe in graph.recipe_labels()], dtype=np.int8)
+        parts = np.array(
+            [2 * (tuple(recipe) in held_out) for recipe in graph.recipe_labels()], dtype=np.int8
+        )
         assert parts.sum() == 2 * len(held_out)
         opened = OpenedGraph(graph, Split(graph, SplitConfig(), Draw(parts, 0)), "")
         out = tmp_path / str(len(held_out))
         view = import_knowledge(opened, "wordnet", wordnet, out)
         files = [
-            (out / name).read_bytes() for name in ("tables.safetensors", "triples.tsv", "facts.tsv", "alignment.tsv")
+            (out / name).read_bytes()
+            for name in ("tables.safetensors", "triples.tsv", "facts.tsv", "alignment.tsv")
         ]
         written.append((files, view.reach))
     assert written[0] == written[1]
@@ -147,7 +185,10 @@ def test_large_graphs_are_bounded(triples, opened, monkeypatch):
     monkeypatch.setattr(surroundings, "MOST_FACTS", 1)
     around = Surroundings(network, alignment, opened.graph.entities)
     # Edges between entities come first, with the larger weight first.
-    assert [*around.triples()] == [("flour", "other:makes", "dough"), ("dough", "other:makes", "breads")]
+    assert [*around.triples()] == [
+        ("flour", "other:makes", "dough"),
+        ("dough", "other:makes", "breads"),
+    ]
     assert [*around.facts()] == [("dough", "makes", "breads"), ("flour", "makes", "dough")]
 
 
@@ -163,7 +204,9 @@ def test_a_label_like_a_node_and_too_many_entities_are_refused(wordnet, tmp_path
         import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
 
 
-def test_one_source_and_a_new_folder_are_needed(run, wordnet, opened, triples, tmp_path, monkeypatch):
+def test_one_source_and_a_new_folder_are_needed(
+    run, wordnet, opened, triples, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     both = run("import-knowledge", "book.csv", "--wordnet", "wordnet", "--triples", "mine.tsv")
     assert (both.code, both.kind) == (1, "ConfigError")
@@ -175,18 +218,28 @@ def test_one_source_and_a_new_folder_are_needed(run, wordnet, opened, triples, t
 
 @pytest.mark.parametrize(
     ("line", "message"),
-    [("bred\tx", "not a label of the graph. Did you mean"), ("bread", "has no tab"), ("dough\twn:1-n", "wn:1-n")],
+    [
+        ("bred\tx", "not a label of the graph. Did you mean"),
+        ("bread", "has no tab"),
+        ("dough\twn:1-n", "wn:1-n"),
+    ],
 )
 def test_wrong_overrides_are_refused(wordnet, opened, tmp_path, line, message):
     (tmp_path / "overrides.tsv").write_text(line + "\n")
     with pytest.raises(KnowledgeFileError, match=message):
-        import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn", overrides=tmp_path / "overrides.tsv")
+        import_knowledge(
+            opened, "wordnet", wordnet, tmp_path / "wn", overrides=tmp_path / "overrides.tsv"
+        )
     assert not (tmp_path / "wn").exists()
 
 
 def test_overrides_that_do_not_exist_are_refused(opened, triples, tmp_path):
-    with pytest.raises(KnowledgeFileError, match=r"nodes\.tsv is not a file; expected lines with a label"):
-        import_knowledge(opened, "triples", triples, tmp_path / "out", overrides=tmp_path / "nodes.tsv")
+    with pytest.raises(
+        KnowledgeFileError, match=r"nodes\.tsv is not a file; expected lines with a label"
+    ):
+        import_knowledge(
+            opened, "triples", triples, tmp_path / "out", overrides=tmp_path / "nodes.tsv"
+        )
 
 
 def test_walks_are_those_of_a_slow_reference(triples, opened):
@@ -195,7 +248,9 @@ def test_walks_are_those_of_a_slow_reference(triples, opened):
     alignment = align(network, entities, opened.graph.recipes)
     size = len(network.nodes)
     links = np.zeros((size, size))
-    for (head, _, tail), weight in zip(network.edges.tolist(), network.weights.tolist(), strict=True):
+    for (head, _, tail), weight in zip(
+        network.edges.tolist(), network.weights.tolist(), strict=True
+    ):
         links[head, tail] += weight
         links[tail, head] += weight
     degrees = np.maximum(links.sum(1), 1e-12)
@@ -221,18 +276,29 @@ def test_conceptnet_keeps_english_words_and_weights(tmp_path):
     def line(relation, start, end, about='{"weight": 2.0}'):
         return "\t".join([f"/a/[{relation},{start},{end}]", relation, start, end, about]) + "\n"
 
-    text = line("/r/IsA", "/c/en/bread/n", "/c/en/food") + line("/r/IsA", "/c/de/brot", "/c/en/food")
-    text += line("/r/ExternalURL", "/c/en/bread", "/c/en/x") + line("/r/RelatedTo", "/c/en/food", "/c/en/bread")
+    text = line("/r/IsA", "/c/en/bread/n", "/c/en/food") + line(
+        "/r/IsA", "/c/de/brot", "/c/en/food"
+    )
+    text += line("/r/ExternalURL", "/c/en/bread", "/c/en/x") + line(
+        "/r/RelatedTo", "/c/en/food", "/c/en/bread"
+    )
     with gzip.open(tmp_path / "cn.csv.gz", "wt") as file:
         file.write(text)
     network = read_conceptnet(tmp_path / "cn.csv.gz")
-    assert (list(network.nodes), list(network.relations)) == (["bread", "food"], ["IsA", "RelatedTo"])
+    assert (list(network.nodes), list(network.relations)) == (
+        ["bread", "food"],
+        ["IsA", "RelatedTo"],
+    )
     assert network.edges.tolist() == [[0, 0, 1], [0, 1, 1]]
     assert network.weights.tolist() == pytest.approx([np.log(3)] * 2)
     for bad, message in {
         line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": '): "line 5: the last column is not JSON",
-        line("/r/IsA", "/c/en/a", "/c/en/b", '{"weight": 1e300}'): "line 5: .*Expected `float` < 1e",
-        line("/r/IsA", "/c/en/a", "/c/en/b", "{}"): "line 5: the last column is not JSON with a weight",
+        line(
+            "/r/IsA", "/c/en/a", "/c/en/b", '{"weight": 1e300}'
+        ): "line 5: .*Expected `float` < 1e",
+        line(
+            "/r/IsA", "/c/en/a", "/c/en/b", "{}"
+        ): "line 5: the last column is not JSON with a weight",
         "/a/x\t/r/IsA\t/c/en/a\n": "line 5: 3 columns; expected uri, relation",
     }.items():
         (tmp_path / "bad.csv").write_text(text + bad)
@@ -246,7 +312,10 @@ def test_conceptnet_keeps_english_words_and_weights(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("flour\tmakes\tdough\nflour\tmakes\n", "line 2: 'flour\tmakes'; expected head, relation, tail"),
+        (
+            "flour\tmakes\tdough\nflour\tmakes\n",
+            "line 2: 'flour\tmakes'; expected head, relation, tail",
+        ),
         ("flour\tmakes\tdough\t-1\n", "positive weight"),
         ("flour\tmakes\tdough\t1e300\n", "positive weight"),
         ("", "no triple to use"),
@@ -271,15 +340,39 @@ def test_a_cut_archive_is_refused(tmp_path):
     ("name", "change", "message"),
     [
         ("data.noun", lambda text: text[:-20], "data.noun, line 9: .* not a complete synset"),
-        ("data.noun", lambda text: text.replace("@ 00000002", "@ 00000099", 1), "synset 00000099-n does not exist"),
-        ("index.noun", lambda text: text.replace("0 00000008", "0 00000098"), "synset 00000098 of 'wheat'"),
+        (
+            "data.noun",
+            lambda text: text.replace("@ 00000002", "@ 00000099", 1),
+            "synset 00000099-n does not exist",
+        ),
+        (
+            "index.noun",
+            lambda text: text.replace("0 00000008", "0 00000098"),
+            "synset 00000098 of 'wheat'",
+        ),
         ("index.noun", lambda text: text[:-9], "not a complete entry"),
-        ("index.noun", lambda text: text[: text.index("wheat")], "index.noun, line 10: no entry for 'wheat'"),
-        ("data.noun", lambda text: text.replace("02 dough 0 lolly 0", "00"), "not a complete synset"),
-        ("data.noun", lambda text: text.replace("00000006 27", "00000006 99"), "not a complete synset"),
+        (
+            "index.noun",
+            lambda text: text[: text.index("wheat")],
+            "index.noun, line 10: no entry for 'wheat'",
+        ),
+        (
+            "data.noun",
+            lambda text: text.replace("02 dough 0 lolly 0", "00"),
+            "not a complete synset",
+        ),
+        (
+            "data.noun",
+            lambda text: text.replace("00000006 27", "00000006 99"),
+            "not a complete synset",
+        ),
         ("noun.exc", lambda text: "loaves\n", "has no base form"),
         ("noun.exc", lambda text: "\n", "has no base form"),
-        ("cntlist.rev", lambda text: "dough%1:13:00:: 1\n", "line 1: .* not a sense with its count"),
+        (
+            "cntlist.rev",
+            lambda text: "dough%1:13:00:: 1\n",
+            "line 1: .* not a sense with its count",
+        ),
     ],
 )
 def test_a_damaged_wordnet_is_refused_with_the_line(wordnet, name, change, message):

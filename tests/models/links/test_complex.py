@@ -39,7 +39,9 @@ def factory():
 
 
 def tiny_model(factory, **settings):
-    return ComplExN3(triples_factory=factory, embedding_dim=3, init_scale=0.7, random_seed=3, **settings)
+    return ComplExN3(
+        triples_factory=factory, embedding_dim=3, init_scale=0.7, random_seed=3, **settings
+    )
 
 
 def loop_of(model, factory, **options):
@@ -61,12 +63,21 @@ def test_matmul_interaction_equals_pykeens_for_any_broadcastable_shapes(shapes, 
 
 
 @pytest.mark.parametrize(
-    ("weight", "part"), [(0.3, slice(0, None)), (1.0, slice(0, None)), (0, slice(0, None)), (0, slice(2, 5))]
+    ("weight", "part"),
+    [(0.3, slice(0, None)), (1.0, slice(0, None)), (0, slice(0, None)), (0, slice(2, 5))],
 )
-def test_equation_2_loss_of_a_batch_is_the_softmax_of_both_sides_plus_n3_once(factory, weight, part):
-    model = tiny_model(factory, **({"regularizer_kwargs": {"weight": weight}} if weight else {"regularizer": None}))
+def test_equation_2_loss_of_a_batch_is_the_softmax_of_both_sides_plus_n3_once(
+    factory, weight, part
+):
+    model = tiny_model(
+        factory, **({"regularizer_kwargs": {"weight": weight}} if weight else {"regularizer": None})
+    )
     triples = factory.mapped_triples[part].tolist()
-    loss = loop_of(model, factory)._process_batch((factory.mapped_triples,), part.start, part.stop).item()
+    loss = (
+        loop_of(model, factory)
+        ._process_batch((factory.mapped_triples,), part.start, part.stop)
+        .item()
+    )
     expected = equation_2(*weights(model), triples) + weight * n3(*weights(model), triples)
     assert loss == pytest.approx(expected, rel=1e-5)
 
@@ -74,7 +85,9 @@ def test_equation_2_loss_of_a_batch_is_the_softmax_of_both_sides_plus_n3_once(fa
 def test_label_smoothing_is_passed_on_to_the_cross_entropy(factory):
     model = tiny_model(factory, regularizer=None)
     heads, _, tails = factory.mapped_triples.T
-    loss = loop_of(model, factory)._process_batch((factory.mapped_triples,), 0, len(heads), label_smoothing=0.2)
+    loss = loop_of(model, factory)._process_batch(
+        (factory.mapped_triples,), 0, len(heads), label_smoothing=0.2
+    )
     expected = sum(
         torch.nn.functional.cross_entropy(scores, target, label_smoothing=0.2)
         for scores, target in (
@@ -88,7 +101,9 @@ def test_label_smoothing_is_passed_on_to_the_cross_entropy(factory):
 @pytest.mark.parametrize("batch_size", [1, 4, 100])
 def test_an_epoch_visits_every_triple_once_in_an_order_of_its_own(factory, batch_size):
     loop = loop_of(tiny_model(factory), factory)
-    loader = loop._create_training_data_loader(factory, None, batch_size=batch_size, drop_last=False)
+    loader = loop._create_training_data_loader(
+        factory, None, batch_size=batch_size, drop_last=False
+    )
     epochs = [[batch for (batch,) in loader] for _ in range(5)]
     assert {len(batch) for batches in epochs for batch in batches[:-1]} <= {batch_size}
     orders = [torch.cat(batches).tolist() for batches in epochs]
@@ -97,9 +112,12 @@ def test_an_epoch_visits_every_triple_once_in_an_order_of_its_own(factory, batch
 
 
 @pytest.mark.parametrize(
-    ("kind", "loss", "match"), [(ComplExN3, "nssa", "NSSALoss"), (TransD, "crossentropy", r"TransD.*SymmetricLCWA")]
+    ("kind", "loss", "match"),
+    [(ComplExN3, "nssa", "NSSALoss"), (TransD, "crossentropy", r"TransD.*SymmetricLCWA")],
 )
-def test_the_indexed_loop_refuses_another_loss_and_a_model_with_two_embeddings_an_entity(factory, kind, loss, match):
+def test_the_indexed_loop_refuses_another_loss_and_a_model_with_two_embeddings_an_entity(
+    factory, kind, loss, match
+):
     with pytest.raises(ConfigError, match=match):
         loop_of(kind(triples_factory=factory, embedding_dim=3, loss=loss), factory)
 
@@ -107,13 +125,19 @@ def test_the_indexed_loop_refuses_another_loss_and_a_model_with_two_embeddings_a
 @pytest.mark.slow
 def test_the_indexed_loop_trains_another_model_of_single_embeddings(factory):
     model = TransE(triples_factory=factory, embedding_dim=3, loss="crossentropy", random_seed=0)
-    loop = IndexedSymmetricLCWATrainingLoop(model=model, triples_factory=factory, optimizer_kwargs={"lr": 0.1})
+    loop = IndexedSymmetricLCWATrainingLoop(
+        model=model, triples_factory=factory, optimizer_kwargs={"lr": 0.1}
+    )
     losses = loop.train(factory, num_epochs=5, batch_size=8, use_tqdm=False)
     assert losses[-1] < losses[0]
 
 
-@pytest.mark.parametrize(("options", "weight"), [({}, N3_PARTIAL), ({"regularizer_kwargs": {"weight": 0.5}}, 0.5)])
-def test_the_defaults_are_the_papers_dimension_and_the_n3_norm_with_any_weight(factory, options, weight):
+@pytest.mark.parametrize(
+    ("options", "weight"), [({}, N3_PARTIAL), ({"regularizer_kwargs": {"weight": 0.5}}, 0.5)]
+)
+def test_the_defaults_are_the_papers_dimension_and_the_n3_norm_with_any_weight(
+    factory, options, weight
+):
     (entity,) = ComplExN3(triples_factory=factory, **options).entity_representations
     assert (entity().shape, entity().dtype) == ((factory.num_entities, PAPER_DIM), torch.complex64)
     assert isinstance(entity.regularizer, PowerSumRegularizer)
@@ -129,7 +153,9 @@ def test_initial_embeddings_have_the_scale_asked_for(factory):
 
 
 def counted(triples, relation, entity, column):
-    return sum(1 for triple in triples.tolist() if triple[1] == relation and triple[column] == entity)
+    return sum(
+        1 for triple in triples.tolist() if triple[1] == relation and triple[column] == entity
+    )
 
 
 def test_the_log_counts_are_those_of_a_loop():
@@ -137,20 +163,27 @@ def test_the_log_counts_are_those_of_a_loop():
     as_head, as_tail = log_counts(graph.triples, graph.num_entities)
     for found, column in ((as_head, 0), (as_tail, 2)):
         for relation in range(len(RELATIONS)):
-            expected = [math.log1p(counted(graph.triples, relation, e, column)) for e in range(graph.num_entities)]
+            expected = [
+                math.log1p(counted(graph.triples, relation, e, column))
+                for e in range(graph.num_entities)
+            ]
             assert found[relation].tolist() == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("weight", [0.5, 16.0])
 def test_scores_gain_the_weighted_log_counts_of_head_and_tail(weight):
     graph = random_graph(num_entities=12, num_recipes=40)
-    assert np.any(counted(graph.triples, 1, 0, 0) != counted(graph.triples, 1, 0, 2))  # componentOf is not symmetric
+    assert np.any(
+        counted(graph.triples, 1, 0, 0) != counted(graph.triples, 1, 0, 2)
+    )  # componentOf is not symmetric
     before = embeddings(graph.num_entities, 4, seed=1)
     after = with_popularity(before, graph.triples, weight)
     assert after["entity_real"].shape == (graph.num_entities, 4 + DIMS)
     as_head, as_tail = log_counts(graph.triples, graph.num_entities)
     for relation in range(len(RELATIONS)):
-        old, new = (ComplExScorer(e, graph.entities, graph.hash).table(relation) for e in (before, after))
+        old, new = (
+            ComplExScorer(e, graph.entities, graph.hash).table(relation) for e in (before, after)
+        )
         gained = weight * (as_head[relation][:, None] + as_tail[relation][None, :])
         torch.testing.assert_close(new - old, gained, atol=2e-4, rtol=1e-5)
 

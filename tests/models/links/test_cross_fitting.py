@@ -56,20 +56,38 @@ def test_scores_and_tables_are_those_of_a_model_without_folds(folded, opened_kit
     assert not isinstance(plain, CrossFitted)
     assert not (tmp_path / "plain" / FILES[0]).exists()
     torch.testing.assert_close(scorer.table(0), plain.table(0), rtol=0, atol=0)
-    torch.testing.assert_close(scorer.score("egg", 1, "bread"), plain.score("egg", 1, "bread"), rtol=0, atol=0)
+    torch.testing.assert_close(
+        scorer.score("egg", 1, "bread"), plain.score("egg", 1, "bread"), rtol=0, atol=0
+    )
     assert not torch.equal(scorer.left_out(0).table(0), plain.table(0))
 
 
-def test_the_record_says_how_well_each_model_ranks_the_fold_that_it_has_not_seen(folded, opened_kitchen):
-    scorer, folds, graph = load_scorer(folded), make_folds(opened_kitchen.split, 3), opened_kitchen.graph
+def test_the_record_says_how_well_each_model_ranks_the_fold_that_it_has_not_seen(
+    folded, opened_kitchen
+):
+    scorer, folds, graph = (
+        load_scorer(folded),
+        make_folds(opened_kitchen.split, 3),
+        opened_kitchen.graph,
+    )
     for number, fold in enumerate(scorer.record.folds):
         own = recipe_triples(graph.recipes[folds.of_recipe == number])
         unseen = own[~is_in(own, folds.triples([number]), graph.num_entities)]
-        assert (fold.queries, fold.trained_on) == (2 * len(unseen), triples_hash(folds.triples([number])))
-        for ranked, mrr in ((scorer.left_out(number), fold.mrr), (scorer.whole, fold.in_sample_mrr)):
-            assert mrr == pytest.approx(mean_reciprocal_rank(rank_triples(ranked, unseen, folds.triples())))
+        assert (fold.queries, fold.trained_on) == (
+            2 * len(unseen),
+            triples_hash(folds.triples([number])),
+        )
+        for ranked, mrr in (
+            (scorer.left_out(number), fold.mrr),
+            (scorer.whole, fold.in_sample_mrr),
+        ):
+            assert mrr == pytest.approx(
+                mean_reciprocal_rank(rank_triples(ranked, unseen, folds.triples()))
+            )
     weights = [fold.queries for fold in scorer.record.folds]
-    assert scorer.record.mrr == pytest.approx(np.average([fold.mrr for fold in scorer.record.folds], weights=weights))
+    assert scorer.record.mrr == pytest.approx(
+        np.average([fold.mrr for fold in scorer.record.folds], weights=weights)
+    )
     metrics = open_model(folded).metrics
     assert (metrics.folds, metrics.fold_mrr) == (3, scorer.record.mrr)
     assert metrics.fold_in_sample_mrr == scorer.record.in_sample_mrr
@@ -118,9 +136,17 @@ def test_embeddings_of_a_large_graph_have_folds_by_factors(folded, monkeypatch):
 
 @pytest.mark.parametrize(
     ("settings", "count"),
-    [({}, 5), ({"kg": "full"}, 0), ({"folds": 0}, 0), ({"folds": 2}, 2), ({"kg": "full", "folds": 0}, 0)],
+    [
+        ({}, 5),
+        ({"kg": "full"}, 0),
+        ({"folds": 0}, 0),
+        ({"folds": 2}, 2),
+        ({"kg": "full", "folds": 0}, 0),
+    ],
 )
-def test_partial_graphs_have_five_folds_by_default_and_full_ones_none(settings, count, opened_kitchen):
+def test_partial_graphs_have_five_folds_by_default_and_full_ones_none(
+    settings, count, opened_kitchen
+):
     for kind in (ComplExConfig, LinkModelConfig):
         assert cross_fitting.decided_folds(kind(**settings), opened_kitchen).folds == count
 
@@ -138,7 +164,9 @@ def test_a_book_that_cannot_be_cut_has_none_unless_they_are_asked_for(caplog):
         cross_fitting.decided_folds(ComplExConfig(folds=5), opened)
 
 
-@pytest.mark.parametrize("settings", [*({"folds": n} for n in (1, -1, 2.5, True, 2**25)), {"kg": "full", "folds": 5}])
+@pytest.mark.parametrize(
+    "settings", [*({"folds": n} for n in (1, -1, 2.5, True, 2**25)), {"kg": "full", "folds": 5}]
+)
 @pytest.mark.parametrize("kind", [ComplExConfig, LinkModelConfig])
 def test_numbers_of_folds_that_cannot_be_are_refused(kind, settings):
     with refuses("folds"):
@@ -149,7 +177,9 @@ def test_tables_of_folds_that_would_be_too_large_are_refused(opened_kitchen, mon
     monkeypatch.setattr(cross_fitting, "TABLE_LIMIT", 2**18)
     with refuses("folds"):
         cross_fitting.decided_folds(LinkModelConfig(folds=6), opened_kitchen)
-    assert cross_fitting.decided_folds(LinkModelConfig(), opened_kitchen).folds == 5  # they are just small enough
+    assert (
+        cross_fitting.decided_folds(LinkModelConfig(), opened_kitchen).folds == 5
+    )  # they are just small enough
     assert cross_fitting.decided_folds(ComplExConfig(folds=6), opened_kitchen).folds == 6
     monkeypatch.setattr(cross_fitting, "TABLE_LIMIT", 2**16)
     assert cross_fitting.decided_folds(LinkModelConfig(), opened_kitchen).folds == 0
@@ -160,7 +190,12 @@ def test_tables_of_folds_that_would_be_too_large_are_refused(opened_kitchen, mon
 
 def test_progress_counts_the_epochs_of_the_folds(opened_kitchen, tmp_path):
     calls = []
-    train(opened_kitchen, SHORT, tmp_path / "model", progress=lambda done, total, figures: calls.append((done, total)))
+    train(
+        opened_kitchen,
+        SHORT,
+        tmp_path / "model",
+        progress=lambda done, total, figures: calls.append((done, total)),
+    )
     assert calls == [(done, 16) for done in range(1, 17)]
 
 
@@ -176,7 +211,9 @@ def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
     kept = sorted(path.stem for path in (trained.folder / "checkpoints").glob("fold-*.json"))
     assert len(kept) == (epoch - 5) // 4
     again = []
-    monkeypatch.setattr(cross_fitting, "fit", lambda *arguments: again.append(arguments) or fit(*arguments))
+    monkeypatch.setattr(
+        cross_fitting, "fit", lambda *arguments: again.append(arguments) or fit(*arguments)
+    )
     assert not resume(trained.folder).interrupted
     assert len(again) == 3 - len(kept)
     assert same_files(trained.folder, folded)
@@ -184,11 +221,15 @@ def test_an_interrupted_run_goes_on_with_the_folds_that_are_missing(
 
 
 @pytest.mark.parametrize("is_damaged", [True, False], ids=["damaged", "of other epochs"])
-def test_a_damaged_fold_or_one_of_other_epochs_is_trained_again(folded, opened_kitchen, tmp_path, caplog, is_damaged):
+def test_a_damaged_fold_or_one_of_other_epochs_is_trained_again(
+    folded, opened_kitchen, tmp_path, caplog, is_damaged
+):
     folder = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(14)).folder
     path = folder / "checkpoints" / f"fold-1.{'safetensors' if is_damaged else 'json'}"
     data = path.read_bytes()
-    path.write_bytes(data[:-1] + b"x" if is_damaged else data.replace(b'"epochs": 4', b'"epochs": 1'))
+    path.write_bytes(
+        data[:-1] + b"x" if is_damaged else data.replace(b'"epochs": 4', b'"epochs": 1')
+    )
     assert path.read_bytes() != data
     with caplog.at_level(logging.WARNING):
         resume(folder)
@@ -201,7 +242,9 @@ def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(opened_kitchen, tmp_path,
         raise TrainingError("the loss is no longer a finite number.")
 
     monkeypatch.setattr(cross_fitting, "fit", fail)
-    with pytest.raises(TrainingError, match=r"no longer a finite number\. The checkpoint of epoch 4 is safe"):
+    with pytest.raises(
+        TrainingError, match=r"no longer a finite number\. The checkpoint of epoch 4 is safe"
+    ):
         train(opened_kitchen, SHORT, tmp_path / "model")
     monkeypatch.undo()
     assert not resume(tmp_path / "model").interrupted
@@ -226,7 +269,9 @@ train_links(LinksConfig("kitchen", config), Path(sys.argv[1]))
 
 
 @pytest.mark.slow
-def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_again(folded, tmp_path):
+def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_again(
+    folded, tmp_path
+):
     (tmp_path / "program.py").write_text(PROGRAM)  # without a `__main__` guard
     command = [sys.executable, str(tmp_path / "program.py"), str(tmp_path / "model")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -251,8 +296,14 @@ def set_to(name, value):
         (drop("fold1.entity_imag"), r"fold 1 of 3 is missing or damaged in .*folds\.safetensors"),
         (set_to("fold2.entity_real", torch.zeros(3, 2)), "fold 2 of 3 is missing or damaged"),
         (set_to("fold0.entity_real", torch.zeros(())), "fold 0 of 3 is missing or damaged"),
-        (set_to("fold0.entity_real", torch.zeros(80, 14, dtype=torch.float64)), "fold 0 of 3 is missing or damaged"),
-        (set_to("fold0.entity_real", torch.full((80, 14), torch.nan)), "fold0.entity_real holds NaN"),
+        (
+            set_to("fold0.entity_real", torch.zeros(80, 14, dtype=torch.float64)),
+            "fold 0 of 3 is missing or damaged",
+        ),
+        (
+            set_to("fold0.entity_real", torch.full((80, 14), torch.nan)),
+            "fold0.entity_real holds NaN",
+        ),
         (drop("of_recipe"), "no assignment from recipes to folds"),
     ],
 )
@@ -274,7 +325,9 @@ def test_a_file_of_folds_that_is_missing_or_changed_is_named(folded, tmp_path, n
 
 
 @pytest.mark.parametrize("is_in_the_record", [True, False])
-def test_folds_of_another_split_are_refused_when_a_model_is_opened(spoilt_folds, opened_kitchen, is_in_the_record):
+def test_folds_of_another_split_are_refused_when_a_model_is_opened(
+    spoilt_folds, opened_kitchen, is_in_the_record
+):
     other = make_folds(make_split(opened_kitchen.graph, SplitConfig(seed=1)), 3)
     changes = {"tensors": set_to("of_recipe", torch.from_numpy(other.of_recipe.copy()))}
     if is_in_the_record:
@@ -284,7 +337,9 @@ def test_folds_of_another_split_are_refused_when_a_model_is_opened(spoilt_folds,
         (load_scorer if is_in_the_record else open_model)(folder)
 
 
-def test_a_model_that_was_trained_on_other_triples_than_it_says_is_a_leak(spoilt_folds, opened_kitchen):
+def test_a_model_that_was_trained_on_other_triples_than_it_says_is_a_leak(
+    spoilt_folds, opened_kitchen
+):
     def swap(record):
         record["folds"][0]["trained_on"], record["folds"][1]["trained_on"] = (
             record["folds"][1]["trained_on"],

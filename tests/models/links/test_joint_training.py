@@ -25,14 +25,26 @@ from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.runs.record import read_run
 
 Rows = list[tuple[str, ...]]
-KITCHEN: Rows = [("egg", "isA", "other:food"), ("flour", "isA", "other:food"), ("egg", "partOf", "other:bird")]
+KITCHEN: Rows = [
+    ("egg", "isA", "other:food"),
+    ("flour", "isA", "other:food"),
+    ("egg", "partOf", "other:bird"),
+]
 SHORT = ComplExConfig(dim=8, epochs=4, n3=0.01, folds=2)
 
 
 def knowledge_folder(path, rows, number=None):
-    record = KnowledgeRecord(source="a graph", entities=(), tables=(), triples=len(rows) if number is None else number)
-    files = {"triples.tsv": "".join("\t".join(row) + "\n" for row in [("head", "relation", "tail"), *rows])}
-    folder = write_knowledge(path, "test", Knowledge(record, ()), inputs={}, files=files if rows else {}, force=True)
+    record = KnowledgeRecord(
+        source="a graph", entities=(), tables=(), triples=len(rows) if number is None else number
+    )
+    files = {
+        "triples.tsv": "".join(
+            "\t".join(row) + "\n" for row in [("head", "relation", "tail"), *rows]
+        )
+    }
+    folder = write_knowledge(
+        path, "test", Knowledge(record, ()), inputs={}, files=files if rows else {}, force=True
+    )
     return str(folder)
 
 
@@ -54,15 +66,29 @@ def outside(tmp_path_factory):
 @pytest.fixture(scope="module")
 def joint(opened_kitchen, outside, tmp_path_factory):
     """A cross-fitted model with outside triples; read only."""
-    return train(opened_kitchen, replace(SHORT, with_=(outside,)), tmp_path_factory.mktemp("models") / "joint")
+    return train(
+        opened_kitchen,
+        replace(SHORT, with_=(outside,)),
+        tmp_path_factory.mktemp("models") / "joint",
+    )
 
 
 @pytest.mark.parametrize(("negatives", "tolerance"), [(0, 1e-5), (4_000, 0.02)])
-def test_own_triples_compete_with_entities_and_outside_triples_with_all_nodes(tmp_path, negatives, tolerance):
+def test_own_triples_compete_with_entities_and_outside_triples_with_all_nodes(
+    tmp_path, negatives, tolerance
+):
     graph = random_graph(num_entities=7, num_recipes=9)
-    rows = [("e0", "isA", "x"), ("e1", "isA", "x"), ("y", "near", "e2"), ("y", "isA", "x"), ("e3", "near", "e4")]
+    rows = [
+        ("e0", "isA", "x"),
+        ("e1", "isA", "x"),
+        ("y", "near", "e2"),
+        ("y", "isA", "x"),
+        ("e3", "near", "e4"),
+    ]
     settings = ComplExConfig(dim=3, n3=0.2, init_scale=0.7, negatives=negatives, outside_weight=0.4)
-    factory = triples_factory(graph, graph.triples, read_outside([knowledge_folder(tmp_path, rows)], graph.entities))
+    factory = triples_factory(
+        graph, graph.triples, read_outside([knowledge_folder(tmp_path, rows)], graph.entities)
+    )
     with pykeen_guard(0, threads=1):
         loop = make_training_loop(settings, factory, num_entities=7)
         loop.model.train()
@@ -75,20 +101,32 @@ def test_own_triples_compete_with_entities_and_outside_triples_with_all_nodes(tm
         (1.0, entity[:7], graph.triples.tolist()),
         (0.4, entity, factory.mapped_triples[len(graph.triples) :].tolist()),
     ):
-        loss = equation_2(entity, relation, triples, candidates) + 0.2 * n3(entity, relation, triples)
+        loss = equation_2(entity, relation, triples, candidates) + 0.2 * n3(
+            entity, relation, triples
+        )
         expected += weight * len(triples) / factory.num_triples * loss
     assert found == pytest.approx(expected, rel=tolerance)
 
 
 def test_outside_triples_place_an_entity_that_no_recipe_mentions(tmp_path):
     fruits, metals = ([f"{kind} {n}" for n in range(8)] for kind in ("fruit", "metal"))
-    recipes = [("press", thing, "juice") for thing in fruits] + [("hammer", thing, "tool") for thing in metals]
+    recipes = [("press", thing, "juice") for thing in fruits] + [
+        ("hammer", thing, "tool") for thing in metals
+    ]
     graph = RecipeGraph.from_recipes(recipes)
     new = [graph.entities.index(name) for name in ("fruit 7", "metal 7")]
-    triples = recipe_triples(graph.recipes[~torch.isin(torch.tensor(graph.recipes), torch.tensor(new)).any(1).numpy()])
-    rows = [(thing, "isA", kind) for kind, things in (("food", fruits), ("ore", metals)) for thing in things]
+    triples = recipe_triples(
+        graph.recipes[~torch.isin(torch.tensor(graph.recipes), torch.tensor(new)).any(1).numpy()]
+    )
+    rows = [
+        (thing, "isA", kind)
+        for kind, things in (("food", fruits), ("ore", metals))
+        for thing in things
+    ]
     outside = read_outside([knowledge_folder(tmp_path, rows)], graph.entities)
-    scorer = fitted(ComplExConfig(dim=16, n3=0.01, epochs=30, batch_size=16), graph, triples, outside)
+    scorer = fitted(
+        ComplExConfig(dim=16, n3=0.01, epochs=30, batch_size=16), graph, triples, outside
+    )
     for tool, own, other in (("press", "fruit 7", "metal 7"), ("hammer", "metal 7", "fruit 7")):
         unknown = [label for label in graph.entities if label not in fruits[:7] + metals[:7]]
         scores = {label: scorer.score(tool, 0, label).item() for label in unknown}
@@ -107,19 +145,34 @@ def test_the_saved_model_holds_the_entities_and_the_two_relations_alone(joint, o
     assert "3 outside triples, 2 relations, 2 nodes" in (joint.folder / "README.md").read_text()
 
 
-def test_each_fold_and_the_choice_of_weights_use_the_outside_triples(joint, opened_kitchen, outside):
+def test_each_fold_and_the_choice_of_weights_use_the_outside_triples(
+    joint, opened_kitchen, outside
+):
     graph, folds = opened_kitchen.graph, make_folds(opened_kitchen.split, 2)
     known = read_outside([outside], graph.entities)
     expected = fitted(SHORT, graph, folds.triples([0]), known)
-    torch.testing.assert_close(load_scorer(joint.folder).left_out(0).table(1), expected.table(1), rtol=0, atol=0)
-    assert not torch.equal(expected.table(1), fitted(SHORT, graph, folds.triples([0]), None).table(1))
+    torch.testing.assert_close(
+        load_scorer(joint.folder).left_out(0).table(1), expected.table(1), rtol=0, atol=0
+    )
+    assert not torch.equal(
+        expected.table(1), fitted(SHORT, graph, folds.triples([0]), None).table(1)
+    )
     settings = ComplExConfig(dim=4, epochs=1, negatives=0)
-    assert choose(opened_kitchen, settings, silent, outside=known) != choose(opened_kitchen, settings, silent)
+    assert choose(opened_kitchen, settings, silent, outside=known) != choose(
+        opened_kitchen, settings, silent
+    )
 
 
-def test_a_changed_knowledge_folder_is_refused_and_the_same_one_resumes(joint, opened_kitchen, outside, tmp_path):
+def test_a_changed_knowledge_folder_is_refused_and_the_same_one_resumes(
+    joint, opened_kitchen, outside, tmp_path
+):
     copy = knowledge_folder(tmp_path / "outside", KITCHEN)
-    stopped = train(opened_kitchen, replace(SHORT, with_=(copy,)), tmp_path / "model", progress=interrupt_after(2))
+    stopped = train(
+        opened_kitchen,
+        replace(SHORT, with_=(copy,)),
+        tmp_path / "model",
+        progress=interrupt_after(2),
+    )
     assert stopped.interrupted
     run = json.loads((Path(copy) / "run.json").read_text())
     assert read_run(stopped.folder).inputs["outside graph 1"] == run["outputs"]["triples.tsv"]
@@ -132,7 +185,10 @@ def test_a_changed_knowledge_folder_is_refused_and_the_same_one_resumes(joint, o
 
 
 def test_folders_share_nodes_and_relations(tmp_path):
-    folders = [knowledge_folder(tmp_path / name, KITCHEN[start:]) for name, start in (("one", 0), ("two", 1))]
+    folders = [
+        knowledge_folder(tmp_path / name, KITCHEN[start:])
+        for name, start in (("one", 0), ("two", 1))
+    ]
     both, one = read_outside(folders, ["egg"]), read_outside(folders[:1], ["egg"])
     assert (
         (both.nodes, both.relations)
@@ -146,7 +202,11 @@ def test_folders_share_nodes_and_relations(tmp_path):
     ("rows", "number", "message"),
     [
         ([], 0, "holds tables and no triples"),
-        ([("ei", "isA", "essen"), ("mehl", "isA", "essen")], 2, "none of the 3 nodes .* 80 entities"),
+        (
+            [("ei", "isA", "essen"), ("mehl", "isA", "essen")],
+            2,
+            "none of the 3 nodes .* 80 entities",
+        ),
         ([("egg", "combinesWith", "flour")], 1, "'combinesWith' is a relation of recipes"),
         (KITCHEN, 4, "expected the header head relation tail and 4 lines"),
         ([("egg", "isA")], 1, "three columns"),

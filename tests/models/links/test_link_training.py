@@ -18,7 +18,14 @@ from link_helpers import contents, global_states, interrupt_after, train
 from refusals import refuses
 from resumption import resume
 
-from wordcraft_kg import ComplExConfig, LinkModelConfig, LinksConfig, load_scorer, open_graph, open_model
+from wordcraft_kg import (
+    ComplExConfig,
+    LinkModelConfig,
+    LinksConfig,
+    load_scorer,
+    open_graph,
+    open_model,
+)
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, TrainingError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.models.links import training as link_training
@@ -34,8 +41,12 @@ RESUMED: dict[str, LinkSettings] = {
     "complex with validation and patience": replace(SHORT, eval_every=2, patience=1),
     "complex with a sampled softmax": replace(SHORT, negatives=16, batch_size=100),
     "complex with a checkpoint each epoch": replace(SHORT, checkpoint_every=1),
-    "distmult by softmax": LinkModelConfig(model="distmult", loop="symmetric", dim=4, epochs=5, folds=0),
-    "distmult by negatives": LinkModelConfig(model="distmult", dim=4, epochs=5, negatives=3, folds=0),
+    "distmult by softmax": LinkModelConfig(
+        model="distmult", loop="symmetric", dim=4, epochs=5, folds=0
+    ),
+    "distmult by negatives": LinkModelConfig(
+        model="distmult", dim=4, epochs=5, negatives=3, folds=0
+    ),
     "rotate by negatives, with validation": LinkModelConfig(
         model="rotate", dim=4, epochs=5, negatives=3, eval_every=2, folds=0
     ),
@@ -49,7 +60,10 @@ def weights(trained):
 
 
 def without_times(rows):
-    return [{name: value for name, value in row.items() if not name.startswith("seconds")} for row in rows]
+    return [
+        {name: value for name, value in row.items() if not name.startswith("seconds")}
+        for row in rows
+    ]
 
 
 def halved(opened, config, tmp_path, epoch, **options):
@@ -67,7 +81,9 @@ def same(one, other):
 
 
 def trace(trained):
-    return without_times(json.loads(line) for line in (trained.folder / "trace.jsonl").read_text().splitlines())
+    return without_times(
+        json.loads(line) for line in (trained.folder / "trace.jsonl").read_text().splitlines()
+    )
 
 
 def figures(trained):
@@ -91,9 +107,14 @@ def test_the_same_seed_gives_the_same_bytes_without_a_warning_and_the_settings_a
     assert open_graph(recorded.graph).split.hash == parted_kitchen.split.hash
 
 
-@pytest.mark.parametrize("config", [SHORT, RESUMED["distmult by softmax"]], ids=["complex", "distmult"])
+@pytest.mark.parametrize(
+    "config", [SHORT, RESUMED["distmult by softmax"]], ids=["complex", "distmult"]
+)
 def test_another_seed_gives_another_model(opened_kitchen, tmp_path, config):
-    models = [train(opened_kitchen, replace(config, seed=seed), tmp_path / str(seed)) for seed in (0, 1, 2**31)]
+    models = [
+        train(opened_kitchen, replace(config, seed=seed), tmp_path / str(seed))
+        for seed in (0, 1, 2**31)
+    ]
     assert len({weights(model) for model in models}) == 3
 
 
@@ -110,8 +131,12 @@ def fail(*arguments, **settings):
 
 
 @pytest.mark.parametrize("end", ["done", "interrupted", "failed"])
-@pytest.mark.parametrize("config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"])
-def test_training_leaves_all_global_states_as_they_were(parted_kitchen, tmp_path, config, end, monkeypatch):
+@pytest.mark.parametrize(
+    "config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"]
+)
+def test_training_leaves_all_global_states_as_they_were(
+    parted_kitchen, tmp_path, config, end, monkeypatch
+):
     if end == "failed":
         monkeypatch.setattr(link_training, "_write_results", fail)
     before = global_states()
@@ -127,15 +152,26 @@ def test_training_leaves_all_global_states_as_they_were(parted_kitchen, tmp_path
 
 
 def test_a_finished_folder_holds_what_it_should_and_nothing_else(complex_folder):
-    names = ("README.md", "config.toml", "metrics.json", "model.safetensors", "run.json", "trace.jsonl")
+    names = (
+        "README.md",
+        "config.toml",
+        "metrics.json",
+        "model.safetensors",
+        "run.json",
+        "trace.jsonl",
+    )
     assert sorted(contents(complex_folder)) == sorted([*names, "vocabulary.json"])
     assert [path for path in complex_folder.iterdir() if path.is_dir()] == []
 
 
-def test_no_environment_variable_and_no_home_folder_goes_into_the_records(opened_kitchen, tmp_path, monkeypatch):
+def test_no_environment_variable_and_no_home_folder_goes_into_the_records(
+    opened_kitchen, tmp_path, monkeypatch
+):
     monkeypatch.setenv("SOME_TOKEN", "s3cr3t-value")
     monkeypatch.setenv("HOME", str(tmp_path))
-    monkeypatch.setattr(sys, "argv", [str(tmp_path / "bin" / "wordcraft-kg"), "--out", str(tmp_path / "m")])
+    monkeypatch.setattr(
+        sys, "argv", [str(tmp_path / "bin" / "wordcraft-kg"), "--out", str(tmp_path / "m")]
+    )
     folder = train(opened_kitchen, SHORT, tmp_path / "m").folder
     text = "".join(path.read_text() for path in folder.glob("*") if path.suffix != ".safetensors")
     assert json.loads((folder / "run.json").read_text())["argv"] == ["wordcraft-kg", "--out", "~/m"]
@@ -148,7 +184,9 @@ def test_a_model_and_its_graph_can_be_moved_together(tmp_path, parted_folder):
     opened = open_graph(tmp_path / "here" / "graphs" / "kitchen")
     train(opened, SHORT, tmp_path / "here" / "models" / "kitchen")
     (tmp_path / "here").rename(tmp_path / "there")
-    assert open_model(tmp_path / "there" / "models" / "kitchen").opened.split.hash == opened.split.hash
+    assert (
+        open_model(tmp_path / "there" / "models" / "kitchen").opened.split.hash == opened.split.hash
+    )
 
 
 @pytest.mark.parametrize("name", ["brot & käse", 'a "quoted" name', "バン", "bread 🍞"])
@@ -156,7 +194,10 @@ def test_a_graph_folder_may_have_any_name(tmp_path, parted_folder, name):
     shutil.copytree(parted_folder, tmp_path / name)
     opened = open_graph(tmp_path / name)
     folder = train(opened, SHORT, tmp_path / "model").folder
-    assert tomllib.loads((folder / "config.toml").read_text(encoding="utf-8"))["train-complex"]["dim"] == 8
+    assert (
+        tomllib.loads((folder / "config.toml").read_text(encoding="utf-8"))["train-complex"]["dim"]
+        == 8
+    )
     assert open_model(folder).opened.graph == opened.graph
 
 
@@ -184,17 +225,24 @@ def test_the_validation_figure_is_the_filtered_mrr_of_the_validation_part(parted
     assert trained.metrics.valid_mrr == pytest.approx(ranking_metrics(ranks).mrr)
 
 
-@pytest.mark.parametrize("config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"])
+@pytest.mark.parametrize(
+    "config", [SHORT, RESUMED["rotate by negatives, with validation"]], ids=["complex", "rotate"]
+)
 def test_validating_does_not_change_what_is_learnt(parted_kitchen, tmp_path, config):
     without, with_validation = (
-        train(parted_kitchen, replace(config, eval_every=every), tmp_path / str(every)) for every in (0, 1)
+        train(parted_kitchen, replace(config, eval_every=every), tmp_path / str(every))
+        for every in (0, 1)
     )
     assert weights(without) == weights(with_validation)
 
 
 def test_the_full_graph_trains_on_all_triples_and_remembers_them(opened_kitchen, tmp_path):
     trained = train(opened_kitchen, ComplExConfig(kg="full", dim=32, epochs=60), tmp_path / "model")
-    assert trained.metrics.triples == len(opened_kitchen.graph.triples) > len(opened_kitchen.split.partial)
+    assert (
+        trained.metrics.triples
+        == len(opened_kitchen.graph.triples)
+        > len(opened_kitchen.split.partial)
+    )
     assert trained.metrics.train_mrr > 0.9
     assert open_model(trained.folder).kg == "full"
     assert "test recipes" in (trained.folder / "README.md").read_text()
@@ -203,7 +251,9 @@ def test_the_full_graph_trains_on_all_triples_and_remembers_them(opened_kitchen,
 def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, complex_folder):
     found = []
     config = ComplExConfig(dim=8, epochs=4, n3=0.1, folds=0)
-    thread = threading.Thread(target=lambda: found.append(train(opened_kitchen, config, tmp_path / "model")))
+    thread = threading.Thread(
+        target=lambda: found.append(train(opened_kitchen, config, tmp_path / "model"))
+    )
     thread.start()
     thread.join()
     assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
@@ -228,7 +278,9 @@ def test_an_unfinished_run_of_other_settings_is_refused_by_their_name_and_stays(
     assert contents(unfinished) == before
 
 
-def test_a_run_whose_graph_has_moved_goes_on_and_is_opened_with_the_new_place(tmp_path, parted_folder):
+def test_a_run_whose_graph_has_moved_goes_on_and_is_opened_with_the_new_place(
+    tmp_path, parted_folder
+):
     graph, moved = Path(shutil.copytree(parted_folder, tmp_path / "graph")), tmp_path / "moved"
     folder, whole = halved(open_graph(graph), SHORT, tmp_path, 1)
     graph.rename(moved)
@@ -238,7 +290,11 @@ def test_a_run_whose_graph_has_moved_goes_on_and_is_opened_with_the_new_place(tm
 
 def test_an_interruption_in_the_last_epoch_finishes_the_run(opened_kitchen, tmp_path):
     trained = train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(5))
-    assert (trained.interrupted, trained.folder, trained.metrics.epochs) == (False, tmp_path / "model", 5)
+    assert (trained.interrupted, trained.folder, trained.metrics.epochs) == (
+        False,
+        tmp_path / "model",
+        5,
+    )
 
 
 def test_resuming_on_another_split_is_an_error(tmp_path, opened_kitchen, parted_folder):
@@ -268,12 +324,15 @@ SCRIPTED = pytest.mark.usefixtures("scripted_validation")
 
 @SCRIPTED
 @pytest.mark.parametrize(
-    ("patience", "asked", "trained", "best", "returned"), [(2, 8, 4, 2, 2), (5, 8, 8, 7, 7), (0, 5, 5, 2, 5)]
+    ("patience", "asked", "trained", "best", "returned"),
+    [(2, 8, 4, 2, 2), (5, 8, 8, 7, 7), (0, 5, 5, 2, 5)],
 )
 def test_early_stopping_waits_as_long_as_the_patience_says_and_returns_to_the_best_epoch(
     parted_kitchen, tmp_path, patience, asked, trained, best, returned
 ):
-    stopped = train(parted_kitchen, replace(PATIENT, patience=patience, epochs=asked), tmp_path / "stopped")
+    stopped = train(
+        parted_kitchen, replace(PATIENT, patience=patience, epochs=asked), tmp_path / "stopped"
+    )
     plain = train(parted_kitchen, replace(SHORT, epochs=returned), tmp_path / "plain")
     assert (stopped.metrics.epochs, stopped.metrics.best_epoch) == (trained, best)
     assert stopped.metrics.valid_mrr == (0.9 if best == 7 else 0.4)
@@ -291,7 +350,11 @@ def test_a_resumed_run_stops_early_at_the_same_epoch(parted_kitchen, tmp_path, e
 @SCRIPTED
 def test_an_interruption_in_the_epoch_of_the_early_stop_finishes_the_run(parted_kitchen, tmp_path):
     trained = train(parted_kitchen, PATIENT, tmp_path / "model", progress=interrupt_after(3))
-    assert (trained.interrupted, trained.metrics.epochs, trained.metrics.best_epoch) == (False, 4, 2)
+    assert (trained.interrupted, trained.metrics.epochs, trained.metrics.best_epoch) == (
+        False,
+        4,
+        2,
+    )
 
 
 # --- settings that cannot be met -------------------------------------------------------------------------------------
@@ -304,7 +367,10 @@ NO_GPU = pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has 
     ("config", "match"),
     [
         (replace(SHORT, eval_every=1), "`valid_ratio`"),
-        *((replace(SHORT, device=name), f"`device` {name!r}") for name in ("nonsense", "cpu:x", "", "meta")),
+        *(
+            (replace(SHORT, device=name), f"`device` {name!r}")
+            for name in ("nonsense", "cpu:x", "", "meta")
+        ),
         pytest.param(replace(SHORT, device="cuda"), "^`device` 'cuda'.*Use cpu", marks=NO_GPU),
         (LinkModelConfig(model="rotat", dim=4), "'rotat'.*'rotate'"),
         *(
@@ -313,16 +379,22 @@ NO_GPU = pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has 
         ),
     ],
 )
-def test_settings_that_cannot_be_met_are_refused_by_name_and_leave_nothing(opened_kitchen, tmp_path, config, match):
+def test_settings_that_cannot_be_met_are_refused_by_name_and_leave_nothing(
+    opened_kitchen, tmp_path, config, match
+):
     with pytest.raises(ConfigError, match=match):
         train(opened_kitchen, config, tmp_path / "model")
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("model", ["TransE", "tucker", "rescal", "rgcn", "conve", "complexn3", "quate"])
+@pytest.mark.parametrize(
+    "model", ["TransE", "tucker", "rescal", "rgcn", "conve", "complexn3", "quate"]
+)
 def test_other_models_train_and_load(opened_kitchen, tmp_path, model):
     config = LinkModelConfig(model=model, dim=8, epochs=1, negatives=2, folds=0)
-    scorer = load_scorer(train(opened_kitchen, config, tmp_path / "model").folder, graph=opened_kitchen.graph)
+    scorer = load_scorer(
+        train(opened_kitchen, config, tmp_path / "model").folder, graph=opened_kitchen.graph
+    )
     assert scorer.table("combinesWith").shape == (80, 80)
     assert torch.isfinite(scorer.table("componentOf")).all()
 
@@ -382,8 +454,17 @@ OUT_OF_RANGE = {
 @pytest.mark.parametrize(
     ("config", "setting", "value"),
     [
-        *((config, name, value) for config in BOTH for name, values in OUT_OF_RANGE.items() for value in values),
-        *((ComplExConfig, name, value) for name in ("n3", "popularity") for value in (-1.0, NAN, INF)),
+        *(
+            (config, name, value)
+            for config in BOTH
+            for name, values in OUT_OF_RANGE.items()
+            for value in values
+        ),
+        *(
+            (ComplExConfig, name, value)
+            for name in ("n3", "popularity")
+            for value in (-1.0, NAN, INF)
+        ),
         *((ComplExConfig, "init_scale", value) for value in (0.0, -1e-3, NAN, INF)),
         *((ComplExConfig, "negatives", value) for value in (-1, 1.5, True)),
         (LinkModelConfig, "negatives", 0),
@@ -404,7 +485,15 @@ def test_patience_without_validation_is_an_error_that_names_the_missing_setting(
 
 @pytest.mark.parametrize("config", BOTH)
 def test_the_least_allowed_settings_are_allowed(config):
-    least = {"epochs": 1, "batch_size": 1, "checkpoint_every": 1, "threads": 1, "dim": 1, "seed": 0, "eval_every": 0}
+    least = {
+        "epochs": 1,
+        "batch_size": 1,
+        "checkpoint_every": 1,
+        "threads": 1,
+        "dim": 1,
+        "seed": 0,
+        "eval_every": 0,
+    }
     assert vars(replace(config(), **least)).items() >= least.items()
 
 
@@ -415,7 +504,9 @@ def test_the_regularisation_is_off_by_default_on_the_full_graph_and_open_on_the_
     assert (partial.fixed().n3, partial.fixed().popularity) == (N3_PARTIAL, 0)
 
 
-@pytest.mark.parametrize(("given", "n3", "popularity"), [({"n3": 0.3}, 0.3, 0), ({"popularity": 2.0}, N3_PARTIAL, 2)])
+@pytest.mark.parametrize(
+    ("given", "n3", "popularity"), [({"n3": 0.3}, 0.3, 0), ({"popularity": 2.0}, N3_PARTIAL, 2)]
+)
 def test_naming_one_part_of_the_regularisation_fixes_the_other(given, n3, popularity):
     config = ComplExConfig(**given)
     assert (config.n3, config.popularity, config.is_open) == (n3, popularity, False)
@@ -447,5 +538,7 @@ TABLE = '[train-complex]\ngraph = "kitchen"\n'
 def test_a_missing_or_damaged_config_file_is_an_error_that_names_it(tmp_path, text):
     if text is not None:
         (tmp_path / "config.toml").write_bytes(text.encode(errors="surrogateescape"))
-    with pytest.raises(ArtefactError, match=rf"config\.toml is {'missing' if text is None else 'damaged'}"):
+    with pytest.raises(
+        ArtefactError, match=rf"config\.toml is {'missing' if text is None else 'damaged'}"
+    ):
         LinksConfig.read(tmp_path)

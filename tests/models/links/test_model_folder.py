@@ -23,7 +23,12 @@ from wordcraft_kg import (
     open_model,
     save_scorer,
 )
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, OutputExistsError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    OutputExistsError,
+)
 from wordcraft_kg.graphs import write_graph_folder
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
@@ -37,12 +42,17 @@ SHORT = ComplExConfig(dim=4, epochs=2, n3=0.1, folds=2)
 def on_disk(parted_folder, tmp_path):
     """A model folder, and the graph folder beside it, for a test to move or replace."""
     shutil.copytree(parted_folder, tmp_path / "graph")
-    return train(open_graph(tmp_path / "graph"), SHORT, tmp_path / "model").folder, tmp_path / "graph"
+    return train(
+        open_graph(tmp_path / "graph"), SHORT, tmp_path / "model"
+    ).folder, tmp_path / "graph"
 
 
 def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder, opened_kitchen):
     opened = open_model(complex_folder)
-    assert (opened.opened.graph, opened.opened.split.hash) == (opened_kitchen.graph, opened_kitchen.split.hash)
+    assert (opened.opened.graph, opened.opened.split.hash) == (
+        opened_kitchen.graph,
+        opened_kitchen.split.hash,
+    )
     assert opened.scorer.graph_hash == opened_kitchen.graph.hash
     assert (opened.kg, [row.epoch for row in opened.trace]) == ("partial", [1, 2, 3, 4])
     assert (
@@ -51,11 +61,15 @@ def test_an_opened_model_has_its_scorer_graph_split_and_history(complex_folder, 
     )
 
 
-@pytest.mark.parametrize(("folder", "model"), [("elsewhere", "../model"), ("graph", "{}"), (".", "model")])
+@pytest.mark.parametrize(
+    ("folder", "model"), [("elsewhere", "../model"), ("graph", "{}"), (".", "model")]
+)
 def test_a_model_finds_its_graph_from_anywhere(on_disk, tmp_path, monkeypatch, folder, model):
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / folder)
-    assert open_model(model.format(on_disk[0])).opened.split.hash == open_graph(on_disk[1]).split.hash
+    assert (
+        open_model(model.format(on_disk[0])).opened.split.hash == open_graph(on_disk[1]).split.hash
+    )
 
 
 def test_a_graph_that_has_moved_is_an_error_that_asks_for_it(on_disk, tmp_path):
@@ -78,12 +92,16 @@ def test_a_graph_built_again_is_accepted_with_the_same_split_only(on_disk):
 def test_another_graph_is_refused(complex_folder, tmp_path):
     book = open_book("kitchen")
     smaller = replace(book, recipes=book.recipes[:-1])
-    write_graph_folder(tmp_path / "graph", smaller, make_split(RecipeGraph.from_book(smaller), SplitConfig()))
+    write_graph_folder(
+        tmp_path / "graph", smaller, make_split(RecipeGraph.from_book(smaller), SplitConfig())
+    )
     with pytest.raises(GraphMismatchError):
         open_model(complex_folder, str(tmp_path / "graph"))
 
 
-@pytest.mark.parametrize("name", ["config.toml", "metrics.json", "trace.jsonl", "vocabulary.json", "model.safetensors"])
+@pytest.mark.parametrize(
+    "name", ["config.toml", "metrics.json", "trace.jsonl", "vocabulary.json", "model.safetensors"]
+)
 def test_an_output_that_is_changed_or_missing_is_an_artefact_error_that_names_it(spoilt, name):
     folder, path = spoilt(name)
     flip_bit(path, -1)
@@ -115,18 +133,26 @@ def mine(opened_kitchen):
 
 
 def complex_scorer(opened):
-    return ComplExScorer(embeddings(opened.graph.num_entities, 3), opened.graph.entities, opened.graph.hash)
+    return ComplExScorer(
+        embeddings(opened.graph.num_entities, 3), opened.graph.entities, opened.graph.hash
+    )
 
 
-@pytest.mark.parametrize("make", [lambda opened: Lengths(opened.graph.entities, opened.graph.hash), complex_scorer])
-def test_a_saved_scorer_scores_as_before_and_embeddings_stay_embeddings(make, opened_kitchen, tmp_path):
+@pytest.mark.parametrize(
+    "make", [lambda opened: Lengths(opened.graph.entities, opened.graph.hash), complex_scorer]
+)
+def test_a_saved_scorer_scores_as_before_and_embeddings_stay_embeddings(
+    make, opened_kitchen, tmp_path
+):
     mine = make(opened_kitchen)
     folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial")
     loaded = load_scorer(folder)
     for relation in ("combinesWith", "componentOf"):
         torch.testing.assert_close(loaded.table(relation), mine.table(relation), rtol=0, atol=0)
     assert loaded.entities == opened_kitchen.graph.entities
-    is_small = (folder / "model.safetensors").stat().st_size < opened_kitchen.graph.num_entities**2 * 4
+    is_small = (
+        folder / "model.safetensors"
+    ).stat().st_size < opened_kitchen.graph.num_entities**2 * 4
     assert is_small == (make is complex_scorer)
 
 
@@ -149,7 +175,9 @@ def test_an_opened_folder_says_what_the_scorer_has_seen_and_that_it_was_not_trai
 def test_a_report_of_a_saved_scorer_has_the_figures_of_the_scorer_itself(opened_kitchen, tmp_path):
     mine = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
     model = open_model(save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial"))
-    saved = make_link_report(model.scorer, model.opened, kg=model.kg, provenance=model.provenance).view
+    saved = make_link_report(
+        model.scorer, model.opened, kg=model.kg, provenance=model.provenance
+    ).view
     direct = make_link_report(mine, opened_kitchen).view
     assert saved.metrics == direct.metrics
     assert saved.metrics["all"].mrr == saved.baselines["frequency"]["all"].mrr
@@ -169,10 +197,17 @@ def test_all_that_a_folder_holds_is_hashed(mine, opened_kitchen, tmp_path):
 def test_a_scorer_of_another_graph_is_refused(opened_kitchen, tmp_path):
     other = random_graph()
     with pytest.raises(GraphMismatchError):
-        save_scorer(tmp_path / "x", SymbolicScorer(other, other.triples), opened_kitchen, kg="partial")
+        save_scorer(
+            tmp_path / "x", SymbolicScorer(other, other.triples), opened_kitchen, kg="partial"
+        )
     entities = opened_kitchen.graph.entities[::-1]
     with refuses("entities", GraphMismatchError):
-        save_scorer(tmp_path / "x", Lengths(entities, opened_kitchen.graph.hash), opened_kitchen, kg="partial")
+        save_scorer(
+            tmp_path / "x",
+            Lengths(entities, opened_kitchen.graph.hash),
+            opened_kitchen,
+            kg="partial",
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -182,7 +217,12 @@ def test_scores_that_are_not_finite_are_refused(bad, opened_kitchen, tmp_path):
     scores = torch.zeros(2, graph.num_entities, graph.num_entities)
     scores[1, 2, 3] = bad
     with pytest.raises(ConfigError, match="not finite"):
-        save_scorer(tmp_path / "x", TableScorer(scores, graph.entities, graph.hash), opened_kitchen, kg="full")
+        save_scorer(
+            tmp_path / "x",
+            TableScorer(scores, graph.entities, graph.hash),
+            opened_kitchen,
+            kg="full",
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -202,7 +242,9 @@ def test_a_folder_that_exists_is_replaced_only_by_force(mine, opened_kitchen, tm
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
-def test_a_table_that_is_too_large_is_refused_before_it_is_computed(mine, opened_kitchen, tmp_path, monkeypatch):
+def test_a_table_that_is_too_large_is_refused_before_it_is_computed(
+    mine, opened_kitchen, tmp_path, monkeypatch
+):
     monkeypatch.setattr("wordcraft_kg.models.scorers.folder.TABLE_LIMIT", 1_000)
     monkeypatch.setattr(Lengths, "table", None)
     with pytest.raises(ConfigError, match="80 entities"):

@@ -21,7 +21,12 @@ from wordcraft_kg import from_pykeen, open_graph, open_model, save_scorer
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.graphs import RELATIONS
 from wordcraft_kg.models.links.complex import ComplExN3
-from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
+from wordcraft_kg.models.links.pykeen_bridge import (
+    pykeen_guard,
+    quiet_pykeen,
+    seed_everything,
+    triples_factory,
+)
 from wordcraft_kg.models.scorers import config
 
 
@@ -108,7 +113,9 @@ def test_a_triples_factory_has_the_graphs_triples_and_ids_and_shares_no_memory()
 
 def train(model="DistMult", **settings):
     quiet, kind = {"use_tqdm": False}, {"model": model, "model_kwargs": {"embedding_dim": 4}}
-    return pipeline(**kind, epochs=1, random_seed=0, training_kwargs=quiet, evaluation_kwargs=quiet, **settings)
+    return pipeline(
+        **kind, epochs=1, random_seed=0, training_kwargs=quiet, evaluation_kwargs=quiet, **settings
+    )
 
 
 @cache
@@ -129,7 +136,9 @@ def test_the_scorer_gives_every_triple_pykeens_own_score(is_inverse, opened_kitc
 
 def test_labels_are_matched_whatever_pykeens_ids_are(opened_kitchen):
     graph = opened_kitchen.graph
-    labelled = [[graph.entities[h], RELATIONS[r], graph.entities[t]] for h, r, t in graph.triples.tolist()]
+    labelled = [
+        [graph.entities[h], RELATIONS[r], graph.entities[t]] for h, r, t in graph.triples.tolist()
+    ]
     factory = TriplesFactory.from_labeled_triples(
         np.array(labelled),
         entity_to_id={label: i for i, label in enumerate(reversed(graph.entities))},
@@ -138,7 +147,11 @@ def test_labels_are_matched_whatever_pykeens_ids_are(opened_kitchen):
     result = train(training=factory, testing=factory)
     scorer = from_pykeen(result.model, factory, opened_kitchen)
     for head, relation, tail in labelled[::50]:
-        ids = [factory.entity_to_id[head], factory.relation_to_id[relation], factory.entity_to_id[tail]]
+        ids = [
+            factory.entity_to_id[head],
+            factory.relation_to_id[relation],
+            factory.entity_to_id[tail],
+        ]
         theirs = result.model.predict_hrt(torch.tensor([ids])).item()
         assert float(scorer.score(head, relation, tail)) == pytest.approx(theirs, abs=1e-5)
 
@@ -183,7 +196,12 @@ def own_pykeen_cache(tmp_path, monkeypatch):
 
 def settings(graph):
     """Settings of PyKEEN's pipelines that name our dataset, model and loop."""
-    names = {"dataset": "wordcraft", "model": "ComplExN3", "training_loop": "IndexedSymmetricLCWA", "device": "cpu"}
+    names = {
+        "dataset": "wordcraft",
+        "model": "ComplExN3",
+        "training_loop": "IndexedSymmetricLCWA",
+        "device": "cpu",
+    }
     return {
         **names,
         "dataset_kwargs": {"graph": str(graph)},
@@ -194,11 +212,18 @@ def settings(graph):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", ["wordcraft_kg.models", "pykeen.models", "wordcraft_kg.models.links.pykeen_bridge"])
+@pytest.mark.parametrize(
+    "first", ["wordcraft_kg.models", "pykeen.models", "wordcraft_kg.models.links.pykeen_bridge"]
+)
 def test_pykeen_knows_our_names_whichever_module_is_imported_first(first):
     code = f"import {first}\nimport wordcraft_kg.models\n{LOOK_UP}"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
-    assert (done.stdout.split(), done.stderr) == (["ComplExN3", "IndexedSymmetricLCWATrainingLoop", "WordCraft"], "")
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert (done.stdout.split(), done.stderr) == (
+        ["ComplExN3", "IndexedSymmetricLCWATrainingLoop", "WordCraft"],
+        "",
+    )
 
 
 def test_the_pipeline_trains_our_model_by_name(parted_kitchen, parted_folder):
@@ -212,10 +237,17 @@ def test_the_pipeline_trains_our_model_by_name(parted_kitchen, parted_folder):
 def test_the_pipeline_without_a_loss_is_an_error_that_says_which_loss_to_give():
     # PyKEEN's pipeline passes its own default, a margin loss, to every model, whatever the model's default is.
     with pytest.raises(ConfigError, match=r"(?i)cross.?entropy.*loss=.crossentropy."):
-        pipeline(dataset="wordcraft", model="ComplExN3", training_loop="IndexedSymmetricLCWA", device="cpu")
+        pipeline(
+            dataset="wordcraft",
+            model="ComplExN3",
+            training_loop="IndexedSymmetricLCWA",
+            device="cpu",
+        )
 
 
-def test_the_dataset_holds_the_parts_of_the_graphs_split_and_keeps_its_ids(parted_kitchen, parted_folder):
+def test_the_dataset_holds_the_parts_of_the_graphs_split_and_keeps_its_ids(
+    parted_kitchen, parted_folder
+):
     dataset = dataset_resolver.make("wordcraft", {"graph": parted_folder})
     graph, split = parted_kitchen.graph, parted_kitchen.split
     factories = (dataset.training, dataset.validation, dataset.testing)
@@ -228,7 +260,9 @@ def test_the_dataset_holds_the_parts_of_the_graphs_split_and_keeps_its_ids(parte
 
 def test_the_dataset_adds_inverse_triples_when_asked(parted_folder):
     plain, doubled = (
-        dataset_resolver.make("wordcraft", {"graph": parted_folder, "create_inverse_triples": inverse}).training
+        dataset_resolver.make(
+            "wordcraft", {"graph": parted_folder, "create_inverse_triples": inverse}
+        ).training
         for inverse in (False, True)
     )
     assert (plain.num_relations, doubled.num_relations) == (2, 4)
@@ -236,7 +270,9 @@ def test_the_dataset_adds_inverse_triples_when_asked(parted_folder):
 
 def test_the_dataset_of_a_graph_without_test_triples_is_refused(tmp_path):
     with pytest.raises(SplitError, match="another split"):
-        dataset_resolver.make("wordcraft", {"graph": write_graph(tmp_path / "unsplit", kind="none")})
+        dataset_resolver.make(
+            "wordcraft", {"graph": write_graph(tmp_path / "unsplit", kind="none")}
+        )
 
 
 def test_pykeen_sees_a_graph_that_was_built_again_in_the_same_folder(tmp_path):

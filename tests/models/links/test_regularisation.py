@@ -17,7 +17,13 @@ from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.config import N3_PARTIAL, ComplExConfig, LinkModelConfig
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.pykeen_bridge import triples_factory
-from wordcraft_kg.models.links.regularisation import HELD_OUT, N3, POPULARITY, choose, split_of_train
+from wordcraft_kg.models.links.regularisation import (
+    HELD_OUT,
+    N3,
+    POPULARITY,
+    choose,
+    split_of_train,
+)
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
@@ -39,7 +45,9 @@ def choice(opened_kitchen):
 
 
 def test_every_combination_is_a_candidate_and_the_most_cautious_of_the_good_ones_is_chosen(choice):
-    assert {(found.n3, found.popularity) for found in choice.candidates} == {(n, p) for n in N3 for p in POPULARITY}
+    assert {(found.n3, found.popularity) for found in choice.candidates} == {
+        (n, p) for n in N3 for p in POPULARITY
+    }
     best = max(found.mrr for found in choice.candidates)
     good = [found for found in choice.candidates if found.mrr >= 0.95 * best]
     most = max(found.popularity for found in good)
@@ -76,16 +84,25 @@ def test_the_figures_are_those_of_a_ranking_of_what_was_held_out(opened_kitchen,
         return mean_reciprocal_rank(rank_triples(scorer, fold.held_out("test"), fold.graph.triples))
 
     for candidate in found.candidates:
-        settings = replace(OPEN, n3=candidate.n3, popularity=candidate.popularity, epochs=found.epochs)
+        settings = replace(
+            OPEN, n3=candidate.n3, popularity=candidate.popularity, epochs=found.epochs
+        )
         model = fit(settings, triples_factory(fold.graph, fold.partial), lambda epoch: None)
-        scorer = make_scorer(*scorer_tensors(settings, model, fold.partial), fold.graph.entities, fold.graph.hash)
+        scorer = make_scorer(
+            *scorer_tensors(settings, model, fold.partial), fold.graph.entities, fold.graph.hash
+        )
         assert candidate.mrr == pytest.approx(mrr(scorer))
     assert found.frequency_mrr == pytest.approx(mrr(FrequencyScorer(fold.graph, fold.partial)))
 
 
 @pytest.mark.parametrize(
     "settings",
-    [replace(OPEN, n3=0.1), ComplExConfig(popularity=1.0), ComplExConfig(kg="full"), LinkModelConfig()],
+    [
+        replace(OPEN, n3=0.1),
+        ComplExConfig(popularity=1.0),
+        ComplExConfig(kg="full"),
+        LinkModelConfig(),
+    ],
     ids=["n3", "popularity", "full", "another model"],
 )
 def test_what_is_given_or_does_not_exist_is_not_chosen(opened_kitchen, settings):
@@ -100,25 +117,37 @@ def test_a_book_neither_small_nor_large_keeps_the_fixed_default(opened_kitchen, 
     assert choose(opened_kitchen, replace(OPEN, epochs=1), silent) is not None
 
 
-def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(opened_kitchen, monkeypatch):
+def test_a_large_book_chooses_its_popularity_only_on_one_fold_and_a_sample(
+    opened_kitchen, monkeypatch
+):
     monkeypatch.setattr(regularisation, "SMALL", 0)
     monkeypatch.setattr(regularisation, "RANKED", 40)
     found = choose(opened_kitchen, replace(OPEN, negatives=16), silent)
-    assert {(one.n3, one.popularity) for one in found.candidates} == {(N3_PARTIAL, p) for p in POPULARITY}
+    assert {(one.n3, one.popularity) for one in found.candidates} == {
+        (N3_PARTIAL, p) for p in POPULARITY
+    }
     assert (found.folds, found.queries) == (1, 80)
 
 
 def test_a_book_with_too_little_to_hold_out_keeps_the_fixed_default():
     assert choose(opened(random_graph(num_entities=6, num_recipes=8)), OPEN, silent) is None
-    once = [(f"a{i}", f"b{i}", f"c{i}") for i in range(40)]  # nothing can be held out without losing an entity
-    assert choose(opened(RecipeGraph.from_recipes(once, name="once"), kind="none"), OPEN, silent) is None
+    once = [
+        (f"a{i}", f"b{i}", f"c{i}") for i in range(40)
+    ]  # nothing can be held out without losing an entity
+    assert (
+        choose(opened(RecipeGraph.from_recipes(once, name="once"), kind="none"), OPEN, silent)
+        is None
+    )
 
 
 def test_where_there_is_nothing_but_popularity_to_learn_the_choice_keeps_up_with_counting():
     rng = np.random.default_rng(0)
     parts = (rng.random((400, 2)) ** 2 * 60).astype(int)
     graph = RecipeGraph.from_recipes(
-        [(f"e{a}", f"e{b}", f"e{c}") for (a, b), c in zip(parts, rng.integers(60, size=400), strict=True)]
+        [
+            (f"e{a}", f"e{b}", f"e{c}")
+            for (a, b), c in zip(parts, rng.integers(60, size=400), strict=True)
+        ]
     )
     found = choose(opened(graph), replace(OPEN, dim=32, epochs=50), silent)
     without = max(row.mrr for row in found.candidates if row.popularity == 0)
@@ -144,18 +173,29 @@ def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen, tmp_path, c
 def test_a_resumed_run_does_not_choose_again(opened_kitchen, tmp_path, monkeypatch):
     settings = replace(OPEN, epochs=10)
     undisturbed = train(opened_kitchen, settings, tmp_path / "undisturbed")
-    assert train(opened_kitchen, settings, tmp_path / "model", progress=interrupt_after(4)).interrupted
+    assert train(
+        opened_kitchen, settings, tmp_path / "model", progress=interrupt_after(4)
+    ).interrupted
     monkeypatch.setattr(link_training, "choose", lambda *arguments: pytest.fail("chosen again"))
     resumed = resume(tmp_path / "model")
     assert resumed.metrics.choice == undisturbed.metrics.choice is not None
-    weights = [(folder / "model.safetensors").read_bytes() for folder in (resumed.folder, undisturbed.folder)]
+    weights = [
+        (folder / "model.safetensors").read_bytes()
+        for folder in (resumed.folder, undisturbed.folder)
+    ]
     assert weights[0] == weights[1]
 
 
 @pytest.mark.slow
-def test_the_config_file_of_a_run_gives_the_same_model_without_choosing(opened_kitchen, tmp_path, choice):
+def test_the_config_file_of_a_run_gives_the_same_model_without_choosing(
+    opened_kitchen, tmp_path, choice
+):
     chosen = train(opened_kitchen, OPEN, tmp_path / "chosen")
-    given = train(opened_kitchen, replace(OPEN, n3=choice.n3, popularity=choice.popularity), tmp_path / "given")
+    given = train(
+        opened_kitchen,
+        replace(OPEN, n3=choice.n3, popularity=choice.popularity),
+        tmp_path / "given",
+    )
     weights = [(trained.folder / "model.safetensors").read_bytes() for trained in (chosen, given)]
     assert weights[0] == weights[1]
     assert given.metrics.choice is None

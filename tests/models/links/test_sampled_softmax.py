@@ -15,14 +15,20 @@ from wordcraft_kg.models.links.builders import make_training_loop
 from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import FULL_SOFTMAX, NEGATIVES, ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, triples_factory
-from wordcraft_kg.models.links.symmetric_lcwa import SampledSymmetricLCWATrainingLoop, sampled_cross_entropy
+from wordcraft_kg.models.links.symmetric_lcwa import (
+    SampledSymmetricLCWATrainingLoop,
+    sampled_cross_entropy,
+)
 
 SIZE, QUERIES = 9, 5
 
 
 @pytest.fixture
 def scores():
-    return torch.randn(QUERIES, SIZE, dtype=torch.float64, generator=torch.Generator().manual_seed(0)) * 2
+    return (
+        torch.randn(QUERIES, SIZE, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+        * 2
+    )
 
 
 @pytest.fixture
@@ -41,7 +47,9 @@ def slow_sampled_loss(scores, targets, drawn, expected):
     total = 0.0
     for row, target in zip(scores.tolist(), targets.tolist(), strict=True):
         others = sum(
-            math.exp(row[j]) / m for j, m in zip(drawn.tolist(), expected.tolist(), strict=True) if j != target
+            math.exp(row[j]) / m
+            for j, m in zip(drawn.tolist(), expected.tolist(), strict=True)
+            if j != target
         )
         total += math.log(math.exp(row[target]) + others) - row[target]
     return total / len(targets)
@@ -50,10 +58,14 @@ def slow_sampled_loss(scores, targets, drawn, expected):
 def test_with_every_entity_sampled_and_expected_once_it_is_the_softmax_over_all(scores):
     targets = torch.tensor([0, 3, 3, 8, 5])
     scores.requires_grad_()
-    found = sampled_loss(scores, targets, torch.randperm(SIZE), torch.ones(SIZE, dtype=torch.float64))
+    found = sampled_loss(
+        scores, targets, torch.randperm(SIZE), torch.ones(SIZE, dtype=torch.float64)
+    )
     expected = cross_entropy(scores, targets)
     torch.testing.assert_close(found, expected)
-    for ours, reference in zip(*(torch.autograd.grad(loss, scores) for loss in (found, expected)), strict=True):
+    for ours, reference in zip(
+        *(torch.autograd.grad(loss, scores) for loss in (found, expected)), strict=True
+    ):
         torch.testing.assert_close(ours, reference)
 
 
@@ -62,7 +74,9 @@ def test_the_loss_follows_its_formula_with_repeated_and_true_entities_in_the_sam
     expected = torch.tensor([0.5, 0.5, 2.0, 0.1], dtype=torch.float64)
     found = sampled_loss(scores, targets, drawn, expected).item()
     assert found == pytest.approx(slow_sampled_loss(scores, targets, drawn, expected))
-    without_correction = sampled_loss(scores, targets, drawn, torch.ones(4, dtype=torch.float64)).item()
+    without_correction = sampled_loss(
+        scores, targets, drawn, torch.ones(4, dtype=torch.float64)
+    ).item()
     assert abs(found - without_correction) > 0.1
 
 
@@ -120,7 +134,12 @@ def test_a_sparse_gradient_moves_the_same_rows_as_a_dense_one_and_no_others(fact
 
 @pytest.mark.parametrize(
     ("size", "asked", "expected"),
-    [(FULL_SOFTMAX, None, 0), (FULL_SOFTMAX + 1, None, NEGATIVES), (FULL_SOFTMAX + 1, 0, 0), (5, 3, 3)],
+    [
+        (FULL_SOFTMAX, None, 0),
+        (FULL_SOFTMAX + 1, None, NEGATIVES),
+        (FULL_SOFTMAX + 1, 0, 0),
+        (5, 3, 3),
+    ],
 )
 def test_the_softmax_is_sampled_above_a_size_unless_told_otherwise(size, asked, expected):
     config = ComplExConfig(negatives=asked)
@@ -132,7 +151,9 @@ def test_a_sampled_objective_that_was_chosen_for_the_size_is_said_and_recorded(
     opened_kitchen, tmp_path, monkeypatch, caplog
 ):
     monkeypatch.setattr(link_config, "FULL_SOFTMAX", opened_kitchen.graph.num_entities - 1)
-    trained = train(opened_kitchen, ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0), tmp_path / "model")
+    trained = train(
+        opened_kitchen, ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0), tmp_path / "model"
+    )
     assert "samples 512 entities per batch" in caplog.text
     settings = LinksConfig.read(trained.folder).settings
     assert isinstance(settings, ComplExConfig)

@@ -32,14 +32,18 @@ from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import load_scorer, make_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 
-SHORT = ComplExConfig(dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3, train_fraction=0.5, label_noise=0.2, seed=1)
+SHORT = ComplExConfig(
+    dim=8, epochs=4, n3=0.1, popularity=1.0, folds=3, train_fraction=0.5, label_noise=0.2, seed=1
+)
 PLAIN = replace(SHORT, folds=0)
 
 
 @pytest.fixture(scope="module")
 def with_train_sample(opened_kitchen, tmp_path_factory):
     """A cross-fitted ComplEx of half of the recipes, a fifth of them wrong; read only."""
-    return train(opened_kitchen, SHORT, tmp_path_factory.mktemp("models") / "with_train_sample").folder
+    return train(
+        opened_kitchen, SHORT, tmp_path_factory.mktemp("models") / "with_train_sample"
+    ).folder
 
 
 @pytest.fixture(scope="module")
@@ -50,19 +54,32 @@ def plain(opened_kitchen, tmp_path_factory):
 
 def folds_of(opened):
     folds = make_folds(opened.split, 3)
-    return folds.with_train_sample(draw_train_sample(opened.split, 0.5, 0.2, 1, of_recipe=folds.of_recipe))
+    return folds.with_train_sample(
+        draw_train_sample(opened.split, 0.5, 0.2, 1, of_recipe=folds.of_recipe)
+    )
 
 
-def test_each_model_is_that_of_the_triples_that_it_was_trained_on(with_train_sample, opened_kitchen):
-    scorer, folds, graph = load_scorer(with_train_sample), folds_of(opened_kitchen), opened_kitchen.graph
+def test_each_model_is_that_of_the_triples_that_it_was_trained_on(
+    with_train_sample, opened_kitchen
+):
+    scorer, folds, graph = (
+        load_scorer(with_train_sample),
+        folds_of(opened_kitchen),
+        opened_kitchen.graph,
+    )
     assert (scorer.count, scorer.record.hash) == (3, make_folds(opened_kitchen.split, 3).hash)
     np.testing.assert_array_equal(scorer.of_recipe, folds.of_recipe)
-    for fold, model in [((), scorer.whole), *(((fold,), scorer.left_out(fold)) for fold in range(3))]:
+    for fold, model in [
+        ((), scorer.whole),
+        *(((fold,), scorer.left_out(fold)) for fold in range(3)),
+    ]:
         triples = folds.triples(fold)
         fitted = fit(PLAIN, triples_factory(graph, triples), lambda epoch: None)
         expected = make_scorer(*scorer_tensors(PLAIN, fitted, triples), graph.entities, graph.hash)
         for relation in (0, 1):
-            torch.testing.assert_close(model.table(relation), expected.table(relation), rtol=0, atol=0)
+            torch.testing.assert_close(
+                model.table(relation), expected.table(relation), rtol=0, atol=0
+            )
         if fold:
             np.testing.assert_array_equal(scorer.trained_on(*fold, graph), triples)
 
@@ -100,9 +117,13 @@ def test_without_a_train_sample_nothing_is_said_of_one(complex_folder, opened_ki
     np.testing.assert_array_equal(open_model(complex_folder).triples, opened_kitchen.split.partial)
 
 
-def test_a_train_sample_that_is_not_the_one_of_the_training_is_a_leak(with_train_sample, opened_kitchen, tmp_path):
+def test_a_train_sample_that_is_not_the_one_of_the_training_is_a_leak(
+    with_train_sample, opened_kitchen, tmp_path
+):
     def right_again(tensors):
-        tensors["train_results"] = torch.from_numpy(folds_of(opened_kitchen).train_sample.graph.recipes[:, 2].copy())
+        tensors["train_results"] = torch.from_numpy(
+            folds_of(opened_kitchen).train_sample.graph.recipes[:, 2].copy()
+        )
 
     model = open_model(rewritten(with_train_sample, tmp_path / "spoilt", right_again))
     with pytest.raises(LeakError):
@@ -111,25 +132,33 @@ def test_a_train_sample_that_is_not_the_one_of_the_training_is_a_leak(with_train
         _ = model.triples
     with pytest.raises(LeakError):
         load_scorer(
-            rewritten(with_train_sample, tmp_path / "none", lambda tensors: tensors.pop("train_results"))
+            rewritten(
+                with_train_sample, tmp_path / "none", lambda tensors: tensors.pop("train_results")
+            )
         ).trained_on(0, opened_kitchen.graph)
 
 
 @pytest.mark.parametrize("tensor", [torch.zeros(3, dtype=torch.int64), torch.zeros(271)])
 def test_a_damaged_train_sample_is_refused(with_train_sample, tmp_path, tensor):
-    folder = rewritten(with_train_sample, tmp_path / "spoilt", lambda tensors: tensors.update(train_results=tensor))
+    folder = rewritten(
+        with_train_sample, tmp_path / "spoilt", lambda tensors: tensors.update(train_results=tensor)
+    )
     with pytest.raises(ArtefactError, match="has damaged train results"):
         load_scorer(folder)
 
 
 def test_a_train_sample_that_is_drawn_otherwise_now_is_refused(with_train_sample, tmp_path):
-    model = open_model(rewritten(with_train_sample, tmp_path / "other", inputs={"train_sample": "0" * 64}))
+    model = open_model(
+        rewritten(with_train_sample, tmp_path / "other", inputs={"train_sample": "0" * 64})
+    )
     with pytest.raises(GraphMismatchError):
         _ = model.triples
 
 
 def test_a_saved_copy_keeps_its_train_sample(with_train_sample, opened_kitchen, tmp_path):
-    copy = open_model(save_scorer(tmp_path / "copy", load_scorer(with_train_sample), opened_kitchen, kg="partial"))
+    copy = open_model(
+        save_scorer(tmp_path / "copy", load_scorer(with_train_sample), opened_kitchen, kg="partial")
+    )
     np.testing.assert_array_equal(copy.triples, open_model(with_train_sample).triples)
     np.testing.assert_array_equal(
         copy.scorer.trained_on(1, opened_kitchen.graph), folds_of(opened_kitchen).triples([1])
@@ -146,29 +175,44 @@ def test_models_are_evaluated_on_the_same_triples_and_baselines_know_what_the_mo
     assert ranked.ranks.equals(rank_triples(model.scorer, test, graph.triples))
     known = rank_triples(FrequencyScorer(graph, model.triples), test, graph.triples)
     assert ranked.baseline_ranks["frequency"].equals(known)
-    assert not known.equals(rank_triples(FrequencyScorer(graph, opened_kitchen.split.partial), test, graph.triples))
+    assert not known.equals(
+        rank_triples(FrequencyScorer(graph, opened_kitchen.split.partial), test, graph.triples)
+    )
 
 
 @pytest.mark.parametrize(
     ("train_fraction", "label_noise"), [(0.1, 0.0), pytest.param(1.0, 1.0, marks=pytest.mark.slow)]
 )
-def test_the_checks_of_a_report_are_those_of_the_train_sample(opened_kitchen, train_fraction, label_noise):
-    graph, train_sample = opened_kitchen.graph, draw_train_sample(opened_kitchen.split, train_fraction, label_noise)
-    ranked = rank_links(FrequencyScorer(graph, train_sample.triples), opened_kitchen, train_sample=train_sample)
+def test_the_checks_of_a_report_are_those_of_the_train_sample(
+    opened_kitchen, train_fraction, label_noise
+):
+    graph, train_sample = (
+        opened_kitchen.graph,
+        draw_train_sample(opened_kitchen.split, train_fraction, label_noise),
+    )
+    ranked = rank_links(
+        FrequencyScorer(graph, train_sample.triples), opened_kitchen, train_sample=train_sample
+    )
     checks = {check.id: check for check in view_links(ranked).checks}
     missing = np.setdiff1d(np.arange(graph.num_entities), train_sample.recipes)
     assert checks["leak"].passed
     assert checks["mirror"].passed
-    assert checks["coverage"].detail.startswith(f"{len(missing)} do not" if len(missing) else "all do")
+    assert checks["coverage"].detail.startswith(
+        f"{len(missing)} do not" if len(missing) else "all do"
+    )
     assert bool(len(missing)) == (train_fraction < 1)
     # And they can fail: a train sample of the whole book holds the test triples.
     leaky = rank_links(
-        FrequencyScorer(graph, train_sample.triples), opened_kitchen, train_sample=opened_kitchen.train_sample("full")
+        FrequencyScorer(graph, train_sample.triples),
+        opened_kitchen,
+        train_sample=opened_kitchen.train_sample("full"),
     )
     assert not {check.id: check for check in view_links(leaky).checks}["leak"].passed
 
 
-def test_an_agent_takes_the_self_edges_of_the_train_sample(with_train_sample, monkeypatch, tmp_path):
+def test_an_agent_takes_the_self_edges_of_the_train_sample(
+    with_train_sample, monkeypatch, tmp_path
+):
     seen = {}
 
     def stop(*args, observed, **options):
@@ -176,22 +220,30 @@ def test_an_agent_takes_the_self_edges_of_the_train_sample(with_train_sample, mo
         raise ConfigError("enough")
 
     monkeypatch.setattr(agents, "make_policy", stop)
-    config = AgentConfig("kitchen", str(with_train_sample), trainer=ImpalaConfig(steps=512, eval_every=0))
+    config = AgentConfig(
+        "kitchen", str(with_train_sample), trainer=ImpalaConfig(steps=512, eval_every=0)
+    )
     with pytest.raises(ConfigError, match="enough"):
         agents.train_agent(config, tmp_path / "run")
     np.testing.assert_array_equal(seen["observed"], open_model(with_train_sample).triples)
 
 
 def test_weights_are_chosen_on_the_train_sample(opened_kitchen, tmp_path):
-    settings = replace(SHORT, n3=None, popularity=None, folds=0, train_fraction=0.9, label_noise=0.5)
+    settings = replace(
+        SHORT, n3=None, popularity=None, folds=0, train_fraction=0.9, label_noise=0.5
+    )
     model = open_model(train(opened_kitchen, settings, tmp_path / "chosen").folder)
     settings = replace(settings, negatives=0)
-    found = choose(opened_kitchen, settings, lambda done, total: None, recipes=model.train_sample.recipes)
+    found = choose(
+        opened_kitchen, settings, lambda done, total: None, recipes=model.train_sample.recipes
+    )
     assert model.metrics.choice == found
     assert found != choose(opened_kitchen, settings, lambda done, total: None)
 
 
-def test_an_interrupted_run_continues_with_the_same_train_sample(with_train_sample, opened_kitchen, tmp_path):
+def test_an_interrupted_run_continues_with_the_same_train_sample(
+    with_train_sample, opened_kitchen, tmp_path
+):
     run = train(opened_kitchen, SHORT, tmp_path / "run", progress=interrupt_after(2))
     assert run.interrupted
     assert same_files(resume(run.folder).folder, with_train_sample)
@@ -205,17 +257,30 @@ def test_other_link_predictors_learn_from_a_train_sample(opened_kitchen, tmp_pat
 
 @pytest.mark.slow
 def test_a_recipe_scorer_knows_its_train_sample_and_no_more(opened_kitchen, tmp_path):
-    settings = RecipeScorerConfig(folds=3, features="one-hot", train_fraction=0.5, label_noise=0.2, seed=1)
+    settings = RecipeScorerConfig(
+        folds=3, features="one-hot", train_fraction=0.5, label_noise=0.2, seed=1
+    )
     trained = train_recipes(RecipesConfig(opened_kitchen.source, settings), tmp_path / "recipes")
     model, folds = open_model(trained.folder), folds_of(opened_kitchen)
     np.testing.assert_array_equal(model.scorer.whole.recipes.numpy(), folds.train_sample.recipes)
     np.testing.assert_array_equal(model.triples, folds.train_sample.triples)
     for fold in range(3):
-        np.testing.assert_array_equal(model.scorer.left_out(fold).recipes.numpy(), folds.recipes([fold]))
-        np.testing.assert_array_equal(model.scorer.trained_on(fold, opened_kitchen.graph), folds.triples([fold]))
+        np.testing.assert_array_equal(
+            model.scorer.left_out(fold).recipes.numpy(), folds.recipes([fold])
+        )
+        np.testing.assert_array_equal(
+            model.scorer.trained_on(fold, opened_kitchen.graph), folds.triples([fold])
+        )
         assert model.scorer.record.folds[fold].trained_on == triples_hash(folds.triples([fold]))
-    assert (model.metrics.recipes, model.metrics.train_fraction, model.metrics.label_noise) == (130, 0.5, 0.2)
-    assert "50 % of the train recipes, 20 % of them with a wrong result" in (trained.folder / "README.md").read_text()
+    assert (model.metrics.recipes, model.metrics.train_fraction, model.metrics.label_noise) == (
+        130,
+        0.5,
+        0.2,
+    )
+    assert (
+        "50 % of the train recipes, 20 % of them with a wrong result"
+        in (trained.folder / "README.md").read_text()
+    )
 
 
 @pytest.mark.slow
@@ -232,7 +297,10 @@ def test_a_handful_of_recipes_is_enough_for_a_recipe_scorer(opened_kitchen, tmp_
 @pytest.mark.parametrize(
     ("name", "value", "kg"),
     [
-        *(("train_fraction", value, "partial") for value in (0, 1.5, float("nan"), -0.1, True, "half")),
+        *(
+            ("train_fraction", value, "partial")
+            for value in (0, 1.5, float("nan"), -0.1, True, "half")
+        ),
         *(("label_noise", value, "partial") for value in (-1, 1.01, float("nan"))),
         *((name, 0.5, "full") for name in ("train_fraction", "label_noise")),
     ],

@@ -7,7 +7,12 @@ import torch
 from link_helpers import flip_bit, random_graph
 from refusals import refuses
 
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError, UnknownEntityError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    OutputExistsError,
+    UnknownEntityError,
+)
 from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
@@ -26,7 +31,9 @@ def policy_of(kind="attention", *, guided=False):
 
 @pytest.fixture(params=["attention", "guided", "mlp"])
 def policy(request):
-    return policy_of("mlp" if request.param == "mlp" else "attention", guided=request.param == "guided")
+    return policy_of(
+        "mlp" if request.param == "mlp" else "attention", guided=request.param == "guided"
+    )
 
 
 def probabilities(policy, goal, selection, table):
@@ -36,7 +43,9 @@ def probabilities(policy, goal, selection, table):
 
 def test_a_greedy_pick_is_the_most_probable_slot_of_the_same_state_in_ids(policy):
     for held in (None, *range(len(GRAPH.entities))):
-        expected = probabilities(policy, 0, GRAPH.num_entities if held is None else held, [2, 3, 4, 5])
+        expected = probabilities(
+            policy, 0, GRAPH.num_entities if held is None else held, [2, 3, 4, 5]
+        )
         pick = policy.act(GOAL, TABLE, None if held is None else GRAPH.entities[held])
         assert pick.slot == max(range(4), key=expected.__getitem__)
         assert pick.entity == TABLE[pick.slot]
@@ -70,7 +79,11 @@ def test_the_same_generator_gives_the_same_picks_and_no_global_one_is_touched(po
     assert torch.equal(torch.get_rng_state(), before)
 
 
-UNKNOWN = [((GOAL, ["e1x", *TABLE[:3]]), "'e1'"), ((8, TABLE), "0 .. 7"), ((GOAL, TABLE, -1), "entity -1")]
+UNKNOWN = [
+    ((GOAL, ["e1x", *TABLE[:3]]), "'e1'"),
+    ((8, TABLE), "0 .. 7"),
+    ((GOAL, TABLE, -1), "entity -1"),
+]
 
 
 @pytest.mark.parametrize(("state", "fragment"), UNKNOWN)

@@ -53,7 +53,9 @@ SMALL = {"features": "random", "key_size": 8, "value_size": 8}
 def folder(tmp_path_factory):
     """A cross-fitted ComplEx of the kitchen; read only."""
     out = tmp_path_factory.mktemp("models") / "model"
-    return train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=4, n3=0.1, folds=FOLDS)), out).folder
+    return train_links(
+        LinksConfig("kitchen", ComplExConfig(dim=8, epochs=4, n3=0.1, folds=FOLDS)), out
+    ).folder
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +93,9 @@ def expected_scores(opened, scorer, view, state, folds):
         observed = partial if fold is None else make_folds(opened.split, FOLDS).triples([fold])
         for source, (relation, key) in enumerate([(0, selection[row]), (1, goal[row])]):
             self_edges = view.self_edges if source == 0 else "keep"
-            scores = scaled_table(model, relation, view.scale, self_edges=self_edges, observed=observed)
+            scores = scaled_table(
+                model, relation, view.scale, self_edges=self_edges, observed=observed
+            )
             for slot, entity in enumerate(table[row].tolist()):
                 if nothing not in (entity, int(key)):
                     found[source, row, slot] = scores[entity, key]
@@ -116,7 +120,9 @@ def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
     engine = BatchEngine(world, len(world.tasks))
     for _ in range(2):
         posed = engine.pose(np.arange(len(world.tasks)), seed=1)
-        held, _ = engine.step_once(posed, np.zeros(len(world.tasks), dtype=np.int64))  # something is in hand
+        held, _ = engine.step_once(
+            posed, np.zeros(len(world.tasks), dtype=np.int64)
+        )  # something is in hand
         state = states_of(held)
         found = torch.stack([source(*state[:4]) for source in sources])
         expected = expected_scores(opened, scorer, view, state, folds)
@@ -131,7 +137,9 @@ def test_without_a_task_and_for_another_one_the_model_of_all_train_recipes_answe
     goal = torch.arange(20)
     state = goal, goal + 1, goal[:, None] + torch.arange(6)
     torch.testing.assert_close(source(*state), of_all(*state), rtol=0, atol=0)
-    torch.testing.assert_close(source(*state, torch.full((20,), len(world.tasks))), of_all(*state), rtol=0, atol=0)
+    torch.testing.assert_close(
+        source(*state, torch.full((20,), len(world.tasks))), of_all(*state), rtol=0, atol=0
+    )
     assert not torch.equal(source(*state, torch.arange(20)), of_all(*state))
     assert of_all.reads_task is False
     of_all.bind(world.tasks)  # asks for nothing
@@ -175,7 +183,11 @@ def test_tasks_of_another_split_or_graph_are_refused(opened, scorer):
 
 def test_a_model_that_has_seen_a_recipe_of_the_plan_is_never_asked(opened, scorer, monkeypatch):
     # Plant the fault: the rule says that another fold's model answers.
-    monkeypatch.setattr(cross_fitting, "fold_of_tasks", lambda of_recipe, tasks: np.zeros(len(tasks), dtype=np.int64))
+    monkeypatch.setattr(
+        cross_fitting,
+        "fold_of_tasks",
+        lambda of_recipe, tasks: np.zeros(len(tasks), dtype=np.int64),
+    )
     with pytest.raises(LeakError):
         models_of_tasks(scorer.of_recipe, world_of(opened).tasks)
 
@@ -192,7 +204,9 @@ def test_a_model_trained_on_other_triples_than_the_folds_say_is_not_used(opened,
 def guided(opened, scorer, world, **settings):
     config = PolicyConfig(**SMALL, **settings)
     partial = opened.split.partial
-    return make_policy(config, opened.graph, world.num_slots, scorer=scorer, observed=partial, tasks=world.tasks)[0]
+    return make_policy(
+        config, opened.graph, world.num_slots, scorer=scorer, observed=partial, tasks=world.tasks
+    )[0]
 
 
 def impala_of(policy, world):
@@ -229,14 +243,23 @@ def test_a_trainer_uses_for_a_task_what_the_source_says_of_it(opened, scorer):
 
 def test_scripted_players_do_not_remember_the_recipes_of_train_tasks(opened, scorer):
     world = world_of(opened)
-    kinds = make_sources(["u", "v"], scorer, tasks=world.tasks), make_sources(["u", "v"], scorer.whole)
-    honest, memory = (Evaluator(world)(knowledge_player(sources)).success.mean() for sources in kinds)
+    kinds = (
+        make_sources(["u", "v"], scorer, tasks=world.tasks),
+        make_sources(["u", "v"], scorer.whole),
+    )
+    honest, memory = (
+        Evaluator(world)(knowledge_player(sources)).success.mean() for sources in kinds
+    )
     assert memory > honest + 0.1
 
 
-def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(folder, opened, tmp_path, caplog):
+def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(
+    folder, opened, tmp_path, caplog
+):
     trainer = ImpalaConfig(steps=1_024, batch_size=32, eval_every=0, checkpoint_every=512)
-    config = AgentConfig("kitchen", str(folder), TaskConfig(distractors=3), PolicyConfig(**SMALL), trainer)
+    config = AgentConfig(
+        "kitchen", str(folder), TaskConfig(distractors=3), PolicyConfig(**SMALL), trainer
+    )
     done = train_agent(config, tmp_path / "whole").folder
     assert not caplog.records
     run = json.loads((done / "run.json").read_text())
@@ -250,7 +273,9 @@ def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(fold
     assert found == agent.evaluation.success["train"]
     saved = load_policy(save_policy(tmp_path / "saved", agent.policy))
     assert Evaluator(world_of(opened))(PolicyPlayer(saved)).figures() == found
-    player_of(agent.policy, "kg-only")(BatchEngine(world_of(opened), 4).reset(), np.random.default_rng(0))
+    player_of(agent.policy, "kg-only")(
+        BatchEngine(world_of(opened), 4).reset(), np.random.default_rng(0)
+    )
     assert len(explain_episodes(agent.policy, world_of(opened), episodes=2)) == 2
 
     def press(step, total, figures):
@@ -262,7 +287,9 @@ def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(fold
     interrupted = train_agent(frequent, tmp_path / "resumed", progress=press)
     assert interrupted.interrupted
     resumed = resume(interrupted.folder).folder
-    assert (resumed / "policy.safetensors").read_bytes() == (whole / "policy.safetensors").read_bytes()
+    assert (resumed / "policy.safetensors").read_bytes() == (
+        whole / "policy.safetensors"
+    ).read_bytes()
 
 
 @pytest.mark.parametrize("in_sample", [False, True])
@@ -272,7 +299,9 @@ def test_a_run_on_memory_says_so(folder, tmp_path, caplog, in_sample):
         folder = train_links(LinksConfig("kitchen", config), tmp_path / "model").folder
     policy = PolicyConfig(**SMALL, in_sample=in_sample)
     trainer = ImpalaConfig(steps=64, batch_size=32, eval_every=0)
-    done = train_agent(AgentConfig("kitchen", str(folder), policy=policy, trainer=trainer), tmp_path / "run").folder
+    done = train_agent(
+        AgentConfig("kitchen", str(folder), policy=policy, trainer=trainer), tmp_path / "run"
+    ).folder
     assert "scores for train tasks are in-sample" in caplog.text
     assert ("`in_sample` is set" if in_sample else "no folds") in caplog.text
     assert "cross_fitted" not in json.loads((done / "run.json").read_text())
@@ -280,11 +309,16 @@ def test_a_run_on_memory_says_so(folder, tmp_path, caplog, in_sample):
     assert not load_policy(done).reads_task
 
 
-def test_an_agent_with_a_scorer_that_has_seen_no_recipe_is_not_warned_of_memory(opened, tmp_path, caplog):
+def test_an_agent_with_a_scorer_that_has_seen_no_recipe_is_not_warned_of_memory(
+    opened, tmp_path, caplog
+):
     scorer = FrequencyScorer(opened.graph, opened.split.partial)
     folder = save_scorer(tmp_path / "model", scorer, opened, kg="none")
     trainer = ImpalaConfig(steps=64, batch_size=32, eval_every=0)
-    train_agent(AgentConfig("kitchen", str(folder), policy=PolicyConfig(**SMALL), trainer=trainer), tmp_path / "run")
+    train_agent(
+        AgentConfig("kitchen", str(folder), policy=PolicyConfig(**SMALL), trainer=trainer),
+        tmp_path / "run",
+    )
     card = (tmp_path / "run/README.md").read_text()
     assert "in-sample" not in caplog.text + card
     assert "a scorer not trained on recipes" in card
@@ -318,11 +352,14 @@ def test_a_wrapper_refuses_sources_that_cannot_be_honest_about_its_tasks(opened,
     env = gym.make("WordCraft-v0", graph=world)
     with refuses("tasks", LeakError):
         KGScoreObservation(env, make_sources(["u", "v"], scorer))
-    KGScoreObservation(gym.make("WordCraft-v0", graph=world.variant(part="test")), make_sources(["u", "v"], scorer))
+    KGScoreObservation(
+        gym.make("WordCraft-v0", graph=world.variant(part="test")), make_sources(["u", "v"], scorer)
+    )
     other = OpenedGraph(opened.graph, make_split(opened.graph, SplitConfig(seed=1)), "kitchen")
     with pytest.raises(GraphMismatchError):
         KGScoreObservation(
-            gym.make("WordCraft-v0", graph=world_of(other)), make_sources(["u"], scorer, tasks=world.tasks)
+            gym.make("WordCraft-v0", graph=world_of(other)),
+            make_sources(["u"], scorer, tasks=world.tasks),
         )
 
 

@@ -62,7 +62,9 @@ KINDS = {
     "attention to learned vectors": lambda: attention("learned", value_readout="logits"),
     "raw read-out of one-hot vectors": lambda: attention("one-hot", value_readout="logits"),
     "all sources, free": lambda: attention(knows=True),
-    "all sources, softmax": lambda: attention("one-hot", knows=True, mixing="softmax", value_readout="logits"),
+    "all sources, softmax": lambda: attention(
+        "one-hot", knows=True, mixing="softmax", value_readout="logits"
+    ),
     "alpha and u": lambda: attention(knows=True, use="u", mixing="softmax"),
     "scores only": lambda: attention("learned", knows=True, kg_only=True),
     "v only": lambda: attention(knows=True, use="v", kg_only=True, mixing="softmax"),
@@ -88,7 +90,9 @@ def channels(output):
 def same(found, expected, *, exactly=False):
     """Compare the tensors of two outputs."""
     for name, tensor in channels(expected).items():
-        torch.testing.assert_close(channels(found)[name], tensor, **({"atol": 0, "rtol": 0} if exactly else CLOSE))
+        torch.testing.assert_close(
+            channels(found)[name], tensor, **({"atol": 0, "rtol": 0} if exactly else CLOSE)
+        )
 
 
 CLOSE = {"atol": 1e-5, "rtol": 1e-5}
@@ -119,7 +123,10 @@ class Slow:
     def alpha(self, goal, selection, row):
         """``α_i = Q([x_g; x_s]) · K(x_i) / √d``."""
         query = self.layer("attention.query", self.x[goal] + self.x[selection])
-        keys = [[dot(weights, self.x[entity]) for weights in self.p["attention.key.weight"]] for entity in row]
+        keys = [
+            [dot(weights, self.x[entity]) for weights in self.p["attention.key.weight"]]
+            for entity in row
+        ]
         return [dot(query, key) / math.sqrt(len(query)) for key in keys]
 
     def layer(self, name, vector):
@@ -135,7 +142,10 @@ class Slow:
     def sources(self, goal, selection, row):
         """α, u and v as far as they are in use."""
         held = selection != NOTHING
-        u = [SCORER.score(entity, "combinesWith", selection).item() if held else 0.0 for entity in row]
+        u = [
+            SCORER.score(entity, "combinesWith", selection).item() if held else 0.0
+            for entity in row
+        ]
         v = [SCORER.score(entity, "componentOf", goal).item() for entity in row]
         alpha = [] if self.config.kg_only else [self.alpha(goal, selection, row)]
         return alpha + [{"u": u, "v": v}[source] for source in self.config.sources]
@@ -168,12 +178,16 @@ def one_by_one(state):
 
 
 def close(found, expected):
-    torch.testing.assert_close(found.double(), torch.tensor(expected).double(), atol=1e-5, rtol=1e-4)
+    torch.testing.assert_close(
+        found.double(), torch.tensor(expected).double(), atol=1e-5, rtol=1e-4
+    )
 
 
 @pytest.mark.parametrize("fold_limit", [FOLD_LIMIT, 3])
 @pytest.mark.parametrize("kind", [kind for kind in ATTENTIVE if kind not in KNOWING])
-def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(kind, fold_limit, monkeypatch):
+def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(
+    kind, fold_limit, monkeypatch
+):
     monkeypatch.setattr("wordcraft_kg.models.policies.attention.FOLD_LIMIT", fold_limit)
     policy, state = KINDS[kind](), states()
     logits = policy(*state).logits
@@ -187,7 +201,9 @@ def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(kind
 def test_the_value_is_an_mlp_of_the_attention_weighted_table(kind):
     policy, state = KINDS[kind](), states()
     slow = Slow(policy)
-    expected = [slow.head("value", slow.alpha(g, s, row), row)[0] for g, s, _, row in one_by_one(state)]
+    expected = [
+        slow.head("value", slow.alpha(g, s, row), row)[0] for g, s, _, row in one_by_one(state)
+    ]
     close(policy(*state).value, expected)
     assert max(expected) - min(expected) > 0.01
 
@@ -198,10 +214,14 @@ def test_beta_mixes_alpha_u_and_v_by_lambda_an_mlp_of_the_attention_weighted_tab
     slow, output = Slow(policy), policy(*state)
     for i, (goal, selection, real, row) in enumerate(one_by_one(state)):
         close(output.lambdas[i], slow.lambdas(slow.alpha(goal, selection, row), row))
-        for channel, expected in zip(output.sources[i], slow.sources(goal, selection, row), strict=True):
+        for channel, expected in zip(
+            output.sources[i], slow.sources(goal, selection, row), strict=True
+        ):
             close(channel[real], expected)
         close(output.logits[i, real], slow.beta(goal, selection, row))
-    shapes = {name: tuple(p.shape) for name, p in policy.named_parameters() if name.startswith("mixture")}
+    shapes = {
+        name: tuple(p.shape) for name, p in policy.named_parameters() if name.startswith("mixture")
+    }
     assert shapes["mixture.0.weight"] == (SIZES["value_size"], policy.vectors.dim)
     assert shapes["mixture.2.weight"] == (len(policy.labels), SIZES["value_size"])
 
@@ -244,7 +264,9 @@ def test_rows_of_a_batch_equal_single_states_unlike_in_the_released_code(kind):
             torch.testing.assert_close(batch[name][i : i + 1], single, **CLOSE)
     if policy.labels:
         scores = slice(0 if policy.config.kg_only else 1, None)
-        singles = [policy(*(part[i : i + 1] for part in state)).sources[:, scores] for i in range(9)]
+        singles = [
+            policy(*(part[i : i + 1] for part in state)).sources[:, scores] for i in range(9)
+        ]
         assert torch.equal(batch["sources"][:, scores], torch.cat(singles))
 
 
@@ -279,7 +301,9 @@ def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind):
     for name, parameter in policy.named_parameters():
         assert parameter.grad is not None, name
         assert parameter.grad.isfinite().all(), name
-        has_no_say = kind == "v only" and name.startswith("mixture")  # the softmax of one number is 1
+        has_no_say = kind == "v only" and name.startswith(
+            "mixture"
+        )  # the softmax of one number is 1
         assert parameter.grad.any() != has_no_say, name
     is_learned = kind.endswith("learned vectors") or kind == "scores only"
     names = {name for name, _ in policy.named_parameters()}
@@ -311,10 +335,13 @@ def test_empty_slots_at_the_end_of_a_table_change_nothing(kind):
 
 
 @pytest.mark.parametrize(
-    ("use", "scores"), [("u", ("u",)), ("v", ("v",)), ("u,v", ("u", "v")), (" v , u ", ("u", "v")), ("u,u", ("u",))]
+    ("use", "scores"),
+    [("u", ("u",)), ("v", ("v",)), ("u,v", ("u", "v")), (" v , u ", ("u", "v")), ("u,u", ("u",))],
 )
 @pytest.mark.parametrize("kg_only", [False, True])
-def test_a_source_that_is_switched_off_takes_no_weight_unlike_in_the_released_code(use, scores, kg_only):
+def test_a_source_that_is_switched_off_takes_no_weight_unlike_in_the_released_code(
+    use, scores, kg_only
+):
     policy = attention(knows=True, use=use, kg_only=kg_only, mixing="softmax")
     output = policy(*states())
     names = scores if kg_only else ("alpha", *scores)
@@ -347,7 +374,9 @@ def test_free_coefficients_begin_at_about_one_for_every_source():
 @pytest.mark.parametrize("num_slots", [SLOTS - 1, SLOTS + 1])
 def test_the_mlp_refuses_another_size_of_table_and_says_which_it_was_made_for(num_slots):
     table = torch.zeros(2, num_slots, dtype=torch.int64)
-    with pytest.raises(ConfigError, match=rf"tables have {num_slots} slots: this mlp was made for {SLOTS}"):
+    with pytest.raises(
+        ConfigError, match=rf"tables have {num_slots} slots: this mlp was made for {SLOTS}"
+    ):
         mlp()(table[:, 0], table[:, 0], table)
 
 
@@ -365,7 +394,9 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize(("setting", "value"), [(name, value) for name, values in REFUSED.items() for value in values])
+@pytest.mark.parametrize(
+    ("setting", "value"), [(name, value) for name, values in REFUSED.items() for value in values]
+)
 def test_a_setting_that_cannot_be_is_refused_by_its_name(setting, value):
     with refuses(setting):
         PolicyConfig(**{setting: value})
@@ -411,11 +442,15 @@ def test_a_masked_slot_has_probability_exactly_zero_and_the_others_share_one(dra
     logits, mask = drawn
     found = masked_softmax(logits, mask)
     assert found.shape == logits.shape
-    for probabilities, row, is_real in zip(found.tolist(), logits.tolist(), mask.tolist(), strict=True):
+    for probabilities, row, is_real in zip(
+        found.tolist(), logits.tolist(), mask.tolist(), strict=True
+    ):
         top = max(x for x, real in zip(row, is_real, strict=True) if real)
         total = sum(math.exp(x - top) for x, real in zip(row, is_real, strict=True) if real)
         for probability, x, real in zip(probabilities, row, is_real, strict=True):
-            assert probability == (pytest.approx(math.exp(x - top) / total, abs=1e-5) if real else 0.0)
+            assert probability == (
+                pytest.approx(math.exp(x - top) / total, abs=1e-5) if real else 0.0
+            )
 
 
 @given(masked_logits())
@@ -427,11 +462,18 @@ def test_the_log_policy_is_the_log_of_the_softmax_with_slots_first(drawn):
     torch.testing.assert_close(found.exp(), masked_softmax(logits, mask).T)
 
 
-LARGE = st.floats(-(2.0**100), 2.0**100, width=32) | st.sampled_from([0.0, -1.0, 1e-45, -1e30, 1e30])
+LARGE = st.floats(-(2.0**100), 2.0**100, width=32) | st.sampled_from(
+    [0.0, -1.0, 1e-45, -1e30, 1e30]
+)
 
 
-@given(lambdas=st.tuples(LARGE, LARGE, LARGE), mask=st.lists(st.booleans(), min_size=4, max_size=4).filter(any))
-@example(lambdas=(0.0, 0.0, 0.0), mask=[True, False, False, False])  # in the released code λ → 0 unmasks empty slots
+@given(
+    lambdas=st.tuples(LARGE, LARGE, LARGE),
+    mask=st.lists(st.booleans(), min_size=4, max_size=4).filter(any),
+)
+@example(
+    lambdas=(0.0, 0.0, 0.0), mask=[True, False, False, False]
+)  # in the released code λ → 0 unmasks empty slots
 @example(lambdas=(1e30, -1e30, 1e30), mask=[False, True, False, True])
 def test_a_masked_slot_has_probability_exactly_zero_for_any_lambda(lambdas, mask):
     logits = torch.tensor([[[9.0, 1.0, -3.0, 0.5], [1e3, 2.0, -1e3, 0.0], [0.0, -5.0, 7.0, 1.0]]])
@@ -447,7 +489,10 @@ MIDDLE_IS_EMPTY = torch.tensor([[True, False, True]])
 
 @pytest.mark.parametrize("lam", [math.nan, math.inf, -math.inf, 3e38])
 def test_a_masked_slot_stays_masked_even_if_lambda_is_broken(lam):
-    assert mix_logits(torch.ones(1, 2, 3), torch.tensor([[lam, 1.0]]), MIDDLE_IS_EMPTY)[0, 1] == -torch.inf
+    assert (
+        mix_logits(torch.ones(1, 2, 3), torch.tensor([[lam, 1.0]]), MIDDLE_IS_EMPTY)[0, 1]
+        == -torch.inf
+    )
 
 
 def test_masked_slots_neither_receive_nor_send_gradients():
@@ -489,7 +534,9 @@ def test_the_vector_of_nothing_is_still_zero_after_a_step_that_it_was_part_of():
     table = torch.tensor([[0, 1, NUM_ENTITIES]])
     before = vectors.weights()["vectors"].detach()
     for _ in range(2):  # the second with moved vectors
-        alpha_of(attention, vectors, torch.tensor([2]), torch.tensor([NUM_ENTITIES]), table).sum().backward()
+        alpha_of(
+            attention, vectors, torch.tensor([2]), torch.tensor([NUM_ENTITIES]), table
+        ).sum().backward()
         torch.optim.SGD(vectors.parameters(), lr=0.1).step()
     moved = (vectors.weights()["vectors"].detach() != before).any(dim=1).tolist()
     assert moved == [entity in (0, 1, 2) for entity in range(NUM_ENTITIES + 1)]

@@ -16,7 +16,13 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchEr
 from wordcraft_kg.graphs import COMBINES_WITH, RecipeGraph
 from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.folder import load_policy, make_policy, read_policy, write_constants, write_parameters
+from wordcraft_kg.models.policies.folder import (
+    load_policy,
+    make_policy,
+    read_policy,
+    write_constants,
+    write_parameters,
+)
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.runs.record import end_run, start_run
@@ -36,8 +42,20 @@ KINDS = {
     "a file": {"features": "a file", "pooling": "max"},
     "u and v": {"features": "one-hot", "scorer": SCORER},
     "learned, u and v, softmax": {"features": "learned", "scorer": SCORER, "mixing": "softmax"},
-    "u": {"features": "random", "scorer": SCORER, "use": "u", "scale": "ranks", "self_edges": "keep"},
-    "v only": {"features": "one-hot", "scorer": SCORER, "use": "v", "kg_only": True, "self_edges": "drop"},
+    "u": {
+        "features": "random",
+        "scorer": SCORER,
+        "use": "u",
+        "scale": "ranks",
+        "self_edges": "keep",
+    },
+    "v only": {
+        "features": "one-hot",
+        "scorer": SCORER,
+        "use": "v",
+        "kg_only": True,
+        "self_edges": "drop",
+    },
     "mlp on random": {"policy": "mlp", "features": "random"},
     "mlp on one-hot": {"policy": "mlp", "features": "one-hot"},
     "mlp on learned": {"policy": "mlp", "features": "learned"},
@@ -50,7 +68,9 @@ def vector_file(home):
     """A text file with a vector for each entity."""
     path = home / "vectors.txt"
     rows = np.random.default_rng(0).normal(size=(SIZE, 3)).round(3).astype(str).tolist()
-    path.write_text("\n".join(" ".join([name, *row]) for name, row in zip(GRAPH.entities, rows, strict=True)))
+    path.write_text(
+        "\n".join(" ".join([name, *row]) for name, row in zip(GRAPH.entities, rows, strict=True))
+    )
     return path
 
 
@@ -60,7 +80,10 @@ def make(vector_file):
 
     def make(kind, seed=0):
         features = KINDS[kind]["features"]
-        return plain(**{**KINDS[kind], "features": str(vector_file) if features == "a file" else features}, seed=seed)
+        return plain(
+            **{**KINDS[kind], "features": str(vector_file) if features == "a file" else features},
+            seed=seed,
+        )
 
     return make
 
@@ -114,7 +137,9 @@ def test_making_a_policy_leaves_every_global_generator_as_it_was(make, kind, mon
     assert seeded_devices == []
 
 
-@pytest.mark.parametrize("features", ["one-hot", "random", "shuffled:one-hot", "shuffled:random", "a file"])
+@pytest.mark.parametrize(
+    "features", ["one-hot", "random", "shuffled:one-hot", "shuffled:random", "a file"]
+)
 @pytest.mark.parametrize("policy", ["attention", "mlp"])
 def test_vectors_are_those_of_the_features_for_the_seed(features, policy, vector_file):
     spec = str(vector_file) if features == "a file" else features
@@ -171,7 +196,8 @@ def test_a_scorer_of_another_graph_is_refused():
 
 
 @pytest.mark.parametrize(
-    ("setting", "options"), [("policy", {"policy": "mlp", "scorer": SCORER}), ("kg_only", {"kg_only": True})]
+    ("setting", "options"),
+    [("policy", {"policy": "mlp", "scorer": SCORER}), ("kg_only", {"kg_only": True})],
 )
 def test_settings_that_do_not_go_together_are_refused(setting, options):
     with refuses(setting):
@@ -182,7 +208,9 @@ def test_only_an_mlp_depends_on_the_number_of_slots():
     for kind, shapes in (("mlp", 2), ("attention", 1)):
         config = PolicyConfig(kind, "one-hot", **SIZES)
         made = [make_policy(config, GRAPH, slots)[0] for slots in (SLOTS, SLOTS + 1)]
-        assert len({tuple(tuple(p.shape) for p in policy.parameters()) for policy in made}) == shapes
+        assert (
+            len({tuple(tuple(p.shape) for p in policy.parameters()) for policy in made}) == shapes
+        )
     assert isinstance(made[0], AttentionPolicy)
     assert plain(policy="mlp").num_slots == SLOTS
 
@@ -216,10 +244,13 @@ def test_training_changes_the_parameters_and_not_the_constants(make, kind, tmp_p
     before = written(tmp_path / "before", policy)
     train_a_step(policy)
     after = written(tmp_path / "after", policy)
-    changed = {name for name in FILES if (before / name).read_bytes() != (after / name).read_bytes()}
+    changed = {
+        name for name in FILES if (before / name).read_bytes() != (after / name).read_bytes()
+    }
     assert changed == {"policy.safetensors"}
     constants, parameters = (
-        set(safetensors.torch.load_file(after / f"{name}.safetensors")) for name in ("constants", "policy")
+        set(safetensors.torch.load_file(after / f"{name}.safetensors"))
+        for name in ("constants", "policy")
     )
     assert parameters == {name for name, _ in policy.named_parameters()}
     assert constants == set(policy.state_dict()) - parameters
@@ -273,7 +304,10 @@ def test_a_file_that_is_changed_or_missing_is_an_artefact_error_that_names_it(fo
     "changes",
     [
         {"format": "wordcraft-kg policy 0"},
-        *({"settings": value} for value in (None, {"policy": "magic"}, {"use": 5}, {"key_size": "5"}, {"unheard": 1})),
+        *(
+            {"settings": value}
+            for value in (None, {"policy": "magic"}, {"use": 5}, {"key_size": "5"}, {"unheard": 1})
+        ),
         {"settings": {**SIZES, "features": "random", "key_size": 6}},
         {"settings": {**SIZES, "features": "random", "policy": "mlp"}},
         *({"entities": value} for value in (5, list(GRAPH.entities[:-1]), None)),

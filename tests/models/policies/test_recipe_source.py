@@ -39,7 +39,9 @@ def slow_w(scorer, goal, held, table):
     size = len(scorer.entities)
     partners = [held] if held != size else [entity for entity in table if entity != size]
     return [
-        0.0 if entity == size else max(float(scorer.score_recipes(entity, one, goal)) for one in partners)
+        0.0
+        if entity == size
+        else max(float(scorer.score_recipes(entity, one, goal)) for one in partners)
         for entity in table
     ]
 
@@ -68,20 +70,28 @@ def test_the_scores_that_are_kept_do_not_answer_for_another_state(scorer):
     changed = table.clone()
     changed[:, 0] = (changed[:, 0] + 1) % kept.num_entities
     (fresh,) = make_sources(["w"], scorer)
-    torch.testing.assert_close(kept(goal, selection, changed), fresh(goal, selection, changed), rtol=0, atol=0)
+    torch.testing.assert_close(
+        kept(goal, selection, changed), fresh(goal, selection, changed), rtol=0, atol=0
+    )
     torch.testing.assert_close(kept(goal, selection, table), first, rtol=0, atol=0)
     table[:, 0] = changed[:, 0]  # in place, as an engine does
-    torch.testing.assert_close(kept(goal, selection, table), fresh(goal, selection, table), rtol=0, atol=0)
+    torch.testing.assert_close(
+        kept(goal, selection, table), fresh(goal, selection, table), rtol=0, atol=0
+    )
 
 
 def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(cross_fitted, opened):
     world = World(opened, WordCraftConfig(part="all", num_distractors=3))
     (source,) = make_sources(["w"], cross_fitted, tasks=world.tasks)
-    state = engine_states.states_of(BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks))))
+    state = engine_states.states_of(
+        BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks)))
+    )
     found = source(*state)
     seen = set()
     for row in range(0, len(world.tasks), 4):
-        folds = {int(cross_fitted.of_recipe[step]) for plan in world.tasks.plans[row] for step in plan} - {OUTSIDE}
+        folds = {
+            int(cross_fitted.of_recipe[step]) for plan in world.tasks.plans[row] for step in plan
+        } - {OUTSIDE}
         one = state.rows(row, row + 1)
         evidence = source.evidence(*one)
         seen.add(len(folds))
@@ -103,15 +113,24 @@ def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(cro
             score = float(model.score_recipes(entity, told.partner, int(one.goal)))
             assert score == pytest.approx(expected[slot], abs=1e-3)
             labels = [model.entities[part] for part in (entity, told.partner, int(one.goal))]
-            spoken = [tuple(model.entities[part] for part in supporting.recipe) for supporting in told.supporting]
-            assert spoken == [tuple(witness.recipe) for witness in model.supporting_recipes(*labels, limit=3)]
+            spoken = [
+                tuple(model.entities[part] for part in supporting.recipe)
+                for supporting in told.supporting
+            ]
+            assert spoken == [
+                tuple(witness.recipe) for witness in model.supporting_recipes(*labels, limit=3)
+            ]
             assert not plans & {supporting.recipe for supporting in told.supporting}
     assert seen == {0, 1, 2}
 
 
 def test_the_partner_of_a_slot_is_the_entity_held(w):
     nothing = w.num_entities
-    goal, selection, table = torch.tensor([7]), torch.tensor([3]), torch.tensor([[3, 4, nothing, 5]])
+    goal, selection, table = (
+        torch.tensor([7]),
+        torch.tensor([3]),
+        torch.tensor([[3, 4, nothing, 5]]),
+    )
     evidence = w.evidence(goal, selection, table)
     assert [told and told.partner for told in evidence] == [3, 3, None, 3]
     assert all(len(told.supporting) <= 3 for told in evidence if told)
@@ -119,7 +138,10 @@ def test_the_partner_of_a_slot_is_the_entity_held(w):
 
 def test_sources_of_links_have_no_evidence_and_a_scorer_of_links_has_no_w(scorer):
     links = TableScorer(
-        torch.stack([scorer.table(0), scorer.table(1)]), scorer.entities, scorer.graph_hash, name="links"
+        torch.stack([scorer.table(0), scorer.table(1)]),
+        scorer.entities,
+        scorer.graph_hash,
+        name="links",
     )
     (v,) = make_sources(["v"], links)
     goal, selection, table = states(v.num_entities, rows=1)

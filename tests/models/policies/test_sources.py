@@ -33,7 +33,11 @@ from wordcraft_kg.models.policies.sources import (
     registry,
     source_names,
 )
-from wordcraft_kg.models.policies.sources.registry import make_sources, register_source, source_class
+from wordcraft_kg.models.policies.sources.registry import (
+    make_sources,
+    register_source,
+    source_class,
+)
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
@@ -72,7 +76,10 @@ def slow_scores(names, goal, selection, table):
 
     keys = {"u": ("combinesWith", selection.tolist()), "v": ("componentOf", goal.tolist())}
     return [
-        [[ask(entity, relation, key[i]) for entity in row] for relation, key in (keys[name] for name in names)]
+        [
+            [ask(entity, relation, key[i]) for entity in row]
+            for relation, key in (keys[name] for name in names)
+        ]
         for i, row in enumerate(table.tolist())
     ]
 
@@ -80,7 +87,9 @@ def slow_scores(names, goal, selection, table):
 @any_sources
 def test_u_and_v_are_the_scores_of_each_slot_with_the_selection_and_with_the_goal(names):
     assert isinstance(SCORER, TripleScorer)
-    assert not any(torch.allclose(SCORER.table(relation), SCORER.table(relation).T) for relation in RELATIONS)
+    assert not any(
+        torch.allclose(SCORER.table(relation), SCORER.table(relation).T) for relation in RELATIONS
+    )
     found = knowledge_of(names)(*states())
     assert (found.shape, found.dtype) == ((7, len(names), 4), torch.float32)
     assert torch.equal(found, torch.tensor(slow_scores(names, *states())))
@@ -98,7 +107,9 @@ def test_a_policy_sees_exactly_the_scores_that_observations_show(kitchen, scale,
     seen, _ = env.reset(seed=0)
     held, empty = 0, 0
     for _ in range(40):
-        state = [torch.as_tensor(np.asarray(seen[key]))[None] for key in ("goal", "selection", "table")]
+        state = [
+            torch.as_tensor(np.asarray(seen[key]))[None] for key in ("goal", "selection", "table")
+        ]
         u, v = knowledge(*state)[0].numpy()
         np.testing.assert_array_equal(u, seen["u"])
         np.testing.assert_array_equal(v, seen["v"])
@@ -154,7 +165,9 @@ def no_tables(monkeypatch):
 @any_sources
 @pytest.mark.parametrize("scale", ["standardise", "none"])
 @pytest.mark.parametrize("self_edges", ["keep", "observed", "drop"])
-def test_sources_of_factors_score_like_tables_and_nothing_scores_zero(names, scale, self_edges, monkeypatch):
+def test_sources_of_factors_score_like_tables_and_nothing_scores_zero(
+    names, scale, self_edges, monkeypatch
+):
     view = ScoreView(scale, self_edges, np.array([[1, 0, 1]]))
     everything = torch.arange(SIZE + 1)
     goal, held, slot = torch.cartesian_prod(everything[:-1], everything, everything).T
@@ -181,7 +194,9 @@ def test_a_source_is_restored_from_its_constants(name, by_factors, monkeypatch):
     assert torch.equal(empty(*states()), full(*states()))
 
 
-def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_scales_that_do(no_tables):
+def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_scales_that_do(
+    no_tables,
+):
     with refuses("scale"):
         make_sources(["u", "v"], Factored(SIZE), ScoreView("ranks"))
 
@@ -202,7 +217,9 @@ def test_an_agent_whose_sources_do_not_fit_is_refused_before_its_tasks_are_made(
     assert not (tmp_path / "run").exists()
 
 
-def test_an_agent_learns_with_factors_and_its_policy_comes_back(folder, tmp_path, no_tables, monkeypatch):
+def test_an_agent_learns_with_factors_and_its_policy_comes_back(
+    folder, tmp_path, no_tables, monkeypatch
+):
     monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 1)
     policy = PolicyConfig(scale="standardise")
     config = AgentConfig("kitchen", folder, TaskConfig(), policy, ImpalaConfig(steps=512))
@@ -256,7 +273,9 @@ def third(request, monkeypatch, tmp_path):
         about = tmp_path / "site" / "theirs-1.0.dist-info"
         about.mkdir(parents=True)
         (about / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")
-        (about / "entry_points.txt").write_text("[wordcraft_kg.sources]\nthird = their_sources:Triple\n")
+        (about / "entry_points.txt").write_text(
+            "[wordcraft_kg.sources]\nthird = their_sources:Triple\n"
+        )
         monkeypatch.syspath_prepend(tmp_path / "site")
         installed_sources.cache_clear()
     yield
@@ -266,11 +285,15 @@ def third(request, monkeypatch, tmp_path):
 
 def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path):
     opened = open_graph("kitchen")
-    config = AgentConfig("kitchen", folder, TaskConfig(), PolicyConfig(use="third,u"), ImpalaConfig(steps=2_000))
+    config = AgentConfig(
+        "kitchen", folder, TaskConfig(), PolicyConfig(use="third,u"), ImpalaConfig(steps=2_000)
+    )
     trained = train_agent(config, tmp_path / "run")
     policy = load_policy(trained.folder)
     assert [label.name for label in policy.labels] == ["alpha", "u", "third"]
-    lines = [json.loads(line) for line in (trained.folder / "metrics.jsonl").read_text().splitlines()]
+    lines = [
+        json.loads(line) for line in (trained.folder / "metrics.jsonl").read_text().splitlines()
+    ]
     assert any("lambda_third_first" in line for line in lines)
     agent = open_agent(trained.folder)
     train = World(opened, agent.config.tasks.environment("train", 3))

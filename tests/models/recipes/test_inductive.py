@@ -23,7 +23,9 @@ NEW = ("naan", "muffin", "cheese cake")
 def vectors(opened_kitchen, tmp_path_factory):
     """A file of vectors of all words of the kitchen and of `naan`, which has that of `bread`, and `muffin`."""
     rng = np.random.default_rng(0)
-    words = sorted({word for label in opened_kitchen.graph.entities for word in label.split()} | {"muffin"})
+    words = sorted(
+        {word for label in opened_kitchen.graph.entities for word in label.split()} | {"muffin"}
+    )
     rows = {word: " ".join(f"{x:.6f}" for x in rng.normal(size=DIMENSIONS)) for word in words}
     rows["naan"] = rows["bread"]
     path = tmp_path_factory.mktemp("vectors") / "words.txt"
@@ -71,7 +73,8 @@ def test_the_order_of_new_entities_does_not_matter(folder, scorer):
     for label in NEW:
         for relation in ("combinesWith", "componentOf"):
             torch.testing.assert_close(
-                one.score(label, relation, scorer.entities), other.score(label, relation, scorer.entities)
+                one.score(label, relation, scorer.entities),
+                other.score(label, relation, scorer.entities),
             )
 
 
@@ -99,7 +102,9 @@ def test_a_new_entity_goes_where_one_with_the_same_words_goes(scorer, model):
     more = extended(scorer, ["twin"], text)
     recipes = scorer.recipes
     made = torch.unique(recipes[(recipes[:, :2] == twin).any(1), 2]).long()
-    row = more.knowledge.parts[0, size, :size, 0]  # by the kernel: the ranker learned from words without a meaning
+    row = more.knowledge.parts[
+        0, size, :size, 0
+    ]  # by the kernel: the ranker learned from words without a meaning
     ranks = (row[None] > row[made][:, None]).sum(1)
     assert float(ranks.float().mean()) < size / 4  # half of all by chance
 
@@ -109,10 +114,15 @@ def test_a_recipe_with_a_new_entity_is_scored_and_explained(folder, scorer):
     scores = more.score_recipes("naan", "cheese", list(more.entities))
     assert scores.shape == (len(scorer.entities) + len(NEW),)
     assert torch.isfinite(scores).all()
-    assert all("naan" not in witness.recipe for witness in more.supporting_recipes("naan", "cheese", "sandwich"))
+    assert all(
+        "naan" not in witness.recipe
+        for witness in more.supporting_recipes("naan", "cheese", "sandwich")
+    )
 
 
-def test_a_label_is_known_by_some_of_its_words_and_the_scorer_is_not_of_the_graph(folder, scorer, opened_kitchen):
+def test_a_label_is_known_by_some_of_its_words_and_the_scorer_is_not_of_the_graph(
+    folder, scorer, opened_kitchen
+):
     more = wider(folder, scorer, ["bread rrzzqq"])
     assert "bread rrzzqq" in more.entities
     assert more.graph_hash != opened_kitchen.graph.hash
@@ -126,12 +136,18 @@ def test_kernel_regression_of_those_seen_is_ridge_regression_on_their_pairs():
     seen, ridge = [0, 2, 3, 5], 0.7
     pairs = [(x, y) for x in seen for y in seen]
     gram = torch.tensor([[kernel[x, s] * kernel[y, t] for s, t in pairs] for x, y in pairs])
-    weights = torch.linalg.solve(gram + ridge * torch.eye(16), torch.tensor([links[pair] for pair in pairs]))
+    weights = torch.linalg.solve(
+        gram + ridge * torch.eye(16), torch.tensor([links[pair] for pair in pairs])
+    )
     expected = torch.zeros(6, 6, dtype=torch.float64)
     for x in range(6):
         for y in range(6):
-            expected[x, y] = sum(w * kernel[x, s] * kernel[y, t] for w, (s, t) in zip(weights, pairs, strict=True))
-    found = kernel_regression(kernel.float(), links.float(), ridge=ridge, seen=torch.tensor(seen))[0]
+            expected[x, y] = sum(
+                w * kernel[x, s] * kernel[y, t] for w, (s, t) in zip(weights, pairs, strict=True)
+            )
+    found = kernel_regression(kernel.float(), links.float(), ridge=ridge, seen=torch.tensor(seen))[
+        0
+    ]
     torch.testing.assert_close(found, expected.float(), rtol=1e-3, atol=1e-3)
 
 
@@ -149,7 +165,9 @@ def test_moments_are_those_of_pairs_among_the_entities_that_count():
 
 def test_unknown_entities_are_in_no_recipe_that_their_links_are_predicted_from(opened_kitchen):
     recipes, size = opened_kitchen.graph.recipes, opened_kitchen.graph.num_entities
-    base, triples, unknown = fitting._unknown_entities(recipes, torch.zeros(size, size), np.random.default_rng(0))
+    base, triples, unknown = fitting._unknown_entities(
+        recipes, torch.zeros(size, size), np.random.default_rng(0)
+    )
     assert int(unknown.sum()) == 8
     assert not unknown[torch.from_numpy(base.recipes)].any()
     assert len(triples)
@@ -223,7 +241,9 @@ def test_damaged_link_rankers_are_refused(folder, scorer, tmp_path):
         RecipeScorer(tensors, scorer.entities, scorer.graph_hash)
     swapped = scorer.tensors() | {"combinesWith.first": torch.zeros(5, 32)}
     with pytest.raises(ArtefactError, match="link rankers"):
-        extended(RecipeScorer(swapped, scorer.entities, scorer.graph_hash), ["naan"], torch.zeros(81, 81))
+        extended(
+            RecipeScorer(swapped, scorer.entities, scorer.graph_hash), ["naan"], torch.zeros(81, 81)
+        )
 
 
 def test_a_folder_that_was_copied_answers_the_same(folder, scorer, tmp_path):
@@ -240,6 +260,8 @@ def test_a_model_of_built_in_vectors_compares_other_words_by_glove(recipes_folde
     place = wider.entities.index("walrus")
     assert torch.equal(wider.knowledge.words[place, :-1], alike[place].half())
     size = len(scorer.entities)
-    assert torch.equal(wider.knowledge.words[:size, :size], scorer.whole.knowledge.words[:size, :size])
+    assert torch.equal(
+        wider.knowledge.words[:size, :size], scorer.whole.knowledge.words[:size, :size]
+    )
     with pytest.raises(LookupError, match="No word in this label has a vector"):
         with_words(recipes_folder, scorer, ["qqxzzk"])

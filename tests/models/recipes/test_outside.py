@@ -12,7 +12,12 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import is_in
-from wordcraft_kg.models.knowledge.folder import Knowledge, KnowledgeRecord, TableInfo, write_knowledge
+from wordcraft_kg.models.knowledge.folder import (
+    Knowledge,
+    KnowledgeRecord,
+    TableInfo,
+    write_knowledge,
+)
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
 from wordcraft_kg.models.recipes.outside import open_other_book, open_outside
@@ -48,21 +53,37 @@ def knowledge(opened, tmp_path):
     generator = torch.Generator().manual_seed(0)
     part, pair = torch.randn(2, 11, 11, generator=generator).half()
     infos = [TableInfo(name=role, role=role, phrase="") for role in ("part", "pair")]
-    record = KnowledgeRecord(source="oracle", entities=opened.graph.entities[:0:-1], tables=tuple(infos))
-    return write_knowledge(tmp_path / "tables", "test", Knowledge(record, (part, pair + pair.T)), inputs={}, files={})
+    record = KnowledgeRecord(
+        source="oracle", entities=opened.graph.entities[:0:-1], tables=tuple(infos)
+    )
+    return write_knowledge(
+        tmp_path / "tables", "test", Knowledge(record, (part, pair + pair.T)), inputs={}, files={}
+    )
 
 
 def test_recipes_of_both_books_stay_out_of_the_other_book(opened, tmp_path):
-    graph, held_out = opened.graph, labelled(opened.graph, opened.graph.recipes[~opened.split.is_in("train")])
-    new = [("sand", graph.entities[0], "sandcastle"), (graph.entities[1], "sand", graph.entities[2])]
+    graph, held_out = (
+        opened.graph,
+        labelled(opened.graph, opened.graph.recipes[~opened.split.is_in("train")]),
+    )
+    new = [
+        ("sand", graph.entities[0], "sandcastle"),
+        (graph.entities[1], "sand", graph.entities[2]),
+    ]
     without = open_outside([write_book(tmp_path / "other.csv", new)], opened, "one-hot")
     # Shared recipes: in the other order, in other spelling, and train recipes, too.
     shared = [(b.upper(), f"the {a}", result.title()) for a, b, result in held_out]
     train = labelled(graph, opened.split.recipes("train"))[:5]
-    leaking = open_outside([write_book(tmp_path / "leak.csv", new + shared + train)], opened, "one-hot")
+    leaking = open_outside(
+        [write_book(tmp_path / "leak.csv", new + shared + train)], opened, "one-hot"
+    )
     (source,) = leaking.sources
     assert source.coverage == 1  # several spellings are one entity
-    assert (source.recipes, source.left_out, source.left_out_test) == (2, len(held_out) + 5, len(held_out))
+    assert (source.recipes, source.left_out, source.left_out_test) == (
+        2,
+        len(held_out) + 5,
+        len(held_out),
+    )
     for tables, expected in zip(leaking.tables, without.tables, strict=True):
         assert all(torch.equal(table, other) for table, other in zip(tables, expected, strict=True))
     assert leaking.tables.parts[0].shape == (12, 12)
@@ -106,9 +127,14 @@ def test_tables_are_found_by_label(opened, knowledge):
     ("make", "message"),
     [
         (lambda opened, folder: opened.source, "is the graph itself"),
-        (lambda opened, folder: str(folder / "nothing"), "expected a knowledge folder, a graph folder, a book or word"),
         (
-            lambda opened, folder: write_book(folder / "same.csv", labelled(opened.graph, opened.graph.recipes[:9])),
+            lambda opened, folder: str(folder / "nothing"),
+            "expected a knowledge folder, a graph folder, a book or word",
+        ),
+        (
+            lambda opened, folder: write_book(
+                folder / "same.csv", labelled(opened.graph, opened.graph.recipes[:9])
+            ),
             "all 9",
         ),
     ],
@@ -122,12 +148,16 @@ def test_tables_of_other_labels_are_an_error(opened, tmp_path):
     record = KnowledgeRecord(
         source="WordNet", entities=("x", "y"), tables=(TableInfo(name="t", role="part", phrase=""),)
     )
-    folder = write_knowledge(tmp_path / "k", "test", Knowledge(record, (torch.ones(2, 2).half(),)), inputs={}, files={})
+    folder = write_knowledge(
+        tmp_path / "k", "test", Knowledge(record, (torch.ones(2, 2).half(),)), inputs={}, files={}
+    )
     with pytest.raises(ConfigError, match="WordNet describes none of the 12 entities"):
         open_outside([str(folder)], opened, "one-hot")
 
 
-def test_tables_of_one_source_complete_each_other_and_those_of_two_models_stay_apart(opened, tmp_path):
+def test_tables_of_one_source_complete_each_other_and_those_of_two_models_stay_apart(
+    opened, tmp_path
+):
     info = TableInfo(name="need", role="part", phrase="")
 
     def folder(name: str, weights: str, entities: tuple[str, ...], graph: str = "") -> str:
@@ -137,7 +167,11 @@ def test_tables_of_one_source_complete_each_other_and_those_of_two_models_stay_a
         return str(write_knowledge(tmp_path / name, "test", made, inputs=inputs, files={}))
 
     labels = opened.graph.entities
-    specs = folder("a", "1", labels[:6]), folder("bb", "1", labels[6:], "0" * 64), folder("ccc", "2", labels)
+    specs = (
+        folder("a", "1", labels[:6]),
+        folder("bb", "1", labels[6:], "0" * 64),
+        folder("ccc", "2", labels),
+    )
     both, other = open_outside(specs, opened, "one-hot").tables.parts
     assert [both[0, 1].item(), both[6, 7].item(), both[0, 7].item()] == [1, 2, 0]
     assert (other == 3).all()
@@ -147,12 +181,17 @@ def test_tables_that_know_another_split_are_an_error(opened, tmp_path):
     info = TableInfo(name="t", role="part", phrase="")
     record = KnowledgeRecord(source="WordNet", entities=opened.graph.entities, tables=(info,))
     made = Knowledge(record, (torch.ones(12, 12).half(),))
-    inputs = {"graph": opened.graph.hash, "split": open_graph(opened.source, SplitConfig(seed=4)).split.hash}
+    inputs = {
+        "graph": opened.graph.hash,
+        "split": open_graph(opened.source, SplitConfig(seed=4)).split.hash,
+    }
     folder = str(write_knowledge(tmp_path / "k", "test", made, inputs=inputs, files={}))
     with pytest.raises(ConfigError, match="train recipes of another split"):
         open_outside([folder], opened, "one-hot")
     with pytest.raises(ConfigError, match="train recipes of another split"):
-        join_books([write_book(tmp_path / "b.csv", [("x", "y", "z")]), folder], opened, "random", folds=3)
+        join_books(
+            [write_book(tmp_path / "b.csv", [("x", "y", "z")]), folder], opened, "random", folds=3
+        )
     open_outside([folder], open_graph(opened.source, SplitConfig(seed=4)), "one-hot")
 
 
@@ -163,8 +202,13 @@ def test_a_model_with_outside_knowledge_is_trained_and_found_again(opened, knowl
     trained = train_recipes(RecipesConfig(opened.source, settings), tmp_path / "model")
     assert [source.kind for source in trained.metrics.outside] == ["tables", "book", "words"]
     _, written = read_config(trained.folder)
-    assert [Path(path).resolve() for path in written["with"][:2]] == [knowledge.resolve(), Path(other).resolve()]
-    assert same_files(trained.folder, train_recipes(RecipesConfig.read(trained.folder), tmp_path / "again").folder)
+    assert [Path(path).resolve() for path in written["with"][:2]] == [
+        knowledge.resolve(),
+        Path(other).resolve(),
+    ]
+    assert same_files(
+        trained.folder, train_recipes(RecipesConfig.read(trained.folder), tmp_path / "again").folder
+    )
     plain = train_recipes(RecipesConfig(opened.source, SMALL), tmp_path / "plain").folder
     assert not same_files(trained.folder, plain)
 
@@ -184,7 +228,8 @@ def teacher(opened, tmp_path):
     """Another book with half of the entities, and 6 of its own."""
     graph = random_graph(2, 12, 60)
     labels = {
-        label: opened.graph.entities[row] if row < 6 else f"other {row}" for row, label in enumerate(graph.entities)
+        label: opened.graph.entities[row] if row < 6 else f"other {row}"
+        for row, label in enumerate(graph.entities)
     }
     rows = [tuple(labels[label] for label in recipe) for recipe in labelled(graph, graph.recipes)]
     return write_book(tmp_path / "teacher.csv", rows)
@@ -215,7 +260,9 @@ def test_a_zero_shot_scorer_has_seen_no_recipe_of_the_book(opened, teacher, tmp_
     # A book whose train recipes are others teaches the same.
     held_out = opened.graph.recipes[~opened.split.is_in("train")]
     rest = random_graph(5, 12, 60).recipes[:30]
-    graph = RecipeGraph(opened.graph.entities, np.unique(np.concatenate([held_out, rest]), axis=0), [])
+    graph = RecipeGraph(
+        opened.graph.entities, np.unique(np.concatenate([held_out, rest]), axis=0), []
+    )
     parts = np.where(is_in(graph.recipes, held_out, 12), 2, 0).astype(np.int8)
     other = replace(opened, graph=graph, split=Split(graph, opened.split.config, Draw(parts)))
     folds = [join_books([teacher], each, "random", folds=3).folds.hash for each in (opened, other)]
@@ -228,7 +275,9 @@ def test_tables_alone_are_a_scorer(opened, knowledge, tmp_path):
     scorer = load_scorer(folder, graph=opened.graph)
     (part,), (pair,) = reversed(open_outside([str(knowledge)], opened, "one-hot").tables)
     off = ~np.eye(12, dtype=bool)
-    part, pair = ((table - table[off].mean()) / table[off].std() for table in (part.numpy(), pair.numpy()))
+    part, pair = (
+        (table - table[off].mean()) / table[off].std() for table in (part.numpy(), pair.numpy())
+    )
     expected = part[3, 5] + part[4, 5] + pair[3, 4]
     assert scorer.score_recipes(3, 4, 5).item() == pytest.approx(expected, abs=1e-2)
 
@@ -239,19 +288,30 @@ def test_a_scorer_without_recipes_needs_a_source(opened, tmp_path):
     assert not (tmp_path / "model").exists()
 
 
-def test_recipes_of_a_book_to_be_tested_stay_out_of_training_in_any_order_and_spelling(opened, tmp_path):
+def test_recipes_of_a_book_to_be_tested_stay_out_of_training_in_any_order_and_spelling(
+    opened, tmp_path
+):
     graph, rows = opened.graph, labelled(opened.graph, opened.graph.recipes)
     others = [("sand", rows[5][1], rows[5][2]), (*rows[6][:2], "sandcastle")]
     spelt = [(b.upper(), f"the {a}", f"{result}s") for a, b, result in rows[:4]]
-    books = (write_book(tmp_path / "explored.csv", [*spelt, *others]), write_book(tmp_path / "second.csv", [rows[7]]))
+    books = (
+        write_book(tmp_path / "explored.csv", [*spelt, *others]),
+        write_book(tmp_path / "second.csv", [rows[7]]),
+    )
     config = RecipesConfig(opened.source, replace(SMALL, kg="full", without=books))
     trained = train_recipes(config, tmp_path / "model")
-    kept = {(*sorted((a, b)), result) for a, b, result in labelled(graph, load_scorer(trained.folder).recipes.numpy())}
+    kept = {
+        (*sorted((a, b)), result)
+        for a, b, result in labelled(graph, load_scorer(trained.folder).recipes.numpy())
+    }
     assert kept == {(*sorted((a, b)), result) for a, b, result in (*rows[4:7], *rows[8:])}
     assert trained.metrics.recipes == len(rows) - 5
     everything = write_book(tmp_path / "all.csv", rows)
     with pytest.raises(ConfigError, match="leaves no recipe"):
-        train_recipes(RecipesConfig(opened.source, replace(SMALL, kg="full", without=(everything,))), tmp_path / "none")
+        train_recipes(
+            RecipesConfig(opened.source, replace(SMALL, kg="full", without=(everything,))),
+            tmp_path / "none",
+        )
     settings = replace(config.settings, with_=books[:1])
     with pytest.raises(ConfigError, match="has recipes of explored, which `without` leaves out"):
         train_recipes(RecipesConfig(opened.source, settings), tmp_path / "both")

@@ -14,14 +14,24 @@ from wordcraft_kg import RecipesConfig, RecipeScorerConfig, open_graph, train_re
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages.link import Link
 from wordcraft_kg.apps.explorer.pages.pair import Pair
-from wordcraft_kg.models.knowledge.folder import FACTS, Knowledge, KnowledgeRecord, TableInfo, write_knowledge
+from wordcraft_kg.models.knowledge.folder import (
+    FACTS,
+    Knowledge,
+    KnowledgeRecord,
+    TableInfo,
+    write_knowledge,
+)
 from wordcraft_kg.models.recipes.outside import open_outside
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
 
 NEEDS = TableInfo(name="need", role="part", phrase="{result} needs {ingredient}")
 AND = TableInfo(name="and", role="pair", phrase="{a} goes with {b}")
 SILENT = TableInfo(name="silent", role="part", phrase="")
-BREAD = ["language model: bread needs dough (+3.1)", "WordNet: dough is part of bread", "other: dough + stove -> bread"]
+BREAD = [
+    "language model: bread needs dough (+3.1)",
+    "WordNet: dough is part of bread",
+    "other: dough + stove -> bread",
+]
 WORDNET = """head\trelation\ttail
 dough\tis part of\tbread
 dough\tis a\tfood
@@ -43,7 +53,11 @@ def write_tables(folder, source, tables, facts=None):
     """Write tables of the kitchen's entities: an array, or values by pairs of labels, for each description."""
     graph, arrays = opened().graph, []
     for info, cells in tables.items():
-        array = cells if isinstance(cells, np.ndarray) else np.zeros((graph.num_entities,) * 2, dtype=np.float16)
+        array = (
+            cells
+            if isinstance(cells, np.ndarray)
+            else np.zeros((graph.num_entities,) * 2, dtype=np.float16)
+        )
         for labels, value in cells.items() if isinstance(cells, dict) else ():
             one, other = map(graph.id_of, labels)
             array[one, other] = value
@@ -51,12 +65,20 @@ def write_tables(folder, source, tables, facts=None):
         arrays.append(torch.tensor(array))
     record = KnowledgeRecord(source=source, entities=graph.entities, tables=tuple(tables))
     files = {} if facts is None else {FACTS: facts}
-    return str(write_knowledge(folder, "test", Knowledge(record, tuple(arrays)), inputs={}, files=files, force=True))
+    return str(
+        write_knowledge(
+            folder, "test", Knowledge(record, tuple(arrays)), inputs={}, files=files, force=True
+        )
+    )
 
 
 def write_sources(folder):
     cells = {("dough", "bread"): 3.1, ("oven", "bread"): 2.5, ("mill", "flour"): -9}
-    words = {NEEDS: cells, AND: {("dough", "oven"): 1.25, ("grass", "cow"): -9}, SILENT: {("dough", "bread"): 50}}
+    words = {
+        NEEDS: cells,
+        AND: {("dough", "oven"): 1.25, ("grass", "cow"): -9},
+        SILENT: {("dough", "bread"): 50},
+    }
     (folder / "other.csv").write_text(OTHER)
     things = "".join(f"{label}\tis a\tthing\n" for label in opened().graph.entities)
     return (
@@ -68,7 +90,9 @@ def write_sources(folder):
 
 def finder(*sources, kg="partial"):
     """Return a finder as of a model that was trained with these sources."""
-    hashes = frozenset(source.sha256 for source in open_outside(sources, opened(), "one-hot").sources)
+    hashes = frozenset(
+        source.sha256 for source in open_outside(sources, opened(), "one-hot").sources
+    )
     return OutsideEvidenceFinder(RecipeScorerConfig(kg=kg, with_=sources), hashes, opened())
 
 
@@ -96,7 +120,11 @@ def test_score_names_sources_below_a_recipe_and_a_link(run, model):
     assert lines[3:6] == [f"           {text}" for text in BREAD]
     assert "Lines with the name of a source: knowledge from outside" in "".join(lines[7:])
     first, *_ = json.loads(run("score", model, "dough + oven = bread", "--json").out)["outside"]
-    assert first == {"source": "language model", "text": "bread needs dough", "value": pytest.approx(3.1, abs=0.01)}
+    assert first == {
+        "source": "language model",
+        "text": "bread needs dough",
+        "value": pytest.approx(3.1, abs=0.01),
+    }
     lines = run("score", model, "dough", "componentOf", "bread").out.splitlines()
     assert lines[2:5] == [f"           {text}" for text in BREAD]
     lines = run("score", model, "dough", "combinesWith").out.splitlines()
@@ -141,7 +169,10 @@ def test_cells_that_stand_out_are_found_strongest_first(tmp_path):
         np.fill_diagonal(table, 500)
     evidence = finder(write_tables(tmp_path / "k", "oracle", {NEEDS: part, AND: pair}))
     off = ~np.eye(size, dtype=bool)
-    part_z, pair_z = ((table - table[off].mean(dtype=float)) / table[off].std(dtype=float) for table in (part, pair))
+    part_z, pair_z = (
+        (table - table[off].mean(dtype=float)) / table[off].std(dtype=float)
+        for table in (part, pair)
+    )
     sizes = set()
     for a, b, result in rng.integers(size, size=(3_000, 3)).tolist():
         one, other, made = graph.labels((a, b, result))
@@ -150,7 +181,9 @@ def test_cells_that_stand_out_are_found_strongest_first(tmp_path):
             f"oracle: {made} needs {other} ({part[b, result]:+.1f})": part_z[b, result],
             f"oracle: {one} goes with {other} ({pair[a, b]:+.1f})": pair_z[a, b],
         }
-        expected = sorted((text for text, z in cells.items() if z >= 2), key=lambda text: -cells[text])
+        expected = sorted(
+            (text for text, z in cells.items() if z >= 2), key=lambda text: -cells[text]
+        )
         assert texts(evidence.of_recipe(a, b, result)) == expected
         sizes.add(len(expected))
     assert sizes >= {0, 1, 2}
@@ -173,15 +206,25 @@ def test_a_source_that_is_missing_or_changed_gives_a_warning_and_the_same_scores
     with caplog.at_level(logging.WARNING):
         lines = run(*command).out.splitlines()
     assert lines[:3] == before[:3]
-    assert lines[3:6] == [f"           {text}" for text in (*BREAD[1:], "WordNet: dough is a food, like bread")]
+    assert lines[3:6] == [
+        f"           {text}" for text in (*BREAD[1:], "WordNet: dough is a food, like bread")
+    ]
     (warning,) = caplog.messages
-    says = {"missing": "expected a knowledge folder", "changed": "changed since the model", "damaged": "damaged"}
+    says = {
+        "missing": "expected a knowledge folder",
+        "changed": "changed since the model",
+        "damaged": "damaged",
+    }
     assert "language'" in warning
     assert says[damage] in warning
 
 
 def test_facts_without_three_columns_are_no_evidence(tmp_path, caplog):
-    evidence = finder(write_tables(tmp_path / "k", "oracle", {NEEDS: {("dough", "bread"): 1}}, "head\nbread\tis a\n"))
+    evidence = finder(
+        write_tables(
+            tmp_path / "k", "oracle", {NEEDS: {("dough", "bread"): 1}}, "head\nbread\tis a\n"
+        )
+    )
     assert evidence.of_recipe("dough", "oven", "bread") == ()
     assert "facts.tsv, line 2: expected 3 columns" in caplog.text
 

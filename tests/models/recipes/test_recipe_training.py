@@ -44,7 +44,9 @@ def book(tmp_path_factory):
 @pytest.fixture(scope="module")
 def small(book, tmp_path_factory):
     """A recipe scorer of that book; read only."""
-    return train_recipes(RecipesConfig(str(book), SMALL), tmp_path_factory.mktemp("models") / "small").folder
+    return train_recipes(
+        RecipesConfig(str(book), SMALL), tmp_path_factory.mktemp("models") / "small"
+    ).folder
 
 
 @pytest.fixture
@@ -61,7 +63,9 @@ def test_the_same_settings_give_the_same_bytes(book, small):
     config, state = RecipesConfig(str(book), SMALL), torch.get_rng_state()
     assert same_files(small, train_recipes(config, small.parent / "again").folder)
     assert torch.equal(torch.get_rng_state(), state)
-    other = train_recipes(replace(config, settings=replace(SMALL, seed=1)), small.parent / "other").folder
+    other = train_recipes(
+        replace(config, settings=replace(SMALL, seed=1)), small.parent / "other"
+    ).folder
     assert contents(small)["model.safetensors"] != contents(other)["model.safetensors"]
 
 
@@ -71,9 +75,13 @@ def test_parallel_fits_equal_sequential_fits(book, small, monkeypatch):
     monkeypatch.setattr(training, "ALONE", 0)
     monkeypatch.setattr(parallel, "cores", lambda: 2)
     monkeypatch.setattr(
-        parallel, "train_in_processes", lambda jobs, *options: started.append(len(jobs)) or together(jobs, *options)
+        parallel,
+        "train_in_processes",
+        lambda jobs, *options: started.append(len(jobs)) or together(jobs, *options),
     )
-    assert same_files(small, train_recipes(RecipesConfig(str(book), SMALL), small.parent / "side-by-side").folder)
+    assert same_files(
+        small, train_recipes(RecipesConfig(str(book), SMALL), small.parent / "side-by-side").folder
+    )
     assert started == [4]
 
 
@@ -104,7 +112,9 @@ def test_an_interrupted_run_continues_with_the_fits_that_are_missing(book, small
 
 def folds_of(graph, fold_of):
     """Folds by the labels of recipes; those that are not named are the test part."""
-    of_recipe = np.array([fold_of.get(graph.labels(row), OUTSIDE) for row in graph.recipes.tolist()], dtype=np.int64)
+    of_recipe = np.array(
+        [fold_of.get(graph.labels(row), OUTSIDE) for row in graph.recipes.tolist()], dtype=np.int64
+    )
     parts = np.where(of_recipe == OUTSIDE, 2, 0).astype(np.int8)
     return Folds(Split(graph, SplitConfig(), Draw(parts)), 3, 0, of_recipe)
 
@@ -113,7 +123,9 @@ def fitted(fit):
     """All tensors of a fit."""
     knowledge, rankers = fit
     of_links = {
-        f"{number}.{name}": tensor for number, ranker in enumerate(rankers) for name, tensor in vars(ranker).items()
+        f"{number}.{name}": tensor
+        for number, ranker in enumerate(rankers)
+        for name, tensor in vars(ranker).items()
     }
     return knowledge.constants() | of_links
 
@@ -146,7 +158,9 @@ def test_a_book_whose_tables_do_not_fit_into_memory_is_refused(book, tmp_path, m
     if needed == 12:
         train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
         return
-    with pytest.raises(ConfigError, match=r"all pairs of 12 entities, which takes .* GiB.*train-complex"):
+    with pytest.raises(
+        ConfigError, match=r"all pairs of 12 entities, which takes .* GiB.*train-complex"
+    ):
         train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
     assert not (tmp_path / "model").exists()
 
@@ -157,26 +171,36 @@ def test_a_fold_has_no_influence_on_the_scorer_without_it(what, request):
         request.getfixturevalue("large")
     graph = random_graph(2, 12, 60)
     folds = make_folds(make_split(graph, SplitConfig()), 3)
-    fold_of = {graph.labels(row): int(fold) for row, fold in zip(graph.recipes.tolist(), folds.of_recipe, strict=True)}
+    fold_of = {
+        graph.labels(row): int(fold)
+        for row, fold in zip(graph.recipes.tolist(), folds.of_recipe, strict=True)
+    }
     book = [graph.labels(row) for row in graph.recipes.tolist()]
     text = cosines(torch.randn(graph.num_entities, 5, generator=torch.Generator().manual_seed(0)))
     fold = OUTSIDE if what == "a test recipe changed" else 1
     a, b, result = book.pop(next(row for row, recipe in enumerate(book) if fold_of[recipe] == fold))
     del fold_of[a, b, result]
     if what != "removed":
-        made = next(label for label in graph.entities if (a, b, label) not in book and label != result)
+        made = next(
+            label for label in graph.entities if (a, b, label) not in book and label != result
+        )
         book.append((a, b, made))
         fold_of[a, b, made] = fold
     other = RecipeGraph.from_recipes(book, base=[])
     assert other.entities == graph.entities
     changed = folds_of(other, fold_of)
     for left_out in ((), (0,), (1,)):
-        before, after = (fitted(fit_recipe_scorer(each, text, left_out=left_out)) for each in (folds, changed))
+        before, after = (
+            fitted(fit_recipe_scorer(each, text, left_out=left_out)) for each in (folds, changed)
+        )
         assert same_tensors(before, after) == (fold == OUTSIDE or left_out == (1,))
 
 
 def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, opened_kitchen):
-    scorer, folds = load_scorer(recipes_folder, graph=opened_kitchen.graph), make_folds(opened_kitchen.split, 3)
+    scorer, folds = (
+        load_scorer(recipes_folder, graph=opened_kitchen.graph),
+        make_folds(opened_kitchen.split, 3),
+    )
     assert isinstance(scorer, CrossFitted)
     assert isinstance(scorer.whole, RecipeScores)
     np.testing.assert_array_equal(scorer.whole.recipes, opened_kitchen.split.recipes("train"))
@@ -185,9 +209,13 @@ def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, ope
         assert isinstance(left_out, RecipeScorer)
         seen = opened_kitchen.graph.recipes[folds.seen([fold])]
         np.testing.assert_array_equal(left_out.recipes, seen)
-        supporting = {tuple(recipe) for recipe in left_out.knowledge.supporting[0, :-1].flatten(0, 1).tolist()}
+        supporting = {
+            tuple(recipe) for recipe in left_out.knowledge.supporting[0, :-1].flatten(0, 1).tolist()
+        }
         assert supporting <= {tuple(recipe) for recipe in seen.tolist()}
-        np.testing.assert_array_equal(scorer.trained_on(fold, opened_kitchen.graph), folds.triples([fold]))
+        np.testing.assert_array_equal(
+            scorer.trained_on(fold, opened_kitchen.graph), folds.triples([fold])
+        )
 
 
 def test_by_goal_known_recipes_score_highest_and_constant_features_have_no_weight(kitchen):
@@ -197,7 +225,10 @@ def test_by_goal_known_recipes_score_highest_and_constant_features_have_no_weigh
     constant = {"made", "words_sum", "words_min", "words_pair", "words_evidence"}
     assert {name for name, zero in zip(FEATURES, is_zero, strict=True) if zero} == constant
     a, b, goal = torch.from_numpy(split.recipes("train").copy()).T
-    everything, model = torch.arange(size).repeat(len(a)), torch.zeros(len(a) * size, dtype=torch.int64)
+    everything, model = (
+        torch.arange(size).repeat(len(a)),
+        torch.zeros(len(a) * size, dtype=torch.int64),
+    )
     table = torch.stack([a, b], dim=1).repeat_interleave(size, dim=0)
     scores = knowledge(everything, table, model)[:, 0, 1].view(-1, size)
     assert scores.abs().max() < 100
@@ -235,13 +266,18 @@ def test_the_scorer_of_another_fold_is_a_leak(spoilt, book):
     ],
 )
 def test_a_missing_or_damaged_fold_is_named(spoilt, change):
-    with pytest.raises(ArtefactError, match=r"fold 1 of 3 is missing or damaged in .*folds\.safetensors"):
+    with pytest.raises(
+        ArtefactError, match=r"fold 1 of 3 is missing or damaged in .*folds\.safetensors"
+    ):
         spoilt(change)
 
 
 def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
     with pytest.raises(ConfigError, match="expected 3 or more"):
-        train_recipes(RecipesConfig(str(book), RecipeScorerConfig(folds=2, features="one-hot")), tmp_path / "model")
+        train_recipes(
+            RecipesConfig(str(book), RecipeScorerConfig(folds=2, features="one-hot")),
+            tmp_path / "model",
+        )
     assert not (tmp_path / "model").exists()
 
 

@@ -49,7 +49,9 @@ def explicit_ridge(kernel, links, ridge):
     gram = np.zeros((size**2, size**2))
     for x, y, z, t in product(range(size), repeat=4):
         gram[x * size + y, z * size + t] = kernel[x, z] * kernel[y, t]
-    return (gram @ np.linalg.solve(gram + ridge * np.eye(size**2), links.reshape(-1))).reshape(size, size)
+    return (gram @ np.linalg.solve(gram + ridge * np.eye(size**2), links.reshape(-1))).reshape(
+        size, size
+    )
 
 
 def slow_completion(recipes, size):
@@ -60,5 +62,7 @@ def slow_completion(recipes, size):
         degree = {x: sum(pair[0] == x for pair in makes) for x, _ in makes}
         for (a, y), (second, x), (third, b) in product(makes, repeat=3):
             if second == y and third == x:
-                table[a, b] += 1 / math.prod(math.sqrt(degree[i] * degree[j]) for i, j in ((a, y), (y, x), (x, b)))
+                table[a, b] += 1 / math.prod(
+                    math.sqrt(degree[i] * degree[j]) for i, j in ((a, y), (y, x), (x, b))
+                )
     return table

@@ -64,10 +64,16 @@ def counts(chances, share, folds=2, amount=4_000.0):
     return true, np.tile(weights, (folds, 1)) - true
 
 
-@pytest.mark.parametrize(("share", "slopes"), [(0.3, (1.2, 0.6, 0.3)), (0.8, (1.2, 0.6, 0.3)), (0.3, (0.7,))])
+@pytest.mark.parametrize(
+    ("share", "slopes"), [(0.3, (1.2, 0.6, 0.3)), (0.8, (1.2, 0.6, 0.3)), (0.3, (0.7,))]
+)
 def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share, slopes):
     low, high = SEGMENTS
-    part = [np.minimum(CENTRES, low), np.clip(CENTRES - low, 0, high - low), np.maximum(CENTRES - high, 0)]
+    part = [
+        np.minimum(CENTRES, low),
+        np.clip(CENTRES - low, 0, high - low),
+        np.maximum(CENTRES - high, 0),
+    ]
     part = part if len(slopes) > 1 else [CENTRES]
     true, others = counts(expit(-5 + sum(b * x for b, x in zip(slopes, part, strict=True))), share)
     curve = fit_curve(true, others, share, slopes=len(slopes))
@@ -104,7 +110,9 @@ def test_a_fold_of_one_class_has_its_base_rate_and_says_why(known):
 
 def test_places_are_log_odds_of_ranks_with_ties_halved():
     among = np.array([1.0, 2.0, 2.0, 3.0])
-    ranks = [1 - sum((x > s) + 0.5 * (x == s) for x in among) / 4 for s in (0.0, 1.0, 2.0, 3.0, 4.0)]
+    ranks = [
+        1 - sum((x > s) + 0.5 * (x == s) for x in among) / 4 for s in (0.0, 1.0, 2.0, 3.0, 4.0)
+    ]
     found = rank_log_odds(np.array([0.0, 1.0, 2.0, 3.0, 4.0]), among)
     expected = [(4 * rank + 0.5) / 5 for rank in ranks]
     clipped = np.clip(expected, 0.1, 0.9)
@@ -131,7 +139,9 @@ def test_a_sample_of_pairs_stands_for_all(scorer, folds, monkeypatch):
     monkeypatch.setattr(calibration, "MAX_CELLS", 4_000)
     sample = predictions(scorer.left_out(0), folds, 0)
     np.testing.assert_array_equal(sample.true.sum(axis=-1), everything.true.sum(axis=-1))
-    np.testing.assert_allclose(sample.others.sum(axis=-1), everything.others.sum(axis=-1), rtol=0.03)
+    np.testing.assert_allclose(
+        sample.others.sum(axis=-1), everything.others.sum(axis=-1), rtol=0.03
+    )
     again = predictions(scorer.left_out(0), folds, 0)
     np.testing.assert_array_equal(sample.others, again.others)
 
@@ -158,7 +168,9 @@ def test_the_share_that_is_known_follows_from_the_number_of_recipes(folds):
     assert plain + 0.01 < known_share(folds, COMPONENT_OF) < plain + 0.15
 
 
-def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(scorer, opened_kitchen):
+def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(
+    scorer, opened_kitchen
+):
     split, size = opened_kitchen.split, len(scorer.entities)
     everything = torch.arange(size)
     for relation in (COMBINES_WITH, COMPONENT_OF):

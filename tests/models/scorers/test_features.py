@@ -15,16 +15,35 @@ from link_helpers import flip_bit
 from small_scorers import cosine
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.graphs import RecipeGraph, SplitConfig, known_books, make_split, open_book, recipe_triples
+from wordcraft_kg.graphs import (
+    RecipeGraph,
+    SplitConfig,
+    known_books,
+    make_split,
+    open_book,
+    recipe_triples,
+)
 from wordcraft_kg.models.scorers import features as features_module
-from wordcraft_kg.models.scorers.features import BUILT_IN, EntityFeatures, glove_features, make_features, named
-from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes, near_synonym_triples
+from wordcraft_kg.models.scorers.features import (
+    BUILT_IN,
+    EntityFeatures,
+    glove_features,
+    make_features,
+    named,
+)
+from wordcraft_kg.models.scorers.near_synonyms import (
+    NEAR_SYNONYM,
+    near_synonym_recipes,
+    near_synonym_triples,
+)
 
 
 def test_the_vector_of_the_is_gloves():
     # The first numbers of the first line of the published glove.6B.50d.txt.
     features = glove_features(["the"])
-    np.testing.assert_allclose(features.vectors[0, :4], [0.418, 0.24968, -0.41242, 0.1217], rtol=1e-5)
+    np.testing.assert_allclose(
+        features.vectors[0, :4], [0.418, 0.24968, -0.41242, 0.1217], rtol=1e-5
+    )
     assert (features.vectors.shape, features.vectors.dtype) == ((1, 50), np.float32)
 
 
@@ -78,7 +97,12 @@ def test_max_pooling_takes_the_larger_of_the_words_in_each_dimension():
 
 
 NOWHERE = ["", "vectors/none.txt", "x" * 5000, "a\0b", "shuffled:"]
-UNKNOWN = {"glov": "'glove'", "onehot": "'one-hot'", "shufled:random": "'shuffled:random'", "shuffled:glov": "'glove'"}
+UNKNOWN = {
+    "glov": "'glove'",
+    "onehot": "'one-hot'",
+    "shufled:random": "'shuffled:random'",
+    "shuffled:glov": "'glove'",
+}
 
 
 @pytest.mark.parametrize(
@@ -87,13 +111,26 @@ UNKNOWN = {"glov": "'glove'", "onehot": "'one-hot'", "shufled:random": "'shuffle
         ("glove", "ab", {"pooling": "maxx"}, "`pooling` 'maxx'"),
         ("random", "ab", {"seed": -1}, "`seed` -1"),
         # 8,192 ** 2 floats are 2 ** 28 bytes
-        ("one-hot", range(8193), {}, "8,193 entities take 268,500,996 bytes; expected at most 268,435,456"),
-        *(("glove", ["zqxjkv"], {"allow_missing": allowed}, "1 of 1 entities") for allowed in (0, 1)),
+        (
+            "one-hot",
+            range(8193),
+            {},
+            "8,193 entities take 268,500,996 bytes; expected at most 268,435,456",
+        ),
+        *(
+            ("glove", ["zqxjkv"], {"allow_missing": allowed}, "1 of 1 entities")
+            for allowed in (0, 1)
+        ),
         *((spec, "ab", {}, f"Did you mean {meant}") for spec, meant in UNKNOWN.items()),
-        *((spec, "ab", {}, "expected a file or folder, or one of auto, minilm, glove,") for spec in NOWHERE),
+        *(
+            (spec, "ab", {}, "expected a file or folder, or one of auto, minilm, glove,")
+            for spec in NOWHERE
+        ),
     ],
 )
-def test_what_cannot_be_is_refused_with_what_can(spec, labels, options, fragment, home, monkeypatch):
+def test_what_cannot_be_is_refused_with_what_can(
+    spec, labels, options, fragment, home, monkeypatch
+):
     monkeypatch.chdir(home)
     assert fragment in refused(spec, labels, **options)
 
@@ -119,9 +156,14 @@ def test_auto_is_glove_unless_all_labels_are_built_in():
     assert [named("auto", some) for some in (labels[:1], labels)] == ["minilm", "glove"]
     assert named("shuffled:auto", labels[:1]) == "shuffled:minilm"
     assert named("one-hot", labels) == "one-hot"
-    np.testing.assert_array_equal(make_features("auto", labels).vectors, glove_features(labels).vectors)
+    np.testing.assert_array_equal(
+        make_features("auto", labels).vectors, glove_features(labels).vectors
+    )
     said = refused("minilm", [*labels, "water"])
-    assert "1 of 3 entities have no vector. Unknown words: black forest. These are vectors of the built-in" in said
+    assert (
+        "1 of 3 entities have no vector. Unknown words: black forest. These are vectors of the built-in"
+        in said
+    )
     assert "wordcraft-kg encode" in said
     made_up = open_book("made-up:kitchen").entities
     assert f"{len(made_up)} of {len(made_up)} entities have no vector" in refused("auto", made_up)
@@ -139,8 +181,12 @@ def test_one_hot_is_the_identity_up_to_its_limit(monkeypatch):
 
 
 def test_a_row_of_random_features_depends_on_its_place_and_the_seed_only():
-    made, again, other = (make_features("random", ["sea", "iron", "bread"], seed=seed) for seed in (3, 3, 4))
-    np.testing.assert_array_equal(made.vectors[:2], make_features("random", ["x", "y"], seed=3).vectors)
+    made, again, other = (
+        make_features("random", ["sea", "iron", "bread"], seed=seed) for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(
+        made.vectors[:2], make_features("random", ["x", "y"], seed=3).vectors
+    )
     assert made.sha256 == again.sha256
     assert not np.isin(made.vectors, other.vectors).any()
     assert len(np.unique(made.vectors)) == made.vectors.size
@@ -152,7 +198,9 @@ def test_a_row_of_random_features_depends_on_its_place_and_the_seed_only():
 def test_shuffling_deals_the_same_rows_to_other_entities(spec):
     labels = [*open_book("kitchen").entities[:29], "zqxjkv"]
     plain = make_features(spec, labels, seed=1)
-    made, again, other = (make_features(f"shuffled:{spec}", labels, seed=seed) for seed in (1, 1, 2))
+    made, again, other = (
+        make_features(f"shuffled:{spec}", labels, seed=seed) for seed in (1, 1, 2)
+    )
     order = [plain.vectors.tolist().index(row) for row in made.vectors.tolist()]
     assert sorted(order) == list(range(30))
     assert order != list(range(30))
@@ -183,7 +231,10 @@ def test_more_than_a_tenth_without_a_vector_is_refused_unless_allowed():
     labels = ["sea"] * 18 + [f"zqx{i:02} water-zqx" if i % 2 else f"zqx{i:02}" for i in range(24)]
     message = refused("glove", labels)
     listed = ", ".join(f"zqx{i:02}" for i in range(19))
-    assert f"24 of 42 entities have no vector. Unknown words: water-zqx, {listed} and 5 more." in message
+    assert (
+        f"24 of 42 entities have no vector. Unknown words: water-zqx, {listed} and 5 more."
+        in message
+    )
     assert refused("shuffled:glove", labels) == message
     made = make_features("glove", labels, allow_missing=True)
     assert made.known.sum() == 18
@@ -191,14 +242,20 @@ def test_more_than_a_tenth_without_a_vector_is_refused_unless_allowed():
 
 
 @pytest.mark.parametrize("allow_missing", [False, True])
-@pytest.mark.parametrize(("spec", "size"), [("glove", 50), ("one-hot", 0), ("random", 300), ("shuffled:glove", 50)])
+@pytest.mark.parametrize(
+    ("spec", "size"), [("glove", 50), ("one-hot", 0), ("random", 300), ("shuffled:glove", 50)]
+)
 def test_no_labels_have_no_features_of_any_kind(spec, size, allow_missing):
     assert make_features(spec, [], allow_missing=allow_missing).vectors.shape == (0, size)
 
 
 def test_gloves_know_nearly_all_of_little_alchemy_2(alchemy):
     made = make_features("glove", alchemy.entities)
-    unknown = [label for label, is_known in zip(alchemy.entities, made.known.tolist(), strict=True) if not is_known]
+    unknown = [
+        label
+        for label, is_known in zip(alchemy.entities, made.known.tolist(), strict=True)
+        if not is_known
+    ]
     assert unknown == ["firestation", "trainyard"]
     assert made.missing_words == ("firestation", "frankenstein's", "rainbow!", "trainyard")
 
@@ -222,7 +279,8 @@ def vectors_file(home):
 FORMS = {
     "GloVe": GLOVE_TEXT.encode(),
     "word2vec": b"6 3\n" + GLOVE_TEXT.encode(),
-    "word2vec's own, with a space at line ends": b"6 3\n" + GLOVE_TEXT.replace("\n", " \n").encode(),
+    "word2vec's own, with a space at line ends": b"6 3\n"
+    + GLOVE_TEXT.replace("\n", " \n").encode(),
     "tabs": GLOVE_TEXT.replace(" ", "\t").encode(),
     "Windows": b"\xef\xbb\xbf" + GLOVE_TEXT.replace("\n", "\r\n").encode(),
     "Windows with a header": b"\xef\xbb\xbf6 3\r\n" + GLOVE_TEXT.replace("\n", "\r\n").encode(),
@@ -237,7 +295,9 @@ FORMS = {
 @pytest.mark.parametrize("name", ["vectors.txt", "vectors.vec.gz"])
 def test_text_files_are_read_in_all_their_forms(form, name, vectors_file):
     made = make_features(vectors_file(FORMS[form], name), ["sea", "acid rain", "the"])
-    np.testing.assert_array_equal(made.vectors, np.array([SEA, [3, 1, -1], [0.5, -1, 0.2]], dtype=np.float32))
+    np.testing.assert_array_equal(
+        made.vectors, np.array([SEA, [3, 1, -1], [0.5, -1, 0.2]], dtype=np.float32)
+    )
     assert made.source == f"{name}, 3-d, mean of words"
     assert made.words == ("acid", "rain", "sea", "the")
     assert made.known.all()
@@ -264,14 +324,22 @@ SPACED = "the 0.1 0.2\nroute 66 1.5 2.5\nroute 0.5 0.25\nat name@domain.com 3.0 
 READ = {
     "words may hold spaces and end in a whole number": (
         SPACED,
-        {"route 66": [1.5, 2.5], "Route": [0.5, 0.25], "at name@domain.com": [3, 1], ". . .": [0.5, 0.5]},
+        {
+            "route 66": [1.5, 2.5],
+            "Route": [0.5, 0.25],
+            "at name@domain.com": [3, 1],
+            ". . .": [0.5, 0.5],
+        },
     ),
     "white space of other scripts": (
         "the 1 2\nsea\u3000side 3 4\nsea\x85 5 6\n7 8 9\n",
         {"sea\u3000side": [3, 4], "7": [8, 9]},
     ),
     "other words are not read": ("the 1 2\nother x nan\nsea 3 4\nsea y 5\n", {"sea": [3, 4]}),
-    "whole labels before words": ("acid_rain 1 2\nfall 3 4\n", {"acid rain": [1, 2], "rain fall": [3, 4]}),
+    "whole labels before words": (
+        "acid_rain 1 2\nfall 3 4\n",
+        {"acid rain": [1, 2], "rain fall": [3, 4]},
+    ),
 }
 
 
@@ -308,7 +376,10 @@ def test_labels_get_their_vectors_from_unusual_files(case, vectors_file):
         (b"the 1 2\nsea 1 2\niron 1 -inf\n", ", line 3: the vector for 'iron' has a value"),
         (b"the 1 2\niron 1 1e39\n", ", line 2: the vector for 'iron' has a value"),
         (
-            b"2 3\nsea " + struct.pack("<3f", *SEA) + b"\niron " + struct.pack("<3f", 0.1, -0.2, 0.3),
+            b"2 3\nsea "
+            + struct.pack("<3f", *SEA)
+            + b"\niron "
+            + struct.pack("<3f", 0.1, -0.2, 0.3),
             ", line 2: not UTF-8",
         ),
         (b"the 1 2\n\xff 1 2\n", ", line 2: not UTF-8"),
@@ -337,8 +408,14 @@ def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
 
 @given(
     st.dictionaries(
-        st.text(st.characters(codec="utf-8", exclude_categories=["Cs", "Cc", "Z"]), min_size=1, max_size=4),
-        st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=3, max_size=3),
+        st.text(
+            st.characters(codec="utf-8", exclude_categories=["Cs", "Cc", "Z"]),
+            min_size=1,
+            max_size=4,
+        ),
+        st.lists(
+            st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=3, max_size=3
+        ),
         min_size=1,
         max_size=6,
     )
@@ -347,7 +424,10 @@ def test_a_file_that_may_not_be_read_is_refused(vectors_file, monkeypatch):
 @example({"\ufeff": [1.0, 2.0, 3.0], "a": [0.0, 0.0, 2.0**-149]})
 def test_what_a_file_says_is_what_is_read(tmp_path_factory, vectors):
     path = tmp_path_factory.mktemp("files") / "vectors.txt"
-    lines = [f"{len(vectors)} 3", *(" ".join([word, *map(repr, row)]) for word, row in vectors.items())]
+    lines = [
+        f"{len(vectors)} 3",
+        *(" ".join([word, *map(repr, row)]) for word, row in vectors.items()),
+    ]
     path.write_text("\n".join(lines), encoding="utf-8")
     found = features_module._parse(path, set(vectors))
     assert dict(zip(found.words, found.vectors.tolist(), strict=True)) == vectors
@@ -365,7 +445,9 @@ def npy_file(home):
         path = home / "vectors.npy"
         np.save(path, array)
         if labels is not None:
-            path.with_suffix(ending).write_bytes(labels if isinstance(labels, bytes) else labels.encode())
+            path.with_suffix(ending).write_bytes(
+                labels if isinstance(labels, bytes) else labels.encode()
+            )
         return str(path)
 
     return write
@@ -374,7 +456,9 @@ def npy_file(home):
 @pytest.mark.parametrize("dtype", ["<f2", "<f4", "<f8", ">f4", np.longdouble])
 @pytest.mark.parametrize("ending", [".labels.txt", ".txt"])
 def test_a_numpy_file_is_read_with_the_labels_beside_it(dtype, ending, npy_file, home):
-    made = make_features(npy_file(MATRIX.astype(dtype), ending=ending), ["acid rain", "Sea", "Iron"])
+    made = make_features(
+        npy_file(MATRIX.astype(dtype), ending=ending), ["acid rain", "Sea", "Iron"]
+    )
     assert made.vectors.tolist() == [[3, 4], [1, 2], [5, 6]]
     assert made.vectors.dtype == np.float32
     assert made.source == "vectors.npy, 2-d, mean of words"
@@ -389,15 +473,27 @@ def test_labels_of_a_numpy_file_may_end_in_any_way(labels, order, npy_file):
     assert make_features(path, ["sea", "Iron"]).vectors.tolist() == [[1, 2], [5, 6]]
 
 
-@pytest.mark.parametrize(("labels", "count"), [("sea\niron\n", 2), (WORDS + "more", 5), (WORDS + "\n", 5), ("", 0)])
+@pytest.mark.parametrize(
+    ("labels", "count"), [("sea\niron\n", 2), (WORDS + "more", 5), (WORDS + "\n", 5), ("", 0)]
+)
 def test_a_numpy_file_with_more_or_fewer_labels_is_refused(labels, count, npy_file, home):
     path = npy_file(labels=labels)
-    assert f"{path} has 4 rows but {home / 'vectors.labels.txt'} has {count} labels" in refused(path)
+    assert f"{path} has 4 rows but {home / 'vectors.labels.txt'} has {count} labels" in refused(
+        path
+    )
 
 
 @pytest.mark.parametrize(
     "array",
-    [MATRIX[0], MATRIX[None], MATRIX.astype(int), MATRIX.astype(complex), MATRIX[:0], MATRIX[:, :0], np.float32(1)],
+    [
+        MATRIX[0],
+        MATRIX[None],
+        MATRIX.astype(int),
+        MATRIX.astype(complex),
+        MATRIX[:0],
+        MATRIX[:, :0],
+        np.float32(1),
+    ],
     ids=lambda array: f"{array.dtype} {array.shape}",
 )
 def test_a_numpy_file_of_another_kind_is_refused(array, npy_file):
@@ -405,18 +501,25 @@ def test_a_numpy_file_of_another_kind_is_refused(array, npy_file):
     assert re.match(f"{path} .*(expected floats, shape|truncated)", refused(path))
 
 
-@pytest.mark.parametrize("kind", ["no labels", "labels that are not UTF-8", "a zip of arrays", "plain text"])
+@pytest.mark.parametrize(
+    "kind", ["no labels", "labels that are not UTF-8", "a zip of arrays", "plain text"]
+)
 def test_a_numpy_file_in_need_of_something_is_refused(kind, npy_file, home):
-    labels = {"no labels": None, "labels that are not UTF-8": b"sea\niron\n\xff\nx\n"}.get(kind, WORDS)
+    labels = {"no labels": None, "labels that are not UTF-8": b"sea\niron\n\xff\nx\n"}.get(
+        kind, WORDS
+    )
     path = npy_file(labels=labels)
     packed = io.BytesIO()
     np.savez(packed, MATRIX)
-    if content := {"a zip of arrays": packed.getvalue(), "plain text": GLOVE_TEXT.encode()}.get(kind):
+    if content := {"a zip of arrays": packed.getvalue(), "plain text": GLOVE_TEXT.encode()}.get(
+        kind
+    ):
         Path(path).write_bytes(content)
     beside = home / "vectors.labels.txt"
-    expected = {"no labels": f"{path} has no labels", "labels that are not UTF-8": f"{beside}, line 3: not UTF-8"}.get(
-        kind, "not a numeric array"
-    )
+    expected = {
+        "no labels": f"{path} has no labels",
+        "labels that are not UTF-8": f"{beside}, line 3: not UTF-8",
+    }.get(kind, "not a numeric array")
     assert expected in refused(path)
 
 
@@ -469,7 +572,9 @@ def test_near_synonyms_are_those_of_the_definition(seed, threshold):
     rng = np.random.default_rng(seed)
     rows = [(f"e{a}", f"e{b}", f"e{c}") for a, b, c in rng.integers(0, 9, size=(60, 3)).tolist()]
     graph = RecipeGraph.from_recipes(rows)
-    split = make_split(graph, SplitConfig("by-recipe-plain", train_ratio=0.6, valid_ratio=0.1, seed=seed))
+    split = make_split(
+        graph, SplitConfig("by-recipe-plain", train_ratio=0.6, valid_ratio=0.1, seed=seed)
+    )
     vectors = rng.normal(size=(graph.num_entities, 3)).astype(np.float32)
     vectors[0] = 0
     known = np.ones(graph.num_entities, dtype=bool)
@@ -477,7 +582,9 @@ def test_near_synonyms_are_those_of_the_definition(seed, threshold):
     expected = slow_near_synonyms(split, vectors.tolist(), threshold)
     assert near_synonym_recipes(split, features, threshold).tolist() == expected
     assert any(expected)
-    assert not all(flag for flag, part in zip(expected, split.parts.tolist(), strict=True) if part == 2)
+    assert not all(
+        flag for flag, part in zip(expected, split.parts.tolist(), strict=True) if part == 2
+    )
 
 
 def test_a_triple_counts_if_any_near_synonym_recipe_gives_it():

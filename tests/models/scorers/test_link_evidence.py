@@ -19,14 +19,21 @@ KNOWN = GRAPH.recipes[::2]
 
 
 def scorer_of(graph, seed=0):
-    return TableScorer(normal(2, graph.num_entities, graph.num_entities, seed=seed), graph.entities, graph.hash)
+    return TableScorer(
+        normal(2, graph.num_entities, graph.num_entities, seed=seed), graph.entities, graph.hash
+    )
 
 
 def slow_links(recipes):
     """Every link of some recipes, and the rows of those that give it."""
     found = {}
     for row, (a, b, c) in enumerate(recipes):
-        for link in {(a, COMBINES_WITH, b), (b, COMBINES_WITH, a), (a, COMPONENT_OF, c), (b, COMPONENT_OF, c)}:
+        for link in {
+            (a, COMBINES_WITH, b),
+            (b, COMBINES_WITH, a),
+            (a, COMPONENT_OF, c),
+            (b, COMPONENT_OF, c),
+        }:
             found.setdefault(link, []).append(row)
     return found
 
@@ -41,10 +48,18 @@ def test_links_speak_that_share_an_end_as_much_as_the_others_are_alike(evidence)
     kinds = set()
     for head, relation, tail in product(range(SIZE), range(len(RELATIONS)), range(SIZE)):
         others = [(h, t) for h, r, t in links if r == relation and (h, t) != (head, tail)]
-        likeness = {(h, t): evidence.roles.alike(head, relation, "head")[h] for h, t in others if t == tail}
+        likeness = {
+            (h, t): evidence.roles.alike(head, relation, "head")[h] for h, t in others if t == tail
+        }
         if relation != COMBINES_WITH or head != tail:
-            likeness |= {(h, t): evidence.roles.alike(tail, relation, "tail")[t] for h, t in others if h == head}
-        expected = {(h, relation, t): max(float(value), 0.0) ** POWER for (h, t), value in likeness.items()}
+            likeness |= {
+                (h, t): evidence.roles.alike(tail, relation, "tail")[t]
+                for h, t in others
+                if h == head
+            }
+        expected = {
+            (h, relation, t): max(float(value), 0.0) ** POWER for (h, t), value in likeness.items()
+        }
         triples, weights = evidence.weights(head, relation, tail)
         found = dict(zip(map(tuple, triples.tolist()), weights.tolist(), strict=True))
         assert found == pytest.approx(expected, abs=1e-6)
@@ -60,7 +75,9 @@ def test_those_that_say_most_come_first_with_their_share_of_all_evidence(evidenc
         assert weights == sorted(weights, reverse=True)
         assert all(weight > 0 for weight in weights)
         assert everything.evidence == pytest.approx(sum(weights))
-        assert sum(witness.share for witness in everything.witnesses) == pytest.approx(1.0 if weights else 0.0)
+        assert sum(witness.share for witness in everything.witnesses) == pytest.approx(
+            1.0 if weights else 0.0
+        )
         assert evidence.reason(head, relation, tail, limit=2).witnesses == everything.witnesses[:2]
 
 
@@ -84,7 +101,9 @@ def test_a_witness_names_the_recipes_that_give_it_and_a_learned_link_its_own(evi
 
 
 def test_a_link_that_many_recipes_give_names_some_and_counts_the_others():
-    graph = RecipeGraph.from_recipes([("water", other, "ice") for other in ("air", "cold", "snow", "time", "winter")])
+    graph = RecipeGraph.from_recipes(
+        [("water", other, "ice") for other in ("air", "cold", "snow", "time", "winter")]
+    )
     water, ice = graph.id_of("water"), graph.id_of("ice")
     reason = LinkEvidence(scorer_of(graph), graph.recipes).reason(water, COMPONENT_OF, ice)
     assert [str(recipe.ingredient_a) for recipe in reason.learned_from] == ["air", "cold", "snow"]

@@ -55,7 +55,11 @@ def tables(rows=30, slots=6, seed=0):
 def slow_features(known, a, b, goal, model):
     """Every feature of a pair, by its definition."""
     parts, pairs = known.parts[model].double(), known.pairs[model].double()
-    words, alike, counts = known.words.double(), known.alike[model].double(), known.counts[model].double()
+    words, alike, counts = (
+        known.words.double(),
+        known.alike[model].double(),
+        known.counts[model].double(),
+    )
     results = known.results[model, int(known.numbers[model, a, b])].tolist()
     evidence = words_evidence = 0.0
     for one, other, result in known.supporting[model, goal].tolist():
@@ -63,7 +67,13 @@ def slow_features(known, a, b, goal, model):
         evidence += k(goal, result) * (k(a, one) * k(b, other) + k(b, one) * k(a, other))
         words_evidence += t(goal, result) * (t(a, one) * t(b, other) + t(b, one) * t(a, other))
     of_a, of_b = (
-        [float(parts[x, goal, 0]), float(parts[x, goal, 1]), float(words[x, goal]), float(counts[x, 0])] for x in (a, b)
+        [
+            float(parts[x, goal, 0]),
+            float(parts[x, goal, 1]),
+            float(words[x, goal]),
+            float(counts[x, 0]),
+        ]
+        for x in (a, b)
     )
     of_slots = list(zip(("part", "link", "words", "uses"), of_a, of_b, strict=True))
     return {
@@ -90,9 +100,13 @@ def test_every_feature_is_what_its_definition_says():
     assert found.shape == (len(FEATURES), len(goal), len(one))
     for row in range(len(goal)):
         for pair, (i, j) in enumerate(zip(one.tolist(), other.tolist(), strict=True)):
-            slow = slow_features(stack, int(table[row, i]), int(table[row, j]), int(goal[row]), int(model[row]))
+            slow = slow_features(
+                stack, int(table[row, i]), int(table[row, j]), int(goal[row]), int(model[row])
+            )
             assert tuple(slow) == FEATURES
-            torch.testing.assert_close(found[:, row, pair], torch.tensor(list(slow.values())), rtol=1e-3, atol=1e-3)
+            torch.testing.assert_close(
+                found[:, row, pair], torch.tensor(list(slow.values())), rtol=1e-3, atol=1e-3
+            )
 
 
 def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(known):
@@ -103,7 +117,9 @@ def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(kno
     for entity in range(SIZE):
         uses = sum((a == entity) + (b == entity) for a, b, _ in recipes)
         made = sum(result == entity for _, _, result in recipes)
-        assert known.counts[0, entity].tolist() == pytest.approx([math.log1p(uses), math.log1p(made)])
+        assert known.counts[0, entity].tolist() == pytest.approx(
+            [math.log1p(uses), math.log1p(made)]
+        )
         supporting = [tuple(recipe) for recipe in known.supporting[0, entity].tolist()]
         assert len(set(supporting)) == EVIDENCE
         # The recipes of the results most like it; there are more recipes of some entities than may speak.
@@ -143,7 +159,9 @@ def test_a_stack_answers_as_each_of_its_models_does():
     answers = []
     for number, one in enumerate(models):
         alone = one(goal, table, torch.zeros_like(goal))
-        torch.testing.assert_close(stack(goal, table, torch.full_like(goal, number)), alone, rtol=1e-5, atol=1e-5)
+        torch.testing.assert_close(
+            stack(goal, table, torch.full_like(goal, number)), alone, rtol=1e-5, atol=1e-5
+        )
         answers.append(alone)
     model = torch.arange(len(goal)) % 3
     expected = torch.stack(answers)[model, torch.arange(len(goal))]
@@ -157,15 +175,22 @@ def test_those_who_speak_are_the_terms_of_the_evidence(num_recipes):
     for a, b, goal in ((0, 1, 2), (3, 3, 4), (5, 6, 5), *list(recipes)[:3]):
         terms = {}
         for one, other, result in stack.supporting[1, goal].tolist():
-            k = [float(stack.alike[1][cell]) for cell in ((a, one), (b, other), (a, other), (b, one), (goal, result))]
+            k = [
+                float(stack.alike[1][cell])
+                for cell in ((a, one), (b, other), (a, other), (b, one), (goal, result))
+            ]
             k = [max(cell, 0) for cell in k]
             both = max(min(k[0], 1) * min(k[1], 1), min(k[2], 1) * min(k[3], 1))
             terms[one, other, result] = (k[4] * (k[0] * k[1] + k[2] * k[3]), min(k[4], 1) * both)
         total = sum(term for term, _ in terms.values())
         found = stack.supporting_recipes(a, b, goal, model=1, limit=EVIDENCE)
         assert stack.supporting_recipes(b, a, goal, model=1, limit=EVIDENCE) == found
-        assert [one.recipe for one in found] == [one.recipe for one in sorted(found, key=lambda one: -one.share)]
-        assert {one.recipe for one in found} == {recipe for recipe, (_, weight) in terms.items() if weight > 0}
+        assert [one.recipe for one in found] == [
+            one.recipe for one in sorted(found, key=lambda one: -one.share)
+        ]
+        assert {one.recipe for one in found} == {
+            recipe for recipe, (_, weight) in terms.items() if weight > 0
+        }
         for one in found:
             assert one.recipe in recipes
             assert one.share == pytest.approx(terms[one.recipe][0] / total, rel=1e-4)

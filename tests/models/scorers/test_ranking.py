@@ -106,8 +106,12 @@ def test_a_sample_is_of_the_size_asked_for_in_order_and_of_its_seed(opened_kitch
 
 
 def test_no_triples_give_no_ranks():
-    ranks = rank_triples(constant_scorer(3), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.int64))
-    assert ranking_metrics(ranks) == random_metrics(ranks.assign(candidates=[])) == RankingMetrics(0)
+    ranks = rank_triples(
+        constant_scorer(3), np.empty((0, 3), dtype=np.int64), np.empty((0, 3), dtype=np.int64)
+    )
+    assert (
+        ranking_metrics(ranks) == random_metrics(ranks.assign(candidates=[])) == RankingMetrics(0)
+    )
 
 
 def test_ranking_leaves_the_scorers_table_as_it_was():
@@ -128,7 +132,10 @@ def test_scores_that_are_not_finite_are_an_artefact_error(value):
 
 def exact_model(opened):
     factory = triples_factory(opened.graph, opened.split.partial)
-    model, generator = ComplExN3(triples_factory=factory, embedding_dim=4, random_seed=0), torch.Generator()
+    model, generator = (
+        ComplExN3(triples_factory=factory, embedding_dim=4, random_seed=0),
+        torch.Generator(),
+    )
     with torch.no_grad():  # halves: scores are exact in single precision, with real ties
         for parameter in model.parameters():
             parameter.copy_(torch.randint(-2, 3, parameter.shape, generator=generator) / 2)
@@ -149,11 +156,20 @@ def test_ranks_and_metrics_agree_with_pykeens_evaluator(opened_kitchen):
     graph, split = opened_kitchen.graph, opened_kitchen.split
     model = exact_model(opened_kitchen)
     theirs = pykeens_metrics(opened_kitchen, model)
-    scorer = make_scorer(*scorer_tensors(ComplExConfig(dim=4), model, graph.triples), graph.entities, graph.hash)
+    scorer = make_scorer(
+        *scorer_tensors(ComplExConfig(dim=4), model, graph.triples), graph.entities, graph.hash
+    )
     ranks = rank_triples(scorer, split.held_out("test"), graph.triples)
     assert (ranks["optimistic"] < ranks["pessimistic"]).any()
-    for kind, column in (("realistic", "rank"), ("optimistic", "optimistic"), ("pessimistic", "pessimistic")):
-        for side, part in (("both", ranks), *((name, ranks[ranks["side"] == name]) for name in ("head", "tail"))):
+    for kind, column in (
+        ("realistic", "rank"),
+        ("optimistic", "optimistic"),
+        ("pessimistic", "pessimistic"),
+    ):
+        for side, part in (
+            ("both", ranks),
+            *((name, ranks[ranks["side"] == name]) for name in ("head", "tail")),
+        ):
             ours = ranking_metrics(part, column)
             names = {"mrr": "inverse_harmonic_mean_rank", "mean_rank": "arithmetic_mean_rank"}
             names |= {name: name for name in ("hits_at_1", "hits_at_3", "hits_at_10")}
@@ -184,9 +200,17 @@ def test_a_field_of_one_candidate_has_no_chance_to_beat():
 def test_random_metrics_equal_the_mean_over_all_permutations():
     sizes = [1, 2, 4, 4, 5]
     orders = [list(itertools.permutations(range(size))) for size in sizes]
-    ranks = [(1 + order.index(0), Fraction(1, len(some) * len(sizes))) for some in orders for order in some]
+    ranks = [
+        (1 + order.index(0), Fraction(1, len(some) * len(sizes)))
+        for some in orders
+        for order in some
+    ]
     expected = {f"hits@{k}": float(sum(share for rank, share in ranks if rank <= k)) for k in HITS}
-    expected |= {"mrr": float(sum(share / rank for rank, share in ranks)), "queries": len(sizes), "amri": 0}
+    expected |= {
+        "mrr": float(sum(share / rank for rank, share in ranks)),
+        "queries": len(sizes),
+        "amri": 0,
+    }
     expected["mean_rank"] = float(sum(share * rank for rank, share in ranks))
     assert as_values(random_metrics(pd.DataFrame({"candidates": sizes}))) == pytest.approx(expected)
 
@@ -199,7 +223,9 @@ def test_slices_part_the_queries_by_relation_and_side(opened_kitchen):
     for number, relation in enumerate(RELATIONS):
         assert set(ranks.loc[masks[relation], "relation"]) == {number}
         sides = {side: masks[f"{relation}, predict {side}"] for side in ("head", "tail")}
-        assert {side: set(ranks.loc[mask, "side"]) for side, mask in sides.items()} == {s: {s} for s in sides}
+        assert {side: set(ranks.loc[mask, "side"]) for side, mask in sides.items()} == {
+            s: {s} for s in sides
+        }
         np.testing.assert_array_equal(sides["head"] ^ sides["tail"], masks[relation])
     np.testing.assert_array_equal(masks[RELATIONS[0]] ^ masks[RELATIONS[1]], masks["all"])
 
@@ -219,7 +245,12 @@ MIXED = [0.0, 1.0, 0.0, 1.0]
 
 @pytest.mark.parametrize(
     ("values", "clusters", "means"),
-    [CONSTANT, (MIXED, [7, 7, 7, 7], {0.5}), (MIXED, [3, 3, 8, 8], {0.5}), (MIXED, [3, 8, 3, 8], {0.0, 0.5, 1.0})],
+    [
+        CONSTANT,
+        (MIXED, [7, 7, 7, 7], {0.5}),
+        (MIXED, [3, 3, 8, 8], {0.5}),
+        (MIXED, [3, 8, 3, 8], {0.0, 0.5, 1.0}),
+    ],
 )
 def test_the_bootstrap_resamples_whole_clusters(values, clusters, means):
     found = bootstrap(np.array(values), np.array(clusters), resamples=50)
@@ -253,6 +284,10 @@ def test_an_mrr_over_fewer_than_five_recipes_has_no_interval(recipes):
 def test_ranking_needs_nothing_of_a_scorer_but_the_protocol():
     table = np.random.default_rng(0).integers(4, size=(2, 5, 5))
     inner = table_scorer(table)
-    bare = SimpleNamespace(entities=inner.entities, graph_hash="hash", score=inner.score, table=inner.table)
+    bare = SimpleNamespace(
+        entities=inner.entities, graph_hash="hash", score=inner.score, table=inner.table
+    )
     triples = np.array([[0, 0, 1], [2, 1, 4]])
-    pd.testing.assert_frame_equal(rank_triples(bare, triples, triples), rank_triples(inner, triples, triples))
+    pd.testing.assert_frame_equal(
+        rank_triples(bare, triples, triples), rank_triples(inner, triples, triples)
+    )

@@ -64,7 +64,9 @@ def graph_of(recipes):
 def test_profiles_are_the_damped_rows_of_links_and_contexts(recipes):
     found = profiles(recipes, SIZE)
     expected = slow_profiles(recipes.tolist(), SIZE)
-    gram = [[sum(v * other.get(c, 0) for c, v in row.items()) for other in expected] for row in expected]
+    gram = [
+        [sum(v * other.get(c, 0) for c, v in row.items()) for other in expected] for row in expected
+    ]
     np.testing.assert_allclose((found @ found.T).toarray(), gram, atol=1e-12)
     # The contexts, and with them all that has no counterpart elsewhere, have the right lengths too.
     lengths = sorted(round(v, 9) for row in expected for v in row.values())
@@ -119,17 +121,25 @@ def test_kernel_regression_is_the_explicit_ridge_on_all_pairs(seed, ridge):
 @given(seed=st.integers(0, 10_000))
 def test_two_step_regression_smooths_heads_then_tails_of_the_seen(seed):
     rng = np.random.default_rng(seed)
-    parts, links, seen = rng.standard_normal((7, 9)), (rng.random((7, 7)) < 0.4).astype(float), [0, 2, 3, 6]
+    parts, links, seen = (
+        rng.standard_normal((7, 9)),
+        (rng.random((7, 7)) < 0.4).astype(float),
+        [0, 2, 3, 6],
+    )
     kernel = parts @ parts.T / 9
     smooth = kernel[:, seen] @ np.linalg.inv(kernel[np.ix_(seen, seen)] + SMOOTHING * np.eye(4))
     given = torch.from_numpy(kernel), torch.from_numpy(links)
     (found,) = two_step_regression(*given, seen=torch.tensor(seen))
-    np.testing.assert_allclose(found.numpy(), smooth @ links[np.ix_(seen, seen)] @ smooth.T, atol=1e-5)
+    np.testing.assert_allclose(
+        found.numpy(), smooth @ links[np.ix_(seen, seen)] @ smooth.T, atol=1e-5
+    )
 
 
 @any_recipes
 def test_completion_counts_paths_of_three_pairs_of_the_same_result(recipes):
-    np.testing.assert_allclose(completion(recipes, SIZE).numpy(), slow_completion(recipes.tolist(), SIZE), atol=1e-6)
+    np.testing.assert_allclose(
+        completion(recipes, SIZE).numpy(), slow_completion(recipes.tolist(), SIZE), atol=1e-6
+    )
 
 
 @any_recipes
@@ -145,7 +155,8 @@ def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
     scorer = KernelScorer(graph, recipes, vectors)
     kernel = similarity(recipes, cosines(torch.tensor(vectors)))
     combines, component = (
-        standardised(kernel_regression(kernel, links)[0].numpy()) for links in link_matrices(recipes, SIZE)
+        standardised(kernel_regression(kernel, links)[0].numpy())
+        for links in link_matrices(recipes, SIZE)
     )
     combines = combines + 0.5 * standardised(completion(recipes, SIZE).numpy())
     np.testing.assert_allclose(scorer.table("combinesWith").numpy(), combines, atol=1e-4)
@@ -157,7 +168,10 @@ def test_the_kernel_scorer_is_the_sum_of_standardised_parts():
 def test_scorers_of_any_recipes_are_finite_and_the_same_again(recipes):
     graph = graph_of(recipes)
     for vectors in (None, drawn_vectors(0)):
-        tables = [torch.stack([KernelScorer(graph, recipes, vectors).table(r) for r in (0, 1)]) for _ in range(2)]
+        tables = [
+            torch.stack([KernelScorer(graph, recipes, vectors).table(r) for r in (0, 1)])
+            for _ in range(2)
+        ]
         assert torch.isfinite(tables[0]).all()
         assert torch.equal(*tables)
 
@@ -174,7 +188,10 @@ def validation_mrrs(graph, seed):
     """Validation MRR of the recipe kernel and of the neighbour rule."""
     split = make_split(graph, SplitConfig(seed=seed, valid_ratio=0.1))
     vectors = glove_features(graph.entities).vectors
-    scorers = KernelScorer(graph, split.recipes("train"), vectors), NeighbourScorer(graph, split.partial)
+    scorers = (
+        KernelScorer(graph, split.recipes("train"), vectors),
+        NeighbourScorer(graph, split.partial),
+    )
     ranks = [rank_triples(scorer, split.held_out("valid"), graph.triples) for scorer in scorers]
     return mean_reciprocal_rank(ranks[0]), mean_reciprocal_rank(ranks[1])
 

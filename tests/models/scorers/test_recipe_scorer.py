@@ -38,7 +38,9 @@ def test_a_recipe_has_one_score_however_it_is_asked(scorer):
         scorer.score_recipes("waater", "flour", "dough")
 
 
-def test_a_loaded_cross_fitted_scorer_scores_recipes_as_the_scorer_of_all_recipes(cross_fitted, scorer):
+def test_a_loaded_cross_fitted_scorer_scores_recipes_as_the_scorer_of_all_recipes(
+    cross_fitted, scorer
+):
     assert isinstance(cross_fitted, RecipeScores)
     recipe = "flour", "water", "dough"
     assert torch.equal(cross_fitted.score_recipes(*recipe), scorer.score_recipes(*recipe))
@@ -50,7 +52,9 @@ def test_scores_of_links_are_those_of_the_link_ranker(scorer, cross_fitted):
     everything = torch.arange(len(scorer.entities))
     for relation in (COMBINES_WITH, COMPONENT_OF):
         table = scorer.table(relation)
-        torch.testing.assert_close(table, scorer.score(everything[:, None], relation, everything), rtol=0, atol=0)
+        torch.testing.assert_close(
+            table, scorer.score(everything[:, None], relation, everything), rtol=0, atol=0
+        )
         torch.testing.assert_close(cross_fitted.table(relation), table, rtol=0, atol=0)
     pairs = scorer.table(COMBINES_WITH)
     torch.testing.assert_close(pairs, pairs.T, rtol=0, atol=0)
@@ -59,12 +63,20 @@ def test_scores_of_links_are_those_of_the_link_ranker(scorer, cross_fitted):
 
 def test_a_scorer_made_from_its_tensors_scores_the_same(scorer):
     again = RecipeScorer(scorer.tensors(), scorer.entities, scorer.graph_hash)
-    a, b, results = torch.randint(len(scorer.entities), (3, 200), generator=torch.Generator().manual_seed(0))
-    torch.testing.assert_close(again.score_recipes(a, b, results), scorer.score_recipes(a, b, results), rtol=0, atol=0)
-    assert again.supporting_recipes("flour", "water", "dough") == scorer.supporting_recipes("flour", "water", "dough")
+    a, b, results = torch.randint(
+        len(scorer.entities), (3, 200), generator=torch.Generator().manual_seed(0)
+    )
+    torch.testing.assert_close(
+        again.score_recipes(a, b, results), scorer.score_recipes(a, b, results), rtol=0, atol=0
+    )
+    assert again.supporting_recipes("flour", "water", "dough") == scorer.supporting_recipes(
+        "flour", "water", "dough"
+    )
 
 
-def test_a_known_recipe_speaks_for_itself_and_the_scorer_without_it_names_others(scorer, cross_fitted, kitchen):
+def test_a_known_recipe_speaks_for_itself_and_the_scorer_without_it_names_others(
+    scorer, cross_fitted, kitchen
+):
     known = {Recipe(*kitchen.labels(row)) for row in scorer.recipes.tolist()}
     row = next(row for row, fold in enumerate(cross_fitted.of_recipe) if fold == 1)
     a, b, result = kitchen.labels(kitchen.recipes[row])

@@ -22,12 +22,17 @@ def slow_rows(scorer, relation, side):
     everything = sum(map(sum, scores)) / size**2
     by_row = [sum(row) / size for row in scores]
     by_column = [sum(row[j] for row in scores) / size for j in range(size)]
-    rows = [[scores[i][j] - by_row[i] - by_column[j] + everything for j in range(size)] for i in range(size)]
+    rows = [
+        [scores[i][j] - by_row[i] - by_column[j] + everything for j in range(size)]
+        for i in range(size)
+    ]
     return rows if side == "head" else [list(column) for column in zip(*rows, strict=True)]
 
 
 @pytest.mark.parametrize(
-    "scorer", [table_scorer(normal(2, SIZE, SIZE)), complex_scorer(SIZE, 3)], ids=["table", "factors"]
+    "scorer",
+    [table_scorer(normal(2, SIZE, SIZE)), complex_scorer(SIZE, 3)],
+    ids=["table", "factors"],
 )
 def test_in_a_role_entities_are_alike_by_the_cosine_of_their_centred_scores(scorer):
     found = EntityRoles.of(scorer)
@@ -41,7 +46,9 @@ def test_in_a_role_entities_are_alike_by_the_cosine_of_their_centred_scores(scor
 def test_the_nearest_entities_have_the_highest_cosine_of_standardised_scores(opened_kitchen):
     scorer = NeighbourScorer(opened_kitchen.graph, opened_kitchen.split.partial)
     tables = [centred(scorer.table(relation).double().numpy()) for relation in (0, 1)]
-    profiles = np.concatenate([part / table.std() for table in tables for part in (table, table.T)], axis=1)
+    profiles = np.concatenate(
+        [part / table.std() for table in tables for part in (table, table.T)], axis=1
+    )
     profiles /= np.maximum(np.linalg.norm(profiles, axis=1, keepdims=True), 1e-12)
     found = EntityRoles.of(scorer)
     for entity in range(0, opened_kitchen.graph.num_entities, 7):

@@ -61,7 +61,9 @@ def slow_standardised(table):
 def slow_ranks(table):
     """How many scores are lower, plus the middle place among equal ones."""
     whole = [x for row in table for x in row]
-    return [[sum(other < x for other in whole) + (whole.count(x) + 1) / 2 for x in row] for row in table]
+    return [
+        [sum(other < x for other in whole) + (whole.count(x) + 1) / 2 for x in row] for row in table
+    ]
 
 
 def slow_log_softmax(table):
@@ -111,7 +113,12 @@ def test_rounding_is_not_blown_up_where_only_self_scores_differ(scale):
 @pytest.mark.parametrize("kept", [(), (2,), (0, 5)])
 def test_observed_self_edges_are_kept_and_the_others_become_the_mean(scale, kept):
     loops = [[entity, COMBINES_WITH, entity] for entity in kept]
-    others = [[3, COMPONENT_OF, 3], [4, COMBINES_WITH, 6], [6, COMBINES_WITH, 4], [7, COMPONENT_OF, 8]]
+    others = [
+        [3, COMPONENT_OF, 3],
+        [4, COMBINES_WITH, 6],
+        [6, COMBINES_WITH, 4],
+        [7, COMPONENT_OF, 8],
+    ]
     found = tables_of(scale=scale, self_edges="observed", observed=np.array(others + loops))
     expected = tables_of(scale=scale)
     for entity in set(range(SIZE)) - set(kept):
@@ -129,9 +136,15 @@ def mean_of(table, scale):
 
 @pytest.mark.parametrize(
     ("setting", "options"),
-    [("scale", {"scale": "rank"}), ("self_edges", {"self_edges": "dropp"}), ("self_edges", {"self_edges": "observed"})],
+    [
+        ("scale", {"scale": "rank"}),
+        ("self_edges", {"self_edges": "dropp"}),
+        ("self_edges", {"self_edges": "observed"}),
+    ],
 )
-def test_an_unknown_scale_or_kind_of_self_edges_and_observed_ones_without_triples_are_errors(setting, options):
+def test_an_unknown_scale_or_kind_of_self_edges_and_observed_ones_without_triples_are_errors(
+    setting, options
+):
     with refuses(setting):
         tables_of(**options)
 
@@ -139,7 +152,9 @@ def test_an_unknown_scale_or_kind_of_self_edges_and_observed_ones_without_triple
 @any_scale
 def test_dropped_self_edges_are_those_of_combines_with_only(scale):
     found, expected = tables_of(scale=scale, self_edges="drop"), tables_of(scale=scale)
-    np.testing.assert_allclose(np.diag(found[COMBINES_WITH]), mean_of(found[COMBINES_WITH], scale), rtol=1e-6)
+    np.testing.assert_allclose(
+        np.diag(found[COMBINES_WITH]), mean_of(found[COMBINES_WITH], scale), rtol=1e-6
+    )
     assert off_diagonal(found[COMBINES_WITH]) == off_diagonal(expected[COMBINES_WITH])
     np.testing.assert_array_equal(found[COMPONENT_OF], expected[COMPONENT_OF])
     assert np.diag(found[COMPONENT_OF]).all()

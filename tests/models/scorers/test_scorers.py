@@ -19,14 +19,25 @@ from small_scorers import embeddings
 
 from wordcraft_kg import load_scorer, save_scorer
 from wordcraft_kg.base.artefacts import sha256_of
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError, LeakError, UnknownEntityError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    GraphMismatchError,
+    LeakError,
+    UnknownEntityError,
+)
 from wordcraft_kg.graphs import COMBINES_WITH, COMPONENT_OF, RELATIONS, RecipeGraph
 from wordcraft_kg.graphs.triples import recipe_triples
 from wordcraft_kg.models.links import builders
 from wordcraft_kg.models.links.config import LinkModelConfig
 from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers import folder as scorer_folder
-from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, SymbolicScorer, VoteScorer
+from wordcraft_kg.models.scorers.baselines import (
+    FrequencyScorer,
+    NeighbourScorer,
+    SymbolicScorer,
+    VoteScorer,
+)
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, cross_fit
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
@@ -61,7 +72,9 @@ def test_a_scorer_follows_the_protocol(scorer):
     assert isinstance(scorer, TripleScorer)
     assert not isinstance(GRAPH, TripleScorer)
     assert (scorer.entities, scorer.graph_hash) == (GRAPH.entities, GRAPH.hash)
-    assert scorer.score(0, COMPONENT_OF, 1).dtype == scorer.table(COMBINES_WITH).dtype == torch.float32
+    assert (
+        scorer.score(0, COMPONENT_OF, 1).dtype == scorer.table(COMBINES_WITH).dtype == torch.float32
+    )
 
 
 def shapes_of(*shapes):
@@ -69,7 +82,10 @@ def shapes_of(*shapes):
 
 
 @pytest.mark.parametrize("name", SCORERS)
-@given(shapes=npst.mutually_broadcastable_shapes(num_shapes=3, max_dims=3, max_side=4), seed=st.integers(0, 99))
+@given(
+    shapes=npst.mutually_broadcastable_shapes(num_shapes=3, max_dims=3, max_side=4),
+    seed=st.integers(0, 99),
+)
 @example(shapes=shapes_of((1, 1), (1, 1, 1), (1, 1)), seed=0)
 @example(shapes=shapes_of((3, 1), (1, 3), (1, 3)), seed=0)
 @example(shapes=shapes_of((1, 3), (1, 3), (3, 1)), seed=0)
@@ -81,13 +97,16 @@ def test_batched_scores_of_any_broadcastable_ids_equal_single_scores(name, shape
     scorer, rng = SCORERS[name], np.random.default_rng(seed)
     sizes = (SIZE, len(RELATIONS), SIZE)
     ids = [
-        torch.from_numpy(np.asarray(rng.integers(n, size=s))) for n, s in zip(sizes, shapes.input_shapes, strict=True)
+        torch.from_numpy(np.asarray(rng.integers(n, size=s)))
+        for n, s in zip(sizes, shapes.input_shapes, strict=True)
     ]
     batched = scorer.score(*ids)
     assert tuple(batched.shape) == shapes.result_shape
     rows = zip(*(x.expand(shapes.result_shape).flatten().tolist() for x in ids), strict=True)
     singles = torch.tensor([float(scorer.score(h, r, t)) for h, r, t in rows])
-    torch.testing.assert_close(batched.flatten(), singles.view(batched.numel()), atol=1e-5, rtol=1e-5)
+    torch.testing.assert_close(
+        batched.flatten(), singles.view(batched.numel()), atol=1e-5, rtol=1e-5
+    )
 
 
 @any_scorer
@@ -106,11 +125,15 @@ def test_labels_and_ids_give_the_same_scores(scorer, relation):
     names = [[GRAPH.entities[i] for i in ids] for ids in (heads, tails)]
     torch.testing.assert_close(scorer.score(names[0], RELATIONS[relation], names[1]), by_id)
     torch.testing.assert_close(scorer.score(tuple(names[0]), relation, torch.tensor(tails)), by_id)
-    torch.testing.assert_close(scorer.score(names[0][0], RELATIONS[relation], tails), scorer.score(3, relation, tails))
+    torch.testing.assert_close(
+        scorer.score(names[0][0], RELATIONS[relation], tails), scorer.score(3, relation, tails)
+    )
     assert scorer.score(names[0][0], RELATIONS[relation], names[1][0]).shape == ()
     head, number, tail = GRAPH.triples[3]  # ids of NumPy
     expected = scorer.score(int(head), int(number), int(tail))
-    torch.testing.assert_close(scorer.score(GRAPH.triples[:, 0], number, GRAPH.triples[:, 2])[3], expected)
+    torch.testing.assert_close(
+        scorer.score(GRAPH.triples[:, 0], number, GRAPH.triples[:, 2])[3], expected
+    )
     torch.testing.assert_close(scorer.score(head, number, tail), expected)
 
 
@@ -124,7 +147,10 @@ OUTSIDE = (-1, SIZE, [0, SIZE], [-1, 0], torch.tensor([[0], [SIZE + 5]]))
 REFUSED = [
     *(((ids, COMPONENT_OF, 0), rf"0 \.\. {SIZE - 1}") for ids in OUTSIDE),
     *(((0, COMPONENT_OF, ids), rf"0 \.\. {SIZE - 1}") for ids in OUTSIDE),
-    *((([0, 1], ids, [0, 1]), r"relation ids must be 0 \.\. 1") for ids in (-1, 2, torch.tensor([0, 2]))),
+    *(
+        (([0, 1], ids, [0, 1]), r"relation ids must be 0 \.\. 1")
+        for ids in (-1, 2, torch.tensor([0, 2]))
+    ),
     ((0, "combineWith", 1), "'combinesWith'"),
     ((0, "makes", 1), "componentOf"),
     (("e1x", COMPONENT_OF, 0), "'e1x'.*Did you mean.*'e1'"),
@@ -134,7 +160,9 @@ REFUSED = [
 
 @any_scorer
 @pytest.mark.parametrize(("triple", "fragment"), REFUSED)
-def test_ids_out_of_range_and_unknown_labels_are_refused_with_those_that_are_known(scorer, triple, fragment):
+def test_ids_out_of_range_and_unknown_labels_are_refused_with_those_that_are_known(
+    scorer, triple, fragment
+):
     with pytest.raises(UnknownEntityError, match=fragment):
         scorer.score(*triple)
     if isinstance(triple[1], str):
@@ -145,7 +173,9 @@ def test_ids_out_of_range_and_unknown_labels_are_refused_with_those_that_are_kno
 @any_scorer
 def test_another_graphs_ids_are_refused(scorer):
     check_scorer(scorer, GRAPH)
-    check_scorer(scorer, RecipeGraph(GRAPH.entities, GRAPH.recipes, GRAPH.base_ids, name="an equal one"))
+    check_scorer(
+        scorer, RecipeGraph(GRAPH.entities, GRAPH.recipes, GRAPH.base_ids, name="an equal one")
+    )
     other = random_graph(seed=1, num_entities=12, num_recipes=30)
     with pytest.raises(GraphMismatchError):
         check_scorer(scorer, other)
@@ -160,7 +190,9 @@ def test_top_lists_the_best_entities_of_an_open_slot(scorer):
     ):
         best = [score for _, score in found]
         assert best == pytest.approx(sorted(scores.tolist(), reverse=True)[:4], abs=1e-5)
-        assert best == pytest.approx([float(scores[GRAPH.id_of(name)]) for name, _ in found], abs=1e-5)
+        assert best == pytest.approx(
+            [float(scores[GRAPH.id_of(name)]) for name, _ in found], abs=1e-5
+        )
 
 
 def test_top_of_a_scorer_without_triples_lists_ties_in_the_order_of_ids_and_needs_one_open_slot():
@@ -178,14 +210,20 @@ def test_top_of_a_scorer_without_triples_lists_ties_in_the_order_of_ids_and_need
 
 def test_complex_scores_are_those_of_equation_1():
     entity, relation = (
-        torch.complex(EMBEDDINGS[f"{kind}_real"], EMBEDDINGS[f"{kind}_imag"]).numpy() for kind in ("entity", "relation")
+        torch.complex(EMBEDDINGS[f"{kind}_real"], EMBEDDINGS[f"{kind}_imag"]).numpy()
+        for kind in ("entity", "relation")
     )
     for r in range(len(RELATIONS)):
-        expected = [[equation_1(entity[h], relation[r], entity[t]) for t in range(SIZE)] for h in range(SIZE)]
+        expected = [
+            [equation_1(entity[h], relation[r], entity[t]) for t in range(SIZE)]
+            for h in range(SIZE)
+        ]
         np.testing.assert_allclose(COMPLEX.table(r).numpy(), expected, atol=1e-5)
 
 
-@pytest.mark.parametrize(("limit", "kind"), [(PAIRS_BYTES, TableScorer), (PAIRS_BYTES - 1, ComplExScorer)])
+@pytest.mark.parametrize(
+    ("limit", "kind"), [(PAIRS_BYTES, TableScorer), (PAIRS_BYTES - 1, ComplExScorer)]
+)
 def test_embeddings_become_a_table_where_it_fits_the_limit(monkeypatch, limit, kind):
     monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", limit)
     assert type(make_scorer("complex", EMBEDDINGS, GRAPH.entities, GRAPH.hash)) is kind
@@ -203,8 +241,14 @@ def test_the_symbolic_scorer_is_one_exactly_on_its_triples():
 def test_the_frequency_scorer_counts_heads_and_tails_of_the_relation():
     triples = GRAPH.triples[::3]
     for relation in range(len(RELATIONS)):
-        as_head = [sum(h == entity and r == relation for h, r, _ in triples.tolist()) for entity in range(SIZE)]
-        as_tail = [sum(t == entity and r == relation for _, r, t in triples.tolist()) for entity in range(SIZE)]
+        as_head = [
+            sum(h == entity and r == relation for h, r, _ in triples.tolist())
+            for entity in range(SIZE)
+        ]
+        as_tail = [
+            sum(t == entity and r == relation for _, r, t in triples.tolist())
+            for entity in range(SIZE)
+        ]
         expected = [[as_head[h] + as_tail[t] for t in range(SIZE)] for h in range(SIZE)]
         assert FrequencyScorer(GRAPH, triples).table(relation).tolist() == expected
 
@@ -241,7 +285,9 @@ def test_the_neighbour_scorer_follows_its_formula(power):
     scorer = NeighbourScorer(GRAPH, triples, power=power)
     expected = slow_neighbour_scores(GRAPH, triples, power)
     for relation in range(len(RELATIONS)):
-        np.testing.assert_allclose(scorer.table(relation).numpy(), expected[relation], rtol=1e-5, atol=1e-6)
+        np.testing.assert_allclose(
+            scorer.table(relation).numpy(), expected[relation], rtol=1e-5, atol=1e-6
+        )
     assert expected[COMBINES_WITH].any()
     assert expected[COMPONENT_OF].any()
 
@@ -254,7 +300,10 @@ def folder(request):
 def test_a_loaded_scorer_follows_the_protocol_and_knows_its_graph(folder, opened_kitchen):
     scorer = load_scorer(folder, graph=opened_kitchen.graph)
     assert isinstance(scorer, TripleScorer)
-    assert (scorer.entities, scorer.graph_hash) == (opened_kitchen.graph.entities, opened_kitchen.graph.hash)
+    assert (scorer.entities, scorer.graph_hash) == (
+        opened_kitchen.graph.entities,
+        opened_kitchen.graph.hash,
+    )
     assert scorer.name == folder.name
     with pytest.raises(GraphMismatchError):
         load_scorer(folder, graph=GRAPH)
@@ -270,7 +319,8 @@ def test_a_loaded_scorer_has_the_scores_of_the_weights_in_the_folder(complex_fol
 def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder):
     weights = safetensors.torch.load_file(distmult_folder / "model.safetensors")
     entity, relation = (
-        weights[f"pykeen.{kind}_representations.0._embeddings.weight"] for kind in ("entity", "relation")
+        weights[f"pykeen.{kind}_representations.0._embeddings.weight"]
+        for kind in ("entity", "relation")
     )
     expected = torch.einsum("hd,rd,td->rht", entity, relation, entity)
     scorer = load_scorer(distmult_folder)
@@ -294,7 +344,9 @@ def test_loading_and_using_a_scorer_does_not_import_pykeen(complex_folder):
         ("graph", "is a graph folder; expected a model"),
     ],
 )
-def test_loading_what_is_no_model_is_refused(complex_folder, parted_folder, tmp_path, place, fragment):
+def test_loading_what_is_no_model_is_refused(
+    complex_folder, parted_folder, tmp_path, place, fragment
+):
     (tmp_path / "model").symlink_to(complex_folder)
     (tmp_path / "graph").symlink_to(parted_folder)
     with pytest.raises(ArtefactError, match=fragment):
@@ -317,9 +369,15 @@ PLACES = (0.0, 0.001, 0.01, 0.1, 0.33, 0.5, 0.75, 0.9, 1.0)
 
 @pytest.mark.parametrize("name", PARTS)
 @pytest.mark.parametrize(
-    "damage", [*(("flip", place, bit) for place in PLACES for bit in (0, 5)), *(("cut", n) for n in (0, 4, 100, -1))]
+    "damage",
+    [
+        *(("flip", place, bit) for place in PLACES for bit in (0, 5)),
+        *(("cut", n) for n in (0, 4, 100, -1)),
+    ],
 )
-def test_a_flipped_bit_and_a_cut_anywhere_is_an_artefact_error_that_names_the_file(spoilt, name, damage):
+def test_a_flipped_bit_and_a_cut_anywhere_is_an_artefact_error_that_names_the_file(
+    spoilt, name, damage
+):
     folder, path = spoilt(name)
     if damage[0] == "flip":
         flip_bit(path, int(damage[1] * (path.stat().st_size - 1)), damage[2])
@@ -362,7 +420,9 @@ def test_a_model_of_embeddings_is_served_from_them_where_a_table_is_too_large(
     for module in (scorer_folder, builders):
         monkeypatch.setattr(module, "TABLE_LIMIT", 0)
     again = train(opened_kitchen, config, tmp_path / "embeddings").folder
-    for table, scorer in zip(tables, (load_scorer(complex_folder), load_scorer(again)), strict=True):
+    for table, scorer in zip(
+        tables, (load_scorer(complex_folder), load_scorer(again)), strict=True
+    ):
         assert (type(table), type(scorer)) == (TableScorer, ComplExScorer)
         same_tables(scorer, table)
 
@@ -380,7 +440,9 @@ def test_a_model_that_needs_a_table_too_large_is_refused_before_training_with_mo
 def test_embeddings_of_another_type_are_an_artefact_error(spoilt, dtype):
     folder, path = spoilt("model.safetensors")
     tensors = safetensors.torch.load_file(path)
-    path.write_bytes(safetensors.torch.save({**tensors, "entity_real": tensors["entity_real"].to(dtype)}))
+    path.write_bytes(
+        safetensors.torch.save({**tensors, "entity_real": tensors["entity_real"].to(dtype)})
+    )
     with pytest.raises(ArtefactError, match=rf"entity_real has type {dtype}, not torch\.float32"):
         load_scorer(mended(folder, "model.safetensors"))
 
@@ -408,16 +470,23 @@ def test_a_saved_scorer_keeps_its_folds_and_says_how_well_they_predict(opened, t
     for relation in (0, 1):
         torch.testing.assert_close(loaded.table(relation), scorer.table(relation))
         for fold in range(3):
-            torch.testing.assert_close(loaded.left_out(fold).table(relation), scorer.left_out(fold).table(relation))
+            torch.testing.assert_close(
+                loaded.left_out(fold).table(relation), scorer.left_out(fold).table(relation)
+            )
     assert loaded.record.mrr < loaded.record.in_sample_mrr
 
 
 def test_folds_that_have_seen_something_else_are_not_saved(opened, tmp_path):
     scorer = cross_fit(opened.split, lambda recipes: KernelScorer(opened.graph, recipes), folds=3)
     first, second, *rest = scorer.record.folds
-    record = type(scorer.record)(seed=scorer.record.seed, hash=scorer.record.hash, folds=(second, first, *rest))
+    record = type(scorer.record)(
+        seed=scorer.record.seed, hash=scorer.record.hash, folds=(second, first, *rest)
+    )
     spoilt = CrossFitted(
-        scorer.whole, [lambda fold=fold: scorer.left_out(fold) for fold in range(3)], scorer.of_recipe, record
+        scorer.whole,
+        [lambda fold=fold: scorer.left_out(fold) for fold in range(3)],
+        scorer.of_recipe,
+        record,
     )
     with pytest.raises(LeakError):
         save_scorer(tmp_path / "mine", spoilt, opened, kg="partial")

@@ -20,7 +20,10 @@ EVERYTHING = torch.arange(SIZE)
 
 def slow_weight(one, other, result, unseen):
     """exp score(one + other -> result) by the formula of the docstring, counted recipe by recipe."""
-    votes = [sum(entity in recipe[:2] and recipe[2] == result for recipe in KNOWN.tolist()) for entity in (one, other)]
+    votes = [
+        sum(entity in recipe[:2] and recipe[2] == result for recipe in KNOWN.tolist())
+        for entity in (one, other)
+    ]
     if one == other:
         votes[1] = 0
     made = sum(recipe[2] == result for recipe in KNOWN.tolist())
@@ -32,24 +35,34 @@ def test_recipes_and_triples_are_scored_by_the_formulas(unseen):
     assert np.any(KNOWN[:, 0] == KNOWN[:, 1])
     scorer = VoteScorer(GRAPH, KNOWN, unseen=unseen)
     weights = np.array(
-        [[[slow_weight(a, b, c, unseen) for c in range(SIZE)] for b in range(SIZE)] for a in range(SIZE)]
+        [
+            [[slow_weight(a, b, c, unseen) for c in range(SIZE)] for b in range(SIZE)]
+            for a in range(SIZE)
+        ]
     )
     scores = scorer.score_recipes(EVERYTHING[:, None, None], EVERYTHING[None, :, None], EVERYTHING)
     np.testing.assert_allclose(scores.numpy(), np.log(weights), rtol=1e-5)
     pairs = weights.sum(2)
     np.testing.assert_allclose(scorer.table(COMBINES_WITH).numpy(), np.log(pairs), rtol=1e-5)
     parts = [
-        [math.log(sum(pairs[x, b] * weights[x, b, c] for b in range(SIZE))) for c in range(SIZE)] for x in range(SIZE)
+        [math.log(sum(pairs[x, b] * weights[x, b, c] for b in range(SIZE))) for c in range(SIZE)]
+        for x in range(SIZE)
     ]
     np.testing.assert_allclose(scorer.table(COMPONENT_OF).numpy(), parts, rtol=1e-5)
 
 
 def test_who_has_made_it_with_both_comes_before_who_has_made_it_often_with_one():
-    rows = [("river", "wood", "raft"), ("sea", "rope", "raft"), *[("sea", other, "fish") for other in ("net", "rod")]]
+    rows = [
+        ("river", "wood", "raft"),
+        ("sea", "rope", "raft"),
+        *[("sea", other, "fish") for other in ("net", "rod")],
+    ]
     graph = RecipeGraph.from_recipes([*rows, ("wood", "axe", "log")])
     scorer = VoteScorer(graph, graph.recipes)
     scores = scorer.score_recipes("sea", "wood", graph.entities)
-    order = [graph.entities[i] for i in torch.argsort(scores, descending=True, stable=True)[:3].tolist()]
+    order = [
+        graph.entities[i] for i in torch.argsort(scores, descending=True, stable=True)[:3].tolist()
+    ]
     assert order == ["raft", "fish", "log"]
     assert scorer.score_recipes("sea", "sea", "raft") < scorer.score_recipes("sea", "wood", "raft")
     assert scorer.votes("sea", ["raft", "fish", "log"]).tolist() == [1, 2, 0]

@@ -47,13 +47,17 @@ def encode_labels(
             report(start + len(some), len(labels), {})
     vectors = np.concatenate(parts).astype(np.float16)
     if not np.isfinite(vectors).all():
-        raise ArtefactError(f"'{path}' gives vectors that are not finite. Restore a copy of the weights.")
+        raise ArtefactError(
+            f"'{path}' gives vectors that are not finite. Restore a copy of the weights."
+        )
     return vectors, hashes
 
 
 def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
     unknown = getattr(tokenizer, "unk_token_id", None)
-    for label in labels if unknown is not None else ():  # a vocabulary of bytes has tokens for any text
+    for label in (
+        labels if unknown is not None else ()
+    ):  # a vocabulary of bytes has tokens for any text
         if {*tokenizer(label, add_special_tokens=False).input_ids} <= {unknown}:
             raise ConfigError(
                 f"the label '{label}' has no tokens in this encoder's vocabulary. Use an `encoder` for the labels' "
@@ -62,7 +66,12 @@ def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
 
 
 def write_vectors(
-    out: Path, labels: Sequence[str], vectors: NDArray[np.float16], *, inputs: Mapping[str, str], force: bool = False
+    out: Path,
+    labels: Sequence[str],
+    vectors: NDArray[np.float16],
+    *,
+    inputs: Mapping[str, str],
+    force: bool = False,
 ) -> Path:
     """Write vectors and the hashes ``inputs``; OutputExistsError if ``out`` exists and ``force`` is False."""
     folder = with_a_name(out)

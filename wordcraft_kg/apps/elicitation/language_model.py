@@ -21,12 +21,23 @@ from torch import Tensor
 
 from wordcraft_kg.apps.elicitation.prompts import Prompt, prompts_text
 from wordcraft_kg.apps.elicitation.weights import hash_weights, loading
-from wordcraft_kg.base.artefacts import TEMPORARY, check_output, read_large_file, with_a_name, write_atomically
+from wordcraft_kg.base.artefacts import (
+    TEMPORARY,
+    check_output,
+    read_large_file,
+    with_a_name,
+    write_atomically,
+)
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.models.knowledge.folder import Knowledge, KnowledgeRecord, TableInfo, write_knowledge
+from wordcraft_kg.models.knowledge.folder import (
+    Knowledge,
+    KnowledgeRecord,
+    TableInfo,
+    write_knowledge,
+)
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.folder import Progress, locked
 
@@ -57,7 +68,9 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
     with loading(path, "a causal language model"):
         from transformers import AutoConfig, AutoModelForCausalLM, AutoTokenizer
 
-        folder, options = (str(path.parent), {"gguf_file": path.name}) if path.is_file() else (str(path), {})
+        folder, options = (
+            (str(path.parent), {"gguf_file": path.name}) if path.is_file() else (str(path), {})
+        )
         tokenizer = AutoTokenizer.from_pretrained(folder, **options)
         if random_seed is None:
             model, info = AutoModelForCausalLM.from_pretrained(
@@ -72,7 +85,9 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
                 model = AutoModelForCausalLM.from_config(config, dtype=torch.float32)
         model.eval()
         with torch.inference_mode():
-            one, other = (model(input_ids=torch.tensor([[0, token]])).logits[:, 0] for token in (1, 2))
+            one, other = (
+                model(input_ids=torch.tensor([[0, token]])).logits[:, 0] for token in (1, 2)
+            )
         if not torch.allclose(one, other, rtol=1e-3, atol=1e-3):
             raise ValueError("a prediction depends on later tokens")
     return LanguageModel(model, tokenizer, hashes, random_seed)
@@ -101,7 +116,11 @@ class _LabelProbabilities:
     """Log-probabilities of all labels after texts."""
 
     def __init__(self, language_model: LanguageModel, labels: Sequence[str]):
-        self.model, self.tokenizer, self.size = language_model.model, language_model.tokenizer, len(labels)
+        self.model, self.tokenizer, self.size = (
+            language_model.model,
+            language_model.tokenizer,
+            len(labels),
+        )
         tokens = [label_tokens(language_model.tokenizer, label) for label in labels]
         self.tokens = torch.tensor([token for some in tokens for token in some])
         self.owners = torch.tensor([owner for owner, some in enumerate(tokens) for _ in some])
@@ -165,21 +184,34 @@ def elicit_knowledge(
             f"expected at most {_LARGEST:,}. Use a smaller graph, or fewer `prompts`."
         )
     text = prompts_text(prompts)
-    inputs = {"graph": graph.hash, "prompts": hashlib.sha256(text.encode()).hexdigest(), **language_model.hashes}
+    inputs = {
+        "graph": graph.hash,
+        "prompts": hashlib.sha256(text.encode()).hexdigest(),
+        **language_model.hashes,
+    }
     if language_model.random_seed is not None:
         inputs["random weights, seed"] = str(language_model.random_seed)
     probabilities = _LabelProbabilities(language_model, graph.entities)
     batches = [
         batch
         for number, prompt in enumerate(prompts)
-        for batch in _batches(probabilities.read([prompt.text(label) for label in graph.entities]), number)
+        for batch in _batches(
+            probabilities.read([prompt.text(label) for label in graph.entities]), number
+        )
     ]
     # Tokens belong to the key: a tokenizer's files have no hash.
-    key = json.dumps([inputs, _BATCH, probabilities.tokens.tolist(), [batch.texts for batch in batches]])
+    key = json.dumps(
+        [inputs, _BATCH, probabilities.tokens.tolist(), [batch.texts for batch in batches]]
+    )
     with _saved_rows(out, key) as folder:
         tables = _tables(probabilities, batches, prompts, folder, report)
-        source = "language model" + (" with random weights" if language_model.random_seed is not None else "")
-        infos = tuple(TableInfo(name=prompt.name, role=prompt.role, phrase=prompt.phrase) for prompt in prompts)
+        source = "language model" + (
+            " with random weights" if language_model.random_seed is not None else ""
+        )
+        infos = tuple(
+            TableInfo(name=prompt.name, role=prompt.role, phrase=prompt.phrase)
+            for prompt in prompts
+        )
         record = KnowledgeRecord(source=source, entities=graph.entities, tables=infos)
         knowledge = Knowledge(record, tables)
         files = {"prompts.json": text, "README.md": _card(graph, knowledge, inputs, prompts)}
@@ -208,7 +240,9 @@ def _tables(
                     neutral = batch.prompt, _neutral(probabilities, prompts[batch.prompt].neutral)
                 rows = (probabilities.after(batch.texts) - neutral[1]).half()
                 if not rows.isfinite().all():
-                    raise ArtefactError("the language model gives probabilities that are not finite. Use another.")
+                    raise ArtefactError(
+                        "the language model gives probabilities that are not finite. Use another."
+                    )
                 write_atomically(file, safetensors.torch.save({"rows": rows}))
             tables[batch.prompt, batch.rows] = rows
             done += len(batch.rows)
@@ -222,7 +256,9 @@ def _tables(
 
 def _neutral(probabilities: _LabelProbabilities, texts: Sequence[str]) -> Tensor:
     """Return the log of each label's mean probability after neutral texts, shape (E,)."""
-    rows = torch.cat([probabilities.after(batch.texts) for batch in _batches(probabilities.read(texts))])
+    rows = torch.cat(
+        [probabilities.after(batch.texts) for batch in _batches(probabilities.read(texts))]
+    )
     return rows.logsumexp(0) - math.log(len(texts))
 
 
@@ -272,9 +308,13 @@ def strongest(knowledge: Knowledge, most: int = 3) -> dict[str, list[str]]:
     return shown
 
 
-def _card(graph: RecipeGraph, knowledge: Knowledge, inputs: Mapping[str, str], prompts: Sequence[Prompt]) -> str:
+def _card(
+    graph: RecipeGraph, knowledge: Knowledge, inputs: Mapping[str, str], prompts: Sequence[Prompt]
+) -> str:
     shown = strongest(knowledge)
-    tables = "".join(f"| {p.name} | {p.role} | {p.template} | {'; '.join(shown[p.name])} |\n" for p in prompts)
+    tables = "".join(
+        f"| {p.name} | {p.role} | {p.template} | {'; '.join(shown[p.name])} |\n" for p in prompts
+    )
     hashes = "".join(f"- {name}: `{value}`\n" for name, value in inputs.items())
     return f"""{front_matter("knowledge-graph", "language-model")}
 # Knowledge of a {knowledge.record.source} for {graph.name}

@@ -33,9 +33,13 @@ class Prompt(Record, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         texts = (self.template, *self.neutral)
         if "{e}" not in self.template.lower():
-            raise ValueError(f"template '{self.template}' has no {{e}}; expected a place for the label")
+            raise ValueError(
+                f"template '{self.template}' has no {{e}}; expected a place for the label"
+            )
         if not self.neutral or any(not text or text != text.strip() for text in texts):
-            raise ValueError(f"prompt '{self.name}' needs neutral texts; texts neither start nor end with a blank")
+            raise ValueError(
+                f"prompt '{self.name}' needs neutral texts; texts neither start nor end with a blank"
+            )
         if any(part not in self.phrase for part in _IN_PHRASE[self.role]):
             raise ValueError(f"phrase '{self.phrase}' lacks {' or '.join(_IN_PHRASE[self.role])}")
 

@@ -33,7 +33,12 @@ def hash_weights(path: Path) -> dict[str, str]:
     """Return SHA-256 hashes of a model's weights by file name; ArtefactError without weights or config.json."""
     if path.is_file():
         return {path.name: sha256_of(path)}
-    files = [file for pattern in ("*", "*/*") for file in sorted(path.glob(pattern)) if file.suffix in _ENDINGS]
+    files = [
+        file
+        for pattern in ("*", "*/*")
+        for file in sorted(path.glob(pattern))
+        if file.suffix in _ENDINGS
+    ]
     if not files or not (path / "config.json").is_file():
         missing = "config.json" if files else "weights (*.safetensors or *.bin)"
         raise ArtefactError(

@@ -72,11 +72,19 @@ class Explored:
         """
         opened = open_graph(graph)
         named = _named(map(Path, models)).items()
-        opened_models = {name: LinkPredictor(name, folder, open_model(folder, str(graph))) for name, folder in named}
+        opened_models = {
+            name: LinkPredictor(name, folder, open_model(folder, str(graph)))
+            for name, folder in named
+        }
         folders = _named(folder for path in runs for folder in run_folders(Path(path)))
         for folder in folders.values():
             RunFiles(folder, AGENTS.read_record(folder)).graph(opened)
-        return cls(opened, opened_models, folders, [one for path in games for one in read_table_games(opened, path)])
+        return cls(
+            opened,
+            opened_models,
+            folders,
+            [one for path in games for one in read_table_games(opened, path)],
+        )
 
     def predictor(self, name: str = "") -> LinkPredictor:
         """Return a model, by default the first, with all entity similarities computed.
@@ -89,7 +97,9 @@ class Explored:
 
     def _name(self, kind: str, known: Mapping[str, object], name: str) -> str:
         if not known:
-            raise ConfigError(f"This page needs a {kind}; start with `wordcraft-kg explore GRAPH --{kind} FOLDER`.")
+            raise ConfigError(
+                f"This page needs a {kind}; start with `wordcraft-kg explore GRAPH --{kind} FOLDER`."
+            )
         name = name or next(iter(known))
         if name not in known:
             raise UnknownEntityError(
@@ -113,7 +123,9 @@ class Explored:
     def followed(self, name: str = "") -> tuple[str, FollowedRun]:
         """Return an agent's run, by default the first, as name and reader of its growing files."""
         name = self._name("run", self.runs, name)
-        return name, self.once(("followed run", name), lambda: FollowedRun(self.runs[name], self.opened))
+        return name, self.once(
+            ("followed run", name), lambda: FollowedRun(self.runs[name], self.opened)
+        )
 
     def is_any_live(self, *names: str) -> bool:
         """Return whether any of these runs has yet to be complete and evaluated."""
@@ -130,7 +142,11 @@ class Explored:
         return TaskConfig()
 
     def settings_of(
-        self, tasks: TaskConfig, part: AskedPart = "", depth: AskedDepth = 0, distractors: int | None = None
+        self,
+        tasks: TaskConfig,
+        part: AskedPart = "",
+        depth: AskedDepth = 0,
+        distractors: int | None = None,
     ) -> WordCraftConfig:
         """Return the environment settings of an agent's training tasks, with another part, depth or distractors."""
         if depth and depth != tasks.depth:
@@ -157,7 +173,11 @@ def _named(folders: Iterable[Path]) -> dict[str, Path]:
     named: dict[str, Path] = {}
     for folder in folders:
         name, above = run_name(folder), Path(os.path.realpath(folder)).parent
-        while name in named and os.path.realpath(named[name]) != os.path.realpath(folder) and above.name:
+        while (
+            name in named
+            and os.path.realpath(named[name]) != os.path.realpath(folder)
+            and above.name
+        ):
             name, above = f"{above.name}-{name}", above.parent
         named[name] = folder
     return named

@@ -45,11 +45,20 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
     files = _Files(explored)
     sizes, skipped = [], {}
     with staged_folder(out, force=force) as folder:
-        texts = {"explorer.css": style_sheet(), "search.js": files.search(), **static_texts(PACKAGE, SCRIPTS)}
+        texts = {
+            "explorer.css": style_sheet(),
+            "search.js": files.search(),
+            **static_texts(PACKAGE, SCRIPTS),
+        }
         for name, text in texts.items():
             write_atomically(folder / name, text)
         for (page, state), name in steps("writing pages", list(files.names.items())):
-            site = Site(explored, partial(files.address, seen_from=name), partial(_relative, to=name), is_static=True)
+            site = Site(
+                explored,
+                partial(files.address, seen_from=name),
+                partial(_relative, to=name),
+                is_static=True,
+            )
             try:
                 text = site.page(PAGES[page], state)
             except WordCraftKGError as error:
@@ -66,7 +75,10 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             pages=len(sizes),
             largest=max(sizes),
             bytes=sum(sizes),
-            models={name: one.model.run.outputs["model.safetensors"] for name, one in explored.models.items()},
+            models={
+                name: one.model.run.outputs["model.safetensors"]
+                for name, one in explored.models.items()
+            },
             runs={name: sha256_of(path / RUN_FILE) for name, path in explored.runs.items()},
             skipped=skipped,
         )
@@ -83,8 +95,12 @@ class _Files:
             for state in page.states(explored):
                 if (page.name, state) not in self.names:
                     stem = f"{page.name}/{_stem(page, state)}"
-                    names = (f"{stem}{'' if number == 1 else f'-{number}'}.html" for number in count(1))
-                    self.names[page.name, state] = name = next(name for name in names if name not in taken)
+                    names = (
+                        f"{stem}{'' if number == 1 else f'-{number}'}.html" for number in count(1)
+                    )
+                    self.names[page.name, state] = name = next(
+                        name for name in names if name not in taken
+                    )
                     taken.add(name)
 
     def address(self, page: Page[Any], state: State, *, seen_from: str) -> str:
@@ -94,7 +110,9 @@ class _Files:
     def search(self) -> str:
         graph, entity = self.explored.opened.graph, PAGES["entity"]
         labels = graph.labels(sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i]))
-        files = {label: self.names.get((entity.name, entity.state(entity=label))) for label in labels}
+        files = {
+            label: self.names.get((entity.name, entity.state(entity=label))) for label in labels
+        }
         return f"window.entities = {json.dumps([entry for entry in files.items() if entry[1]], ensure_ascii=True)};\n"
 
 
@@ -103,7 +121,9 @@ def _without_paths(text: str, explored: Explored) -> str:
     folders = {name: one.folder for name, one in explored.models.items()} | explored.runs
     for name, folder in folders.items():
         if folder.is_absolute():
-            text = text.replace(str(folder), name).replace(str(escape(str(folder))), str(escape(name)))
+            text = text.replace(str(folder), name).replace(
+                str(escape(str(folder))), str(escape(name))
+            )
     return text
 
 
@@ -111,7 +131,9 @@ def _stem(page: Page[Any], state: State) -> str:
     plain = page.state()
     values = ((getattr(state, name), getattr(plain, name)) for name in state.__struct_fields__)
     chosen = "-".join(str(value) for value, usual in values if value != usual)
-    return re.sub(r"[^a-z0-9]+", "-", chosen.lower()).strip("-")[:LONGEST_NAME].strip("-") or page.name
+    return (
+        re.sub(r"[^a-z0-9]+", "-", chosen.lower()).strip("-")[:LONGEST_NAME].strip("-") or page.name
+    )
 
 
 def _relative(file: str, to: str) -> str:

@@ -68,10 +68,17 @@ class Page(Generic[S]):
         for field in _fields(self.state):
             value = getattr(state, field.name)
             # Browsers resolve dots, some servers slashes, and proxies may decode percent signs twice.
-            if field.name == self.subject and value.strip(".") and not set(value) & {"/", "\\", "%"}:
+            if (
+                field.name == self.subject
+                and value.strip(".")
+                and not set(value) & {"/", "\\", "%"}
+            ):
                 path += f"/{quote(value, safe='')}"
             elif value != field.default:
-                query += [(field.name, _written(one)) for one in (value if isinstance(value, tuple) else (value,))]
+                query += [
+                    (field.name, _written(one))
+                    for one in (value if isinstance(value, tuple) else (value,))
+                ]
         return f"{path}?{urlencode(query)}" if query else path
 
     def read(self, subject: str, query: Iterable[tuple[str, str]]) -> S:
@@ -80,12 +87,18 @@ class Page(Generic[S]):
         given: dict[str, Any] = {self.subject: subject} if self.subject and subject else {}
         for name, value in query:
             if name not in fields:
-                expected = f"expected {', '.join(fields)}" if fields else "this page has no settings"
-                raise ConfigError(f"unknown page setting '{_cut(name)}'; {expected}.{nearest(name[:50], fields)}")
+                expected = (
+                    f"expected {', '.join(fields)}" if fields else "this page has no settings"
+                )
+                raise ConfigError(
+                    f"unknown page setting '{_cut(name)}'; {expected}.{nearest(name[:50], fields)}"
+                )
             if get_origin(fields[name].type) is tuple:
                 given.setdefault(name, []).append(value)
             elif value and given.setdefault(name, value) != value:
-                raise ConfigError(f"'{name}' is given twice: '{_cut(given[name])}' and '{_cut(value)}'.")
+                raise ConfigError(
+                    f"'{name}' is given twice: '{_cut(given[name])}' and '{_cut(value)}'."
+                )
         try:
             return msgspec.convert(given, self.state, strict=False)
         except msgspec.ValidationError as error:
@@ -124,6 +137,8 @@ def paging(total: int, page: int, size: int) -> Paging:
     """Return a page with ``size`` rows; a missing page is a ConfigError."""
     pages = max(-(-total // size), 1)
     if not 1 <= page <= pages:
-        raise ConfigError(f"`page` {page}: there {'is 1 page' if pages == 1 else f'are {pages:,} pages'}.")
+        raise ConfigError(
+            f"`page` {page}: there {'is 1 page' if pages == 1 else f'are {pages:,} pages'}."
+        )
     first = (page - 1) * size + 1
     return Paging(min(first, total), min(first + size - 1, total), total, page, pages)

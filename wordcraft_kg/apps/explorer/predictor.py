@@ -110,7 +110,9 @@ class Slot:
     def triples(self, entities: Ids) -> Ids:
         """Return the triples with these entities as answers, shape (n, 3)."""
         given, relation = np.full(len(entities), self.entity), np.full(len(entities), self.relation)
-        return np.column_stack([entities, relation, given] if self.side == "head" else [given, relation, entities])
+        return np.column_stack(
+            [entities, relation, given] if self.side == "head" else [given, relation, entities]
+        )
 
     def ranks(self, entities: Ids) -> NDArray[np.float64]:
         """Return filtered, realistic ranks, shape (n,), as by ``rank_triples``."""
@@ -139,7 +141,9 @@ class LinkPredictor:
     def scoring(self) -> ScoringModel:
         """The model as evaluation uses it: scores, probabilities and known triples."""
         has_outside = self.model.settings.get("with")
-        outside = OutsideEvidenceFinder.open(self.folder, self.model.opened) if has_outside else None
+        outside = (
+            OutsideEvidenceFinder.open(self.folder, self.model.opened) if has_outside else None
+        )
         return ScoringModel(self.model.scorer, self.split, self.model.kg, outside=outside)
 
     @cached_property
@@ -189,11 +193,19 @@ class LinkPredictor:
 
     def ranked(self, slot: Slot, entity: int) -> RankedLink:
         """Return score and rank for the link with an entity in an open slot."""
-        (link,) = self._predicted(slot, np.array([entity]), np.zeros(len(slot.scores), dtype=np.int64), 0)
+        (link,) = self._predicted(
+            slot, np.array([entity]), np.zeros(len(slot.scores), dtype=np.int64), 0
+        )
         return RankedLink(link.score, link.status, link.known, link.probability, slot.rank(entity))
 
     def best(
-        self, slot: Slot, *, with_learned: bool = False, top: int = 10, witnesses: int = 1, truth: int = 5
+        self,
+        slot: Slot,
+        *,
+        with_learned: bool = False,
+        top: int = 10,
+        witnesses: int = 1,
+        truth: int = 5,
     ) -> PredictedSlot:
         """List the ``top`` entities in an open slot (with ``witnesses`` each), and the best ``truth`` true entities."""
         order = np.argsort(-slot.scores, kind="stable")
@@ -214,11 +226,15 @@ class LinkPredictor:
             true_learned=int((slot.learned & (slot.part != NEW)).sum()),
         )
 
-    def _predicted(self, slot: Slot, entities: Ids, positions: Ids, witnesses: int) -> Iterator[PredictedEntity]:
+    def _predicted(
+        self, slot: Slot, entities: Ids, positions: Ids, witnesses: int
+    ) -> Iterator[PredictedEntity]:
         triples, ranks = slot.triples(entities), slot.ranks(entities)
         known = [KNOWN[part] for part in slot.part[entities].tolist()]
         chances = self.scoring.probabilities(triples, known)
-        for row, (entity, rank, part, chance) in enumerate(zip(entities.tolist(), ranks, known, chances, strict=True)):
+        for row, (entity, rank, part, chance) in enumerate(
+            zip(entities.tolist(), ranks, known, chances, strict=True)
+        ):
             learned = bool(slot.learned[entity])
             head, relation, tail = triples[row].tolist()
             yield PredictedEntity(

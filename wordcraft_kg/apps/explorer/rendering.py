@@ -20,7 +20,14 @@ QUESTIONS = 5
 class Site:
     """Renders pages, without forms if ``is_static``; ``address`` is empty for missing pages, ``file`` is for files."""
 
-    def __init__(self, explored: Explored, address: Addresses, file: Callable[[str], str], *, is_static: bool = False):
+    def __init__(
+        self,
+        explored: Explored,
+        address: Addresses,
+        file: Callable[[str], str],
+        *,
+        is_static: bool = False,
+    ):
         """Take a subject and address forms."""
         self.explored, self.address, self.file, self.is_static = explored, address, file, is_static
 
@@ -34,7 +41,11 @@ class Site:
     def questions(self) -> list[tuple[str, str]]:
         """Example questions with the addresses of pages that answer them: first agents, then models and the graph."""
         pages = [page for page in reversed(PAGES.values()) if page.is_there(self.explored)]
-        links = ((text, self.address(page, state)) for page in pages for text, state in page.questions(self.explored))
+        links = (
+            (text, self.address(page, state))
+            for page in pages
+            for text, state in page.questions(self.explored)
+        )
         return [question for question in links if question[1]][:QUESTIONS]
 
     def page(self, page: Page[Any], state: State) -> str:
@@ -48,7 +59,9 @@ class Site:
         values = {"status": status, "message": message, "suggestions": suggestions or {}}
         return self._render("error.html.j2", None, None, **values)
 
-    def _render(self, template: str, page: Page[Any] | None, state: State | None, **values: Any) -> str:
+    def _render(
+        self, template: str, page: Page[Any] | None, state: State | None, **values: Any
+    ) -> str:
         outline = Outline()
 
         def link(name: str, **fields: Any) -> str:
@@ -61,22 +74,42 @@ class Site:
 
         def entity(label: str) -> Markup:
             model = getattr(state, "model", "")
-            return _anchor(link("entity", entity=label, **({"model": model} if model else {})), label)
+            return _anchor(
+                link("entity", entity=label, **({"model": model} if model else {})), label
+            )
 
-        shown = {"site": self, "page": page, "state": state, "outline": outline, "heading": outline.heading}
-        functions = {"term": outline.term, "link": link, "here": here, "entity": entity, "a": _anchor}
+        shown = {
+            "site": self,
+            "page": page,
+            "state": state,
+            "outline": outline,
+            "heading": outline.heading,
+        }
+        functions = {
+            "term": outline.term,
+            "link": link,
+            "here": here,
+            "entity": entity,
+            "a": _anchor,
+        }
         environment = _environment(HOME.package if page is None else page.package)
         return environment.get_template(template).render(**shown, **functions, **values)
 
 
 def _anchor(address: str, text: str) -> Markup:
-    return Markup('<a href="{}">{}</a>').format(address, text) if address else Markup("{}").format(text)
+    return (
+        Markup('<a href="{}">{}</a>').format(address, text)
+        if address
+        else Markup("{}").format(text)
+    )
 
 
 @cache
 def _environment(package: str) -> jinja2.Environment:
     # Charts look as in reports, and templates share their macros.
-    packages = dict.fromkeys((package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports"))
+    packages = dict.fromkeys(
+        (package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports")
+    )
     environment = make_environment(*packages)
     environment.globals["actions"] = ACTIONS
     return environment

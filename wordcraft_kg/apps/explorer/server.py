@@ -38,13 +38,18 @@ _QUIET = 1.0
 """Seconds after the start, reserved for the first page."""
 
 
-def make_app(explored: Explored, host: str = "127.0.0.1", more_hosts: Collection[str] = ()) -> ASGIApp:
+def make_app(
+    explored: Explored, host: str = "127.0.0.1", more_hosts: Collection[str] = ()
+) -> ASGIApp:
     """Return the web application for this content, which answers requests for a host and further host names."""
     server = _Server(explored)
     routes = [
         Route("/", server.home),
         Route("/search", server.search),
-        Route("/files/{name}", file_endpoint(PACKAGE, SCRIPTS, lambda message: server.error(404, message))),
+        Route(
+            "/files/{name}",
+            file_endpoint(PACKAGE, SCRIPTS, lambda message: server.error(404, message)),
+        ),
         Route("/{name}", server.page),
         Route("/{name}/{subject:path}", server.page),
     ]
@@ -54,7 +59,9 @@ def make_app(explored: Explored, host: str = "127.0.0.1", more_hosts: Collection
 class _Server:
     def __init__(self, explored: Explored) -> None:
         self.explored = explored
-        self.site = Site(explored, lambda page, state: page.address(state), lambda name: f"/files/{name}")
+        self.site = Site(
+            explored, lambda page, state: page.address(state), lambda name: f"/files/{name}"
+        )
         # More torch threads would only compete: a table has ten rows.
         self._threads = ThreadPoolExecutor(_THREADS, "pages", torch.set_num_threads, (1,))
         self._kept = lru_cache(_KEPT)(self._rendered)
@@ -74,7 +81,9 @@ class _Server:
             return self.error(404, f"The page '{name[:60]}' does not exist.")
         try:
             # The parser of Starlette accepts invalid bytes and any number of fields.
-            query = parse_qsl(request.url.query, keep_blank_values=True, errors="strict", max_num_fields=200)
+            query = parse_qsl(
+                request.url.query, keep_blank_values=True, errors="strict", max_num_fields=200
+            )
         except (ValueError, UnicodeError):
             message = "The address is not well-formed: its query cannot be read as UTF-8 names and values."
             return self.error(400, message)
@@ -109,8 +118,12 @@ class _Server:
         labels = search_entities(self.explored.opened.graph, wanted)
         return {label: entity.address(entity.state(entity=label)) for label in labels}
 
-    def error(self, status: int, message: str, suggestions: dict[str, str] | None = None) -> Response:
-        return Response(self.site.error(status, message, suggestions), status, media_type="text/html")
+    def error(
+        self, status: int, message: str, suggestions: dict[str, str] | None = None
+    ) -> Response:
+        return Response(
+            self.site.error(status, message, suggestions), status, media_type="text/html"
+        )
 
     def _rendered(self, page: Page[Any], state: State) -> bytes:
         return self.site.page(page, state).encode()

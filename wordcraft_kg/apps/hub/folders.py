@@ -53,9 +53,14 @@ class SharedFolder:
                 )
             licence = "cc0-1.0"
         if not re.fullmatch(r"[a-z0-9][a-z0-9.-]{1,40}", licence):
-            raise ConfigError(f"`licence` '{licence}': expected an identifier of the hub, such as cc-by-4.0 or other.")
+            raise ConfigError(
+                f"`licence` '{licence}': expected an identifier of the hub, such as cc-by-4.0 or other."
+            )
         head, _, body = self.card.removeprefix("---\n").partition("\n---\n")
-        lines = [f"license: {licence}", *(line for line in head.split("\n") if not line.startswith("license:"))]
+        lines = [
+            f"license: {licence}",
+            *(line for line in head.split("\n") if not line.startswith("license:")),
+        ]
         sums = "".join(f"{sha256_of(self.path / name)}  {name}\n" for name in self.files)
         return {CARD: "\n".join(["---", *lines, "---", body]), SUMS: sums}
 
@@ -64,19 +69,27 @@ def open_folder(folder: Path) -> SharedFolder:
     """Check all files of a graph folder, a finished model or agent; ArtefactError if one is missing or changed."""
     if (folder / "graph.json").is_file():
         return _open_graph_folder(folder)
-    weights = "model.safetensors" if (folder / "model.safetensors").exists() else "policy.safetensors"
+    weights = (
+        "model.safetensors" if (folder / "model.safetensors").exists() else "policy.safetensors"
+    )
     run = read_finished_run(folder, _EXPECTED, weights)
-    names = [name for name in {**run.inputs, **run.outputs} if "." in name]  # other inputs are not in the folder
+    names = [
+        name for name in {**run.inputs, **run.outputs} if "." in name
+    ]  # other inputs are not in the folder
     for name in names:
         RunFiles(folder, run).bytes(name)
-    card = read_small_file(folder / CARD).decode(errors="replace").partition(_RECORD)[0] + _record(run)
+    card = read_small_file(folder / CARD).decode(errors="replace").partition(_RECORD)[0] + _record(
+        run
+    )
     return SharedFolder(folder, "model", run.inputs["graph"], card, ("run.json", *names))
 
 
 def _open_graph_folder(folder: Path) -> SharedFolder:
     opened = open_graph(str(folder))
     graph, split = opened.graph, opened.split
-    sizes = ", ".join(f"{int(split.is_in(part).sum()):,} {part}" for part in ("train", "valid", "test"))
+    sizes = ", ".join(
+        f"{int(split.is_in(part).sum()):,} {part}" for part in ("train", "valid", "test")
+    )
     card = f"""{front_matter("knowledge-graph", "recipes")}
 # Recipe graph {graph.name}
 
@@ -103,7 +116,11 @@ def _record(run: RunRecord) -> str:
 
 def read_sums(path: Path, repository: str) -> dict[str, str]:
     """Read a list of hashes: SHA-256 by file name; ArtefactError for other lines, such as a path outside the folder."""
-    lines = [_SUM.fullmatch(line) for line in read_small_file(path).decode(errors="replace").splitlines()]
+    lines = [
+        _SUM.fullmatch(line) for line in read_small_file(path).decode(errors="replace").splitlines()
+    ]
     if not lines or None in lines:
-        raise ArtefactError(f"{SUMS} in '{repository}' was changed, or not written by `wordcraft-kg hub push`.")
+        raise ArtefactError(
+            f"{SUMS} in '{repository}' was changed, or not written by `wordcraft-kg hub push`."
+        )
     return {line[2]: line[1] for line in lines if line}

@@ -13,7 +13,14 @@ from wordcraft_kg.base.progress import stage
 
 
 @stage("uploading")
-def push(shared: SharedFolder, texts: dict[str, str], repository: str, *, private: bool, revision: str | None) -> str:
+def push(
+    shared: SharedFolder,
+    texts: dict[str, str],
+    repository: str,
+    *,
+    private: bool,
+    revision: str | None,
+) -> str:
     """Commit the files of a folder and ``texts`` to a repository, created if necessary; return the commit's address.
 
     FetchError if the hub cannot be reached or refuses.
@@ -21,13 +28,18 @@ def push(shared: SharedFolder, texts: dict[str, str], repository: str, *, privat
     with _transfer(repository, "pushed"):
         from huggingface_hub import CommitOperationAdd, HfApi
 
-        api, where = HfApi(library_name="wordcraft-kg"), {"repo_id": repository, "repo_type": shared.repo_type}
+        api, where = (
+            HfApi(library_name="wordcraft-kg"),
+            {"repo_id": repository, "repo_type": shared.repo_type},
+        )
         api.create_repo(**where, private=private or None, exist_ok=True)
         if revision is not None:
             api.create_branch(**where, branch=revision, exist_ok=True)
         files = [CommitOperationAdd(name, str(shared.path / name)) for name in shared.files]
         files += [CommitOperationAdd(name, text.encode()) for name, text in texts.items()]
-        commit = api.create_commit(**where, operations=files, revision=revision, commit_message="wordcraft-kg hub push")
+        commit = api.create_commit(
+            **where, operations=files, revision=revision, commit_message="wordcraft-kg hub push"
+        )
         return str(commit.commit_url)
 
 
@@ -48,14 +60,21 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
                 repo_type, commit = "model", api.model_info(repository, revision=revision).sha
             except RepositoryNotFoundError:
                 repo_type, commit = "dataset", api.dataset_info(repository, revision=revision).sha
-            where = {"repo_id": repository, "repo_type": repo_type, "revision": commit, "local_dir": folder}
+            where = {
+                "repo_id": repository,
+                "repo_type": repo_type,
+                "revision": commit,
+                "local_dir": folder,
+            }
             sums = read_sums(Path(api.hf_hub_download(filename=SUMS, **where)), repository)
             for name in (*sums, CARD):
                 api.hf_hub_download(filename=name, **where)
         shutil.rmtree(folder / ".cache")
         for name, expected in sums.items():
             if sha256_of(folder / name) != expected:
-                raise ArtefactError(f"{name} in '{repository}' differs from the hash in {SUMS}; nothing was written.")
+                raise ArtefactError(
+                    f"{name} in '{repository}' differs from the hash in {SUMS}; nothing was written."
+                )
         try:
             open_folder(folder)
         except ArtefactError as error:
@@ -67,7 +86,9 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
 def _transfer(repository: str, done: str) -> Iterator[None]:
     """Turn the client's errors into a FetchError without their text, which may hold signed addresses."""
     if not re.fullmatch(r"[\w.-]{1,96}/[\w.-]{1,96}", repository, re.ASCII):
-        raise ConfigError(f"`repository` '{repository}': expected OWNER/NAME, such as me/kitchen-recipes.")
+        raise ConfigError(
+            f"`repository` '{repository}': expected OWNER/NAME, such as me/kitchen-recipes."
+        )
     from huggingface_hub.utils import disable_progress_bars
 
     disable_progress_bars()

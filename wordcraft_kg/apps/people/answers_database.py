@@ -90,10 +90,17 @@ class AnswersDatabase:
         with _reading(path, study):
             pass
         self._path, self._turns, self._lock = path, turns, threading.Lock()
-        self._connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None, check_same_thread=False)
+        self._connection = sqlite3.connect(
+            path, timeout=BUSY, isolation_level=None, check_same_thread=False
+        )
         try:
             # Withdrawn answers are overwritten; writing the version again fails in a read-only folder.
-            settings = "journal_mode = WAL", "synchronous = FULL", "foreign_keys = ON", "secure_delete = ON"
+            settings = (
+                "journal_mode = WAL",
+                "synchronous = FULL",
+                "foreign_keys = ON",
+                "secure_delete = ON",
+            )
             for pragma in (*settings, f"user_version = {VERSION}"):
                 self._connection.execute(f"PRAGMA {pragma}")
         except sqlite3.Error as error:
@@ -118,7 +125,9 @@ class AnswersDatabase:
         with self._lock, suppress(sqlite3.Error):
             if not self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
                 return
-        _LOG.warning("%s-wal keeps withdrawn answers until the server stops or starts again.", self._path)
+        _LOG.warning(
+            "%s-wal keeps withdrawn answers until the server stops or starts again.", self._path
+        )
 
     def begin(self, code: str, cells: Sequence[Cell]) -> Participant:
         """Start, or return by a code's hash, a session in the cell with the fewest sessions, then finished ones."""
@@ -131,7 +140,8 @@ class AnswersDatabase:
             }
             cell = min(cells, key=lambda cell: counts.get(cell, (0, 0)))
             cursor = connection.execute(
-                "INSERT INTO sessions (code, form, distractors) VALUES (?, ?, ?)", (code, cell.form, cell.distractors)
+                "INSERT INTO sessions (code, form, distractors) VALUES (?, ?, ?)",
+                (code, cell.form, cell.distractors),
             )
             assert cursor.lastrowid is not None
             return Participant(cursor.lastrowid, cell)
@@ -145,7 +155,9 @@ class AnswersDatabase:
         """Return the answers of a person in order."""
         with self._lock:
             query = f"{_ANSWERS} WHERE session = ? ORDER BY part DESC, number"
-            return [_answer(row).answer for row in self._connection.execute(query, (person.number,))]
+            return [
+                _answer(row).answer for row in self._connection.execute(query, (person.number,))
+            ]
 
     def show(self, person: Participant, part: str, number: int, now: float) -> None:
         """Record a page load for an unanswered task: the time of the first load, and the load count."""
@@ -161,13 +173,18 @@ class AnswersDatabase:
         """Return the time of the first page load for an unanswered task; None for other tasks."""
         key = (person.number, part, number)
         with self._lock:
-            row = self._connection.execute(f"SELECT shown FROM showings WHERE {_KEY}", key).fetchone()
+            row = self._connection.execute(
+                f"SELECT shown FROM showings WHERE {_KEY}", key
+            ).fetchone()
         return None if row is None else float(row[0])
 
     def add(self, person: Participant, answer: Answer) -> bool:
         """Store the answer to a shown task; return False for other tasks."""
         key = (person.number, answer.part, answer.number)
-        lists = (json.dumps(value, ensure_ascii=False) for value in (answer.table, answer.actions, answer.made))
+        lists = (
+            json.dumps(value, ensure_ascii=False)
+            for value in (answer.table, answer.actions, answer.made)
+        )
         with self._writing() as connection:
             row = connection.execute(f"SELECT loads FROM showings WHERE {_KEY}", key).fetchone()
             if row is None:
@@ -184,7 +201,10 @@ class AnswersDatabase:
         with self._writing() as connection:
             for table in ("answers", "showings"):
                 connection.execute(f"DELETE FROM {table} WHERE session = ?", (person.number,))
-            connection.execute("UPDATE sessions SET code = 'withdrawn ' || number WHERE number = ?", (person.number,))
+            connection.execute(
+                "UPDATE sessions SET code = 'withdrawn ' || number WHERE number = ?",
+                (person.number,),
+            )
         self._empty_log()
 
     def stored(self) -> Stored:
@@ -202,14 +222,18 @@ class AnswersDatabase:
 
 _KEY = "session = ? AND part = ? AND number = ?"
 _PEOPLE = "SELECT number, form, distractors FROM sessions WHERE code NOT LIKE 'withdrawn %'"
-_ANSWERS = "SELECT session, part, number, goal, slots, actions, made, success, seconds, loads FROM answers"
+_ANSWERS = (
+    "SELECT session, part, number, goal, slots, actions, made, success, seconds, loads FROM answers"
+)
 
 
 def read_answers(path: Path, study: str) -> tuple[list[Participant], list[StoredAnswer]]:
     """Return all people and answers in order; nothing is written. Damage or another study is an ArtefactError."""
     with _reading(path, study) as connection:
         rows = connection.execute(f"{_PEOPLE} ORDER BY number").fetchall()
-        people = [Participant(number, Cell(form, distractors)) for number, form, distractors in rows]
+        people = [
+            Participant(number, Cell(form, distractors)) for number, form, distractors in rows
+        ]
         rows = connection.execute(f"{_ANSWERS} ORDER BY session, part DESC, number").fetchall()
         try:
             return people, [_answer(row, path) for row in rows]
@@ -221,13 +245,23 @@ def read_answers(path: Path, study: str) -> tuple[list[Participant], list[Stored
 def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
     check_file(path)
     try:
-        with _address(path) as address, closing(sqlite3.connect(address, uri=True, timeout=BUSY)) as connection:
+        with (
+            _address(path) as address,
+            closing(sqlite3.connect(address, uri=True, timeout=BUSY)) as connection,
+        ):
             connection.execute("BEGIN")
-            kind = [connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version")]
+            kind = [
+                connection.execute(f"PRAGMA {name}").fetchone()[0]
+                for name in ("application_id", "user_version")
+            ]
             if kind != [APPLICATION, VERSION]:
-                raise ArtefactError(f"{path} is not an answers database of this version. Nothing was changed.")
+                raise ArtefactError(
+                    f"{path} is not an answers database of this version. Nothing was changed."
+                )
             # Views and triggers in a foreign file would run on the first query.
-            schema = connection.execute("SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL").fetchall()
+            schema = connection.execute(
+                "SELECT sql FROM sqlite_schema WHERE sql IS NOT NULL"
+            ).fetchall()
             if sorted(schema) != sorted((table,) for table in TABLES):
                 raise _damaged(path, "expected the tables of a study")
             if (problem := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
@@ -245,7 +279,10 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
 @contextmanager
 def _address(path: Path) -> Iterator[str]:
     """Yield the address for reading: after a kill a copy, because SQLite would write to the log."""
-    address, log, index = path.resolve().as_uri(), *(path.with_name(f"{path.name}-{end}") for end in ("wal", "shm"))
+    address, log, index = (
+        path.resolve().as_uri(),
+        *(path.with_name(f"{path.name}-{end}") for end in ("wal", "shm")),
+    )
     if not log.exists() and not index.exists():
         yield f"{address}?immutable=1"  # without a log there is no writer, so no lock is needed
     elif _is_served(path.parent):
@@ -259,7 +296,11 @@ def _address(path: Path) -> Iterator[str]:
                 read = connection.execute("PRAGMA wal_checkpoint").fetchone()[1]
             if read < (written := _pages(entries, shared)):
                 lost = f"{written - max(read, 0)} of its {written} pages cannot be read, so answers may be missing"
-                _LOG.warning("%s is damaged or ends in an unfinished answer: %s. Compare with a copy.", log, lost)
+                _LOG.warning(
+                    "%s is damaged or ends in an unfinished answer: %s. Compare with a copy.",
+                    log,
+                    lost,
+                )
             yield copy.as_uri()
 
 
@@ -276,10 +317,17 @@ def _pages(log: bytes, index: bytes) -> int:
     size, salt = 24 + int.from_bytes(log[8:12], "big"), log[16:24]
     starts = range(32, len(log), size)
     # Pages from before the last checkpoint follow with another salt.
-    is_current = [log[at + 8 : at + 16] in (salt, bytes(8)) or at + size > len(log) for at in starts]
-    recorded = max((number for number, is_one in enumerate(is_current, 1) if is_one), default=len(log) not in (0, 32))
+    is_current = [
+        log[at + 8 : at + 16] in (salt, bytes(8)) or at + size > len(log) for at in starts
+    ]
+    recorded = max(
+        (number for number, is_one in enumerate(is_current, 1) if is_one),
+        default=len(log) not in (0, 32),
+    )
     committed, saved = (int.from_bytes(index[at : at + 4], sys.byteorder) for at in (16, 96))
-    return max(recorded, committed if committed > saved and (len(log) <= 32 or index[32:40] == salt) else 0)
+    return max(
+        recorded, committed if committed > saved and (len(log) <= 32 or index[32:40] == salt) else 0
+    )
 
 
 def _make(path: Path, study: str) -> None:
@@ -289,7 +337,11 @@ def _make(path: Path, study: str) -> None:
         new.unlink(missing_ok=True)
         with closing(sqlite3.connect(new, isolation_level=None)) as connection:
             connection.execute("BEGIN IMMEDIATE")
-            for statement in (*TABLES, f"PRAGMA application_id = {APPLICATION}", f"PRAGMA user_version = {VERSION}"):
+            for statement in (
+                *TABLES,
+                f"PRAGMA application_id = {APPLICATION}",
+                f"PRAGMA user_version = {VERSION}",
+            ):
                 connection.execute(statement)
             connection.execute("INSERT INTO study VALUES (?)", (study,))
             connection.execute("COMMIT")
@@ -307,7 +359,9 @@ def _make(path: Path, study: str) -> None:
 
 
 def _find(connection: sqlite3.Connection, code: str) -> Participant | None:
-    row = connection.execute("SELECT number, form, distractors FROM sessions WHERE code = ?", (code,)).fetchone()
+    row = connection.execute(
+        "SELECT number, form, distractors FROM sessions WHERE code = ?", (code,)
+    ).fetchone()
     return None if row is None else Participant(row[0], Cell(row[1], row[2]))
 
 
@@ -315,14 +369,18 @@ def _answer(row: Sequence[Any], path: Path | str = ANSWERS_FILE) -> StoredAnswer
     session, part, number, goal, *lists, success, seconds, loads = row
     values = (part, number, goal, *map(json.loads, lists), bool(success), seconds)
     return StoredAnswer(
-        session, as_record(dict(zip(Answer.__struct_fields__, values, strict=True)), Answer, path), loads
+        session,
+        as_record(dict(zip(Answer.__struct_fields__, values, strict=True)), Answer, path),
+        loads,
     )
 
 
 def _failed(path: Path, error: sqlite3.Error) -> ArtefactError:
     if not isinstance(error, sqlite3.OperationalError):
         return _damaged(path, error)
-    return ArtefactError(f"{path} cannot be read or written: {error}. Expected a writable folder with free space.")
+    return ArtefactError(
+        f"{path} cannot be read or written: {error}. Expected a writable folder with free space."
+    )
 
 
 def _damaged(path: Path, error: object) -> ArtefactError:

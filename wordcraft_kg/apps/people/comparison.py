@@ -27,7 +27,9 @@ def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Tab
         _check_graph(agent, session)
         distractors, seed = session.distractors, session.header.seed
         if (distractors, seed) not in protocols:
-            protocols[distractors, seed] = HumanProtocol(world or agent.opened, distractors, seed, tasks=session.tasks)
+            protocols[distractors, seed] = HumanProtocol(
+                world or agent.opened, distractors, seed, tasks=session.tasks
+            )
             world = protocols[distractors, seed].world
         for answer in session.answers:
             key = session.table_of(answer)
@@ -50,7 +52,10 @@ def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Tab
 
 def _check_graph(agent: OpenedAgent, session: Session) -> None:
     opened, header = agent.opened, session.header
-    hashes = {"graph": (header.graph_hash, opened.graph.hash), "split": (header.split_hash, opened.split.hash)}
+    hashes = {
+        "graph": (header.graph_hash, opened.graph.hash),
+        "split": (header.split_hash, opened.split.hash),
+    }
     for name, (answered, trained) in hashes.items():
         if answered != trained:
             raise GraphMismatchError(
@@ -62,7 +67,9 @@ def _check_graph(agent: OpenedAgent, session: Session) -> None:
 def _greedy_successes(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> list[bool]:
     """Return whether a policy's two greedy actions at each table (depth 1) make the goal; ties: the first slot."""
     engine = BatchEngine(world, len(tasks))
-    tables = padded([[world.graph.id_of(label) for label in task.table] for task in tasks], world.nothing)
+    tables = padded(
+        [[world.graph.id_of(label) for label in task.table] for task in tasks], world.nothing
+    )
     state = engine.pose(np.array([task.index for task in tasks]), tables=tables)
     player, rng = PolicyPlayer(policy), np.random.default_rng(0)
     state, _ = engine.step_once(state, player(state, rng))

@@ -44,7 +44,9 @@ class StudyConfig:
         whole("tasks", self.tasks, 1, MOST_TASKS)
         whole("forms", self.forms, 1, MOST_FORMS)
         whole("seed", self.seed, 0, 2**63 - 1 - MOST_FORMS)
-        if not 1 <= len(self.distractors) <= MOST_CONDITIONS or len(set(self.distractors)) < len(self.distractors):
+        if not 1 <= len(self.distractors) <= MOST_CONDITIONS or len(set(self.distractors)) < len(
+            self.distractors
+        ):
             raise ConfigError(
                 f"`num_distractors` {self.distractors}: expected 1 to {MOST_CONDITIONS} different numbers."
             )

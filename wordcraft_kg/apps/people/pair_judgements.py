@@ -89,9 +89,13 @@ def judgements_file(*, fetch: bool = False) -> Path:
     if path is None and fetch:
         return fetch_file("people's judgements of pairs", URL, SHA256, cached)
     if path is None:
-        raise ArtefactError("people's judgements of pairs are not on this machine. Fetch them: add --fetch.")
+        raise ArtefactError(
+            "people's judgements of pairs are not on this machine. Fetch them: add --fetch."
+        )
     if sha256_of(path) != SHA256:
-        raise ArtefactError(f"{path} is not the published file (its SHA-256 differs). Remove it, and add --fetch.")
+        raise ArtefactError(
+            f"{path} is not the published file (its SHA-256 differs). Remove it, and add --fetch."
+        )
     return path
 
 
@@ -100,7 +104,12 @@ def read_judgements(path: Path, graph: RecipeGraph) -> list[Judgement]:
     ids = {label: entity for entity, label in enumerate(graph.entities)}
     judgements = []
     for number, person in enumerate(json.loads(path.read_text(encoding="utf-8")).values()):
-        columns = ("currentcombinationstring", "linkanswers", "elementanswers", "elementoptionsshuffeld")
+        columns = (
+            "currentcombinationstring",
+            "linkanswers",
+            "elementanswers",
+            "elementoptionsshuffeld",
+        )
         for pair, rating, answer, options in zip(*(person[name] for name in columns), strict=True):
             if pair[0] in ids and pair[1] in ids:
                 a, b = sorted(ids[label] for label in pair)
@@ -113,21 +122,31 @@ def read_judgements(path: Path, graph: RecipeGraph) -> list[Judgement]:
 def judged_recipes(judgements: Sequence[Judgement], graph: RecipeGraph) -> list[Recipe]:
     """Return the graph's recipes of rated pairs, as labels: a model that is judged must not know them."""
     pairs = {judgement.pair for judgement in judgements}
-    return graph.recipe_labels(np.array([row for row in graph.recipes.tolist() if (row[0], row[1]) in pairs]))
+    return graph.recipe_labels(
+        np.array([row for row in graph.recipes.tolist() if (row[0], row[1]) in pairs])
+    )
 
 
 def view_pairs(
-    judgements: Sequence[Judgement], graph: RecipeGraph, model: tuple[str, RecipeScorer] | None = None
+    judgements: Sequence[Judgement],
+    graph: RecipeGraph,
+    model: tuple[str, RecipeScorer] | None = None,
 ) -> PairView:
     """Compare people and a named scorer with the graph; LeakError if the scorer learned from judged pairs."""
     pairs = sorted({judgement.pair for judgement in judgements})
     results = {pair: set(graph.labels(graph.outcomes.get(pair, ()))) for pair in pairs}
-    questions = [judgement for judgement in judgements if results[judgement.pair] & {*judgement.options}]
+    questions = [
+        judgement for judgement in judgements if results[judgement.pair] & {*judgement.options}
+    ]
     if not questions or all(results.values()):
-        raise ConfigError(f"{graph.name} has only recipes or none among the rated pairs; expected little-alchemy-2.")
+        raise ConfigError(
+            f"{graph.name} has only recipes or none among the rated pairs; expected little-alchemy-2."
+        )
     people = [judgement.person for judgement in judgements]
     is_recipe = [bool(results[judgement.pair]) for judgement in judgements]
-    auc, auc_ci = area_under_curve(is_recipe, [judgement.rating for judgement in judgements], people)
+    auc, auc_ci = area_under_curve(
+        is_recipe, [judgement.rating for judgement in judgements], people
+    )
     right = [judgement.answer in results[judgement.pair] for judgement in questions]
     share, share_ci = _share(right, [judgement.person for judgement in questions])
     view = PairView(
@@ -147,13 +166,20 @@ def view_pairs(
     name, scorer = model
     known = {(min(a, b), max(a, b)) for a, b, _ in scorer.recipes.tolist()} & {*pairs}
     if known or not len(scorer.recipes):
-        seen = f"trained on recipes of {len(known)}" if known else "made without recipes (`kg` none), its sources with"
+        seen = (
+            f"trained on recipes of {len(known)}"
+            if known
+            else "made without recipes (`kg` none), its sources with"
+        )
         raise LeakError(
             f"{name} was {seen} rated pairs. Write these recipes with --recipes FILE, and train again: "
             f"wordcraft-kg train-recipes {graph.name} --kg full --without FILE"
         )
     entities = torch.arange(graph.num_entities)
-    scores = {pair: scorer.score_recipes(torch.tensor(pair[0]), torch.tensor(pair[1]), entities) for pair in pairs}
+    scores = {
+        pair: scorer.score_recipes(torch.tensor(pair[0]), torch.tensor(pair[1]), entities)
+        for pair in pairs
+    }
     ids = {label: entity for entity, label in enumerate(graph.entities)}
     right = []
     for judgement in questions:
@@ -161,13 +187,17 @@ def view_pairs(
         best = max(options, key=lambda option: float(scores[judgement.pair][ids[option]]))
         right.append(best in results[judgement.pair])
     best_scores = [float(scores[pair].max()) for pair in pairs]
-    auc, auc_ci = area_under_curve([bool(results[pair]) for pair in pairs], best_scores, range(len(pairs)))
+    auc, auc_ci = area_under_curve(
+        [bool(results[pair]) for pair in pairs], best_scores, range(len(pairs))
+    )
     share, share_ci = _share(right, [pairs.index(judgement.pair) for judgement in questions])
     return replace(view, model=name, auc=auc, auc_ci=auc_ci, right=share, right_ci=share_ci)
 
 
 def _share(right: Sequence[bool], clusters: Sequence[int]) -> tuple[float, _Bounds]:
-    return float(np.mean(right)), interval(bootstrap(np.array(right, dtype=float), np.array(clusters)))
+    return float(np.mean(right)), interval(
+        bootstrap(np.array(right, dtype=float), np.array(clusters))
+    )
 
 
 def area_under_curve(
@@ -179,8 +209,13 @@ def area_under_curve(
     counts = np.zeros((2, cluster.max() + 1, level.max() + 1))
     np.add.at(counts, (np.array(is_right, dtype=int), cluster, level), 1)
     number = counts.shape[1]
-    draws = np.random.default_rng(0).multinomial(number, np.full(number, 1 / number), size=RESAMPLES)
+    draws = np.random.default_rng(0).multinomial(
+        number, np.full(number, 1 / number), size=RESAMPLES
+    )
     wrong, right = np.vstack([np.ones(number), draws]) @ counts
-    wins, cases = (right * (wrong.cumsum(axis=1) - wrong / 2)).sum(axis=1), wrong.sum(axis=1) * right.sum(axis=1)
+    wins, cases = (
+        (right * (wrong.cumsum(axis=1) - wrong / 2)).sum(axis=1),
+        wrong.sum(axis=1) * right.sum(axis=1),
+    )
     value, *areas = wins[cases > 0] / cases[cases > 0]
     return float(value), interval(np.array(areas))

@@ -22,7 +22,12 @@ HUMAN_PARTS = ("train", "test")
 """Parts in order. The solution follows each train task, but no test task."""
 Turn = tuple[str, int]
 """Part of a task, and its number there, from 1."""
-_SEED_KEYS = ("all", "train", "valid", "test")  # the index is part of the seeds and must never change
+_SEED_KEYS = (
+    "all",
+    "train",
+    "valid",
+    "test",
+)  # the index is part of the seeds and must never change
 
 
 def schedule(tasks: int = TASKS_PER_PART) -> tuple[Turn, ...]:
@@ -33,7 +38,11 @@ def schedule(tasks: int = TASKS_PER_PART) -> tuple[Turn, ...]:
 def episode_seed(seed: int, part: str, number: int) -> int:
     """Return the seed for an episode, independent from earlier episodes; a negative seed is a ConfigError."""
     whole("seed", seed, 0)
-    return int(np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number)).generate_state(1)[0])
+    return int(
+        np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number)).generate_state(1)[
+            0
+        ]
+    )
 
 
 class Header(Record):
@@ -62,7 +71,9 @@ class Answer(Record):
     def is_sound(self) -> bool:
         """Whether the actions are on the table, and ``success`` and ``seconds`` are possible."""
         is_right = self.success == (self.goal in self.made)
-        return set(self.actions) <= set(self.table) and is_right and 0 <= self.seconds < float("inf")
+        return (
+            set(self.actions) <= set(self.table) and is_right and 0 <= self.seconds < float("inf")
+        )
 
 
 @dataclass(frozen=True)
@@ -89,7 +100,12 @@ class HumanProtocol:
     """
 
     def __init__(
-        self, graph: GraphLike | World, num_distractors: int = 8, seed: int = 0, *, tasks: int = TASKS_PER_PART
+        self,
+        graph: GraphLike | World,
+        num_distractors: int = 8,
+        seed: int = 0,
+        *,
+        tasks: int = TASKS_PER_PART,
     ):
         """Prepare environments for both parts, with a shared world; a part without tasks is a TaskError."""
         episode_seed(seed, "train", 1)  # rejects negative seeds
@@ -97,8 +113,17 @@ class HumanProtocol:
         self.turns = schedule(whole("tasks", tasks, 1, MOST_TASKS))
         self.world = World(graph, WordCraftConfig(num_distractors=num_distractors))
         self._envs = {part: WordCraftEnv(self.world.variant(part=part)) for part in HUMAN_PARTS}
-        kept = ("depth", "num_distractors", "attempts", "distractor_weighting", "distractor_policy", "task_weighting")
-        settings = {"tasks_per_part": tasks} | {name: getattr(self.world.config, name) for name in (*kept, "ambiguity")}
+        kept = (
+            "depth",
+            "num_distractors",
+            "attempts",
+            "distractor_weighting",
+            "distractor_policy",
+            "task_weighting",
+        )
+        settings = {"tasks_per_part": tasks} | {
+            name: getattr(self.world.config, name) for name in (*kept, "ambiguity")
+        }
         graph = self.world.graph
         self.header = Header(graph.name, graph.hash, self.world.split.hash, settings, seed)
 
@@ -118,14 +143,23 @@ class HumanProtocol:
         """Return a task for a part and number."""
         env, observation = self.pose(part, number)
         plans = tuple(plan[0] for plan in env.task.plans)
-        return PosedTask(part, number, env.task.goal, table_labels(env, observation), plans, env.state.task)
+        return PosedTask(
+            part, number, env.task.goal, table_labels(env, observation), plans, env.state.task
+        )
 
     def answer(self, task: PosedTask, slots: tuple[int, int], seconds: float) -> Answer:
         """Return the answer for two slots and a time in seconds, rounded to hundredths."""
         actions = (task.table[slots[0]], task.table[slots[1]])
         made = results_of(self._envs[task.part], *actions)
         return Answer(
-            task.part, task.number, task.goal, task.table, actions, made, task.goal in made, round(seconds, 2)
+            task.part,
+            task.number,
+            task.goal,
+            task.table,
+            actions,
+            made,
+            task.goal in made,
+            round(seconds, 2),
         )
 
 
@@ -160,11 +194,15 @@ class Session:
         return self.distractors, self.header.seed, answer.part, answer.number
 
 
-def check_number(settings: dict[str, int | str], name: str, least: int, most: int, where: str) -> None:
+def check_number(
+    settings: dict[str, int | str], name: str, least: int, most: int, where: str
+) -> None:
     """Check that a recorded setting is a whole number in the range."""
     value = settings.get(name)
     if not isinstance(value, int) or not least <= value <= most:
-        raise ArtefactError(f"{where} is damaged: '{name}' is not a whole number, {least} to {most:,}.")
+        raise ArtefactError(
+            f"{where} is damaged: '{name}' is not a whole number, {least} to {most:,}."
+        )
 
 
 def check_alike(path: Path, header: Header, other: str, reference: Header) -> None:
@@ -174,12 +212,16 @@ def check_alike(path: Path, header: Header, other: str, reference: Header) -> No
     check_equal(f"'{path}' has", have, f"{other} has", want)
 
 
-def check_equal(subject: str, have: Mapping[str, object], other: str, want: Mapping[str, object]) -> None:
+def check_equal(
+    subject: str, have: Mapping[str, object], other: str, want: Mapping[str, object]
+) -> None:
     """Check that settings except the graph name are equal: GraphMismatchError for a hash, else ConfigError."""
     for name in {**want, **have}:
         if name != "graph" and have.get(name) != want.get(name):
             is_hash = name.endswith("_hash")
             kind = GraphMismatchError if is_hash else ConfigError
-            is_, should = (str(values.get(name))[: 12 if is_hash else None] for values in (have, want))
+            is_, should = (
+                str(values.get(name))[: 12 if is_hash else None] for values in (have, want)
+            )
             graph = f" (graph {have['graph']})" if name == "graph_hash" else ""
             raise kind(f"{subject} {name} {is_}{graph}, but {other} {should}. Nothing was changed.")

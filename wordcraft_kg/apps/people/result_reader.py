@@ -18,7 +18,11 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
     check_hash(path, "graph", header.graph_hash, opened.graph.hash)
     check_hash(path, "split", header.split_hash, opened.split.hash)
     settings = view.settings
-    check_tasks(path, TaskPlay(play.part, int(settings.get("depth", 1)), int(settings.get("attempts", 1))), play)
+    check_tasks(
+        path,
+        TaskPlay(play.part, int(settings.get("depth", 1)), int(settings.get("attempts", 1))),
+        play,
+    )
     estimates: dict[int, Estimate] = {}
     people, over = 0, set()
     for condition in view.conditions:
@@ -54,9 +58,16 @@ def _games(path: Path, opened: OpenedGraph) -> Iterator[TableGame]:
     check_hash(path, "split", study.record.split_hash, opened.split.hash)
     for person in study.people:
         for answer in (stored.answer for stored in study.answers[person.number]):
-            name, depth = f"person {person.number} of {path.name}", int(study.record.settings["depth"])
-            picks = (answer.actions,)
-            yield TableGame(name, "people", answer.part, depth, answer.goal, answer.table, picks, answer.success)  # type: ignore[arg-type]
+            yield TableGame(
+                f"person {person.number} of {path.name}",
+                "people",
+                answer.part,  # type: ignore[arg-type]
+                int(study.record.settings["depth"]),
+                answer.goal,
+                answer.table,
+                (answer.actions,),
+                answer.success,
+            )
 
 
 READER = ResultReader(

@@ -81,7 +81,8 @@ class Study:
         """Prepare the tasks; a part without tasks is a TaskError."""
         first = HumanProtocol(graph, config.distractors[0], config.seed, tasks=config.tasks)
         self._of_condition = {
-            amount: HumanProtocol(first.world, amount, config.seed, tasks=config.tasks) for amount in config.distractors
+            amount: HumanProtocol(first.world, amount, config.seed, tasks=config.tasks)
+            for amount in config.distractors
         }
         header = first.header
         self.record = StudyRecord(
@@ -89,7 +90,9 @@ class Study:
             graph=header.graph,
             graph_hash=header.graph_hash,
             split_hash=header.split_hash,
-            settings={name: value for name, value in header.settings.items() if name != "num_distractors"},
+            settings={
+                name: value for name, value in header.settings.items() if name != "num_distractors"
+            },
             distractors=config.distractors,
             seed=config.seed,
             forms=config.forms,
@@ -98,7 +101,9 @@ class Study:
             created=datetime.now(UTC).isoformat(timespec="seconds"),
         )
         # Conditions alternate before forms, since a study compares conditions.
-        self.cells = tuple(Cell(form, amount) for form in range(config.forms) for amount in config.distractors)
+        self.cells = tuple(
+            Cell(form, amount) for form in range(config.forms) for amount in config.distractors
+        )
         self._posed: dict[Cell, tuple[PosedTask, ...]] = {}
         self._lock = threading.Lock()
 
@@ -129,9 +134,13 @@ def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
         is_new = not check_study_folder(folder, study.record)
         try:
             if is_new:
-                write_atomically(folder / STUDY_FILE, dump_json(as_values(study.record)), durable=True)
+                write_atomically(
+                    folder / STUDY_FILE, dump_json(as_values(study.record)), durable=True
+                )
             _, identity = read_study_record(folder)
-            answers = AnswersDatabase(folder / ANSWERS_FILE, identity, len(HUMAN_PARTS) * study.record.tasks)
+            answers = AnswersDatabase(
+                folder / ANSWERS_FILE, identity, len(HUMAN_PARTS) * study.record.tasks
+            )
         except BaseException:
             if is_new:  # such as a full disk
                 shutil.rmtree(folder)
@@ -143,7 +152,9 @@ def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
 def _check_tasks(folder: Path, study: Study) -> None:
     kept = read_study(folder)
     for person in kept.people:
-        for stored, task in zip(kept.answers[person.number], study.tasks(person.cell), strict=False):
+        for stored, task in zip(
+            kept.answers[person.number], study.tasks(person.cell), strict=False
+        ):
             if not task.is_of(stored.answer):
                 raise ArtefactError(
                     f"'{folder}': this version poses another {task.part} task {task.number} than person "
@@ -165,26 +176,40 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
         )
     begun, _ = read_study_record(folder)
     if begun.consent != record.consent:
-        raise ConfigError(f"'{folder}': people agreed to another text. Nothing was changed; give that text.")
+        raise ConfigError(
+            f"'{folder}': people agreed to another text. Nothing was changed; give that text."
+        )
     if begun.texts_hash != record.texts_hash:
         raise ConfigError(
             f"'{folder}': the pages of this version have other texts than the pages that people have seen. Nothing was "
             "changed; continue with the version that began the study."
         )
-    check_equal(f"'{folder}' is a study with", _identity(begun), "this command has", _identity(record))
+    check_equal(
+        f"'{folder}' is a study with", _identity(begun), "this command has", _identity(record)
+    )
     return True
 
 
 def _identity(record: StudyRecord) -> dict[str, Any]:
-    values = as_values(record) | record.settings | {"distractors": ", ".join(map(str, record.distractors))}
-    return {name: value for name, value in values.items() if name not in ("created", "consent", "settings")}
+    values = (
+        as_values(record)
+        | record.settings
+        | {"distractors": ", ".join(map(str, record.distractors))}
+    )
+    return {
+        name: value
+        for name, value in values.items()
+        if name not in ("created", "consent", "settings")
+    }
 
 
 def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
     """Return ``study.json`` and the SHA-256, which the answers database repeats."""
     path = folder / STUDY_FILE
     if not path.exists():
-        raise ArtefactError(f"'{folder}' {what_is(folder)}; expected the folder that `people serve` writes.")
+        raise ArtefactError(
+            f"'{folder}' {what_is(folder)}; expected the folder that `people serve` writes."
+        )
     data = read_small_file(path)
     record = parse_record(data, StudyRecord, path)
     check_number(record.settings, "tasks_per_part", 1, MOST_TASKS, str(path))
@@ -202,14 +227,21 @@ class ReadStudy:
     def sessions(self) -> tuple[Session, ...]:
         """Return each person's answers as a session."""
         return tuple(
-            Session(self.record.header(person.cell), tuple(stored.answer for stored in self.answers[person.number]))
+            Session(
+                self.record.header(person.cell),
+                tuple(stored.answer for stored in self.answers[person.number]),
+            )
             for person in self.people
         )
 
     def lines(self) -> Iterator[dict[str, Any]]:
         """Yield exported answers; ``session`` is the person number, ``loads`` counts page loads."""
         for person in self.people:
-            who = {"session": person.number, "form": person.cell.form, "distractors": person.cell.distractors}
+            who = {
+                "session": person.number,
+                "form": person.cell.form,
+                "distractors": person.cell.distractors,
+            }
             who["seed"] = self.record.seed + person.cell.form
             for stored in self.answers[person.number]:
                 yield who | as_values(stored.answer) | {"loads": stored.loads}
@@ -226,10 +258,18 @@ def read_study(folder: Path) -> ReadStudy:
     turns = schedule(record.tasks)
     for number, given in answers.items():
         order = tuple((one.answer.part, one.answer.number) for one in given)
-        if order != turns[: len(order)] or not all(one.answer.is_sound and one.loads >= 1 for one in given):
-            raise ArtefactError(f"{path} is damaged: the answers of person {number} are inconsistent.")
+        if order != turns[: len(order)] or not all(
+            one.answer.is_sound and one.loads >= 1 for one in given
+        ):
+            raise ArtefactError(
+                f"{path} is damaged: the answers of person {number} are inconsistent."
+            )
     if set(answers) != {person.number for person in people}:
         raise ArtefactError(f"{path} is damaged: it has answers without a session.")
     if unknown := {person.cell.distractors for person in people} - set(record.distractors):
-        raise ArtefactError(f"{path} is damaged: {unknown.pop()} distractors are not a condition of this study.")
-    return ReadStudy(record, tuple(people), {number: tuple(given) for number, given in answers.items()})
+        raise ArtefactError(
+            f"{path} is damaged: {unknown.pop()} distractors are not a condition of this study."
+        )
+    return ReadStudy(
+        record, tuple(people), {number: tuple(given) for number, given in answers.items()}
+    )

@@ -67,7 +67,8 @@ class ExportedAnswers(Record):
 
 
 def view_people(
-    sources: Mapping[Path, Sequence[Session]], agents: Mapping[str, Mapping[TableKey, bool]] | None = None
+    sources: Mapping[Path, Sequence[Session]],
+    agents: Mapping[str, Mapping[TableKey, bool]] | None = None,
 ) -> HumanSummary:
     """Return success rates over sessions; ``agents`` holds the success of each agent by name and table.
 
@@ -92,7 +93,9 @@ def view_people(
     return HumanSummary(
         graph=header.graph,
         graph_hash=header.graph_hash,
-        settings={name: value for name, value in header.settings.items() if name != "num_distractors"},
+        settings={
+            name: value for name, value in header.settings.items() if name != "num_distractors"
+        },
         sessions=len(sessions),
         finished=sum(session.is_finished for session in sessions),
         conditions=conditions,
@@ -106,20 +109,29 @@ def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
         for session in sessions:
             reference = reference or (path, session)
             settings = reference[1].header.settings | {"num_distractors": session.distractors}
-            like = msgspec.structs.replace(reference[1].header, seed=session.header.seed, settings=settings)
+            like = msgspec.structs.replace(
+                reference[1].header, seed=session.header.seed, settings=settings
+            )
             check_alike(path, session.header, f"'{reference[0]}'", like)
         answers = tuple(session.answers for session in sessions)
         if answers in seen:
-            raise ArtefactError(f"{path} has the same answers as {seen[answers]}; give each study once.")
+            raise ArtefactError(
+                f"{path} has the same answers as {seen[answers]}; give each study once."
+            )
         if any(answers):
             seen[answers] = path
     if reference is None:
         raise ConfigError("no session: expected a study with participants.")
 
 
-def _rate(part: str, sessions: Sequence[Session], agents: Mapping[str, Mapping[TableKey, bool]]) -> AnswerRate:
+def _rate(
+    part: str, sessions: Sequence[Session], agents: Mapping[str, Mapping[TableKey, bool]]
+) -> AnswerRate:
     given = [
-        (person, answer) for person, session in enumerate(sessions) for answer in session.answers if answer.part == part
+        (person, answer)
+        for person, session in enumerate(sessions)
+        for answer in session.answers
+        if answer.part == part
     ]
     keys = [sessions[person].table_of(answer) for person, answer in given]
     right = np.array([answer.success for _, answer in given], dtype=float)
@@ -132,7 +144,11 @@ def _rate(part: str, sessions: Sequence[Session], agents: Mapping[str, Mapping[T
         interval=wilson_interval(successes, n) if n else None,
         people=len(set(people.tolist())),
         people_interval=_over(right, people),
-        agents={name: _agent_rate([made[key] for key in keys], keys) for name, made in agents.items() if keys},
+        agents={
+            name: _agent_rate([made[key] for key in keys], keys)
+            for name, made in agents.items()
+            if keys
+        },
     )
 
 
@@ -148,5 +164,7 @@ def _over(right: NDArray[np.float64], clusters: NDArray[np.int64]) -> tuple[floa
     if amount < 2:
         return None
     if right.min() == right.max():
-        return wilson_interval(int(right[0]) * amount, amount)  # the bootstrap interval would be a point
+        return wilson_interval(
+            int(right[0]) * amount, amount
+        )  # the bootstrap interval would be a point
     return interval(bootstrap(right, clusters))

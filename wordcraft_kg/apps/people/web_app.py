@@ -96,8 +96,12 @@ class _Server:
     def __init__(self, study: Study, answers: AnswersDatabase, clock: Callable[[], float]) -> None:
         self.study, self.answers, self.clock = study, answers, clock
         self.environment = make_environment("wordcraft_kg.apps.people")
-        self.environment.globals.update(study=study.record, paragraphs=study.record.consent.split("\n\n"))
-        self.files = file_endpoint("wordcraft_kg.apps.people", ("study.css", "study.js"), self._missing)
+        self.environment.globals.update(
+            study=study.record, paragraphs=study.record.consent.split("\n\n")
+        )
+        self.files = file_endpoint(
+            "wordcraft_kg.apps.people", ("study.css", "study.js"), self._missing
+        )
 
     async def first(self, _: Request) -> Response:
         return self._page("first", code=new_code(), problem="", typed="")
@@ -119,10 +123,15 @@ class _Server:
     async def come_back(self, request: Request) -> Response:
         typed = (await _form(request)).get("code", "").strip()[:100]
         code = read_code(typed)
-        if code is not None and await run_in_threadpool(self.answers.find, code_hash(code)) is not None:
+        if (
+            code is not None
+            and await run_in_threadpool(self.answers.find, code_hash(code)) is not None
+        ):
             return _to(f"/s/{code}")
         problem = "There is no session with this code." if code else NOT_A_CODE
-        return self._page("first", 404 if code else 400, code=new_code(), problem=problem, typed=typed)
+        return self._page(
+            "first", 404 if code else 400, code=new_code(), problem=problem, typed=typed
+        )
 
     def of_person(self, reply: Reply) -> Endpoint:
         async def endpoint(request: Request) -> Response:
@@ -153,7 +162,8 @@ class _Server:
             return _to(f"/s/{code}/end")
         task, query = tasks[place], request.query_params
         if "first" in query and (
-            query.get("task") != str(place) or self.answers.shown(person, task.part, task.number) is None
+            query.get("task") != str(place)
+            or self.answers.shown(person, task.part, task.number) is None
         ):
             # The item was selected at another task, as in a second tab or after going back.
             return _to(f"/s/{code}/task")
@@ -161,12 +171,16 @@ class _Server:
         # A reload after a first selection or an undo does not count as a page load.
         if "first" not in query and request.method == "GET":
             self.answers.show(person, task.part, task.number, self.clock())
-        return self._page("task", code=code, task=task, selection=selection, place=place, all=len(tasks))
+        return self._page(
+            "task", code=code, task=task, selection=selection, place=place, all=len(tasks)
+        )
 
     def answer(self, _: Request, form: Form, code: str, person: Participant) -> Response:
         now = self.clock()
         tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
-        number = int(form["task"]) if form.get("task", "").isdecimal() and len(form["task"]) < 6 else -1
+        number = (
+            int(form["task"]) if form.get("task", "").isdecimal() and len(form["task"]) < 6 else -1
+        )
         if number < place:  # a repeated form
             return self._after(code, tasks, number) if number >= 0 else _to(f"/s/{code}/task")
         task = tasks[number] if number == place < len(tasks) else None
@@ -176,7 +190,9 @@ class _Server:
         first, second = (_slot(form.get(name, ""), task) for name in ("first", "second"))
         if first is None or second is None:
             return _to(f"/s/{code}/task")
-        answer = self.study.protocol(person.cell).answer(task, (first, second), max(now - shown, 0.0))
+        answer = self.study.protocol(person.cell).answer(
+            task, (first, second), max(now - shown, 0.0)
+        )
         self.answers.add(person, answer)
         return self._after(code, tasks, number)
 
@@ -192,7 +208,9 @@ class _Server:
         if not 0 <= place < min(len(given), self.study.record.tasks):
             return _to(f"/s/{code}/task")
         task, answer = tasks[place], given[place]
-        return self._page("feedback", code=code, task=task, answer=answer, place=place + 1, all=len(tasks))
+        return self._page(
+            "feedback", code=code, task=task, answer=answer, place=place + 1, all=len(tasks)
+        )
 
     def withdraw(self, _: Request, __: Form, ___: str, person: Participant) -> Response:
         self.answers.withdraw(person)
@@ -202,11 +220,20 @@ class _Server:
         given = self.answers.answers_of(person)
         if len(given) < len(self.study.tasks(person.cell)):
             return _to(f"/s/{code}/task")
-        correct = {part: [answer.success for answer in given if answer.part == part] for part in HUMAN_PARTS}
-        return self._page("end", code=code, correct={part: (sum(made), len(made)) for part, made in correct.items()})
+        correct = {
+            part: [answer.success for answer in given if answer.part == part]
+            for part in HUMAN_PARTS
+        }
+        return self._page(
+            "end",
+            code=code,
+            correct={part: (sum(made), len(made)) for part, made in correct.items()},
+        )
 
     def _page(self, name: str, status: int = 200, **values: Any) -> Response:
-        return Response(self._render(name, **values), status, media_type="text/html", headers=PRIVATE)
+        return Response(
+            self._render(name, **values), status, media_type="text/html", headers=PRIVATE
+        )
 
     def _render(self, name: str, **values: Any) -> str:
         return self.environment.get_template(f"{name}.html.j2").render(**values)

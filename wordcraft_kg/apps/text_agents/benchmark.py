@@ -78,7 +78,12 @@ class Manifest(Record, frozen=True, kw_only=True):
     @property
     def names(self) -> list[str]:
         """Names of all tracks, with the shorter tracks (``-lite``) and those with made-up words."""
-        return [track + lite + words for track in self.tracks for lite in ("", "-lite") for words in ("", "-made-up")]
+        return [
+            track + lite + words
+            for track in self.tracks
+            for lite in ("", "-lite")
+            for words in ("", "-made-up")
+        ]
 
 
 @cache
@@ -115,9 +120,13 @@ class Track:
     def world(self) -> World:
         """The world of the tasks; ConfigError in an open-ended track."""
         if self.is_open_ended:
-            raise ConfigError(f"track {self.name} is open-ended and has no tasks; choose another player.")
+            raise ConfigError(
+                f"track {self.name} is open-ended and has no tasks; choose another player."
+            )
         frozen = self.frozen
-        config = WordCraftConfig("test", frozen.depth, frozen.distractors, max_attempts=frozen.attempts)
+        config = WordCraftConfig(
+            "test", frozen.depth, frozen.distractors, max_attempts=frozen.attempts
+        )
         return World(self.opened, config, task_set(self.opened.graph, frozen.depth, frozen.tasks))
 
     def play(self, look_ups: str = "none", **rules: Any) -> Play:
@@ -125,10 +134,16 @@ class Track:
         one_of("knowledge", look_ups, get_args(LookUps))
         games: TaskGames | DiscoveryGames
         if self.is_open_ended:
-            games = DiscoveryGames(self.opened, attempts=self.frozen.attempts, orders=self.frozen.orders)
+            games = DiscoveryGames(
+                self.opened, attempts=self.frozen.attempts, orders=self.frozen.orders
+            )
         else:
             games = TaskGames(self.world, lambda task, _: [*self.frozen.tasks[task].table])
-        own: dict[str, Any] = {"track": self.full_name, "max_invalid": MAX_INVALID, "look_ups": LOOK_UPS}
+        own: dict[str, Any] = {
+            "track": self.full_name,
+            "max_invalid": MAX_INVALID,
+            "look_ups": LOOK_UPS,
+        }
         if self.is_open_ended:
             own["distractor_seeds"] = len(self)
         settings = PlayedSettings.of(
@@ -136,7 +151,11 @@ class Track:
             self.opened.split,
             **{"knowledge": look_ups, **own, **rules},
         )
-        return Play(games, settings, PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None)
+        return Play(
+            games,
+            settings,
+            PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None,
+        )
 
 
 @cache
@@ -184,9 +203,14 @@ def task_set(graph: RecipeGraph, depth: int, tasks: Sequence[FrozenTask]) -> Tas
     recipes = graph.recipes.tolist()
 
     def needed(plan: Rows) -> set[int]:
-        return {entity for row in plan for entity in recipes[row][:2]} - {recipes[row][2] for row in plan}
+        return {entity for row in plan for entity in recipes[row][:2]} - {
+            recipes[row][2] for row in plan
+        }
 
     starts = [sorted(set[int]().union(*map(needed, task.plans))) for task in tasks]
     goals = np.array([recipes[task.plans[0][-1]][2] for task in tasks])
-    table, plans = padded(starts, graph.num_entities, depth + 1), tuple(task.plans for task in tasks)
+    table, plans = (
+        padded(starts, graph.num_entities, depth + 1),
+        tuple(task.plans for task in tasks),
+    )
     return TaskSet(graph, depth, "test", goals, table, plans, False, 0)

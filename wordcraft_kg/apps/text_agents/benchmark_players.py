@@ -18,7 +18,12 @@ from wordcraft_kg.apps.text_agents.benchmark import Track, open_track
 from wordcraft_kg.apps.text_agents.games import Pair
 from wordcraft_kg.apps.text_agents.inspect_log import read_logged_games
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
-from wordcraft_kg.apps.text_agents.records import GAMES_FILE, PlayedSettings, PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.records import (
+    GAMES_FILE,
+    PlayedSettings,
+    PlayedTask,
+    PlayedWorld,
+)
 from wordcraft_kg.apps.text_agents.results import play_all, read_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE, Played, Submission, replay
@@ -135,7 +140,9 @@ def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
     return enter
 
 
-def _with_model(track: Track, folder: str, settings: RunSettings, names: Sequence[str] = ("planner",)) -> Entrant:
+def _with_model(
+    track: Track, folder: str, settings: RunSettings, names: Sequence[str] = ("planner",)
+) -> Entrant:
     from wordcraft_kg.agents.players import scorer_players  # these load torch
     from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
     from wordcraft_kg.models.folder import open_model
@@ -180,7 +187,11 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
 
     agent = open_agent(argument)
     _check_split(argument, agent.opened.split.hash, track)
-    weights = {name: agent.run.outputs[name] for name in ("policy.safetensors",) if name in agent.run.outputs}
+    weights = {
+        name: agent.run.outputs[name]
+        for name in ("policy.safetensors",)
+        if name in agent.run.outputs
+    }
     if not weights:
         raise ConfigError(f"'{argument}' is unfinished; expected a finished run of train-agent.")
     kg = "full" if agent.run.kg == "full" else "partial"  # agents train on the train tasks
@@ -188,10 +199,14 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
     if agent.config.scorer is not None:
         model = open_model(agent.config.scorer)
         if model.run.outputs[WEIGHTS] != agent.run.inputs["scorer"]:
-            raise ArtefactError(f"'{agent.config.scorer}' is not the scorer of '{argument}'. Restore a copy.")
+            raise ArtefactError(
+                f"'{agent.config.scorer}' is not the scorer of '{argument}'. Restore a copy."
+            )
         knows = _learned_from(model, track, kg)
     words = f", {Path(agent.config.policy.features).name} words"
-    knows += words * (words not in knows and agent.config.policy.features not in ("learned", "one-hot", "random"))
+    knows += words * (
+        words not in knows and agent.config.policy.features not in ("learned", "one-hot", "random")
+    )
     return Entrant(agent.name, decisions(track, PolicyPlayer(agent.policy)), knows, weights=weights)
 
 
@@ -207,7 +222,9 @@ def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     play = track.play(settings.look_ups)
     with LinePlayer(argument, timeout=settings.timeout) as program:
         if settings.restart:
-            (settings.messages.parent / SUBMISSION_FILE).unlink(missing_ok=True)  # else no game could be continued
+            (settings.messages.parent / SUBMISSION_FILE).unlink(
+                missing_ok=True
+            )  # else no game could be continued
             shutil.rmtree(settings.messages, ignore_errors=True)
         play_all(program.name, program.speaker, play, settings.messages)
     played = read_games(settings.messages / GAMES_FILE)[1]
@@ -226,7 +243,11 @@ def _mcp(track: Track, argument: str, settings: RunSettings) -> Entrant:
 
 
 def _recorded(
-    track: Track, run: RunSettings, name: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]
+    track: Track,
+    run: RunSettings,
+    name: str,
+    settings: PlayedSettings,
+    played: Sequence[PlayedTask | PlayedWorld],
 ) -> Entrant:
     """Return the decisions in recorded games, in the order of the track; the first game of a task counts."""
     if settings.track != track.full_name:
@@ -235,13 +256,18 @@ def _recorded(
             f"with `inspect eval wordcraft_kg/crafting -T track={track.name}` or `mcp --track {track.name}`."
         )
     if settings.knowledge != run.look_ups:
-        raise ConfigError(f"`look_ups` {run.look_ups}: the games have {settings.knowledge}; give the same.")
+        raise ConfigError(
+            f"`look_ups` {run.look_ups}: the games have {settings.knowledge}; give the same."
+        )
     first = {one.task if isinstance(one, PlayedTask) else one.game: one for one in reversed(played)}
     if missing := set(range(len(track))) - first.keys():
         raise ConfigError(
             f"{len(track) - len(missing)} of {len(track)} games of {track.name} were played; play game {min(missing)}."
         )
-    games = [Played(one.pairs, one.look_ups, one.invalid_actions) for one in map(first.__getitem__, range(len(track)))]
+    games = [
+        Played(one.pairs, one.look_ups, one.invalid_actions)
+        for one in map(first.__getitem__, range(len(track)))
+    ]
     return Entrant(name, games, prompt_hash=settings.prompt_hash)
 
 
@@ -249,11 +275,15 @@ KINDS: Registry[Kind] = Registry(
     "wordcraft_kg.bench_players",
     {
         "random": Kind("chance", "", _scripted("random")),
-        "nearest-words": Kind("the items with the words nearest to the goal", "", _scripted("nearest-words")),
+        "nearest-words": Kind(
+            "the items with the words nearest to the goal", "", _scripted("nearest-words")
+        ),
         "votes": Kind("votes of the train recipes on pairs", "", _scripted("votes")),
         "graph": Kind("links of the train recipes, without learning", "", _scripted("graph")),
         "oracle": Kind("knows all recipes", "", _scripted("oracle")),
-        "scorer": Kind("the best pair by a model's scores", "MODEL", partial(_with_model, names=_BEST_PAIR)),
+        "scorer": Kind(
+            "the best pair by a model's scores", "MODEL", partial(_with_model, names=_BEST_PAIR)
+        ),
         "planner": Kind("the first pair of a model's best plan", "MODEL", _with_model),
         "agent": Kind("a trained agent", "RUN", _agent),
         "program": Kind("a program that plays by the line protocol", "COMMAND", _program),
@@ -271,7 +301,9 @@ def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entran
         raise ConfigError(f"`player` '{name[:100]}': expected one of {', '.join(KINDS)}.")
     kind = KINDS[name]
     if bool(argument) != bool(kind.argument):
-        raise ConfigError(f"`player` '{player[:100]}': expected {name}{':' * bool(kind.argument)}{kind.argument}.")
+        raise ConfigError(
+            f"`player` '{player[:100]}': expected {name}{':' * bool(kind.argument)}{kind.argument}."
+        )
     if name not in TEXT_PLAYERS and (settings.look_ups != "none" or settings.weights):
         raise ConfigError(
             f"`look_ups` or `weights`: expected a player by text ({', '.join(TEXT_PLAYERS)}), but got {name}."
@@ -284,14 +316,22 @@ def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entran
 
 
 def reproduce(
-    folder: Path, submission: Submission, player: str, timeout: float = TIMEOUT, weights: Path | None = None
+    folder: Path,
+    submission: Submission,
+    player: str,
+    timeout: float = TIMEOUT,
+    weights: Path | None = None,
 ) -> None:
     """Let a submission's player play again; ArtefactError for a difference, ConfigError for a record."""
     if player.partition(":")[0] in ("inspect", "mcp"):
-        raise ConfigError("expected a player that plays here; a record of games (inspect, mcp) cannot play.")
+        raise ConfigError(
+            "expected a player that plays here; a record of games (inspect, mcp) cannot play."
+        )
     track = open_track(submission.track)
     with TemporaryDirectory() as messages:
-        kind, entrant = enter(track, player, RunSettings(Path(messages), submission.knowledge, timeout, weights))
+        kind, entrant = enter(
+            track, player, RunSettings(Path(messages), submission.knowledge, timeout, weights)
+        )
     path, play = folder / GAMES_FILE, track.play(submission.knowledge)
     facts: dict[str, Any] = {"kind": kind, "weights": dict(entrant.weights)}
     if entrant.training_data != Entrant.training_data:
@@ -302,11 +342,15 @@ def reproduce(
         facts["prompt_hash"] = entrant.prompt_hash
     for name, value in facts.items():
         if (given := getattr(submission, name)) != value:
-            raise ArtefactError(f"{folder}: '{name}' is {given}, but the given player has {value}. Play as before.")
+            raise ArtefactError(
+                f"{folder}: '{name}' is {given}, but the given player has {value}. Play as before."
+            )
     lines = path.read_bytes().splitlines(keepends=True)
     for number, (line, played) in enumerate(zip(lines, entrant.games, strict=True)):
         if [line.decode()] != as_lines([replay(play, number, played)]):
-            raise ArtefactError(f"{path}, line {number + 1}: the given player plays another game here.")
+            raise ArtefactError(
+                f"{path}, line {number + 1}: the given player plays another game here."
+            )
 
 
 TEXT_PLAYERS = ("program", "inspect", "mcp")

@@ -8,7 +8,13 @@ from typing import Any, Self
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGames
 from wordcraft_kg.apps.text_agents.knowledge import Knowledge, open_knowledge
 from wordcraft_kg.apps.text_agents.records import PlayedSettings
-from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, LOOK_UPS, MAX_INVALID, EvaluationSettings, GameSettings
+from wordcraft_kg.apps.text_agents.settings import (
+    ATTEMPTS,
+    LOOK_UPS,
+    MAX_INVALID,
+    EvaluationSettings,
+    GameSettings,
+)
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.labels import last_line, read_label, read_pair
 from wordcraft_kg.base.wording import counted
@@ -42,7 +48,12 @@ class Conversation:
         look_ups: int = LOOK_UPS,
     ):
         """Begin a conversation; see ``settings.EvaluationSettings`` for the limits ``max_invalid`` and ``look_ups``."""
-        self.game, self._knowledge, self._max_invalid, self._most_look_ups = game, knowledge, max_invalid, look_ups
+        self.game, self._knowledge, self._max_invalid, self._most_look_ups = (
+            game,
+            knowledge,
+            max_invalid,
+            look_ups,
+        )
         self.invalid_actions = self.lost_attempts = self.look_ups = 0
         self._in_a_row = 0
 
@@ -131,11 +142,16 @@ class Play:
         knowledge = open_knowledge(settings, opened)
         rules |= {"knowledge": settings.knowledge, "look_ups": settings.look_ups}
         if isinstance(settings, EvaluationSettings):
-            rules |= {name: getattr(settings, name) for name in ("distractor_seeds", "tasks", "max_invalid")}
+            rules |= {
+                name: getattr(settings, name)
+                for name in ("distractor_seeds", "tasks", "max_invalid")
+            }
         if knowledge is not None:
             rules |= {"scorer": knowledge.scorer, "kg": knowledge.kg}
         if settings.open_ended:
-            worlds = DiscoveryGames(opened, attempts=settings.attempts or ATTEMPTS, base=settings.base)
+            worlds = DiscoveryGames(
+                opened, attempts=settings.attempts or ATTEMPTS, base=settings.base
+            )
             return cls(worlds, PlayedSettings.of(worlds.env, opened.split, **rules), knowledge)
         tasks = TaskGames(World(opened, settings.environment))
         return cls(tasks, PlayedSettings.of(tasks.world, opened.split, **rules), knowledge)
@@ -144,4 +160,6 @@ class Play:
         """Begin a game on a task (index) with the distractors for this seed; a ConfigError if there is no such task."""
         rules = self.settings
         game = self.games.begin(task, distractor_seed)
-        return Conversation(game, self.knowledge, max_invalid=rules.max_invalid, look_ups=rules.look_ups)
+        return Conversation(
+            game, self.knowledge, max_invalid=rules.max_invalid, look_ups=rules.look_ups
+        )

@@ -128,7 +128,9 @@ class TaskGame(Game):
         return prompt_text("goal_made" if self.is_made else "not_made", goal=self.goal)
 
     def _ongoing(self) -> str:
-        return prompt_text("task", goal=self.goal, table=numbered(self.labels), attempts_left=self.attempts_left)
+        return prompt_text(
+            "task", goal=self.goal, table=numbered(self.labels), attempts_left=self.attempts_left
+        )
 
     def _combine(self, one: int, other: int) -> str:
         table = self.labels
@@ -138,7 +140,9 @@ class TaskGame(Game):
         self.actions += 2
         self.is_made, self.by_plan = info["outcome"] == "goal", info["by_plan"]
         key = tuple(sorted(pair))
-        text = combined(pair, results_of(self._env, *pair)) + (prompt_text("tried") if key in self._tried else "")
+        text = combined(pair, results_of(self._env, *pair)) + (
+            prompt_text("tried") if key in self._tried else ""
+        )
         self._tried.add(key)
         return text
 
@@ -195,11 +199,17 @@ class DiscoveryGame(Game):
         *_, info = self._env.step([*pair])
         self.known_after.append(len(self._entities()))
         self.repeated += info["repeated"]
-        text = combined(self.graph.labels(pair), self.graph.labels(info["new_entities"]), PROMPTS["nothing_new"])
+        text = combined(
+            self.graph.labels(pair), self.graph.labels(info["new_entities"]), PROMPTS["nothing_new"]
+        )
         return text + (prompt_text("tried") if info["repeated"] else "")
 
     def _lose(self) -> None:
-        unknown = next(entity for entity in range(self.graph.num_entities) if entity not in self._env.discovery.known)
+        unknown = next(
+            entity
+            for entity in range(self.graph.num_entities)
+            if entity not in self._env.discovery.known
+        )
         self._env.step([unknown, unknown])  # an illegal action, which wastes the attempt
         self.known_after.append(len(self._entities()))
 
@@ -223,5 +233,7 @@ class DiscoveryGames:
         env = copy.copy(self.env)
         env.discovery = copy.copy(self.env.discovery)
         if self.orders:
-            env.discovery.base = self.orders[whole("game", distractor_seed, 0, len(self.orders) - 1)]
+            env.discovery.base = self.orders[
+                whole("game", distractor_seed, 0, len(self.orders) - 1)
+            ]
         return DiscoveryGame(env, distractor_seed if self.orders else None)

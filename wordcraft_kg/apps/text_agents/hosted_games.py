@@ -107,7 +107,9 @@ class HostedGames:
             distractor_seed = len(self._begun)
         key = task, distractor_seed
         if settings.track and (key in self._begun or distractor_seed >= settings.distractor_seeds):
-            raise EpisodeError(f"Each game of {settings.track} is played once, and this game was begun before.")
+            raise EpisodeError(
+                f"Each game of {settings.track} is played once, and this game was begun before."
+            )
         name = secrets.token_urlsafe(9)  # unguessable
         hosted = HostedGame(name, self.play.begin(task, distractor_seed), self.keep)
         self._begun.add(key)
@@ -116,7 +118,9 @@ class HostedGames:
             try:
                 self._hosted[oldest].end()
             except OSError as error:
-                raise EpisodeError(f"The server has no room for a game ({error.strerror}). Try again later.") from None
+                raise EpisodeError(
+                    f"The server has no room for a game ({error.strerror}). Try again later."
+                ) from None
             del self._hosted[oldest]
         self._hosted[name] = hosted
         return hosted

@@ -5,7 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from wordcraft_kg.apps.text_agents.records import PlayedSettings, PlayedTask, PlayedWorld, TextResult
+from wordcraft_kg.apps.text_agents.records import (
+    PlayedSettings,
+    PlayedTask,
+    PlayedWorld,
+    TextResult,
+)
 from wordcraft_kg.apps.text_agents.results import result_of
 from wordcraft_kg.base.errors import ArtefactError, reason
 from wordcraft_kg.base.extras import missing_extra
@@ -65,8 +70,12 @@ def read_logged_games(path: Path) -> LoggedGames:
     settings, scores = task.settings, _scores(path, log, task.games)
     kind: type[PlayedTask | PlayedWorld] = PlayedWorld if settings.is_open_ended else PlayedTask
     used = log.stats.model_usage.values()
-    tokens = {name: sum(getattr(one, f"{name}_tokens") for one in used) for name in ("input", "output")}
-    return LoggedGames(log.eval.model, settings, [played_of(one, kind, str(path)) for one in scores], tokens)
+    tokens = {
+        name: sum(getattr(one, f"{name}_tokens") for one in used) for name in ("input", "output")
+    }
+    return LoggedGames(
+        log.eval.model, settings, [played_of(one, kind, str(path)) for one in scores], tokens
+    )
 
 
 def _read(path: Path) -> "EvalLog":
@@ -79,7 +88,9 @@ def _read(path: Path) -> "EvalLog":
     try:
         return read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
     except Exception as error:  # a damaged file may raise any error
-        raise ArtefactError(f"{path} cannot be read as an Inspect AI log, .eval or .json ({reason(error)}).") from None
+        raise ArtefactError(
+            f"{path} cannot be read as an Inspect AI log, .eval or .json ({reason(error)})."
+        ) from None
 
 
 def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
@@ -91,7 +102,9 @@ def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
     progress = f"{len(scores):,} of {games:,} games were played"
     if log.status != "success":
         why = {"started": "unfinished", "cancelled": "stopped"}.get(log.status, "failed")
-        raise ArtefactError(f"{path}: the evaluation is {why}, {progress}. Continue with inspect eval-retry {path}")
+        raise ArtefactError(
+            f"{path}: the evaluation is {why}, {progress}. Continue with inspect eval-retry {path}"
+        )
     if len(scores) != games:
         raise ArtefactError(
             f"{path}: {progress}; expected each game once. Play fewer tasks with -T tasks=N instead of --limit or "

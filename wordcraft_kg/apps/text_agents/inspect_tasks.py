@@ -13,11 +13,28 @@ from typing import Any, TypeVar
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.inspect_log import METADATA, UNFINISHED, VERDICT, LoggedTask, played_of
+from wordcraft_kg.apps.text_agents.inspect_log import (
+    METADATA,
+    UNFINISHED,
+    VERDICT,
+    LoggedTask,
+    played_of,
+)
 from wordcraft_kg.apps.text_agents.records import PlayedTask, PlayedWorld
-from wordcraft_kg.apps.text_agents.results import COUNTS, chosen_tasks, evaluation_of, mean_known, record_of
+from wordcraft_kg.apps.text_agents.results import (
+    COUNTS,
+    chosen_tasks,
+    evaluation_of,
+    mean_known,
+    record_of,
+)
 from wordcraft_kg.apps.text_agents.settings import ATTEMPTS, EvaluationSettings
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownSettingError, WordCraftKGError
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    UnknownSettingError,
+    WordCraftKGError,
+)
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.settings import MAX_SIZE, nearest, refuse, whole
@@ -29,7 +46,17 @@ try:
     from inspect_ai._util.error import PrerequisiteError
     from inspect_ai.dataset import MemoryDataset, Sample
     from inspect_ai.model import ChatMessage, ChatMessageSystem, ChatMessageUser
-    from inspect_ai.scorer import Metric, SampleScore, Score, Scorer, Target, Value, metric, scorer, stderr
+    from inspect_ai.scorer import (
+        Metric,
+        SampleScore,
+        Score,
+        Scorer,
+        Target,
+        Value,
+        metric,
+        scorer,
+        stderr,
+    )
     from inspect_ai.solver import Generate, Solver, TaskState, solver
 except ModuleNotFoundError:
     raise missing_extra("inspect", ["Inspect AI"]) from None
@@ -65,7 +92,9 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
 
 
 @task
-@_with_parameters("part", "depth", "distractors", "attempts", "distractor_seeds", "tasks", *_RULES, track=None)
+@_with_parameters(
+    "part", "depth", "distractors", "attempts", "distractor_seeds", "tasks", *_RULES, track=None
+)
 def crafting(graph: str = "everyday", **settings: Any) -> Task:
     """Return an Inspect task: make goals from the entities on a table, as in agent evaluation.
 
@@ -81,7 +110,13 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
             return _discovery(play)
         tasks = play.games.world.tasks
         samples = [
-            _sample(f"{rules.part}-{number}-{seed}", play, task=number, distractor_seed=seed, goal=tasks[number].goal)
+            _sample(
+                f"{rules.part}-{number}-{seed}",
+                play,
+                task=number,
+                distractor_seed=seed,
+                goal=tasks[number].goal,
+            )
             for seed in range(rules.distractor_seeds)
             for number in chosen_tasks(play.games.world, rules.tasks).tolist()
         ]
@@ -90,14 +125,18 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
 
 @task
 @_with_parameters(*_RULES, attempts=ATTEMPTS, base=None, games=1)
-def discovery(graph: str = "everyday", *, games: int = 1, base: Any = None, **settings: Any) -> Task:
+def discovery(
+    graph: str = "everyday", *, games: int = 1, base: Any = None, **settings: Any
+) -> Task:
     """Return an Inspect task: discover entities from those in ``base``, in ``games``; see :func:`crafting`."""
     with _readable():
         whole("games", games, 1, MAX_SIZE)
         # Inspect parses labels such as `1` and `true` as a number and a truth value.
         labels = base if isinstance(base, list | tuple) else [base]
         start = None if base is None else [str(label) for label in labels]
-        return _discovery(_open(discovery, graph, settings, open_ended=True, base=start, distractor_seeds=games))
+        return _discovery(
+            _open(discovery, graph, settings, open_ended=True, base=start, distractor_seeds=games)
+        )
 
 
 def _discovery(play: Play) -> Task:
@@ -112,7 +151,9 @@ def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], *
     known = [name for name in signature(declared).parameters if name != "unknown"]
     for name in given:
         if name not in known:
-            raise UnknownSettingError(f"unknown parameter `{name}`: expected {', '.join(known)}.{nearest(name, known)}")
+            raise UnknownSettingError(
+                f"unknown parameter `{name}`: expected {', '.join(known)}.{nearest(name, known)}"
+            )
     if track := given.get("track"):
         if needless := sorted(given.keys() - {"track", "knowledge"}):
             raise ConfigError(f"`track` has its own games; omit `{needless[0]}`.")
@@ -127,8 +168,13 @@ def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], *
 
 def _sample(identity: str, play: Play, **about: Any) -> Sample:
     talk = play.begin(about.get("task", 0), about["distractor_seed"])
-    hashes = {name: getattr(play.settings, name) for name in ("graph_hash", "split_hash", "prompt_hash")}
-    opening: list[ChatMessage] = [ChatMessageSystem(content=talk.rules), ChatMessageUser(content=talk.game.state)]
+    hashes = {
+        name: getattr(play.settings, name) for name in ("graph_hash", "split_hash", "prompt_hash")
+    }
+    opening: list[ChatMessage] = [
+        ChatMessageSystem(content=talk.rules),
+        ChatMessageUser(content=talk.game.state),
+    ]
     return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about | hashes)
 
 
@@ -169,7 +215,9 @@ def conversation(play: Play) -> Solver:
             talk.game.end()
             played = as_values(record_of(talk, [], state.metadata["distractor_seed"]))
             del played["messages"]  # they are in Inspect's log
-            state.store.set(_PLAYED, {**played, UNFINISHED: not is_finished, VERDICT: talk.game.state})
+            state.store.set(
+                _PLAYED, {**played, UNFINISHED: not is_finished, VERDICT: talk.game.state}
+            )
         return state
 
     return solve
@@ -183,9 +231,16 @@ def crafting_figures() -> Metric:
         if not scores:
             return {}
         played = [_played(one, PlayedTask) for one in scores]
-        tasks, distractor_seeds = {one.task for one in played}, {one.distractor_seed for one in played}
+        tasks, distractor_seeds = (
+            {one.task for one in played},
+            {one.distractor_seed for one in played},
+        )
         # The interval over tasks needs all distractor seeds.
-        success = evaluation_of(played).figures() if len(played) == len(tasks) * len(distractor_seeds) else None
+        success = (
+            evaluation_of(played).figures()
+            if len(played) == len(tasks) * len(distractor_seeds)
+            else None
+        )
 
         def mean(name: str) -> float:
             return sum(getattr(one, name) for one in played) / len(played)
@@ -212,7 +267,9 @@ def discovery_figures() -> Metric:
             return {}
         about = scores[0].sample_metadata or {}
         played = [_played(one, PlayedWorld) for one in scores]
-        known = mean_known([(about["known_at_start"], *one.known_after) for one in played], about["attempts"])
+        known = mean_known(
+            [(about["known_at_start"], *one.known_after) for one in played], about["attempts"]
+        )
         return {
             **{f"known_{attempts}": value for attempts, value in known.items()},
             "stderr": float(stderr()(scores)),  # type: ignore[arg-type]
@@ -228,7 +285,9 @@ def _played(score: SampleScore, kind: type[Any]) -> Any:
 
 def _counts(scores: list[SampleScore]) -> dict[str, int]:
     values = [one.score.metadata or {} for one in scores]
-    return {f"{name}_in_run": sum(one.get(name, 0) for one in values) for name in (*COUNTS, UNFINISHED)}
+    return {
+        f"{name}_in_run": sum(one.get(name, 0) for one in values) for name in (*COUNTS, UNFINISHED)
+    }
 
 
 @scorer(metrics=[crafting_figures()])
@@ -238,7 +297,12 @@ def goal_made() -> Scorer:
     async def score(state: TaskState, target: Target) -> Score:
         played = _record(state)
         answer = " + ".join(played["last"]) if played["last"] else None
-        return Score(value=int(played["success"]), answer=answer, explanation=played[VERDICT], metadata=played)
+        return Score(
+            value=int(played["success"]),
+            answer=answer,
+            explanation=played[VERDICT],
+            metadata=played,
+        )
 
     return score
 

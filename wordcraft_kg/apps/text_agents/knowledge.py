@@ -38,7 +38,9 @@ class Knowledge(ABC):
 
     def reply(self, label: str, facts: list[str]) -> str:
         """Return the reply to a look-up: a text with the facts about the entity with this label."""
-        return prompt_text(self._prompt if facts else "no_facts", entity=label, facts="\n".join(facts))
+        return prompt_text(
+            self._prompt if facts else "no_facts", entity=label, facts="\n".join(facts)
+        )
 
 
 def hidden_pairs(game: Game) -> set[int]:
@@ -79,11 +81,21 @@ class PartialGraphKnowledge(Knowledge):
 
         rows = {*graph.recipes_of(entity).tolist(), *graph.uses_of(entity).tolist()}
         known = sorted(
-            (row for row in rows if self._is_known[row] and graph.pair_of_recipe[row] not in hidden), key=rank
+            (
+                row
+                for row in rows
+                if self._is_known[row] and graph.pair_of_recipe[row] not in hidden
+            ),
+            key=rank,
         )
-        facts = [combined((a, b), (c,)) for a, b, c in graph.recipe_labels(graph.recipes[known[:_MOST_FACTS]])]
+        facts = [
+            combined((a, b), (c,))
+            for a, b, c in graph.recipe_labels(graph.recipes[known[:_MOST_FACTS]])
+        ]
         more = counted(len(known) - _MOST_FACTS, "more recipe")
-        return facts + ([prompt_text("more_recipes", more=more)] if len(known) > _MOST_FACTS else [])
+        return facts + (
+            [prompt_text("more_recipes", more=more)] if len(known) > _MOST_FACTS else []
+        )
 
 
 class ScorerKnowledge(Knowledge):
@@ -95,7 +107,13 @@ class ScorerKnowledge(Knowledge):
 
     _prompt = "likely_links"
 
-    def __init__(self, scorer: "TripleScorer", split: Split, weights: str | None = None, kg: TrainedOn | None = None):
+    def __init__(
+        self,
+        scorer: "TripleScorer",
+        split: Split,
+        weights: str | None = None,
+        kg: TrainedOn | None = None,
+    ):
         """Take a scorer for this graph, the hash of its weights, and its training triples (full or partial)."""
         from wordcraft_kg.models.scorers.protocol import check_scorer
 
@@ -120,7 +138,9 @@ class ScorerKnowledge(Knowledge):
             if len(ids):
                 scores = scorer.score(head, relation, tail).cpu().numpy()
                 best = np.argsort(-scores, kind="stable")[:_MOST_LINKS].tolist()
-                links = (f"{self.graph.entities[ids[index]]} ({scores[index]:.2f})" for index in best)
+                links = (
+                    f"{self.graph.entities[ids[index]]} ({scores[index]:.2f})" for index in best
+                )
                 yield prompt_text(prompt, entities=", ".join(links))
 
     def _answering(self, game: Game) -> "TripleScorer | None":
@@ -155,4 +175,6 @@ def open_knowledge(settings: GameSettings, opened: OpenedGraph) -> Knowledge | N
             f"{settings.scorer} belongs to split {model.opened.split.hash[:12]}, and the games to "
             f"{opened.split.hash[:12]}: the scorer may know test recipes. Use the graph folder of the scorer."
         )
-    return ScorerKnowledge(model.scorer, opened.split, model.run.outputs["model.safetensors"], model.kg)
+    return ScorerKnowledge(
+        model.scorer, opened.split, model.run.outputs["model.safetensors"], model.kg
+    )

@@ -40,20 +40,31 @@ class LinePlayer:
         try:
             words = shlex.split(command)
         except ValueError as error:
-            raise ConfigError(f"`player`: {error} in the command. Quote arguments as in a shell.") from None
+            raise ConfigError(
+                f"`player`: {error} in the command. Quote arguments as in a shell."
+            ) from None
         if not words or "\0" in command:
-            raise ConfigError("`player` is empty or has a NUL: expected a command, such as 'python my_player.py'.")
+            raise ConfigError(
+                "`player` is empty or has a NUL: expected a command, such as 'python my_player.py'."
+            )
         self.name = name_of(words)
         self._games = 0
         self._lines: Queue[bytes | None] = Queue(_MOST_WAITING)
         try:
             pipe = subprocess.PIPE
-            self._process = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe, start_new_session=True)
+            self._process = subprocess.Popen(
+                words, stdin=pipe, stdout=pipe, stderr=pipe, start_new_session=True
+            )
         except OSError as error:
-            raise PlayerError(f"player '{self.name}' cannot be started: {error.strerror or error}.") from None
+            raise PlayerError(
+                f"player '{self.name}' cannot be started: {error.strerror or error}."
+            ) from None
         # Direct writing would block on a program that does not read.
         self._unsent: SimpleQueue[bytes | None] = SimpleQueue()
-        threads = [threading.Thread(target=work, daemon=True) for work in (self._read, self._write, self._log)]
+        threads = [
+            threading.Thread(target=work, daemon=True)
+            for work in (self._read, self._write, self._log)
+        ]
         for thread in threads:
             thread.start()
         self._logging = threads[-1]
@@ -62,7 +73,9 @@ class LinePlayer:
         """Return the player."""
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
         """Close the program's input; kill the program if it does not end, and all processes that it has started."""
         self._unsent.put(None)
         with suppress(subprocess.TimeoutExpired):
@@ -98,7 +111,9 @@ class LinePlayer:
         """Send a line, and return the answer; PlayerError if the program has ended, is late or breaks the protocol."""
         if not self._lines.empty():
             self._receive(0)  # raises if the program has ended
-            raise self._error("wrote extra lines: expected one line per input line. Write everything else to stderr.")
+            raise self._error(
+                "wrote extra lines: expected one line per input line. Write everything else to stderr."
+            )
         self._unsent.put(line.encode() + b"\n")
         return self._receive(self._timeout)
 
@@ -152,10 +167,15 @@ class LinePlayer:
         while line := stream.readline(1_000):
             if room > 0:
                 text = line.decode(errors="replace").rstrip("\r\n")
-                sys.stderr.write("".join(one if one.isprintable() or one == "\t" else "\ufffd" for one in text) + "\n")
+                sys.stderr.write(
+                    "".join(one if one.isprintable() or one == "\t" else "\ufffd" for one in text)
+                    + "\n"
+                )
                 room -= len(line)
                 if room <= 0:
-                    sys.stderr.write(f"{self.name}: more than {_MOST_LOG:,} bytes on stderr; the rest is not shown\n")
+                    sys.stderr.write(
+                        f"{self.name}: more than {_MOST_LOG:,} bytes on stderr; the rest is not shown\n"
+                    )
         stream.close()
 
 

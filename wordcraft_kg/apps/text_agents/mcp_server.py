@@ -46,8 +46,12 @@ _TOOLS = {
 }
 _INSTRUCTIONS = "Call `begin`, then call `combine` until the game is over."
 _READS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
-_PLAYS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=False, open_world_hint=False)
-_ENDS = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=False)
+_PLAYS = ToolAnnotations(
+    read_only_hint=False, destructive_hint=False, idempotent_hint=False, open_world_hint=False
+)
+_ENDS = ToolAnnotations(
+    read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=False
+)
 
 
 class Position(BaseModel, frozen=True):
@@ -55,7 +59,9 @@ class Position(BaseModel, frozen=True):
 
     game: str = Field(description="game id")
     goal: str | None = Field(description="the goal item; null in the open-ended world")
-    items: list[str] = Field(description="available items, in the order of their numbers, starting at 1")
+    items: list[str] = Field(
+        description="available items, in the order of their numbers, starting at 1"
+    )
     attempts_left: int = Field(description="attempts left")
     is_over: bool = Field(description="whether the game is over")
     success: bool | None = Field(
@@ -100,11 +106,17 @@ class Facts(BaseModel, frozen=True):
 
 
 def _as_text(value: Any) -> Any:
-    return str(value) if type(value) is int and abs(value) < 10**9 else value  # models write a number either way
+    return (
+        str(value) if type(value) is int and abs(value) < 10**9 else value
+    )  # models write a number either way
 
 
 _GameName = Annotated[str, Field(max_length=_LONGEST, description="game id returned by `begin`")]
-_Item = Annotated[str, Field(max_length=_LONGEST, description="name or number of an item"), BeforeValidator(_as_text)]
+_Item = Annotated[
+    str,
+    Field(max_length=_LONGEST, description="name or number of an item"),
+    BeforeValidator(_as_text),
+]
 _Label = Annotated[str, Field(max_length=_LONGEST, description="name of an item")]
 
 
@@ -113,7 +125,9 @@ class _Server(MCPServer[Any]):
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
         """Call a tool; reject unknown arguments, and reword errors for players."""
-        known = {tool.name: tool.input_schema["properties"] for tool in await self.list_tools()}.get(name, arguments)
+        known = {
+            tool.name: tool.input_schema["properties"] for tool in await self.list_tools()
+        }.get(name, arguments)
         for unknown in arguments.keys() - known:
             expected = ", ".join(known) or "no arguments"
             reason = f"unknown argument '{unknown[:_LONGEST]}': expected {expected}."
@@ -173,20 +187,29 @@ def make_server(hosted: HostedGames) -> MCPServer[Any]:
     """Return an MCP server with tools to play the hosted games; the server fits any transport (stdio, HTTP)."""
     games, settings = hosted.play.games, hosted.play.settings
     last = len(games.world.tasks) - 1 if isinstance(games, TaskGames) else None
-    return _server(games.begin().rules, last, settings.look_ups, settings.knowledge == "scorer", lambda: hosted)
+    return _server(
+        games.begin().rules, last, settings.look_ups, settings.knowledge == "scorer", lambda: hosted
+    )
 
 
 @lru_cache(1)
 def tools_hash() -> str:
     """Return the SHA-256 of all MCP prompts: game texts, instructions, tool lists for tasks and open-ended games."""
     servers = [_server("", last, 2, has_scorer) for last, has_scorer in ((0, False), (None, True))]
-    lists = [[tool.model_dump(mode="json") for tool in anyio.run(server.list_tools)] for server in servers]
+    lists = [
+        [tool.model_dump(mode="json") for tool in anyio.run(server.list_tools)]
+        for server in servers
+    ]
     prompts = [prompt_hash(), _TOOLS, _INSTRUCTIONS, lists]
     return hashlib.sha256(json.dumps(prompts, sort_keys=True).encode()).hexdigest()
 
 
 def _server(
-    rules: str, last: int | None, look_ups: int, has_scorer: bool, hosted: Callable[[], HostedGames] = _no_games
+    rules: str,
+    last: int | None,
+    look_ups: int,
+    has_scorer: bool,
+    hosted: Callable[[], HostedGames] = _no_games,
 ) -> MCPServer[Any]:
     known = "the likely links of" if has_scorer else "the known recipes of"
     about_look_ups = _TOOLS["look_up"].format(known=known, look_ups=counted(look_ups, "look-up"))
@@ -205,12 +228,16 @@ def _server(
         return _result(playing.talk.game.state, Position.of(playing))
 
     @server.tool(title="Combine two items", description=_TOOLS["combine"], annotations=_PLAYS)
-    async def combine(game: _GameName, first: _Item, second: _Item) -> Annotated[CallToolResult, Combined]:
+    async def combine(
+        game: _GameName, first: _Item, second: _Item
+    ) -> Annotated[CallToolResult, Combined]:
         playing = hosted().game(game)
         before = playing.talk.game.labels
         result = playing.combine(first, second)
         new = [label for label in playing.talk.game.labels if label not in before]
-        return _result(f"{result}\n\n{playing.talk.game.state}", Combined.of(playing, result=result, new=new))
+        return _result(
+            f"{result}\n\n{playing.talk.game.state}", Combined.of(playing, result=result, new=new)
+        )
 
     if look_ups:
 
@@ -239,9 +266,16 @@ def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], Ho
 
         return
     number = Field(ge=0, le=last, description=f"task number, 0 to {last}")
-    seed = Field(ge=0, le=MAX_SIZE, description="distractor seed; selects the other items on the table")
+    seed = Field(
+        ge=0, le=MAX_SIZE, description="distractor seed; selects the other items on the table"
+    )
 
-    @server.tool(name="begin", title="Start a game", description=_TOOLS["begin"].format(last=last), annotations=_PLAYS)
+    @server.tool(
+        name="begin",
+        title="Start a game",
+        description=_TOOLS["begin"].format(last=last),
+        annotations=_PLAYS,
+    )
     async def begin_task(
         task: Annotated[int, number], distractor_seed: Annotated[int, seed] = 0
     ) -> Annotated[CallToolResult, Begun]:
@@ -250,14 +284,20 @@ def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], Ho
 
 def _begun(hosted: HostedGame) -> CallToolResult:
     game = hosted.talk.game
-    return _result(f"Game id: {hosted.name}\n{game.rules}\n\n{game.state}", Begun.of(hosted, rules=game.rules))
+    return _result(
+        f"Game id: {hosted.name}\n{game.rules}\n\n{game.state}", Begun.of(hosted, rules=game.rules)
+    )
 
 
 def _result(text: str, values: BaseModel) -> CallToolResult:
-    return CallToolResult(content=[TextContent(type="text", text=text)], structured_content=values.model_dump())
+    return CallToolResult(
+        content=[TextContent(type="text", text=text)], structured_content=values.model_dump()
+    )
 
 
-def make_http_app(server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: Collection[str] = ()) -> ASGIApp:
+def make_http_app(
+    server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: Collection[str] = ()
+) -> ASGIApp:
     """Return an ASGI application for ``host``, ``more_hosts`` and local names, closed to foreign web pages."""
     names = sorted({*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)})
     hosts = [(f"[{name}]" if ":" in name else name) + port for name in names for port in ("", ":*")]
@@ -273,6 +313,8 @@ def make_http_app(server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: C
 
     async def without_streams(scope: Scope, receive: Receive, send: Send) -> None:
         is_call = scope["type"] != "http" or scope["path"] != PATH or scope["method"] == "POST"
-        await (app if is_call else Response(status_code=405, headers={"Allow": "POST"}))(scope, receive, send)
+        await (app if is_call else Response(status_code=405, headers={"Allow": "POST"}))(
+            scope, receive, send
+        )
 
     return without_streams

@@ -55,15 +55,28 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
         """Return the settings of tasks or open-ended games; ``others`` are further fields, such as ``look_ups``."""
         own: dict[str, Any] = {"part": None, "depth": None, "distractors": None}
         if isinstance(world, OpenEndedEnv):
-            own |= {"attempts": world.max_attempts, "base": world.graph.labels(world.discovery.base)}
+            own |= {
+                "attempts": world.max_attempts,
+                "base": world.graph.labels(world.discovery.base),
+            }
         else:
             config = world.config
-            own = {"part": config.part, "depth": config.depth, "distractors": config.num_distractors}
+            own = {
+                "part": config.part,
+                "depth": config.depth,
+                "distractors": config.num_distractors,
+            }
             own["attempts"] = config.attempts
         if others.get("knowledge", "none") == "none":
             others["look_ups"] = 0
-        hashes = {"graph_hash": world.graph.hash, "split_hash": split.hash, "prompt_hash": prompt_hash()}
-        return cls(**{"graph": world.graph.name, **hashes, **own, **others})  # a server has another prompt hash
+        hashes = {
+            "graph_hash": world.graph.hash,
+            "split_hash": split.hash,
+            "prompt_hash": prompt_hash(),
+        }
+        return cls(
+            **{"graph": world.graph.name, **hashes, **own, **others}
+        )  # a server has another prompt hash
 
 
 class GamesHeader(Record, frozen=True, kw_only=True):

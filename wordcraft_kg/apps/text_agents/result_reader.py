@@ -9,7 +9,13 @@ import msgspec
 
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.inspect_log import read_inspect_log, read_logged_games
-from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GamesFormat, PlayedSettings, PlayedTask, TextResult
+from wordcraft_kg.apps.text_agents.records import (
+    GAMES_FILE,
+    GamesFormat,
+    PlayedSettings,
+    PlayedTask,
+    TextResult,
+)
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, result_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE, Submission, read_lines
@@ -17,7 +23,14 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.reference import Estimate, Figure, OpenPlay, ReferenceRow, TaskPlay, figures_of
+from wordcraft_kg.evaluation.reference import (
+    Estimate,
+    Figure,
+    OpenPlay,
+    ReferenceRow,
+    TaskPlay,
+    figures_of,
+)
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.studies.result_readers import (
     OVER_TASKS,
@@ -41,13 +54,19 @@ def _games_file(path: Path) -> Path:
 
 
 def _knows(path: Path) -> bool:
-    return (path / SUBMISSION_FILE).is_file() or _is_log(path) or begins_with(_games_file(path), *get_args(GamesFormat))
+    return (
+        (path / SUBMISSION_FILE).is_file()
+        or _is_log(path)
+        or begins_with(_games_file(path), *get_args(GamesFormat))
+    )
 
 
 def _result(path: Path, opened: OpenedGraph) -> TextResult:
     if (path / SUBMISSION_FILE).is_file():
         raise ConfigError(f"'{path}' has the games of a track, not all tasks; see `bench run`.")
-    result = read_inspect_log(path) if _is_log(path) else read_games_result(_games_file(path), opened)
+    result = (
+        read_inspect_log(path) if _is_log(path) else read_games_result(_games_file(path), opened)
+    )
     if result.settings.track is not None:
         raise ConfigError(
             f"--external-results: '{path}' has the games of {result.settings.track}, not all tasks; see `bench run`."
@@ -65,32 +84,53 @@ def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
     if settings.part is None or settings.depth is None or settings.distractors is None:
         if not played:
             raise ConfigError(f"'{path}' holds no finished game.")
-        return result_of(header.player, msgspec.structs.replace(settings, distractor_seeds=len(played)), played)
+        return result_of(
+            header.player, msgspec.structs.replace(settings, distractor_seeds=len(played)), played
+        )
     games = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
     tasks = set(chosen_tasks(World(opened, games.environment), settings.tasks).tolist())
-    first = {(one.task, one.distractor_seed): one for one in reversed(played) if isinstance(one, PlayedTask)}
+    first = {
+        (one.task, one.distractor_seed): one
+        for one in reversed(played)
+        if isinstance(one, PlayedTask)
+    }
     seeds = 1 + max((distractor_seed for _, distractor_seed in first), default=0)
-    needed, held = len(tasks) * seeds, sum(task in tasks for task, _ in first)  # seeds may be too many for a set
+    needed, held = (
+        len(tasks) * seeds,
+        sum(task in tasks for task, _ in first),
+    )  # seeds may be too many for a set
     if not len(first) == held == needed:
         raise ConfigError(
             f"'{path}' holds {held:,} / {needed:,} games for the {settings.part} tasks: expected each task with each "
             "distractor seed, because selected tasks are not representative."
         )
-    return result_of(header.player, msgspec.structs.replace(settings, distractor_seeds=seeds), [*first.values()])
+    return result_of(
+        header.player, msgspec.structs.replace(settings, distractor_seeds=seeds), [*first.values()]
+    )
 
 
-def _open_rows(paths: Sequence[Path], opened: OpenedGraph, play: OpenPlay) -> Sequence[ReferenceRow]:
+def _open_rows(
+    paths: Sequence[Path], opened: OpenedGraph, play: OpenPlay
+) -> Sequence[ReferenceRow]:
     rows = []
     for path in paths:
         result = _result(path, opened)
         settings = result.settings
         if not settings.is_open_ended or settings.base != play.base:
-            start = f"starts from {', '.join(settings.base)}" if settings.is_open_ended else "was recorded on tasks"
+            start = (
+                f"starts from {', '.join(settings.base)}"
+                if settings.is_open_ended
+                else "was recorded on tasks"
+            )
             raise ConfigError(
                 f"--external-results: '{path}' {start}; expected open-ended mode from {', '.join(play.base)}."
             )
-        known: dict[int, Estimate] = {attempts: (value, None, None) for attempts, value in result.known.items()}
-        rows.append(_row(path, result, play, figures_of(known), measure="entities known", runs=result.games))
+        known: dict[int, Estimate] = {
+            attempts: (value, None, None) for attempts, value in result.known.items()
+        }
+        rows.append(
+            _row(path, result, play, figures_of(known), measure="entities known", runs=result.games)
+        )
     return rows
 
 
@@ -123,19 +163,31 @@ def _task_rows(
         if key in rows:
             figures = rows[key].figures | figures
             notes = ", ".join(dict.fromkeys(note for note in (rows[key].notes, row.notes) if note))
-            row = msgspec.structs.replace(row, figures=figures, source=f"{rows[key].source}, {row.source}", notes=notes)
+            row = msgspec.structs.replace(
+                row, figures=figures, source=f"{rows[key].source}, {row.source}", notes=notes
+            )
         rows[key] = row
     return list(rows.values())
 
 
 def _row(
-    path: Path, result: TextResult, play: TaskPlay | OpenPlay, figures: dict[str, Figure], **more: Any
+    path: Path,
+    result: TextResult,
+    play: TaskPlay | OpenPlay,
+    figures: dict[str, Figure],
+    **more: Any,
 ) -> ReferenceRow:
     settings, success = result.settings, result.success
-    is_remembered = settings.knowledge != "none" and settings.part in ("train", "all") and not _is_log(path)
+    is_remembered = (
+        settings.knowledge != "none" and settings.part in ("train", "all") and not _is_log(path)
+    )
     notes = (
-        f"an even sample of {counted(success.tasks, 'task')}" if success and settings.tasks is not None else "",
-        f"{counted(result.lost_attempts, 'attempt')} lost by invalid actions" if result.lost_attempts else "",
+        f"an even sample of {counted(success.tasks, 'task')}"
+        if success and settings.tasks is not None
+        else "",
+        f"{counted(result.lost_attempts, 'attempt')} lost by invalid actions"
+        if result.lost_attempts
+        else "",
         f"its scorer {SEEN}" if settings.kg == "full" else "",
         "look-ups in other games name the recipes of the task" if is_remembered else "",
     )
@@ -159,22 +211,46 @@ def _games(path: Path, opened: OpenedGraph) -> Iterator[TableGame]:
         track = open_track(submission.track)
         lines = read_lines(path / GAMES_FILE, track, track.play(submission.knowledge))
         graph, frozen = track.opened.graph, track.frozen
-        name, kind, hashes = submission.player, submission.kind, (graph.hash, track.opened.split.hash)
+        name, kind, hashes = (
+            submission.player,
+            submission.kind,
+            (graph.hash, track.opened.split.hash),
+        )
         games = [
-            TableGame(name, kind, "test", frozen.depth, line.goal, graph.labels(task.table), line.pairs, line.success)
+            TableGame(
+                name,
+                kind,
+                "test",
+                frozen.depth,
+                line.goal,
+                graph.labels(task.table),
+                line.pairs,
+                line.success,
+            )
             for line, task in zip(lines, frozen.tasks, strict=False)
             if line.goal is not None and line.success is not None
         ]
     else:
         if _is_log(path):
             logged = read_logged_games(path)
-            name, kind, settings, played = logged.model, "language model", logged.settings, logged.games
+            name, kind, settings, played = (
+                logged.model,
+                "language model",
+                logged.settings,
+                logged.games,
+            )
         else:
             header, played, _ = read_games(_games_file(path))
             name, kind, settings = header.player, "other", header.settings
-        hashes, part, depth = (settings.graph_hash, settings.split_hash), settings.part, settings.depth
+        hashes, part, depth = (
+            (settings.graph_hash, settings.split_hash),
+            settings.part,
+            settings.depth,
+        )
         games = [
-            TableGame(name, kind, part, depth, one.goal, one.table, one.pairs or (one.last,), one.success)
+            TableGame(
+                name, kind, part, depth, one.goal, one.table, one.pairs or (one.last,), one.success
+            )
             for one in played
             if isinstance(one, PlayedTask) and part is not None and depth is not None
         ]

@@ -46,13 +46,21 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
     return np.arange(most) * number // most
 
 
-def record_of(talk: Conversation, messages: Sequence[str], number: int = 0) -> PlayedTask | PlayedWorld:
+def record_of(
+    talk: Conversation, messages: Sequence[str], number: int = 0
+) -> PlayedTask | PlayedWorld:
     """Return the record of the finished game in a conversation; ``number`` is the index of an open-ended game."""
     game = talk.game
-    counts = {**{name: getattr(talk, name) for name in COUNTS}, "messages": tuple(messages), "pairs": tuple(game.pairs)}
+    counts = {
+        **{name: getattr(talk, name) for name in COUNTS},
+        "messages": tuple(messages),
+        "pairs": tuple(game.pairs),
+    }
     if isinstance(game, DiscoveryGame):
         number = number if game.number is None else game.number
-        return PlayedWorld(game=number, known_after=tuple(game.known_after), repeated=game.repeated, **counts)
+        return PlayedWorld(
+            game=number, known_after=tuple(game.known_after), repeated=game.repeated, **counts
+        )
     assert isinstance(game, TaskGame)
     return PlayedTask(
         task=game.task,
@@ -74,12 +82,20 @@ def _termination_of(game: TaskGame) -> TerminationReason:
     if game.last is None:
         return "no_recipe"
     one, other = map(game.graph.id_of, game.last)
-    parts = {part for plan in game.tasks.plans[game.task] for part in game.graph.recipes[plan[-1], :2].tolist()}
+    parts = {
+        part
+        for plan in game.tasks.plans[game.task]
+        for part in game.graph.recipes[plan[-1], :2].tolist()
+    }
     if one == other:
         return "same_twice"
     if {one, other} & parts:
         return "one_right_part"
-    return "no_right_part" if (min(one, other), max(one, other)) in game.graph.outcomes else "no_recipe"
+    return (
+        "no_right_part"
+        if (min(one, other), max(one, other)) in game.graph.outcomes
+        else "no_recipe"
+    )
 
 
 def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
@@ -89,14 +105,18 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
     tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
     shape = len(tasks), len({one.distractor_seed for one in played})
     if len(played) != shape[0] * shape[1]:
-        raise ValueError(f"{len(played)} games: expected {shape[0]} tasks with {shape[1]} distractor seeds each")
+        raise ValueError(
+            f"{len(played)} games: expected {shape[0]} tasks with {shape[1]} distractor seeds each"
+        )
     games = sorted(played, key=lambda one: (one.task, one.distractor_seed))
     return Evaluation(
         tasks,
         np.array([one.success for one in games], dtype=bool).reshape(shape),
         np.array([one.by_plan for one in games], dtype=bool).reshape(shape),
         np.array([one.actions for one in games], dtype=np.int64).reshape(shape),
-        np.array([TERMINATION_REASONS.index(one.termination) for one in games], dtype=np.int8).reshape(shape),
+        np.array(
+            [TERMINATION_REASONS.index(one.termination) for one in games], dtype=np.int8
+        ).reshape(shape),
         np.full((*shape, 2), -1),
         np.full(shape, -1),
     )
@@ -108,10 +128,14 @@ def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, floa
     return {mark: float(np.mean([curve[: mark + 1][-1] for curve in curves])) for mark in marks}
 
 
-def result_of(player: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]) -> TextResult:
+def result_of(
+    player: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]
+) -> TextResult:
     """Return a player's result: metrics and counts over all recorded games."""
     counts = {name: sum(getattr(one, name) for one in played) for name in COUNTS}
-    curves = [(len(settings.base), *one.known_after) for one in played if isinstance(one, PlayedWorld)]
+    curves = [
+        (len(settings.base), *one.known_after) for one in played if isinstance(one, PlayedWorld)
+    ]
     tasks = [one for one in played if isinstance(one, PlayedTask)]
     evaluation = None if settings.is_open_ended else evaluation_of(tasks)
     return TextResult(
@@ -130,7 +154,9 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWor
     lines, _, torn = read_large_file(path).rpartition(b"\n")
     first, _, rest = lines.partition(b"\n")
     header = parse_record(first, GamesHeader, f"{path}, line 1,")
-    kind: type[PlayedTask | PlayedWorld] = PlayedWorld if header.settings.is_open_ended else PlayedTask
+    kind: type[PlayedTask | PlayedWorld] = (
+        PlayedWorld if header.settings.is_open_ended else PlayedTask
+    )
     return header, parse_lines(rest, kind, f"{path} (after line 1)"), torn
 
 
@@ -145,9 +171,15 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
     by another process, are an ArtefactError; for other players or settings see :func:`open_games`.
     """
     path, settings = folder / GAMES_FILE, play.settings
-    tasks = chosen_tasks(play.games.world, settings.tasks).tolist() if isinstance(play.games, TaskGames) else [0]
+    tasks = (
+        chosen_tasks(play.games.world, settings.tasks).tolist()
+        if isinstance(play.games, TaskGames)
+        else [0]
+    )
     missing = dict.fromkeys(
-        (task, distractor_seed) for distractor_seed in range(settings.distractor_seeds) for task in tasks
+        (task, distractor_seed)
+        for distractor_seed in range(settings.distractor_seeds)
+        for task in tasks
     )
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "written"):
@@ -180,7 +212,9 @@ def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld
         path.touch()
     with path.open("rb") as file:
         start = file.read(len(line))
-    if start == line or not line.startswith(start):  # else empty, or killed while the header was written
+    if start == line or not line.startswith(
+        start
+    ):  # else empty, or killed while the header was written
         kept, played, torn = read_games(path)
         if played or kept == header:
             _check_header(path, kept, header)

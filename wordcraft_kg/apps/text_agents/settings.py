@@ -55,7 +55,8 @@ class GameSettings:
     attempts: int | None = None
     open_ended: Flag = False
     base: Annotated[
-        list[str] | None, Parameter(negative=(), consume_multiple=False, converter=_labels, accepts_keys=False)
+        list[str] | None,
+        Parameter(negative=(), consume_multiple=False, converter=_labels, accepts_keys=False),
     ] = None
     knowledge: KnowledgeKind = "none"
     scorer: Path | None = None
@@ -72,7 +73,11 @@ class GameSettings:
             if getattr(self, name) != getattr(type(self), name):
                 raise ConfigError(f"`open_ended` has no tasks; omit `{name}`.")
         if self.attempts is not None:
-            whole("attempts", self.attempts, *((1, MAX_SIZE) if self.open_ended else (self.depth, MAX_ATTEMPTS)))
+            whole(
+                "attempts",
+                self.attempts,
+                *((1, MAX_SIZE) if self.open_ended else (self.depth, MAX_ATTEMPTS)),
+            )
         one_of("knowledge", self.knowledge, get_args(KnowledgeKind))
         whole("look_ups", self.look_ups, 0, MAX_SIZE)
         if self.knowledge == "scorer" and self.scorer is None:
@@ -86,7 +91,10 @@ class GameSettings:
     def environment(self) -> WordCraftConfig:
         """Environment settings for the tasks: part, depth, distractors and attempts."""
         return WordCraftConfig(
-            part=self.part, depth=self.depth, num_distractors=self.distractors, max_attempts=self.attempts
+            part=self.part,
+            depth=self.depth,
+            num_distractors=self.distractors,
+            max_attempts=self.attempts,
         )
 
 

@@ -20,7 +20,16 @@ from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base.artefacts import dump_json, read_small_file, sha256_of, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, EpisodeError
-from wordcraft_kg.base.records import Count, Hash, Record, Share, as_lines, as_values, parse_record, schema_of
+from wordcraft_kg.base.records import (
+    Count,
+    Hash,
+    Record,
+    Share,
+    as_lines,
+    as_values,
+    parse_record,
+    schema_of,
+)
 from wordcraft_kg.base.settings import one_line
 from wordcraft_kg.base.statistics import student_interval, task_bootstrap
 from wordcraft_kg.base.wording import counted
@@ -124,7 +133,9 @@ class Submission(Record, frozen=True, kw_only=True):
 
 def submission_schema() -> dict[str, Any]:
     """Return the JSON Schema of ``submission.json``."""
-    return schema_of(Submission, "urn:wordcraft-kg:submission:1", "A submission to a wordcraft-kg benchmark")
+    return schema_of(
+        Submission, "urn:wordcraft-kg:submission:1", "A submission to a wordcraft-kg benchmark"
+    )
 
 
 def replay(play: Play, number: int, played: Played) -> GameLine:
@@ -140,7 +151,9 @@ def replay(play: Play, number: int, played: Played) -> GameLine:
         else:
             for label in pair:
                 if label not in before:
-                    raise EpisodeError(f"attempt {attempt} combines '{label[:100]}', which is not on the table")
+                    raise EpisodeError(
+                        f"attempt {attempt} combines '{label[:100]}', which is not on the table"
+                    )
             game.combine(*map(before.index, pair))
         made.append(game.labels[len(before) :])
     _check_counts(play, played)
@@ -161,18 +174,24 @@ def replay(play: Play, number: int, played: Played) -> GameLine:
 def _check_counts(play: Play, played: Played) -> None:
     most = play.settings.look_ups
     if played.look_ups > most:
-        raise EpisodeError(f"the game has {counted(played.look_ups, 'look-up')}; expected at most {most}")
+        raise EpisodeError(
+            f"the game has {counted(played.look_ups, 'look-up')}; expected at most {most}"
+        )
     lost, each = list(played.pairs).count(None), play.settings.max_invalid + 1
     if played.invalid_actions < lost * each:
         few = counted(played.invalid_actions, "invalid answer")
-        raise EpisodeError(f"{counted(lost, 'attempt')} were lost with {few}; expected {each} or more for each")
+        raise EpisodeError(
+            f"{counted(lost, 'attempt')} were lost with {few}; expected {each} or more for each"
+        )
 
 
 def figures_text(submission: Submission) -> str:
     """Return the mean with its interval as text, such as ``0.360 [0.270, 0.450]``."""
     figures = submission.figures
     digits = 3 if figures.by_plan is not None else 1
-    mean, low, high = (f"{value:.{digits}f}" for value in (figures.mean, figures.ci_low, figures.ci_high))
+    mean, low, high = (
+        f"{value:.{digits}f}" for value in (figures.mean, figures.ci_low, figures.ci_high)
+    )
     return f"{mean} [{low}, {high}]"
 
 
@@ -183,9 +202,14 @@ def figures_of(track: Track, lines: Sequence[GameLine]) -> Figures:
     if track.is_open_ended:
         base = len(track.frozen.orders[0])
         curves = [np.cumsum([base, *map(len, line.made)]).tolist() for line in lines]
-        known = {mark: _rounded(mean) for mark, mean in mean_known(curves, track.frozen.attempts).items()}
+        known = {
+            mark: _rounded(mean) for mark, mean in mean_known(curves, track.frozen.attempts).items()
+        }
         final = [curve[-1] for curve in curves]
-        mean, interval = float(np.mean(final)), student_interval(final, within=(0, track.opened.graph.num_entities))
+        mean, interval = (
+            float(np.mean(final)),
+            student_interval(final, within=(0, track.opened.graph.num_entities)),
+        )
     else:
         success = np.array([bool(line.success) for line in lines])
         mean, interval = float(success.mean()), task_bootstrap(success[:, None])
@@ -206,7 +230,11 @@ def _rounded(value: float | np.floating) -> float:
 
 
 def write_submission(
-    folder: Path, track: Track, games: Sequence[Played], knowledge: LookUps, about: Mapping[str, Any]
+    folder: Path,
+    track: Track,
+    games: Sequence[Played],
+    knowledge: LookUps,
+    about: Mapping[str, Any],
 ) -> Submission:
     """Write games, then the submission; EpisodeError, and no file, for decisions against the rules."""
     play = track.play(knowledge)
@@ -249,7 +277,10 @@ def verify(folder: Path) -> Submission:
     if submission.graph_hash != track.opened.graph.hash:
         raise _refused(path, "graph_hash", submission.graph_hash, track.opened.graph.hash)
     lines = read_lines(folder / GAMES_FILE, track, track.play(submission.knowledge))
-    for name, value in {**_totals(track, lines), "games_hash": sha256_of(folder / GAMES_FILE)}.items():
+    for name, value in {
+        **_totals(track, lines),
+        "games_hash": sha256_of(folder / GAMES_FILE),
+    }.items():
         if (given := getattr(submission, name)) != value:
             raise _refused(path, name, *(json.dumps(as_values(each)) for each in (given, value)))
     if dump_json(as_values(submission)).encode() != data:
@@ -259,7 +290,11 @@ def verify(folder: Path) -> Submission:
 
 def _check_versions(path: Path, submission: Submission) -> None:
     manifest, manifest_hash = read_manifest()
-    versions = {"benchmark": manifest.name, "benchmark_hash": manifest_hash, "scoring": manifest.scoring}
+    versions = {
+        "benchmark": manifest.name,
+        "benchmark_hash": manifest_hash,
+        "scoring": manifest.scoring,
+    }
     for name, value in versions.items():
         if getattr(submission, name) != value:
             raise _refused(path, name, getattr(submission, name), value)
@@ -269,10 +304,17 @@ def _check_versions(path: Path, submission: Submission) -> None:
     if submission.prompts == "standard" and given not in standard:
         raise _refused(path, "prompt_hash", given, " or ".join(standard), "declare custom prompts")
     if (submission.prompts == "none") != (given is None):
-        raise _refused(path, "prompts", submission.prompts, "none without a 'prompt_hash', else standard or custom")
+        raise _refused(
+            path,
+            "prompts",
+            submission.prompts,
+            "none without a 'prompt_hash', else standard or custom",
+        )
 
 
-def _refused(path: Path, name: str, value: object, expected: object, remedy: str = "play the track again") -> Exception:
+def _refused(
+    path: Path, name: str, value: object, expected: object, remedy: str = "play the track again"
+) -> Exception:
     return ArtefactError(f"{path}: '{name}' is {value}; expected {expected}. Please {remedy}.")
 
 
@@ -282,14 +324,20 @@ def read_lines(path: Path, track: Track, play: Play) -> list[GameLine]:
     if texts.pop():
         raise ArtefactError(f"{path}, line {len(texts) + 1}, has no end. Play the track again.")
     if len(texts) < len(track):
-        raise ArtefactError(f"{path}: {len(texts)} of {len(track)} games. Play all games of {track.name}.")
+        raise ArtefactError(
+            f"{path}: {len(texts)} of {len(track)} games. Play all games of {track.name}."
+        )
     lines = []
     for number, text in enumerate(texts):
         where = f"{path}, line {number + 1}"
         line = parse_record(text, GameLine, f"{where},")
         if line.number != number or number >= len(track):
-            expected = f"game {number}" if number < len(track) else f"no more than {len(track)} games"
-            raise ArtefactError(f"{where}: game {line.number}; expected {expected}. Play the track again.")
+            expected = (
+                f"game {number}" if number < len(track) else f"no more than {len(track)} games"
+            )
+            raise ArtefactError(
+                f"{where}: game {line.number}; expected {expected}. Play the track again."
+            )
         try:
             again = replay(play, number, Played(line.pairs, line.look_ups, line.invalid_actions))
         except EpisodeError as error:

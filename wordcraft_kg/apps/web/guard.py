@@ -101,7 +101,11 @@ class Guard:
             return 405, f"The method {scope['method'][:20]} is not allowed here."
         origin = headers.get("origin")
         # Compare the port, too: another program on this machine is another site.
-        if scope["method"] == "POST" and origin is not None and _split(origin).netloc != headers.get("host"):
+        if (
+            scope["method"] == "POST"
+            and origin is not None
+            and _split(origin).netloc != headers.get("host")
+        ):
             return 403, "This form was sent from another site. Please open the page on this site."
         if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > LONGEST_ADDRESS:
             return 414, f"The address is too long (limit: {LONGEST_ADDRESS:,} bytes)."
@@ -124,7 +128,9 @@ def _limited(receive: Receive) -> Receive:
             async with asyncio.timeout_at(None if is_whole else deadline):
                 message = await receive()
         except TimeoutError:
-            raise _Refused(408, f"The request is incomplete (limit: {LONGEST_WAIT:g} seconds).") from None
+            raise _Refused(
+                408, f"The request is incomplete (limit: {LONGEST_WAIT:g} seconds)."
+            ) from None
         received += len(message.get("body", b""))
         is_whole = not message.get("more_body", False)
         if received > LONGEST_BODY:

@@ -54,7 +54,9 @@ def listen(host: str, port: int) -> socket.socket:
             errno.EACCES: "is not permitted for this user; choose a port above 1023",
             errno.EADDRNOTAVAIL: f"cannot be opened: '{host}' is not an address of this machine",
         }
-        raise ConfigError(f"`port` {port} {reasons.get(error.errno or 0, error.strerror)}.") from None
+        raise ConfigError(
+            f"`port` {port} {reasons.get(error.errno or 0, error.strerror)}."
+        ) from None
     return listening
 
 

@@ -66,7 +66,9 @@ def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
         owner, senses = np.array(rows).T
         first = np.concatenate([[0], np.flatnonzero(np.diff(owner)) + 1])
         place = np.arange(len(owner)) - np.repeat(first, np.diff([*first, len(owner)]))
-        counts = np.array([network.counts.get((spelled[entity][1], node), 0) for entity, node in rows])
+        counts = np.array(
+            [network.counts.get((spelled[entity][1], node), 0) for entity, node in rows]
+        )
         prior = counts + 1 / (1 + place)
         if network.glosses:
             chances = _sense_chances(network, owner, senses, prior, _neighbours(recipes, spelled))
@@ -82,7 +84,11 @@ def with_overrides(
     alignment: Alignment, network: Network, entities: Sequence[str], overrides: Mapping[str, str]
 ) -> Alignment:
     """Replace nodes by named nodes, or by none for an empty name; KnowledgeFileError for an unknown one."""
-    nodes, confidences, methods = alignment.nodes.copy(), alignment.confidences.copy(), list(alignment.methods)
+    nodes, confidences, methods = (
+        alignment.nodes.copy(),
+        alignment.confidences.copy(),
+        list(alignment.methods),
+    )
     numbers = {name: node for node, name in enumerate(network.nodes)} if overrides else {}
     for label, name in overrides.items():
         if label not in entities:
@@ -97,14 +103,22 @@ def with_overrides(
                 "alignment.tsv, or nothing to leave the label out."
             )
         place = entities.index(label)
-        nodes[place], confidences[place], methods[place] = node, float(node >= 0), "override" if name else "left out"
+        nodes[place], confidences[place], methods[place] = (
+            node,
+            float(node >= 0),
+            "override" if name else "left out",
+        )
     return Alignment(nodes, tuple(methods), confidences)
 
 
 def _joined(network: Network, entities: Sequence[str]) -> dict[str, str]:
     """Return spellings in several words by the label that joins them: "fire truck" by firetruck."""
     wanted = {plain(label).replace(" ", "") for label in entities}
-    return {short: text for text in network.spellings if " " in text and (short := text.replace(" ", "")) in wanted}
+    return {
+        short: text
+        for text in network.spellings
+        if " " in text and (short := text.replace(" ", "")) in wanted
+    }
 
 
 def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str, str]:
@@ -144,13 +158,19 @@ def _neighbours(recipes: Ids, spelled: Sequence[tuple[str, str]]) -> sparse.csr_
 
 
 def _sense_chances(
-    network: Network, owner: Ids, senses: Ids, prior: NDArray[np.float64], neighbours: sparse.csr_array
+    network: Network,
+    owner: Ids,
+    senses: Ids,
+    prior: NDArray[np.float64],
+    neighbours: sparse.csr_array,
 ) -> NDArray[np.float64]:
     """Return the probability of each sense among the senses of its entity."""
     texts, fields = sense_texts(network, senses), np.array(network.fields)[senses]
     chances = _shares(np.log(prior), owner)
     for _ in range(_ROUNDS):
-        weights = sparse.csr_array((chances, (owner, np.arange(len(owner)))), shape=(neighbours.shape[0], len(owner)))
+        weights = sparse.csr_array(
+            (chances, (owner, np.arange(len(owner)))), shape=(neighbours.shape[0], len(owner))
+        )
         contexts = _units(neighbours @ (weights @ texts))
         overlap = texts.multiply(contexts[owner]).sum(1)
         in_book, in_all = (1 + np.bincount(fields, share) for share in (chances, None))
@@ -163,7 +183,9 @@ def sense_texts(network: Network, senses: Ids, power: float = 1) -> sparse.csr_a
     """Return unit word vectors of senses, (S, V), by log count and idf: own text twice, then neighbours' texts."""
     words, size = network.word_counts, len(network.nodes)
     links = (network.links() != 0).astype(float)
-    own = sparse.csr_array((np.ones(len(senses)), (np.arange(len(senses)), senses)), shape=(len(senses), size))
+    own = sparse.csr_array(
+        (np.ones(len(senses)), (np.arange(len(senses)), senses)), shape=(len(senses), size)
+    )
     texts = (2 * own + own @ (links + links.T)) @ words
     texts.data = np.log1p(texts.data)
     idf = np.log(size / (1 + np.bincount(words.indices)))

@@ -57,7 +57,10 @@ class Knowledge:
             return self
         place = {label: row for row, label in enumerate(self.record.entities)}
         known = [row for row, label in enumerate(entities) if label in place]
-        rows, columns = torch.tensor(known, dtype=torch.int64), torch.tensor([place[entities[row]] for row in known])
+        rows, columns = (
+            torch.tensor(known, dtype=torch.int64),
+            torch.tensor([place[entities[row]] for row in known]),
+        )
 
         def moved(table: Tensor) -> Tensor:
             result = torch.zeros(len(entities), len(entities), dtype=torch.half)
@@ -70,8 +73,16 @@ class Knowledge:
 
     def coverage(self, entities: Sequence[str]) -> float:
         """Return the share of labels that the source describes: labels with a cell other than 0."""
-        has_cell = torch.stack([(table != 0).any(0) | (table != 0).any(1) for table in self.tables]).any(0).tolist()
-        known = {label for label, is_known in zip(self.record.entities, has_cell, strict=True) if is_known}
+        has_cell = (
+            torch.stack([(table != 0).any(0) | (table != 0).any(1) for table in self.tables])
+            .any(0)
+            .tolist()
+        )
+        known = {
+            label
+            for label, is_known in zip(self.record.entities, has_cell, strict=True)
+            if is_known
+        }
         return sum(label in known for label in entities) / max(len(entities), 1)
 
 
@@ -90,13 +101,18 @@ def write_knowledge(
     such as graph, weights and prompts; ``files`` are further files by name, such as ``README.md``.
     """
     folder = with_a_name(Path(out))
-    tensors = {info.name: table for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True)}
+    tensors = {
+        info.name: table
+        for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True)
+    }
     with staged_folder(folder, force=force) as staging:
         write_atomically(staging / KNOWLEDGE, dump_json(as_values(knowledge.record)))
         write_atomically(staging / TABLES, safetensors.torch.save(copied(tensors)))
         for name, content in files.items():
             write_atomically(staging / name, content)
-        end_run(staging, start_run(staging, command, inputs=inputs), "done", (KNOWLEDGE, TABLES, *files))
+        end_run(
+            staging, start_run(staging, command, inputs=inputs), "done", (KNOWLEDGE, TABLES, *files)
+        )
     return folder
 
 
@@ -121,7 +137,10 @@ def knowledge_files(folder: str | Path) -> RunFiles:
 def check_same_split(spec: str, opened: OpenedGraph) -> None:
     """Raise ConfigError if a knowledge folder was made with the train recipes of another split of the same graph."""
     inputs = knowledge_files(spec).run.inputs
-    if inputs.get("graph") == opened.graph.hash and inputs.get("split", opened.split.hash) != opened.split.hash:
+    if (
+        inputs.get("graph") == opened.graph.hash
+        and inputs.get("split", opened.split.hash) != opened.split.hash
+    ):
         raise ConfigError(
             f"`with` '{spec}' was made with the train recipes of another split, which may be test recipes here. Make "
             "the folder again from this graph folder."

@@ -13,7 +13,13 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.knowledge.alignment import Alignment, align, with_overrides
-from wordcraft_kg.models.knowledge.folder import FACTS, TRIPLES, Knowledge, KnowledgeRecord, write_knowledge
+from wordcraft_kg.models.knowledge.folder import (
+    FACTS,
+    TRIPLES,
+    Knowledge,
+    KnowledgeRecord,
+    write_knowledge,
+)
 from wordcraft_kg.models.knowledge.network import Network
 from wordcraft_kg.models.knowledge.paths import hops, make_tables, with_descriptions
 from wordcraft_kg.models.knowledge.readers import HEADER, read_conceptnet, read_triples
@@ -66,7 +72,13 @@ class ImportedKnowledge(Record, frozen=True, kw_only=True):
 
 
 def import_knowledge(
-    opened: OpenedGraph, kind: Kind, path: Path, out: Path, *, overrides: Path | None = None, force: bool = False
+    opened: OpenedGraph,
+    kind: Kind,
+    path: Path,
+    out: Path,
+    *,
+    overrides: Path | None = None,
+    force: bool = False,
 ) -> ImportedKnowledge:
     """Import a general graph for a recipe graph; test and validation recipes are not read.
 
@@ -96,7 +108,10 @@ def import_knowledge(
         surroundings = Surroundings(network, alignment, entities)
         triples, facts = list(surroundings.triples()), list(surroundings.facts())
     record = KnowledgeRecord(
-        source=network.source, entities=entities, tables=tuple(info for info, _ in tables), triples=len(triples)
+        source=network.source,
+        entities=entities,
+        tables=tuple(info for info, _ in tables),
+        triples=len(triples),
     )
     knowledge = Knowledge(record, tuple(torch.from_numpy(values).half() for _, values in tables))
     view = ImportedKnowledge(
@@ -128,7 +143,9 @@ def import_knowledge(
 def read_overrides(path: Path) -> dict[str, str]:
     """Read nodes by label from lines as in ``alignment.tsv``; KnowledgeFileError names a wrong line."""
     if not path.is_file():
-        raise KnowledgeFileError(f"{path} is not a file; expected lines with a label, a tab and a node.")
+        raise KnowledgeFileError(
+            f"{path} is not a file; expected lines with a label, a tab and a node."
+        )
     collected: dict[str, str] = {}
     try:
         lines = read_small_file(path).decode("utf-8-sig").splitlines()
@@ -153,19 +170,27 @@ def coverage_of(alignment: Alignment) -> tuple[Coverage, ...]:
         Coverage(
             method=method,
             entities=count,
-            confidence=float(alignment.confidences[[one == method for one in alignment.methods]].mean()),
+            confidence=float(
+                alignment.confidences[[one == method for one in alignment.methods]].mean()
+            ),
         )
         for method, count in counts.most_common()
     )
 
 
-def _alignment_rows(network: Network, alignment: Alignment, entities: Sequence[str]) -> list[Sequence[str]]:
+def _alignment_rows(
+    network: Network, alignment: Alignment, entities: Sequence[str]
+) -> list[Sequence[str]]:
     rows = list[Sequence[str]]()
     for label, node, method, confidence in zip(
         entities, alignment.nodes.tolist(), alignment.methods, alignment.confidences, strict=True
     ):
         name = f"{network.prefix}:{network.nodes[node]}" if node >= 0 else ""
-        meaning = f"{', '.join(network.lemmas[node])}: {network.glosses[node]}" if name and network.glosses else ""
+        meaning = (
+            f"{', '.join(network.lemmas[node])}: {network.glosses[node]}"
+            if name and network.glosses
+            else ""
+        )
         rows.append((label, name, method, f"{confidence:.3f}", meaning))
     return rows
 
@@ -190,7 +215,10 @@ def describe(view: ImportedKnowledge) -> list[tuple[str, ...]]:
 
 
 def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:
-    rows = "\n".join("| " + " | ".join(row) + " |" for row in [*describe(view)[:1], ("---",) * 3, *describe(view)[1:]])
+    rows = "\n".join(
+        "| " + " | ".join(row) + " |"
+        for row in [*describe(view)[:1], ("---",) * 3, *describe(view)[1:]]
+    )
     return (
         f"# Knowledge from {view.source}\n\nFor graph `{opened.graph.hash[:12]}`, split `{opened.split.hash[:12]}`: "
         f"{view.aligned:,} of {view.entities:,} labels are aligned with {view.nodes:,} nodes. {view.triples:,} "

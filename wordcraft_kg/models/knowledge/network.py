@@ -14,7 +14,16 @@ from scipy import sparse
 from wordcraft_kg.base.labels import folded
 from wordcraft_kg.graphs.arrays import Ids
 
-_ENDINGS = {"s": "", "ses": "s", "xes": "x", "zes": "z", "ches": "ch", "shes": "sh", "men": "man", "ies": "y"}
+_ENDINGS = {
+    "s": "",
+    "ses": "s",
+    "xes": "x",
+    "zes": "z",
+    "ches": "ch",
+    "shes": "sh",
+    "men": "man",
+    "ies": "y",
+}
 """Endings of plural nouns with their replacements; source: WordNet 3.0 manual, morphy(7)."""
 _WORD = re.compile(r"[a-z0-9]+")
 
@@ -63,7 +72,9 @@ class Network:
         """Return a word's base form, or the word if the network has no spelling for any."""
         if word in self.exceptions:
             return self.exceptions[word][0]
-        return next((form for form in (word, *self.singulars(word)) if form in self.spellings), word)
+        return next(
+            (form for form in (word, *self.singulars(word)) if form in self.spellings), word
+        )
 
     @cached_property
     def definitions(self) -> list[list[str]]:
@@ -83,7 +94,9 @@ class Network:
                 rows.append(node)
                 columns.append(places.setdefault(word, len(places)))
                 counts.append(count)
-        return sparse.csr_array((counts, (rows, columns)), shape=(len(self.nodes), len(places)), dtype=float)
+        return sparse.csr_array(
+            (counts, (rows, columns)), shape=(len(self.nodes), len(places)), dtype=float
+        )
 
     def with_edges(self, relation: str, edges: Ids, weights: NDArray[np.float64]) -> "Network":
         """Add a relation with edges, shape (M, 2): head and tail."""
@@ -91,7 +104,9 @@ class Network:
         more = replace(
             self,
             relations=(*self.relations, relation),
-            edges=np.concatenate([self.edges, np.column_stack([edges[:, 0], between, edges[:, 1]])]),
+            edges=np.concatenate(
+                [self.edges, np.column_stack([edges[:, 0], between, edges[:, 1]])]
+            ),
             weights=np.concatenate([self.weights, weights]),
         )
         vars(more).update(vars(self) | vars(more))  # keeps counted words: definitions are the same
@@ -114,11 +129,15 @@ def plain(text: str) -> str:
     return folded(text).replace("'", "")
 
 
-def unique_edges(edges: Ids, weights: NDArray[np.float64], sizes: tuple[int, int]) -> tuple[Ids, NDArray[np.float64]]:
+def unique_edges(
+    edges: Ids, weights: NDArray[np.float64], sizes: tuple[int, int]
+) -> tuple[Ids, NDArray[np.float64]]:
     """Sort edges (M, 3), without loops; weights (M,) of repeated edges add up. Sizes: nodes, relations."""
     nodes, relations = sizes
     head, relation, tail = edges[edges[:, 0] != edges[:, 2]].T
     keys, place = np.unique((head * relations + relation) * nodes + tail, return_inverse=True)
     rest, tails = np.divmod(keys, nodes)
-    merged = np.bincount(place, weights[edges[:, 0] != edges[:, 2]], minlength=len(keys)).astype(np.float64)
+    merged = np.bincount(place, weights[edges[:, 0] != edges[:, 2]], minlength=len(keys)).astype(
+        np.float64
+    )
     return np.column_stack([rest // relations, rest % relations, tails]), merged

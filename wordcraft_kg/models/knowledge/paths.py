@@ -39,13 +39,19 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
     longest = max((phrase.count(" ") + 1 for phrase in phrases), default=0)
     mentions = []
     for head, words in enumerate(network.definitions):
-        spans = (words[start : start + size] for start in range(len(words)) for size in range(1, longest + 1))
+        spans = (
+            words[start : start + size]
+            for start in range(len(words))
+            for size in range(1, longest + 1)
+        )
         tails = set().union(*(phrases.get(" ".join(span), ()) for span in spans))
         mentions += [(head, tail) for tail in tails - {head}]
     edges = np.array(sorted(mentions), dtype=np.int64).reshape(-1, 2)
     size = len(network.nodes)
     counts = np.bincount(edges[:, 1], minlength=size)
-    return network.with_edges(DESCRIBED_BY, edges, 1 - np.log1p(counts[edges[:, 1]]) / np.log1p(size))
+    return network.with_edges(
+        DESCRIBED_BY, edges, 1 - np.log1p(counts[edges[:, 1]]) / np.log1p(size)
+    )
 
 
 def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:
@@ -60,7 +66,9 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
     first, inner = first[:, near], links[near][:, near]
     starts = range(0, first.shape[0], _BLOCK)
     # Dense blocks: a third step from all entities at once fills a large matrix, sparse or not.
-    third = np.concatenate([(first @ (inner @ first[start : start + _BLOCK].T.toarray())).T for start in starts])
+    third = np.concatenate(
+        [(first @ (inner @ first[start : start + _BLOCK].T.toarray())).T for start in starts]
+    )
     return (own @ links @ own.T).toarray(), (first @ first.T).toarray(), third
 
 

@@ -19,7 +19,12 @@ from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
 
 _LONGEST = 2**20
 """Most bytes in a line; a longer line suggests another kind of file."""
-_USELESS = {b"/r/ExternalURL", b"/r/FormOf", b"/r/EtymologicallyDerivedFrom", b"/r/EtymologicallyRelatedTo"}
+_USELESS = {
+    b"/r/ExternalURL",
+    b"/r/FormOf",
+    b"/r/EtymologicallyDerivedFrom",
+    b"/r/EtymologicallyRelatedTo",
+}
 """Relations about words or web pages, not about things; also all below /r/dbpedia/."""
 _SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"SimilarTo", b"Synonym"}
 _ENGLISH = b"/c/en/"
@@ -39,14 +44,18 @@ def read_conceptnet(path: Path) -> Network:
     for number, line in _lines(path):
         columns = line.split(b"\t")
         if len(columns) != 5:
-            raise _fault(path, number, f"{len(columns)} columns; expected uri, relation, start, end and JSON")
+            raise _fault(
+                path, number, f"{len(columns)} columns; expected uri, relation, start, end and JSON"
+            )
         _, relation, start, end, about = columns
         if not (start.startswith(_ENGLISH) and end.startswith(_ENGLISH)) or relation in _USELESS:
             continue
         try:
             weight = decode(about).weight
         except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
-            raise _fault(path, number, f"the last column is not JSON with a weight ({error})") from None
+            raise _fault(
+                path, number, f"the last column is not JSON with a weight ({error})"
+            ) from None
         name = relation.removeprefix(b"/r/")
         if weight > 0 and not name.startswith(b"dbpedia/"):
             head, tail = (word[len(_ENGLISH) :].partition(b"/")[0] for word in (start, end))
@@ -61,7 +70,10 @@ def read_triples(path: Path) -> Network:
     collected = _Collected(path)
     for number, line in _lines(path):
         columns = line.rstrip(b"\r\n").split(b"\t")
-        if number == 1 and [column.decode(errors="replace").lower() for column in columns[:3]] == HEADER:
+        if (
+            number == 1
+            and [column.decode(errors="replace").lower() for column in columns[:3]] == HEADER
+        ):
             continue
         try:
             weight = float(columns[3]) if len(columns) == 4 else 1.0
@@ -69,7 +81,11 @@ def read_triples(path: Path) -> Network:
             weight = 0.0
         if len(columns) not in (3, 4) or not all(columns) or not 0 < weight < _HEAVIEST:
             shown = line[:80].decode(errors="replace").strip()
-            raise _fault(path, number, f"'{shown}'; expected head, relation, tail and perhaps a positive weight")
+            raise _fault(
+                path,
+                number,
+                f"'{shown}'; expected head, relation, tail and perhaps a positive weight",
+            )
         collected.add(columns[0], columns[1], columns[2], weight)
     return collected.network(path.name.partition(".")[0] or "triples", "other")
 
@@ -92,11 +108,17 @@ class _Collected:
 
     def network(self, source: str, prefix: str) -> Network:
         if not self.ids:
-            raise KnowledgeFileError(f"{self.path} has no triple to use; expected {source}'s triples.")
+            raise KnowledgeFileError(
+                f"{self.path} has no triple to use; expected {source}'s triples."
+            )
         try:
-            nodes, relations = ([name.decode() for name in names] for names in (self.nodes, self.relations))
+            nodes, relations = (
+                [name.decode() for name in names] for names in (self.nodes, self.relations)
+            )
         except UnicodeDecodeError as error:
-            raise KnowledgeFileError(f"{self.path} is not UTF-8: {error.object[:80]!r}. Save it as UTF-8.") from None
+            raise KnowledgeFileError(
+                f"{self.path} is not UTF-8: {error.object[:80]!r}. Save it as UTF-8."
+            ) from None
         self.nodes.clear()
         edges, weights = unique_edges(
             np.frombuffer(self.ids, np.int32).reshape(-1, 3).astype(np.int64),
@@ -113,7 +135,9 @@ class _Collected:
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     """Yield numbered lines that are not blank."""
     if not path.is_file():
-        raise KnowledgeFileError(f"{path} is not a file; expected a tab-separated file, plain or .gz.")
+        raise KnowledgeFileError(
+            f"{path} is not a file; expected a tab-separated file, plain or .gz."
+        )
     number = 0
     try:
         with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
@@ -127,4 +151,6 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
 
 
 def _fault(path: Path, line: int, problem: str) -> KnowledgeFileError:
-    return KnowledgeFileError(f"{path}, line {line:,}: {problem}. Restore a copy of the file, or correct the line.")
+    return KnowledgeFileError(
+        f"{path}, line {line:,}: {problem}. Restore a copy of the file, or correct the line."
+    )

@@ -42,10 +42,16 @@ class Surroundings:
         self._is_entity[[*self._labels]] = True
         for label in entities:
             if label.startswith(f"{network.prefix}:"):
-                raise KnowledgeFileError(f"the label '{label}' looks like the name of a node. Rename this entity.")
+                raise KnowledgeFileError(
+                    f"the label '{label}' looks like the name of a node. Rename this entity."
+                )
         heads, _, tails = network.edges.T
-        has_definition = self._is_entity[heads] | ~np.isin(network.edges[:, 1], network.ids_of([DESCRIBED_BY]))
-        (self._rows,) = np.nonzero((self._is_entity[heads] | self._is_entity[tails]) & has_definition)
+        has_definition = self._is_entity[heads] | ~np.isin(
+            network.edges[:, 1], network.ids_of([DESCRIBED_BY])
+        )
+        (self._rows,) = np.nonzero(
+            (self._is_entity[heads] | self._is_entity[tails]) & has_definition
+        )
 
     def triples(self) -> Iterator[Triple]:
         """Yield triples of names: an entity's label for its node, one triple for each label; else a node with prefix.
@@ -70,11 +76,15 @@ class Surroundings:
         """Yield at most :data:`MOST_FACTS` facts about each entity: classes first, then facts with another entity."""
         network = self._network
         edges, weights = network.edges[self._rows], network.weights[self._rows]
-        is_class, is_left_out = (np.isin(edges[:, 1], network.ids_of(names)) for names in (IS_A, _NO_FACTS))
+        is_class, is_left_out = (
+            np.isin(edges[:, 1], network.ids_of(names)) for names in (IS_A, _NO_FACTS)
+        )
         order = np.lexsort((-weights, ~self._is_entity[edges[:, 2]], ~is_class))
         facts = defaultdict[int, list[tuple[str, str]]](list)
         for head, relation, tail in edges[order[~is_left_out[order]]].tolist():
-            names = self._labels.get(tail) or [network.lemmas[tail][0] if network.lemmas else network.nodes[tail]]
+            names = self._labels.get(tail) or [
+                network.lemmas[tail][0] if network.lemmas else network.nodes[tail]
+            ]
             facts[head] += [(_phrase(network.relations[relation]), name) for name in names]
         for node, labels in self._labels.items():
             for label in labels:
@@ -106,17 +116,24 @@ class Surroundings:
 
 def _phrase(relation: str) -> str:
     words = re.sub("(?<=[a-z])(?=[A-Z])|[_-]+", " ", relation).lower().strip()
-    return words if re.match(r"\w*[^s]s\b", words) else f"is {words}"  # "makes dough" has a verb, "part of dough" none
+    return (
+        words if re.match(r"\w*[^s]s\b", words) else f"is {words}"
+    )  # "makes dough" has a verb, "part of dough" none
 
 
 def reach_of(walks: Sequence[NDArray[np.floating]], recipes: Ids, seed: int = 0) -> Reach:
     """Return the shares of recipes, shape (n, 3), and of as many random triples, at least 10,000, by number of hops."""
-    random = np.random.default_rng(seed).integers(len(walks[0]), size=(max(len(recipes), 10_000), 3))
+    random = np.random.default_rng(seed).integers(
+        len(walks[0]), size=(max(len(recipes), 10_000), 3)
+    )
     reached = np.cumsum([walk > 0 for walk in walks], axis=0) > 0
 
     def shares(rows: Ids) -> tuple[float, float, float]:
         a, b, result = rows.T
-        one, two, three = (float((near[a, result] & near[b, result]).mean()) if len(rows) else 0.0 for near in reached)
+        one, two, three = (
+            float((near[a, result] & near[b, result]).mean()) if len(rows) else 0.0
+            for near in reached
+        )
         return one, two, three
 
     return Reach(shares(recipes), shares(random))

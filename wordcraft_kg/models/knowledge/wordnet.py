@@ -111,11 +111,16 @@ class _Reader:
                     raise IndexError
                 for place in range(first, last, 4):
                     if fields[place] in _POINTERS:
-                        target = "a" if fields[place + 2] == "s" else fields[place + 2], fields[place + 1]
+                        target = (
+                            "a" if fields[place + 2] == "s" else fields[place + 2],
+                            fields[place + 1],
+                        )
                         relation = _RELATIONS.index(_POINTERS[fields[place]])
                         self.pointers.append((node, relation, target, name, number))
             except (IndexError, ValueError):
-                raise self.fault(name, number, f"'{line.strip()[:60]}' is not a complete synset") from None
+                raise self.fault(
+                    name, number, f"'{line.strip()[:60]}' is not a complete synset"
+                ) from None
             self.lemmas.append([word.partition("(")[0].replace("_", " ") for word in words])
             self.glosses.append(gloss.partition('; "')[0].strip())  # without examples
             self.fields.append(field)
@@ -130,7 +135,11 @@ class _Reader:
                 if target[0] in parts:
                     raise self.fault(name, number, f"synset {target[1]}-{target[0]} does not exist")
                 continue  # the folder lacks this part of speech
-            rows.append((tail, relation, head) if relation in _SYMMETRIC and tail < head else (head, relation, tail))
+            rows.append(
+                (tail, relation, head)
+                if relation in _SYMMETRIC and tail < head
+                else (head, relation, tail)
+            )
         edges = np.array(rows, dtype=np.int64).reshape(-1, 3)
         return unique_edges(edges, np.ones(len(edges)), (len(self.places), len(_RELATIONS)))[0]
 
@@ -148,10 +157,14 @@ class _Reader:
                 ):
                     raise ValueError
             except ValueError:
-                raise self.fault(name, number, f"'{line.strip()[:60]}' is not a complete entry") from None
+                raise self.fault(
+                    name, number, f"'{line.strip()[:60]}' is not a complete entry"
+                ) from None
             for offset in offsets:
                 if ("n", offset) not in self.places:
-                    raise self.fault(name, number, f"synset {offset} of '{lemma}' does not exist in data.noun")
+                    raise self.fault(
+                        name, number, f"synset {offset} of '{lemma}' does not exist in data.noun"
+                    )
             senses[lemma] = [self.places["n", offset] for offset in offsets]
         for (part, offset), node in self.places.items():
             for lemma in self.lemmas[node] if part == "n" else ():

@@ -17,12 +17,17 @@ from wordcraft_kg.models.links.complex import ComplExN3
 from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinkSettings
 from wordcraft_kg.models.links.popularity import with_popularity
 from wordcraft_kg.models.links.pykeen_bridge import all_scores, pykeen_guard, quiet_pykeen
-from wordcraft_kg.models.links.symmetric_lcwa import IndexedSymmetricLCWATrainingLoop, SampledSymmetricLCWATrainingLoop
+from wordcraft_kg.models.links.symmetric_lcwa import (
+    IndexedSymmetricLCWATrainingLoop,
+    SampledSymmetricLCWATrainingLoop,
+)
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 
 
-def make_training_loop(config: LinkSettings, factory: TriplesFactory, num_entities: int | None = None) -> TrainingLoop:
+def make_training_loop(
+    config: LinkSettings, factory: TriplesFactory, num_entities: int | None = None
+) -> TrainingLoop:
     """Build a PyKEEN loop with its model, or raise ConfigError; the first ``num_entities`` are the graph's."""
     if isinstance(config, ComplExConfig):
         return _complex_loop(config, factory, num_entities)
@@ -55,11 +60,17 @@ def scorer_tensors(
     kind = scorer_kind(config, model.num_entities)
     if kind == TableScorer.kind:
         scores = all_scores(model, torch.arange(model.num_entities), range(len(RELATIONS)))
-        return kind, {"scores": scores} | {f"pykeen.{name}": value.cpu() for name, value in model.state_dict().items()}
-    return kind, with_popularity(_embeddings(model, num_entities), triples, getattr(config, "popularity", None) or 0.0)
+        return kind, {"scores": scores} | {
+            f"pykeen.{name}": value.cpu() for name, value in model.state_dict().items()
+        }
+    return kind, with_popularity(
+        _embeddings(model, num_entities), triples, getattr(config, "popularity", None) or 0.0
+    )
 
 
-def _complex_loop(config: ComplExConfig, factory: TriplesFactory, num_entities: int | None) -> TrainingLoop:
+def _complex_loop(
+    config: ComplExConfig, factory: TriplesFactory, num_entities: int | None
+) -> TrainingLoop:
     config = config.fixed()
     model = ComplExN3(
         triples_factory=factory,
@@ -92,7 +103,10 @@ def _embeddings(model: Model, num_entities: int | None) -> dict[str, torch.Tenso
         embedding = representation()[:size].detach().cpu()
         if not embedding.is_complex():  # DistMult is ComplEx without imaginary parts
             embedding = torch.complex(embedding, torch.zeros_like(embedding))
-        tensors |= {f"{name}_real": embedding.real.contiguous(), f"{name}_imag": embedding.imag.contiguous()}
+        tensors |= {
+            f"{name}_real": embedding.real.contiguous(),
+            f"{name}_imag": embedding.imag.contiguous(),
+        }
     return tensors
 
 
@@ -104,17 +118,23 @@ def model_class(name: str) -> type[Model]:
             'PyKEEN\'s ComplEx with sampled negatives, use pipeline(dataset="wordcraft", model="ComplEx").'
         )
     if name.lower() not in model_resolver.lookup_dict:
-        raise refuse("model", name, "a PyKEEN model", nearest(name.lower(), model_resolver.lookup_dict))
+        raise refuse(
+            "model", name, "a PyKEEN model", nearest(name.lower(), model_resolver.lookup_dict)
+        )
     kind: type[Model] = model_resolver.lookup_dict[name.lower()]
     if not issubclass(kind, ERModel):
-        raise ConfigError(f"`model` {name!r} learns no embeddings; expected a PyKEEN embedding model, as 'rotate'.")
+        raise ConfigError(
+            f"`model` {name!r} learns no embeddings; expected a PyKEEN embedding model, as 'rotate'."
+        )
     return kind
 
 
 def trainable_models() -> list[type[Model]]:
     """Return all PyKEEN embedding model classes that need only triples for training, by name."""
     three = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 2]])
-    factory = TriplesFactory(three, {"a": 0, "b": 1, "c": 2}, {name: i for i, name in enumerate(RELATIONS)})
+    factory = TriplesFactory(
+        three, {"a": 0, "b": 1, "c": 2}, {name: i for i, name in enumerate(RELATIONS)}
+    )
     trainable = []
     with pykeen_guard(0, threads=1), quiet_pykeen():
         for name, kind in sorted(model_resolver.lookup_dict.items()):
@@ -146,5 +166,9 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
         automatic_memory_optimization=model.device.type == "cuda",
         optimizer="Adam",
         optimizer_kwargs={"lr": config.learning_rate},
-        **({} if is_softmax else {"negative_sampler_kwargs": {"num_negs_per_pos": config.negatives}}),
+        **(
+            {}
+            if is_softmax
+            else {"negative_sampler_kwargs": {"num_negs_per_pos": config.negatives}}
+        ),
     )

@@ -51,12 +51,18 @@ class ComplExN3(ERModel):
     Source: Trouillon et al. 2016 (model), Lacroix et al. 2018 (objective), Jiang et al. 2020 (dimension).
     """
 
-    hpo_default: ClassVar[Mapping[str, Any]] = {"embedding_dim": {"type": "int", "low": 32, "high": 256, "q": 32}}
+    hpo_default: ClassVar[Mapping[str, Any]] = {
+        "embedding_dim": {"type": "int", "low": 32, "high": 256, "q": 32}
+    }
     loss_default: ClassVar[type[Loss]] = CrossEntropyLoss
     loss_default_kwargs: ClassVar[Mapping[str, Any]] = {"reduction": "mean"}
     regularizer_default: ClassVar[type[PowerSumRegularizer]] = PowerSumRegularizer
     #: N3 sums the cubed moduli over dimensions and averages over the batch: p = 3, not normalised.
-    regularizer_default_kwargs: ClassVar[Mapping[str, Any]] = {"weight": N3_PARTIAL, "p": 3.0, "normalize": False}
+    regularizer_default_kwargs: ClassVar[Mapping[str, Any]] = {
+        "weight": N3_PARTIAL,
+        "p": 3.0,
+        "normalize": False,
+    }
 
     def __init__(
         self,

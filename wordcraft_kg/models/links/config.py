@@ -73,7 +73,12 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(KG))
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
-        limits = {"epochs": None, "checkpoint_every": None, "batch_size": MAX_SIZE, "threads": MAX_THREADS}
+        limits = {
+            "epochs": None,
+            "checkpoint_every": None,
+            "batch_size": MAX_SIZE,
+            "threads": MAX_THREADS,
+        }
         for name, high in limits.items():
             whole(name, getattr(self, name), 1, high)
         for name in ("eval_every", "patience"):
@@ -87,7 +92,9 @@ class TrainingConfig:
                 f"`folds` {self.folds} needs `kg` partial: models trained on all recipes have no out-of-sample scores."
             )
         if self.kg == "full" and self.eval_every:
-            raise ConfigError("`eval_every` needs `kg` partial: the full graph contains the validation triples.")
+            raise ConfigError(
+                "`eval_every` needs `kg` partial: the full graph contains the validation triples."
+            )
         if self.patience and not self.eval_every:
             raise ConfigError("`patience` counts validations; give `eval_every` too, such as 5.")
 
@@ -222,5 +229,7 @@ class LinksConfig(RunConfig):
         return self.settings.command
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
-        kind = f"{self.settings.model.lower()}-" if isinstance(self.settings, LinkModelConfig) else ""
+        kind = (
+            f"{self.settings.model.lower()}-" if isinstance(self.settings, LinkModelConfig) else ""
+        )
         return Path("models") / f"{graph_name}-{kind}{self.settings.kg}"

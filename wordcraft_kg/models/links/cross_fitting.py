@@ -73,11 +73,16 @@ class _Job:
     outside: OutsideTriples | None
 
     def train(self, after_epoch: AfterEpoch) -> None:
-        factory, size = triples_factory(self.graph, self.triples, self.outside), self.graph.num_entities
+        factory, size = (
+            triples_factory(self.graph, self.triples, self.outside),
+            self.graph.num_entities,
+        )
         model = fit(self.settings, factory, after_epoch, size)
         _, tensors = scorer_tensors(self.settings, model, self.triples, size)
         # A table needs no model parameters.
-        wanted = {name: tensor for name, tensor in tensors.items() if not name.startswith("pykeen.")}
+        wanted = {
+            name: tensor for name, tensor in tensors.items() if not name.startswith("pykeen.")
+        }
         _kept(self.folder).save(self.fold, copied(wanted), self.done)
 
     @property
@@ -107,7 +112,10 @@ def train_folds(
     """
     settings = replace(settings, eval_every=0, patience=0, folds=0)
     graph = folds.split.graph
-    jobs = [_Job(folder, fold, settings, graph, folds.triples([fold]), outside) for fold in range(folds.count)]
+    jobs = [
+        _Job(folder, fold, settings, graph, folds.triples([fold]), outside)
+        for fold in range(folds.count)
+    ]
     waiting = not_done(jobs, _kept(folder))
     epochs = {job.fold: 0 if job in waiting else settings.epochs for job in jobs}
 
@@ -120,7 +128,9 @@ def train_folds(
     train_jobs(waiting, settings.threads, note, is_long=is_long)
 
 
-def write_link_folds(folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings) -> FoldsRecord:
+def write_link_folds(
+    folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings
+) -> FoldsRecord:
     """Write the scorers of all folds; return metrics, compared with ``whole``, trained on all folds."""
     kept = _kept(folder)
 

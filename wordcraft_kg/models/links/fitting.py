@@ -49,11 +49,16 @@ def train_epochs(
             callbacks=callback,
         )
     except NonFiniteLossError:
-        raise TrainingError("the loss became infinite or not a number. Train with a lower `learning_rate`.") from None
+        raise TrainingError(
+            "the loss became infinite or not a number. Train with a lower `learning_rate`."
+        ) from None
 
 
 def fit(
-    settings: LinkSettings, factory: TriplesFactory, after_epoch: Callable[[int], None], num_entities: int | None = None
+    settings: LinkSettings,
+    factory: TriplesFactory,
+    after_epoch: Callable[[int], None],
+    num_entities: int | None = None,
 ) -> Model:
     """Return a model as from a run, without a folder; ``after_epoch`` gets each epoch, and may raise to end."""
     with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
@@ -99,8 +104,14 @@ class Epochs(TrainingCallback):
         super().__init__()
         self.run, self.opened, self.triples, self.settings = run, opened, triples, settings
         self.report, self.log = progress, log
-        self.so_far = LinkProgress(seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=())
-        self._valid = sampled_for(opened.graph, opened.split.held_out("valid")) if settings.eval_every else None
+        self.so_far = LinkProgress(
+            seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=()
+        )
+        self._valid = (
+            sampled_for(opened.graph, opened.split.held_out("valid"))
+            if settings.eval_every
+            else None
+        )
         self._batches = -(-num_triples // settings.batch_size)
         self._batch = 0
         self._total = settings.epochs * (1 + (settings.folds or 0))
@@ -122,13 +133,22 @@ class Epochs(TrainingCallback):
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
         """Validate, save, log and report after an epoch, if due; stop the training after the last epoch."""
         settings = self.settings
-        is_ranked = self._valid is not None and (epoch % settings.eval_every == 0 or epoch == settings.epochs)
-        row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=self._validate() if is_ranked else None, seconds=0.0)
+        is_ranked = self._valid is not None and (
+            epoch % settings.eval_every == 0 or epoch == settings.epochs
+        )
+        row = TraceRow(
+            epoch=epoch,
+            loss=epoch_loss,
+            valid_mrr=self._validate() if is_ranked else None,
+            seconds=0.0,
+        )
         now = time.perf_counter()
         row = replace(row, seconds=round(now - self._clock, 4))
         seconds, self._clock = now - self._clock, now
         self._note(row, seconds)
-        is_last = self.so_far.has_stopped or self.run.interrupted.is_set() or epoch == settings.epochs
+        is_last = (
+            self.so_far.has_stopped or self.run.interrupted.is_set() or epoch == settings.epochs
+        )
         if is_last or epoch % settings.checkpoint_every == 0:
             self.run.checkpoints.save(epoch, self._tensors(), self.so_far)
         self._batch, self._reported = 0, now
@@ -136,15 +156,26 @@ class Epochs(TrainingCallback):
         self.log(epoch, {"loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds})
         self._clock += time.perf_counter() - begun  # exclude tracker time from the epoch
         if self.report:
-            figures = {"epoch": epoch, "loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds}
-            self.report(epoch, self._total, {name: value for name, value in figures.items() if value is not None})
+            figures = {
+                "epoch": epoch,
+                "loss": epoch_loss,
+                "valid_mrr": row.valid_mrr,
+                "seconds": row.seconds,
+            }
+            self.report(
+                epoch,
+                self._total,
+                {name: value for name, value in figures.items() if value is not None},
+            )
         if is_last:
             self.training_loop._should_stop = True
         seed_everything(settings.seed, epoch + 1)
 
     def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
         """Load a checkpoint into a new loop; ValueError, KeyError or RuntimeError if anything does not fit."""
-        if [row.epoch for row in checkpoint.progress.trace] != list(range(1, checkpoint.number + 1)):
+        if [row.epoch for row in checkpoint.progress.trace] != list(
+            range(1, checkpoint.number + 1)
+        ):
             raise ValueError("trace and epochs differ")
         loop.model.load_state_dict(with_prefix(checkpoint.tensors, "model."))
         self._best = with_prefix(checkpoint.tensors, "best.")
@@ -169,7 +200,10 @@ class Epochs(TrainingCallback):
                 self._best = copied(self.model.state_dict())
             rankings = [line.valid_mrr for line in now.trace if line.valid_mrr is not None]
             since_best = len(rankings) - 1 - int(np.argmax(rankings))
-            now = replace(now, has_stopped=bool(self.settings.patience) and since_best >= self.settings.patience)
+            now = replace(
+                now,
+                has_stopped=bool(self.settings.patience) and since_best >= self.settings.patience,
+            )
         self.so_far = now
 
     def _validate(self) -> float:
@@ -185,11 +219,15 @@ class Epochs(TrainingCallback):
         tensors = {f"model.{name}": value for name, value in self.model.state_dict().items()}
         tensors |= {f"best.{name}": value for name, value in self._best.items()}
         for index, values in self.optimizer.state_dict()["state"].items():
-            tensors |= {f"optimizer.{index}.{key}": torch.as_tensor(value) for key, value in values.items()}
+            tensors |= {
+                f"optimizer.{index}.{key}": torch.as_tensor(value) for key, value in values.items()
+            }
         return copied(tensors)
 
 
-def _optimizer_state(tensors: dict[str, Tensor], parameters: Sequence[Tensor]) -> dict[int, dict[str, Tensor]]:
+def _optimizer_state(
+    tensors: dict[str, Tensor], parameters: Sequence[Tensor]
+) -> dict[int, dict[str, Tensor]]:
     """Return the optimiser tensors; PyKEEN would check shapes an epoch later."""
     state: dict[int, dict[str, Tensor]] = {index: {} for index in range(len(parameters))}
     for name, value in with_prefix(tensors, "optimizer.").items():

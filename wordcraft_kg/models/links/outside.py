@@ -12,7 +12,12 @@ import numpy as np
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.graphs.arrays import Ids, frozen
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.knowledge.folder import KNOWLEDGE, TRIPLES, KnowledgeRecord, knowledge_files
+from wordcraft_kg.models.knowledge.folder import (
+    KNOWLEDGE,
+    TRIPLES,
+    KnowledgeRecord,
+    knowledge_files,
+)
 from wordcraft_kg.models.links.records import OutsideSummary
 
 _COLUMNS = ("head", "relation", "tail")
@@ -63,7 +68,9 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
                     "import the triples again."
                 )
             place = relations.setdefault(relation, len(relations))
-            rows.append((places.setdefault(head, len(places)), place, places.setdefault(tail, len(places))))
+            rows.append(
+                (places.setdefault(head, len(places)), place, places.setdefault(tail, len(places)))
+            )
         ends = {row[side] for row in rows[before:] for side in (0, 2)}
         if not any(end < len(entities) for end in ends):
             raise ConfigError(
@@ -78,7 +85,9 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
         relations=len(relations) - len(RELATIONS),
         coverage=int((known < len(entities)).sum()) / len(entities),
     )
-    return OutsideTriples(tuple(places)[len(entities) :], tuple(relations)[len(RELATIONS) :], triples, summary)
+    return OutsideTriples(
+        tuple(places)[len(entities) :], tuple(relations)[len(RELATIONS) :], triples, summary
+    )
 
 
 def _lines(folder: str) -> list[list[str]]:
@@ -87,9 +96,14 @@ def _lines(folder: str) -> list[list[str]]:
     files = knowledge_files(folder)
     number = files.record(KNOWLEDGE, KnowledgeRecord).triples
     header, *lines = [
-        line.split("\t") for line in files.bytes(TRIPLES).decode(errors="replace").removesuffix("\n").split("\n")
+        line.split("\t")
+        for line in files.bytes(TRIPLES).decode(errors="replace").removesuffix("\n").split("\n")
     ]
-    if tuple(header) != _COLUMNS or len(lines) != number or any(len(line) != len(_COLUMNS) for line in lines):
+    if (
+        tuple(header) != _COLUMNS
+        or len(lines) != number
+        or any(len(line) != len(_COLUMNS) for line in lines)
+    ):
         raise ArtefactError(
             f"{files.folder / TRIPLES} is damaged: expected the header {' '.join(_COLUMNS)} and {number:,} lines of "
             "three columns, separated by tabs. Make the folder again."

@@ -18,12 +18,19 @@ def log_counts(triples: Ids, num_entities: int) -> tuple[torch.Tensor, torch.Ten
     """Count entities as heads and as tails of triples (T, 3); return ``log(1 + n)``, two tensors of shape (R, E)."""
     heads, relations, tails = triples.T
     shape = (len(RELATIONS), num_entities)
-    counts = (np.bincount(relations * num_entities + ends, minlength=shape[0] * shape[1]) for ends in (heads, tails))
-    as_head, as_tail = (torch.from_numpy(np.log1p(count).astype(np.float32)).reshape(shape) for count in counts)
+    counts = (
+        np.bincount(relations * num_entities + ends, minlength=shape[0] * shape[1])
+        for ends in (heads, tails)
+    )
+    as_head, as_tail = (
+        torch.from_numpy(np.log1p(count).astype(np.float32)).reshape(shape) for count in counts
+    )
     return as_head, as_tail
 
 
-def with_popularity(embeddings: dict[str, torch.Tensor], triples: Ids, weight: float) -> dict[str, torch.Tensor]:
+def with_popularity(
+    embeddings: dict[str, torch.Tensor], triples: Ids, weight: float
+) -> dict[str, torch.Tensor]:
     """Return ComplEx embeddings with ``weight * (log(1 + n_head) + log(1 + n_tail))`` added to all scores.
 
     Let ``f`` be the head term, ``g`` the tail term, ``x = (f + g) / 2`` and ``y = (f - g) / 2``. In a relation's three
@@ -38,7 +45,9 @@ def with_popularity(embeddings: dict[str, torch.Tensor], triples: Ids, weight: f
     """
     if not weight:
         return embeddings
-    as_head, as_tail = (weight * counts for counts in log_counts(triples, len(embeddings["entity_real"])))
+    as_head, as_tail = (
+        weight * counts for counts in log_counts(triples, len(embeddings["entity_real"]))
+    )
     entity, relation = [], []
     for number, (f, g) in enumerate(zip(as_head, as_tail, strict=True)):
         x, y = (f + g) / 2, (f - g) / 2

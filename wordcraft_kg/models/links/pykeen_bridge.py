@@ -18,11 +18,17 @@ from wordcraft_kg.models.links.outside import OutsideTriples
 
 
 def triples_factory(
-    graph: RecipeGraph, triples: Ids, outside: OutsideTriples | None = None, *, create_inverse_triples: bool = False
+    graph: RecipeGraph,
+    triples: Ids,
+    outside: OutsideTriples | None = None,
+    *,
+    create_inverse_triples: bool = False,
 ) -> TriplesFactory:
     """Return triples (T, 3), and outside triples if any, as a PyKEEN triples factory with the graph's ids first."""
     nodes, relations, more = (
-        ((), (), triples[:0]) if outside is None else (outside.nodes, outside.relations, outside.triples)
+        ((), (), triples[:0])
+        if outside is None
+        else (outside.nodes, outside.relations, outside.triples)
     )
     return TriplesFactory(
         mapped_triples=torch.from_numpy(np.concatenate([triples, more])),
@@ -40,7 +46,9 @@ def all_scores(model: Model, entities: torch.Tensor, relations: Sequence[int]) -
     rows = [
         torch.cat(
             [
-                model.predict_t(torch.stack([heads, torch.full_like(heads, relation)], dim=1))[:, entities]
+                model.predict_t(torch.stack([heads, torch.full_like(heads, relation)], dim=1))[
+                    :, entities
+                ]
                 for heads in entities.split(64)
             ]
         )

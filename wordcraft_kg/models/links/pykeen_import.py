@@ -35,7 +35,10 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
         ("entities", factory.entity_to_id, graph.entities),
         ("relations", factory.relation_to_id, RELATIONS),
     ):
-        missing, unknown = [label for label in expected if label not in ids], sorted(set(ids) - set(expected))
+        missing, unknown = (
+            [label for label in expected if label not in ids],
+            sorted(set(ids) - set(expected)),
+        )
         if missing or unknown:
             problems = [
                 f"{len(labels)} {problem} ({', '.join(labels[:3])})"

@@ -136,12 +136,16 @@ def links_history(files: RunFiles) -> History:
         "trained by": " ".join(files.run.argv),
         "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
         "on training triples": f"MRR {metrics.train_mrr:.3f}",
-        "settings": ", ".join(f"{name} {value}" for name, value in vars(config.settings).items() if value != ()),
+        "settings": ", ".join(
+            f"{name} {value}" for name, value in vars(config.settings).items() if value != ()
+        ),
     }
     if metrics.outside:
         facts["outside knowledge"] = str(metrics.outside)
     if metrics.folds:
-        facts["cross-fitted"] = cross_fitted_words(metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr)
+        facts["cross-fitted"] = cross_fitted_words(
+            metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr
+        )
     if metrics.choice:
         facts["regularisation chosen"] = str(metrics.choice)
     chosen = ("n3", "popularity") if metrics.choice else ()

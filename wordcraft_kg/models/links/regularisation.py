@@ -78,7 +78,9 @@ def choose(
     sums = np.zeros((len(weights), len(POPULARITY) + 1))
     for row, n3 in zip(sums, weights, strict=True):
         for fold in folds:
-            short = replace(settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0, patience=0)
+            short = replace(
+                settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0, patience=0
+            )
             row += _reciprocal_ranks(fold, short, outside, lambda _: after_epoch(next(done), total))
     means = sums / queries
     candidates = [
@@ -120,14 +122,20 @@ def _queries(fold: Split) -> Ids:
 
 
 def _reciprocal_ranks(
-    fold: Split, settings: ComplExConfig, outside: OutsideTriples | None, after_epoch: Callable[[int], None]
+    fold: Split,
+    settings: ComplExConfig,
+    outside: OutsideTriples | None,
+    after_epoch: Callable[[int], None],
 ) -> np.ndarray:
     graph, seen = fold.graph, fold.partial
     model = fit(settings, triples_factory(graph, seen, outside), after_epoch, graph.num_entities)
     popular = (replace(settings, popularity=weight) for weight in POPULARITY)
     tensors = (scorer_tensors(each, model, seen, graph.num_entities) for each in popular)
     scorers = (make_scorer(*each, graph.entities, graph.hash) for each in tensors)
-    ranks = [rank_triples(scorer, _queries(fold), graph.triples) for scorer in (*scorers, FrequencyScorer(graph, seen))]
+    ranks = [
+        rank_triples(scorer, _queries(fold), graph.triples)
+        for scorer in (*scorers, FrequencyScorer(graph, seen))
+    ]
     return np.array([(1 / table["rank"]).sum() for table in ranks])
 
 

@@ -42,7 +42,12 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
     """
 
     def __init__(
-        self, model: ERModel, *args: Any, num_own: int | None = None, outside_weight: float = 1.0, **kwargs: Any
+        self,
+        model: ERModel,
+        *args: Any,
+        num_own: int | None = None,
+        outside_weight: float = 1.0,
+        **kwargs: Any,
     ) -> None:
         if not isinstance(model.loss, CrossEntropyLoss):
             raise ConfigError(
@@ -50,9 +55,12 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
                 'PyKEEN\'s pipeline gives every model its own default loss; pass loss="crossentropy".'
             )
         if not isinstance(model, ERModel) or any(
-            len(parts) != 1 for parts in (model.entity_representations, model.relation_representations)
+            len(parts) != 1
+            for parts in (model.entity_representations, model.relation_representations)
         ):
-            raise ConfigError(f"{type(model).__name__} has no single embedding per entity; train with 'SymmetricLCWA'.")
+            raise ConfigError(
+                f"{type(model).__name__} has no single embedding per entity; train with 'SymmetricLCWA'."
+            )
         super().__init__(model, *args, **kwargs)
         self.num_own, self.outside_weight = num_own, outside_weight
 
@@ -62,7 +70,9 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         # A sampler of whole batches: one indexing operation per batch instead of one per triple.
         data = TensorDataset(triples_factory.mapped_triples)
         batches = BatchSampler(RandomSampler(data), kwargs["batch_size"], kwargs["drop_last"])
-        return DataLoader(data, sampler=batches, batch_size=None, pin_memory=self.model.device.type == "cuda")
+        return DataLoader(
+            data, sampler=batches, batch_size=None, pin_memory=self.model.device.type == "cuda"
+        )
 
     def _process_batch(
         self,
@@ -84,15 +94,25 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         ]
         return torch.stack(losses).sum()
 
-    def _loss(self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None) -> torch.Tensor:
+    def _loss(
+        self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None
+    ) -> torch.Tensor:
         loss = self._entropies(triples, label_smoothing, num_candidates)
         return loss + self.model.collect_regularization_term()
 
     def _vectors(self, triples: torch.Tensor) -> Iterator[torch.Tensor]:
-        (entity,), (relation,) = self.model.entity_representations, self.model.relation_representations
-        return (of(ids).unsqueeze(dim=1) for of, ids in zip((entity, relation, entity), triples.T, strict=True))
+        (entity,), (relation,) = (
+            self.model.entity_representations,
+            self.model.relation_representations,
+        )
+        return (
+            of(ids).unsqueeze(dim=1)
+            for of, ids in zip((entity, relation, entity), triples.T, strict=True)
+        )
 
-    def _entropies(self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None) -> torch.Tensor:
+    def _entropies(
+        self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None
+    ) -> torch.Tensor:
         (entity,) = self.model.entity_representations
         h, r, t = self._vectors(triples)
         # The public call would regularise the candidates, hence the private call.
@@ -100,7 +120,9 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         heads, _, tails = triples.unbind(dim=1)
         return cross_entropy(
             self.model.interaction(h, r, everything), tails, label_smoothing=label_smoothing
-        ) + cross_entropy(self.model.interaction(everything, r, t), heads, label_smoothing=label_smoothing)
+        ) + cross_entropy(
+            self.model.interaction(everything, r, t), heads, label_smoothing=label_smoothing
+        )
 
 
 def _is_own(triples: torch.Tensor) -> torch.Tensor:
@@ -137,7 +159,12 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
     """
 
     def __init__(
-        self, model: ERModel, triples_factory: CoreTriplesFactory, *args: Any, num_sampled: int, **kwargs: Any
+        self,
+        model: ERModel,
+        triples_factory: CoreTriplesFactory,
+        *args: Any,
+        num_sampled: int,
+        **kwargs: Any,
     ) -> None:
         super().__init__(model, triples_factory, *args, **kwargs)
         self.num_sampled = num_sampled
@@ -145,15 +172,21 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
         if isinstance(entity, Embedding):
             entity._embeddings.sparse = True
         triples, size = triples_factory.mapped_triples, self.num_own or entity.max_id
-        self.probabilities = self._probabilities(triples[_is_own(triples)] if self.num_own else triples, size)
+        self.probabilities = self._probabilities(
+            triples[_is_own(triples)] if self.num_own else triples, size
+        )
         if self.num_own:
-            self.outside_probabilities = self._probabilities(triples[~_is_own(triples)], entity.max_id)
+            self.outside_probabilities = self._probabilities(
+                triples[~_is_own(triples)], entity.max_id
+            )
 
     def _probabilities(self, triples: torch.Tensor, size: int) -> torch.Tensor:
         counts = torch.bincount(triples[:, [0, 2]].flatten(), minlength=size)
         return ((1 / size + counts / counts.sum()) / 2).to(self.model.device)
 
-    def _entropies(self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None) -> torch.Tensor:
+    def _entropies(
+        self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None
+    ) -> torch.Tensor:
         if label_smoothing:
             raise ConfigError("a sampled softmax has no label smoothing; train with `negatives` 0.")
         (entity,) = self.model.entity_representations
@@ -167,4 +200,6 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
         heads, _, tails = triples.unbind(dim=1)
         return sampled_cross_entropy(
             true, self.model.interaction(h, r, sample), log_expected, drawn == tails[:, None]
-        ) + sampled_cross_entropy(true, self.model.interaction(sample, r, t), log_expected, drawn == heads[:, None])
+        ) + sampled_cross_entropy(
+            true, self.model.interaction(sample, r, t), log_expected, drawn == heads[:, None]
+        )

@@ -19,15 +19,30 @@ from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.base.tensors import check_device
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample, draw_train_sample, is_subsample
+from wordcraft_kg.graphs.train_samples import (
+    TrainSample,
+    describe_train_sample,
+    draw_train_sample,
+    is_subsample,
+)
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.knowledge.folder import check_same_split
 from wordcraft_kg.models.links.builders import check_table_fits, make_training_loop, scorer_tensors
-from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig, LinkSettings
+from wordcraft_kg.models.links.config import (
+    ComplExConfig,
+    LinkModelConfig,
+    LinksConfig,
+    LinkSettings,
+)
 from wordcraft_kg.models.links.cross_fitting import decided_folds, train_folds, write_link_folds
 from wordcraft_kg.models.links.fitting import Epochs, train_epochs
 from wordcraft_kg.models.links.outside import outside_hashes, read_outside
-from wordcraft_kg.models.links.pykeen_bridge import pykeen_guard, quiet_pykeen, seed_everything, triples_factory
+from wordcraft_kg.models.links.pykeen_bridge import (
+    pykeen_guard,
+    quiet_pykeen,
+    seed_everything,
+    triples_factory,
+)
 from wordcraft_kg.models.links.records import Choice, LinkMetrics, LinkProgress, OutsideSummary
 from wordcraft_kg.models.links.regularisation import choose
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, make_scorer, write_scorer
@@ -85,7 +100,9 @@ def train_links(
 class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     """Trainer for link predictors, with folds that are equal for all models on a split, and outside triples."""
 
-    kind: ClassVar[RunKind[Any]] = RunKind(LinksConfig.commands, "links", unit="epoch", progress=LinkProgress)
+    kind: ClassVar[RunKind[Any]] = RunKind(
+        LinksConfig.commands, "links", unit="epoch", progress=LinkProgress
+    )
     config_type = LinksConfig
     decided = ("folds", "n3", "popularity", "negatives")
 
@@ -105,7 +122,11 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         else:
             of_recipe = folds.of_recipe if folds else None
             self.train_sample = draw_train_sample(
-                opened.split, settings.train_fraction, settings.label_noise, settings.seed, of_recipe=of_recipe
+                opened.split,
+                settings.train_fraction,
+                settings.label_noise,
+                settings.seed,
+                of_recipe=of_recipe,
             )
         self.folds = folds.with_train_sample(self.train_sample) if folds else None
 
@@ -134,21 +155,39 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 everything = settings.epochs * (1 + (settings.folds or 0))
                 report(0, everything, {"choosing settings, percent": 100 * done / total})
 
-        choice = choose(self.opened, settings, after_epoch, recipes=self.train_sample.recipes, outside=self.outside)
+        choice = choose(
+            self.opened,
+            settings,
+            after_epoch,
+            recipes=self.train_sample.recipes,
+            outside=self.outside,
+        )
         if choice:
             write_atomically(run.path / CHOICE, dump_json(as_values(choice)), durable=True)
             settings = replace(settings, n3=choice.n3, popularity=choice.popularity)
         self.config = replace(self.config, settings=settings.fixed())
 
     def fit(  # noqa: D102 - inherited
-        self, run: RunFolder[LinkProgress], report: Progress | None, log: Log, checkpoint: Checkpoint[Any] | None
+        self,
+        run: RunFolder[LinkProgress],
+        report: Progress | None,
+        log: Log,
+        checkpoint: Checkpoint[Any] | None,
     ) -> TrainedLinks:
         settings, files = self.config.settings, RunFiles(run.path, run.record)
         choice = files.record(CHOICE, Choice) if CHOICE in run.record.inputs else None
         factory = triples_factory(self.opened.graph, self.train_sample.triples, self.outside)
         with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
             loop = make_training_loop(settings, factory, self.opened.graph.num_entities)
-            epochs = Epochs(run, self.opened, self.train_sample.triples, factory.num_triples, settings, report, log)
+            epochs = Epochs(
+                run,
+                self.opened,
+                self.train_sample.triples,
+                factory.num_triples,
+                settings,
+                report,
+                log,
+            )
             if checkpoint is not None:
                 with run.restoring():
                     epochs.restore(loop, checkpoint)
@@ -161,7 +200,9 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 return TrainedLinks(run.path, loop._epoch, None)
             epochs.restore_best(loop)
             trained = run.path, loop.model, self.train_sample, settings, epochs.so_far
-            scorer, metrics = _write_results(*trained, choice, self.outside.summary if self.outside else None)
+            scorer, metrics = _write_results(
+                *trained, choice, self.outside.summary if self.outside else None
+            )
         outputs: tuple[str, ...] = OUTPUTS
         if self.folds:
             try:
@@ -172,14 +213,20 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 run.interrupt()
                 return TrainedLinks(run.path, metrics.epochs, None)
             record = write_link_folds(run.path, self.folds, scorer, settings)
-            of_folds = {"folds": record.count, "fold_mrr": record.mrr, "fold_in_sample_mrr": record.in_sample_mrr}
+            of_folds = {
+                "folds": record.count,
+                "fold_mrr": record.mrr,
+                "fold_in_sample_mrr": record.in_sample_mrr,
+            }
             metrics = msgspec.structs.replace(metrics, **of_folds)
             write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
             outputs += FOLD_OUTPUTS
         run.finish(outputs, _model_card(self.opened, settings, metrics))
         return TrainedLinks(run.path, metrics.epochs, metrics)
 
-    def _cross_fit(self, run: RunFolder[LinkProgress], metrics: LinkMetrics, report: Progress | None) -> None:
+    def _cross_fit(
+        self, run: RunFolder[LinkProgress], metrics: LinkMetrics, report: Progress | None
+    ) -> None:
         assert self.folds is not None
         settings = self.config.settings
         ended = metrics.best_epoch if settings.patience and metrics.best_epoch else metrics.epochs
@@ -195,7 +242,14 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 report(everything - total + done, everything, {"fold": fold, "folds": count})
 
         settings = replace(settings, epochs=ended)
-        train_folds(run.path, self.folds, settings, self.outside, seconds=metrics.seconds, after_epoch=after_epoch)
+        train_folds(
+            run.path,
+            self.folds,
+            settings,
+            self.outside,
+            seconds=metrics.seconds,
+            after_epoch=after_epoch,
+        )
 
     @classmethod
     def outcome(cls, files: RunFiles) -> TrainedLinks:  # noqa: D102 - inherited
@@ -232,13 +286,22 @@ def _check_fit(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> N
 
 
 def _check_memory(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> None:
-    parameters = 4 * settings.dim * (num_nodes + len(RELATIONS)) * (1 + isinstance(settings, ComplExConfig))
+    parameters = (
+        4 * settings.dim * (num_nodes + len(RELATIONS)) * (1 + isinstance(settings, ComplExConfig))
+    )
     # Parameters, gradients and optimiser state.
-    check_memory("dim", settings.dim, f"training vectors for {num_nodes:,} entities", 3 * parameters)
+    check_memory(
+        "dim", settings.dim, f"training vectors for {num_nodes:,} entities", 3 * parameters
+    )
     if isinstance(settings, LinkModelConfig) and settings.loop == "slcwa":
         triples = min(settings.batch_size, len(opened.triples(settings.kg)))
         needed = 4 * settings.dim * settings.negatives * triples
-        check_memory("negatives", settings.negatives, f"the negatives' vectors for {triples:,} triples", needed)
+        check_memory(
+            "negatives",
+            settings.negatives,
+            f"the negatives' vectors for {triples:,} triples",
+            needed,
+        )
 
 
 def _write_results(
@@ -282,7 +345,9 @@ def _write_results(
 
 def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
-    sample = describe_train_sample(settings.train_fraction, settings.label_noise) or "the train recipes"
+    sample = (
+        describe_train_sample(settings.train_fraction, settings.label_noise) or "the train recipes"
+    )
     seen = f"the triples of {sample} only."
     if settings.kg == "full":
         seen = "all triples, test recipes included: the scores show memory, not prediction."
@@ -300,7 +365,11 @@ def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetric
         if metrics.fold_mrr is not None:
             folds += f": MRR {metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"
         points.append(folds)
-    more = "; `scorer.probability` returns probabilities for triples outside training" if metrics.folds else ""
+    more = (
+        "; `scorer.probability` returns probabilities for triples outside training"
+        if metrics.folds
+        else ""
+    )
     return scorer_card(
         opened,
         f"{name} on the {settings.kg} knowledge graph of {opened.graph.name}",

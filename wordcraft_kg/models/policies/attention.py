@@ -13,7 +13,13 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights, look_up
+from wordcraft_kg.models.policies.policy import (
+    EntityVectors,
+    Policy,
+    PolicyOutput,
+    Weights,
+    look_up,
+)
 from wordcraft_kg.models.policies.sources.source import Source
 
 FOLD_LIMIT = 300
@@ -33,7 +39,9 @@ class AttentionPolicy(Policy):
     Source: Jiang et al. 2020, sections "Self-attention Actor-Critic Network" and "Learning Mixing Coefficients".
     """
 
-    def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
+    def __init__(
+        self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()
+    ):
         super().__init__(config, vectors, sources)
         if config.kg_only and not self.sources:
             raise ConfigError("`kg_only` mixes only scorer scores; give a `scorer` too.")
@@ -44,29 +52,50 @@ class AttentionPolicy(Policy):
             last = self.mixture[2]
             assert isinstance(last, nn.Linear)
             ahead = [source.label for source in self.sources.values() if source.reads_attempts]
-            if config.mixing == "free" and ahead:  # start as the planner: other sources value one pair only
+            if (
+                config.mixing == "free" and ahead
+            ):  # start as the planner: other sources value one pair only
                 nn.init.zeros_(last.weight)
                 with torch.no_grad():
-                    last.bias.copy_(torch.tensor([AHEAD * (label in ahead) for label in self.labels]))
+                    last.bias.copy_(
+                        torch.tensor([AHEAD * (label in ahead) for label in self.labels])
+                    )
             elif config.mixing == "free":  # all sources start with about the same weight
                 nn.init.ones_(last.bias)
 
     def weights(self) -> Weights:  # noqa: D102 - inherited
         mixture = _head_weights("mixture", self.mixture) if self.sources else {}
-        return {**self.vectors.weights(), **_head_weights("value", self.value), **mixture, **self.attention.weights()}
+        return {
+            **self.vectors.weights(),
+            **_head_weights("value", self.value),
+            **mixture,
+            **self.attention.weights(),
+        }
 
     def output(  # noqa: D102 - inherited
-        self, goal: Tensor, selection: Tensor, table: Tensor, weights: Weights, external_scores: Tensor | None
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        weights: Weights,
+        external_scores: Tensor | None,
     ) -> PolicyOutput:
         mask = table != self.num_entities
         slots = Slots(weights.get("vectors"), table)
         alpha = slots.dot(self.attention.rows(weights, goal, selection))
         is_softmax = self.config.value_readout == "softmax"
-        state = slots.sum(masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0), self.num_entities)
+        state = slots.sum(
+            masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0),
+            self.num_entities,
+        )
         value = _mlp(state, weights, "value")[:, 0]
         if external_scores is None:
             return PolicyOutput(alpha.masked_fill(~mask, -torch.inf), value)
-        sources = external_scores if self.config.kg_only else torch.cat([alpha[:, None], external_scores], dim=1)
+        sources = (
+            external_scores
+            if self.config.kg_only
+            else torch.cat([alpha[:, None], external_scores], dim=1)
+        )
         lambdas = _mlp(state, weights, "mixture")
         if self.config.mixing == "softmax":
             lambdas = torch.softmax(lambdas, dim=1)
@@ -121,8 +150,12 @@ class TableAttention(nn.Module):
             both = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)
             projected = torch.addmm(bias, both, query)
         else:
-            by_goal, by_selection = nn.functional.pad(query.view(2, -1, query.shape[1]), (0, 0, 0, 1))
-            projected = bias + by_goal.index_select(0, goal) + by_selection.index_select(0, selection)
+            by_goal, by_selection = nn.functional.pad(
+                query.view(2, -1, query.shape[1]), (0, 0, 0, 1)
+            )
+            projected = (
+                bias + by_goal.index_select(0, goal) + by_selection.index_select(0, selection)
+            )
         return projected @ weights["key"] if "key" in weights else projected
 
 

@@ -8,7 +8,13 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
-from wordcraft_kg.base.artefacts import dump_json, read_json, staged_folder, with_a_name, write_atomically
+from wordcraft_kg.base.artefacts import (
+    dump_json,
+    read_json,
+    staged_folder,
+    with_a_name,
+    write_atomically,
+)
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, reason
 from wordcraft_kg.base.feature_spec import LEARNED
 from wordcraft_kg.base.tensors import copied, read_tensors, with_prefix
@@ -63,7 +69,11 @@ def make_policy(
     features = None
     if config.features != LEARNED:
         features = make_features(
-            config.features, graph.entities, pooling=config.pooling, allow_missing=config.allow_missing, seed=seed
+            config.features,
+            graph.entities,
+            pooling=config.pooling,
+            allow_missing=config.allow_missing,
+            seed=seed,
         )
     sources: list[Source] = []
     if scorer is not None:
@@ -75,7 +85,9 @@ def make_policy(
         sources = make_sources(config.sources, scorer, view, tasks=tasks)
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed all devices too
-        vectors = None if features is None or features.is_one_hot else torch.tensor(features.vectors)
+        vectors = (
+            None if features is None or features.is_one_hot else torch.tensor(features.vectors)
+        )
         learned_dim = config.embedding_size if config.features == LEARNED else 0
         entities = EntityVectors(graph.num_entities, vectors, learned_dim=learned_dim)
         policy = _policy(config, entities, num_slots, sources)
@@ -83,7 +95,9 @@ def make_policy(
     return policy, features
 
 
-def _policy(config: PolicyConfig, vectors: EntityVectors, num_slots: int, sources: Iterable[Source]) -> Policy:
+def _policy(
+    config: PolicyConfig, vectors: EntityVectors, num_slots: int, sources: Iterable[Source]
+) -> Policy:
     if config.policy == "mlp":
         return MLPPolicy(config, vectors, num_slots)
     return AttentionPolicy(config, vectors, sources)
@@ -133,7 +147,9 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
             policy = _policy(config, vectors, description["num_slots"], sources)
         weights = {**tensors, **parameters}
         for name, tensor in policy.state_dict().items():
-            if name in weights and weights[name].dtype != tensor.dtype:  # load_state_dict would convert the type
+            if (
+                name in weights and weights[name].dtype != tensor.dtype
+            ):  # load_state_dict would convert the type
                 raise ValueError(f"{name} has type {weights[name].dtype}, not {tensor.dtype}")
         policy.load_state_dict(weights, assign=True)
         policy.entities, policy.graph_hash = tuple(description["entities"]), description["graph"]
@@ -205,6 +221,10 @@ def load_policy(folder: str | Path) -> Policy:
         True
     """
     folder = Path(folder)
-    files = RunFiles(folder, read_finished_run(folder, "a run folder from train-agent", "policy.safetensors"))
+    files = RunFiles(
+        folder, read_finished_run(folder, "a run folder from train-agent", "policy.safetensors")
+    )
     files.bytes("policy.json")
-    return read_policy(folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors"))
+    return read_policy(
+        folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors")
+    )

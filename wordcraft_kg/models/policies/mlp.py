@@ -3,7 +3,13 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.policy import EntityVectors, Policy, PolicyOutput, Weights, look_up
+from wordcraft_kg.models.policies.policy import (
+    EntityVectors,
+    Policy,
+    PolicyOutput,
+    Weights,
+    look_up,
+)
 
 
 class MLPPolicy(Policy):
@@ -18,12 +24,21 @@ class MLPPolicy(Policy):
 
     def weights(self) -> Weights:  # noqa: D102 - inherited
         weights = self.vectors.weights()
-        for name, layer in (("hidden", self.hidden), ("logits", self.logits), ("value", self.value)):
+        for name, layer in (
+            ("hidden", self.hidden),
+            ("logits", self.logits),
+            ("value", self.value),
+        ):
             weights |= {name: layer.weight.T, f"{name}.bias": layer.bias}
         return weights
 
     def output(  # noqa: D102 - inherited
-        self, goal: Tensor, selection: Tensor, table: Tensor, weights: Weights, external_scores: Tensor | None
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        weights: Weights,
+        external_scores: Tensor | None,
     ) -> PolicyOutput:
         if table.shape[1] != self.num_slots:
             raise ConfigError(
@@ -35,7 +50,9 @@ class MLPPolicy(Policy):
         if vectors is not None:
             inner = torch.addmm(weights["hidden.bias"], look_up(vectors, ids).flatten(1), hidden)
         else:
-            by_input = nn.functional.pad(hidden.view(ids.shape[1], self.num_entities, -1), (0, 0, 0, 1)).flatten(0, 1)
+            by_input = nn.functional.pad(
+                hidden.view(ids.shape[1], self.num_entities, -1), (0, 0, 0, 1)
+            ).flatten(0, 1)
             offsets = torch.arange(ids.shape[1], device=ids.device) * (self.num_entities + 1)
             inner = weights["hidden.bias"] + look_up(by_input, ids + offsets).sum(1)
         inner = torch.relu(inner)

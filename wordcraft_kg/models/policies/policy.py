@@ -85,7 +85,9 @@ class Policy(nn.Module):
         graph_hash: content hash of the recipe graph.
     """
 
-    def __init__(self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()):
+    def __init__(
+        self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()
+    ):
         super().__init__()
         self.entities: tuple[str, ...] = ()
         self.graph_hash = ""
@@ -138,7 +140,12 @@ class Policy(nn.Module):
         return self.output(goal, selection, table, weights or self.weights(), external_scores)
 
     def output(
-        self, goal: Tensor, selection: Tensor, table: Tensor, weights: Weights, external_scores: Tensor | None
+        self,
+        goal: Tensor,
+        selection: Tensor,
+        table: Tensor,
+        weights: Weights,
+        external_scores: Tensor | None,
     ) -> PolicyOutput:
         """Return what :meth:`forward` does, given weights and, with sources, their scores."""
         raise NotImplementedError
@@ -156,7 +163,9 @@ class Policy(nn.Module):
         if not self.sources:
             return None
         state = goal, selection, table, task
-        return torch.stack([ask(source, *state, attempts) for source in self.sources.values()], dim=1)
+        return torch.stack(
+            [ask(source, *state, attempts) for source in self.sources.values()], dim=1
+        )
 
     @torch.no_grad()
     def act(
@@ -179,9 +188,15 @@ class Policy(nn.Module):
         device = next(self.parameters()).device
         ids = [self.id_of(entity) for entity in (goal, selection, *table)]
         state = [torch.tensor(part, device=device) for part in (ids[:1], ids[1:2], [ids[2:]])]
-        logits = self(*state, attempts=Attempts(torch.tensor([attempts_left], device=device))).logits
+        logits = self(
+            *state, attempts=Attempts(torch.tensor([attempts_left], device=device))
+        ).logits
         probabilities = torch.softmax(logits[0], dim=0).cpu()
-        slot = int(probabilities.argmax() if generator is None else probabilities.multinomial(1, generator=generator))
+        slot = int(
+            probabilities.argmax()
+            if generator is None
+            else probabilities.multinomial(1, generator=generator)
+        )
         return Action(slot, self.entities[ids[2 + slot]], float(probabilities[slot]))
 
     def id_of(self, entity: Entity | None) -> int:
@@ -190,10 +205,14 @@ class Policy(nn.Module):
             return self.num_entities
         if isinstance(entity, str):
             if entity not in self.entities:
-                raise UnknownEntityError(f"the policy has no entity '{entity}'.{nearest(entity, self.entities)}")
+                raise UnknownEntityError(
+                    f"the policy has no entity '{entity}'.{nearest(entity, self.entities)}"
+                )
             return self.entities.index(entity)
         if not 0 <= entity < self.num_entities:
-            raise UnknownEntityError(f"the policy has no entity {entity}; expected 0 .. {self.num_entities - 1}.")
+            raise UnknownEntityError(
+                f"the policy has no entity {entity}; expected 0 .. {self.num_entities - 1}."
+            )
         return int(entity)
 
 

@@ -128,7 +128,11 @@ def features_of_pairs(base: Base) -> list[Tensor]:
 
 def features_of_parts(base: Base) -> list[Tensor]:
     """Return the componentOf features from ``base``: tables of shape (E, E), row = ingredient."""
-    (combines, components), similar, words = base.links, _to_others(base.structure), _to_others(base.words_like)
+    (combines, components), similar, words = (
+        base.links,
+        _to_others(base.structure),
+        _to_others(base.words_like),
+    )
     used, made = components.sum(1).log1p(), components.sum(0).log1p()
     first, second, result = (base.column(number) for number in range(3))
     shape = components.shape
@@ -158,7 +162,11 @@ def _times(one: Tensor, other: Tensor) -> Tensor:
     """Return the product of two tables, in a large book by sparse arithmetic: one of them holds links."""
     if len(one) <= MANY:
         return one @ other
-    return one.to_sparse() @ other if one.count_nonzero() <= other.count_nonzero() else _times(other.T, one.T).T
+    return (
+        one.to_sparse() @ other
+        if one.count_nonzero() <= other.count_nonzero()
+        else _times(other.T, one.T).T
+    )
 
 
 def _evidence(alike: Tensor, heads: Sequence[Tensor], tails: Tensor) -> Tensor:

@@ -55,7 +55,11 @@ class RecipeScorerConfig:
         one_of("kg", self.kg, get_args(TrainedOn))
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
         if isinstance(self.folds, bool) or not isinstance(self.folds, int) or self.folds < 2:
-            raise refuse("folds", self.folds, "a whole number, 2 or more: the rankers learn on held-out folds")
+            raise refuse(
+                "folds",
+                self.folds,
+                "a whole number, 2 or more: the rankers learn on held-out folds",
+            )
         require(self, "allow_missing", isinstance(self.allow_missing, bool), "true or false")
         require(self, "without", not self.without or self.kg == "full", "empty unless `kg` is full")
         whole("seed", self.seed, 0)
@@ -79,4 +83,7 @@ class RecipesConfig(RunConfig):
     settings: RecipeScorerConfig = RecipeScorerConfig()
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
-        return Path("models") / f"{graph_name}-recipes{'' if self.settings.kg == 'partial' else '-' + self.settings.kg}"
+        return (
+            Path("models")
+            / f"{graph_name}-recipes{'' if self.settings.kg == 'partial' else '-' + self.settings.kg}"
+        )

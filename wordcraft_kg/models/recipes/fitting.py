@@ -16,10 +16,21 @@ from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, is_in, recipe_triples
+from wordcraft_kg.graphs.triples import (
+    COMBINES_WITH,
+    COMPONENT_OF,
+    RELATIONS,
+    is_in,
+    recipe_triples,
+)
 from wordcraft_kg.models.recipes.base import NOTHING, Base, LinkTables, link_features
 from wordcraft_kg.models.scorers.kernel import MANY
-from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of, pairs_of
+from wordcraft_kg.models.scorers.pair_features import (
+    FEATURES,
+    RecipeKnowledge,
+    knowledge_of,
+    pairs_of,
+)
 
 HIDDEN = 32
 WEIGHT_DECAY = 1e-4
@@ -36,7 +47,9 @@ class Ranker:
 
     def __call__(self, features: Tensor) -> Tensor:
         """Return scores of shape (...) for features of shape (..., F)."""
-        return (features @ self.first).add_(self.first_bias).relu_() @ self.second + self.bias  # in place: less memory
+        return (features @ self.first).add_(
+            self.first_bias
+        ).relu_() @ self.second + self.bias  # in place: less memory
 
 
 Batch = tuple[Tensor, Tensor, Tensor]
@@ -68,7 +81,9 @@ def fit_ranker(
     second, bias = drawn(HIDDEN, fan=HIDDEN), torch.zeros(())
     parameters = [each.requires_grad_() for each in (first, first_bias, second, bias)]
     optimizer = torch.optim.AdamW(parameters, lr=learning_rate, weight_decay=WEIGHT_DECAY)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, learning_rate, total_steps=max(epochs * len(batches), 2))
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, learning_rate, total_steps=max(epochs * len(batches), 2)
+    )
 
     def standardised() -> Ranker:
         # Standardise the weights instead of the features: far fewer numbers.
@@ -136,7 +151,9 @@ def fit_recipe_scorer(
     )
     whole = Base.of(folds.recipes(left_out), text)
     examples = [
-        pair_examples(knowledge_from(base, rankers, outside), folds.recipes_of(fold), whole.recipes, rng)
+        pair_examples(
+            knowledge_from(base, rankers, outside), folds.recipes_of(fold), whole.recipes, rng
+        )
         for fold, base in zip(turns, bases, strict=True)
     ]
     features, competes, is_right = (torch.cat(parts) for parts in zip(*examples, strict=True))
@@ -144,23 +161,31 @@ def fit_recipe_scorer(
     order = torch.randperm(len(features), generator=generator)
     batches = [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)]
     mean, scale = flat.mean(0), _scale(flat.std(0), flat.amax(0) - flat.amin(0))
-    ranker = fit_ranker(batches, mean, scale, epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator)
+    ranker = fit_ranker(
+        batches, mean, scale, epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator
+    )
     knowledge = knowledge_from(whole, rankers, outside)
     if scale[_MAKES].isinf():
         ranker = _with_known(ranker, knowledge, whole.recipes, ranker(flat).amax())
     return knowledge.with_ranker(vars(ranker)), rankers
 
 
-def knowledge_from(base: Base, rankers: LinkRankers, outside: LinkTables = NOTHING) -> RecipeKnowledge:
+def knowledge_from(
+    base: Base, rankers: LinkRankers, outside: LinkTables = NOTHING
+) -> RecipeKnowledge:
     """Compute the arrays for recipe features from pair tables and link rankers; the recipe ranker's weights are 0."""
     pairs, parts = (
         torch.cat([ranker(rows) for rows in features.split(64)])
         for ranker, features in zip(rankers, link_features(base, outside), strict=True)
     )
-    return knowledge_of(base.recipes, base.kernel, base.text, (base.pairs, base.parts), (pairs, parts))
+    return knowledge_of(
+        base.recipes, base.kernel, base.text, (base.pairs, base.parts), (pairs, parts)
+    )
 
 
-def scorer_tensors(knowledge: RecipeKnowledge, rankers: LinkRankers, recipes: Ids) -> dict[str, Tensor]:
+def scorer_tensors(
+    knowledge: RecipeKnowledge, rankers: LinkRankers, recipes: Ids
+) -> dict[str, Tensor]:
     """Return a recipe scorer's tensors by name: feature arrays, weights of all rankers, training recipes (n, 3)."""
     return {
         **knowledge.constants(),
@@ -208,7 +233,9 @@ def fit_link_rankers(
     if size <= MANY or text.any():
         queries.append(_unknown_entities(folds.recipes(left_out), text, rng))
     for base, new, unknown in queries:
-        for relation, features in zip((COMBINES_WITH, COMPONENT_OF), link_features(base, outside), strict=True):
+        for relation, features in zip(
+            (COMBINES_WITH, COMPONENT_OF), link_features(base, outside), strict=True
+        ):
             cells = features.flatten(0, 1)
             # A view would keep the whole tensor.
             moments[relation].append(cells[:: max(7, len(cells) // 2**20)].clone())
@@ -220,14 +247,23 @@ def fit_link_rankers(
                 rng.shuffle(triples)
                 for part in np.array_split(triples, max(1, round(len(triples) / LINK_BATCH))):
                     if len(part):
-                        batches[relation].append(_link_batch(features, known[relation], unknown, part, side))
+                        batches[relation].append(
+                            _link_batch(features, known[relation], unknown, part, side)
+                        )
         after()
     fitted = []
     for of_relation, seen, span in zip(batches, moments, spans, strict=True):
         together = torch.cat(seen)
         mean, scale = together.mean(0), _scale(together.std(0), torch.stack(span).amax(0))
         fitted.append(
-            fit_ranker(of_relation, mean, scale, epochs=LINK_EPOCHS, learning_rate=LINK_RATE, generator=generator)
+            fit_ranker(
+                of_relation,
+                mean,
+                scale,
+                epochs=LINK_EPOCHS,
+                learning_rate=LINK_RATE,
+                generator=generator,
+            )
         )
         after()
     return bases, (fitted[0], fitted[1])
@@ -243,7 +279,9 @@ def _new_triples(held_out: Ids, seen: Ids, size: int) -> Ids:
     return new[~is_in(new, recipe_triples(seen), size)]
 
 
-def _unknown_entities(recipes: Ids, text: Tensor, rng: np.random.Generator) -> tuple[Base, Ids, Tensor]:
+def _unknown_entities(
+    recipes: Ids, text: Tensor, rng: np.random.Generator
+) -> tuple[Base, Ids, Tensor]:
     """Hold out entities with all recipes, so that the rankers learn to use words alone; return rest, links and mask."""
     entities = np.unique(recipes)
     taken = rng.permutation(entities)[: round(UNKNOWN * len(entities))]
@@ -261,7 +299,11 @@ def _link_batch(features: Tensor, known: Tensor, unknown: Tensor, triples: Ids, 
     if side == "tail":
         rows, others, target = features[heads], known[heads], tails
     else:
-        rows, others, target = features[:, tails].transpose(0, 1).contiguous(), known[:, tails].T, heads
+        rows, others, target = (
+            features[:, tails].transpose(0, 1).contiguous(),
+            known[:, tails].T,
+            heads,
+        )
     others = others | (unknown[target][:, None] & ~unknown)
     is_right = torch.zeros_like(others).scatter(1, target[:, None], True)
     return rows, ~others | is_right, is_right
@@ -270,10 +312,14 @@ def _link_batch(features: Tensor, known: Tensor, unknown: Tensor, triples: Ids, 
 # --- pairs -----------------------------------------------------------------------------------------------------------
 
 
-def pair_examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.random.Generator) -> Batch:
+def pair_examples(
+    knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np.random.Generator
+) -> Batch:
     """Make queries from recipes on tables with distractors; every pair in a known recipe is right."""
     size = knowledge.num_entities
-    weights = 1.0 + np.bincount(np.concatenate([known[:, 0], known[known[:, 0] != known[:, 1], 1]]), minlength=size)
+    weights = 1.0 + np.bincount(
+        np.concatenate([known[:, 0], known[known[:, 0] != known[:, 1], 1]]), minlength=size
+    )
     slots = 2 + max(TABLES)
     table = np.full((len(TABLES) * len(held_out), slots), size)
     for number, distractors in enumerate(TABLES):
@@ -292,7 +338,9 @@ def pair_examples(knowledge: RecipeKnowledge, held_out: Ids, known: Ids, rng: np
     )
     competes = (a < size) & (b < size)
     keys = torch.unique(_keys(torch.from_numpy(known.copy()), size))
-    pair = torch.stack([torch.minimum(a, b), torch.maximum(a, b), goal[:, None].expand_as(a)], dim=-1)
+    pair = torch.stack(
+        [torch.minimum(a, b), torch.maximum(a, b), goal[:, None].expand_as(a)], dim=-1
+    )
     pair_keys = _keys(pair, size)
     place = torch.searchsorted(keys, pair_keys).clamp(max=len(keys) - 1)
     return features, competes, (keys[place] == pair_keys) & competes
@@ -306,7 +354,10 @@ def _with_known(ranker: Ranker, knowledge: RecipeKnowledge, recipes: Ids, least:
     """
     a, b, goal = torch.from_numpy(recipes.copy()).T
     table = torch.stack([a, b], dim=1)
-    units = knowledge.features(goal.contiguous(), table, torch.zeros_like(goal))[:, :, 1].T @ ranker.first
+    units = (
+        knowledge.features(goal.contiguous(), table, torch.zeros_like(goal))[:, :, 1].T
+        @ ranker.first
+    )
     units += ranker.first_bias
     positive = ranker.second.clamp(min=0)
     # A lower bound, because relu(x) is never below x.
@@ -321,7 +372,9 @@ def _keys(recipes: Tensor, size: int) -> Tensor:
     return (one * (size + 1) + other) * (size + 1) + result
 
 
-def _tables(recipes: Ids, distractors: int, slots: int, weights: np.ndarray, rng: np.random.Generator) -> Ids:
+def _tables(
+    recipes: Ids, distractors: int, slots: int, weights: np.ndarray, rng: np.random.Generator
+) -> Ids:
     size = len(weights)
     keys = rng.exponential(size=(len(recipes), size)) / weights
     np.put_along_axis(keys, recipes, np.inf, axis=1)

@@ -46,7 +46,9 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
     """
     whole = scorer.whole
     if not isinstance(whole, RecipeScorer):
-        raise ConfigError(f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`.")
+        raise ConfigError(
+            f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`."
+        )
     entities = (*whole.entities, *(check_label(label, "a new entity") for label in labels))
     if len({*entities}) < len(entities):
         repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
@@ -61,8 +63,14 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
     try:
         knowledge = knowledge_from(Base.of(recipes, text), (rankers[0], rankers[1]))
     except RuntimeError:  # matrix shapes do not match
-        raise ArtefactError(f"the link rankers in {scorer.name} are damaged. Train the model again.") from None
-    ranker = {name: weights[0].cpu() for name, weights in whole.knowledge.constants().items() if name in RANKER}
+        raise ArtefactError(
+            f"the link rankers in {scorer.name} are damaged. Train the model again."
+        ) from None
+    ranker = {
+        name: weights[0].cpu()
+        for name, weights in whole.knowledge.constants().items()
+        if name in RANKER
+    }
     return RecipeScorer(
         scorer_tensors(knowledge.with_ranker(ranker), (rankers[0], rankers[1]), recipes),
         entities,
@@ -87,11 +95,17 @@ def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> Lab
     rows = [index.find(label) for label in labels]
     new = [label for label, row in zip(labels, rows, strict=True) if row is None]
     place = {label: len(whole.entities) + number for number, label in enumerate(new)}
-    ids = np.array([place[label] if row is None else row for label, row in zip(labels, rows, strict=True)])
+    ids = np.array(
+        [place[label] if row is None else row for label, row in zip(labels, rows, strict=True)]
+    )
     if new:
-        return LabelledScorer(with_words(folder, scorer, new, allow_missing=True), len(whole.entities), ids)
+        return LabelledScorer(
+            with_words(folder, scorer, new, allow_missing=True), len(whole.entities), ids
+        )
     if not isinstance(whole, RecipeScorer):
-        raise ConfigError(f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`.")
+        raise ConfigError(
+            f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`."
+        )
     return LabelledScorer(whole, len(whole.entities), ids)
 
 
@@ -121,7 +135,9 @@ def with_words(
     """
 
     def unknown(label: str, why: str) -> UnknownEntityError:
-        return UnknownEntityError(f"{where(label)}no entity '{label}'.{nearest(label, scorer.entities)} {why}")
+        return UnknownEntityError(
+            f"{where(label)}no entity '{label}'.{nearest(label, scorer.entities)} {why}"
+        )
 
     folder = Path(folder)
     run = read_finished_run(folder, "a model of train-recipes", "model.safetensors")
@@ -134,16 +150,21 @@ def with_words(
     RunFiles(folder, run).bytes(CONFIG_FILE)
     settings = RecipesConfig.read(folder).settings
     if settings.with_:
-        raise unknown(labels[0], "A model with outside knowledge (`with`) scores only the graph's entities.")
+        raise unknown(
+            labels[0], "A model with outside knowledge (`with`) scores only the graph's entities."
+        )
     size, words = len(scorer.entities), named(settings.features, scorer.entities)
     spec = FeatureSpec.parse(words)
     if spec.prefix or spec.source in ("one-hot", "random"):
         given = "the words of other entities" if spec.prefix else "no words"
         raise unknown(
-            labels[0], f"The model uses `features` {words}, which give {given}; train with glove or a vector file."
+            labels[0],
+            f"The model uses `features` {words}, which give {given}; train with glove or a vector file.",
         )
     features = make_features(words, (*scorer.entities, *labels), allow_missing=True)
-    before = replace(features, vectors=features.vectors[:size].copy(), known=features.known[:size].copy())
+    before = replace(
+        features, vectors=features.vectors[:size].copy(), known=features.known[:size].copy()
+    )
     if before.sha256 != run.inputs.get("features"):
         raise ArtefactError(
             f"`features` {words} have changed since '{folder}' was trained, so new words cannot be "
@@ -163,7 +184,9 @@ def with_words(
     return extended(scorer, labels, text)
 
 
-def _completed(text: Tensor, known: NDArray[np.bool_], labels: Sequence[str]) -> tuple[Tensor, NDArray[np.bool_]]:
+def _completed(
+    text: Tensor, known: NDArray[np.bool_], labels: Sequence[str]
+) -> tuple[Tensor, NDArray[np.bool_]]:
     """Compare labels without built-in sentence vectors, which only the built-in books' labels have, by GloVe."""
     glove = make_features("glove", labels, allow_missing=True)
     new, alike = torch.from_numpy(~known).nonzero()[:, 0], cosines(torch.tensor(glove.vectors))

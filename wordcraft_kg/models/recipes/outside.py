@@ -23,7 +23,13 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import is_in
-from wordcraft_kg.models.knowledge.folder import KNOWLEDGE, TABLES, check_same_split, knowledge_files, read_knowledge
+from wordcraft_kg.models.knowledge.folder import (
+    KNOWLEDGE,
+    TABLES,
+    check_same_split,
+    knowledge_files,
+    read_knowledge,
+)
 from wordcraft_kg.models.recipes.base import Base, LinkTables, features_of_pairs, features_of_parts
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
@@ -114,7 +120,11 @@ def is_book(spec: str) -> bool:
         return False
     source = FeatureSpec.parse(spec)
     path = Path(source.source)
-    return source.is_path and path.suffix not in (".npy", ".txt", ".gz") and not (path / ENCODED).is_file()
+    return (
+        source.is_path
+        and path.suffix not in (".npy", ".txt", ".gz")
+        and not (path / ENCODED).is_file()
+    )
 
 
 def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource:
@@ -137,11 +147,16 @@ def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource
     return OutsideSource(name=name, kind="tables", sha256=run.outputs[TABLES], coverage=coverage)
 
 
-def _of_words(spec: str, opened: OpenedGraph, allow_missing: bool) -> tuple[LinkTables, OutsideSource]:
+def _of_words(
+    spec: str, opened: OpenedGraph, allow_missing: bool
+) -> tuple[LinkTables, OutsideSource]:
     features = make_features(spec, opened.graph.entities, allow_missing=allow_missing)
     alike = text_of(features)
     source = OutsideSource(
-        name=features.source, kind="words", sha256=features.sha256, coverage=float(features.known.mean())
+        name=features.source,
+        kind="words",
+        sha256=features.sha256,
+        coverage=float(features.known.mean()),
     )
     return LinkTables([alike], [alike]), source
 
@@ -149,7 +164,9 @@ def _of_words(spec: str, opened: OpenedGraph, allow_missing: bool) -> tuple[Link
 def text_of(features: EntityFeatures) -> Tensor:
     """Return the cosines of word vectors, shape (E, E); zeros for one-hot vectors, which are no words."""
     size = len(features.known)
-    return torch.zeros(size, size) if features.is_one_hot else cosines(torch.tensor(features.vectors))
+    return (
+        torch.zeros(size, size) if features.is_one_hot else cosines(torch.tensor(features.vectors))
+    )
 
 
 def describe_source(source: OutsideSource) -> str:
@@ -167,7 +184,9 @@ def describe_source(source: OutsideSource) -> str:
 # --- another book ----------------------------------------------------------------------------------------------------
 
 
-def _of_book(spec: str, opened: OpenedGraph, features: str, allow_missing: bool) -> tuple[LinkTables, OutsideSource]:
+def _of_book(
+    spec: str, opened: OpenedGraph, features: str, allow_missing: bool
+) -> tuple[LinkTables, OutsideSource]:
     size = opened.graph.num_entities
     book, vectors = open_other_book(spec, opened, features, allow_missing=allow_missing)
     base = Base.of(book.recipes, text_of(vectors))
@@ -179,7 +198,12 @@ def _of_book(spec: str, opened: OpenedGraph, features: str, allow_missing: bool)
 
 
 def open_other_book(
-    spec: str, opened: OpenedGraph, features: str, *, allow_missing: bool = False, keep_train: bool = False
+    spec: str,
+    opened: OpenedGraph,
+    features: str,
+    *,
+    allow_missing: bool = False,
+    keep_train: bool = False,
 ) -> tuple[OtherBook, EntityFeatures]:
     """Open another book's recipes without the recipes that both books share; return word vectors for all labels.
 
@@ -201,7 +225,9 @@ def open_other_book(
     labels = (*graph.entities, *rest)
     check_dense("a recipe scorer with another book", len(labels))
     new = {label: graph.num_entities + row for row, label in enumerate(rest)}
-    ids = np.array([new[label] if entity is None else entity for label, entity in own.items()], dtype=np.int64)
+    ids = np.array(
+        [new[label] if entity is None else entity for label, entity in own.items()], dtype=np.int64
+    )
     rows = ids[other.recipes]
     rows[:, :2].sort(axis=1)
     rows = np.unique(rows, axis=0)
@@ -219,7 +245,9 @@ def open_other_book(
         reworded=_reworded(rows[~shared], held_out, vectors),
     )
     if not source.recipes:
-        raise ConfigError(f"`with` '{spec}': all {len(rows):,} recipes are recipes of the graph. Give another book.")
+        raise ConfigError(
+            f"`with` '{spec}': all {len(rows):,} recipes are recipes of the graph. Give another book."
+        )
     return OtherBook(labels, rows[~shared], source), vectors
 
 
@@ -228,7 +256,9 @@ def shared_recipes(graph: RecipeGraph, other: RecipeGraph) -> NDArray[np.bool_]:
     index = LabelIndex(graph.entities)
     places = [index.find(label) for label in other.entities]
     # An entity that the graph lacks has a number of its own.
-    ids = np.array([graph.num_entities + row if place is None else place for row, place in enumerate(places)])
+    ids = np.array(
+        [graph.num_entities + row if place is None else place for row, place in enumerate(places)]
+    )
     rows, theirs = graph.recipes.copy(), ids[other.recipes]
     rows[:, :2].sort(axis=1)
     theirs[:, :2].sort(axis=1)

@@ -57,7 +57,9 @@ class OutsideEvidence(Record):
 
     def __str__(self) -> str:
         """Return a line such as ``language model: bread needs dough (+3.1)``."""
-        return f"{self.source}: {self.text}" + ("" if self.value is None else f" ({self.value:+.1f})")
+        return f"{self.source}: {self.text}" + (
+            "" if self.value is None else f" ({self.value:+.1f})"
+        )
 
 
 _Source = Callable[[_Slots], Sequence[OutsideEvidence]]
@@ -83,12 +85,16 @@ class OutsideEvidenceFinder:
         folder = Path(folder)
         files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
         if weights not in (None, files.run.outputs[WEIGHTS]):
-            raise ArtefactError(f"the scorer in '{folder}' has changed since the agent was trained.")
+            raise ArtefactError(
+                f"the scorer in '{folder}' has changed since the agent was trained."
+            )
         if files.run.kind != RecipeScorerConfig.command:
             return None
         files.bytes(CONFIG_FILE)
         settings = RecipesConfig.read(folder).settings
-        hashes = frozenset(source.sha256 for source in files.record("metrics.json", RecipeMetrics).outside)
+        hashes = frozenset(
+            source.sha256 for source in files.record("metrics.json", RecipeMetrics).outside
+        )
         return cls(settings, hashes, opened) if settings.with_ else None
 
     def of_recipe(self, a: Entity, b: Entity, result: Entity) -> tuple[OutsideEvidence, ...]:
@@ -103,7 +109,9 @@ class OutsideEvidenceFinder:
     def of_link(self, head: Entity, relation: str, tail: Entity) -> tuple[OutsideEvidence, ...]:
         """Return evidence for a link, as :meth:`of_recipe`: from tables with the role of the relation."""
         one, other = map(self._opened.graph.id_of, (head, tail))
-        return self._find((one, other, None) if relation == RELATIONS[COMBINES_WITH] else (one, None, other))
+        return self._find(
+            (one, other, None) if relation == RELATIONS[COMBINES_WITH] else (one, None, other)
+        )
 
     def _find(self, slots: _Slots) -> tuple[OutsideEvidence, ...]:
         rounds = chain.from_iterable(zip_longest(*(source(slots) for source in self._sources)))
@@ -135,7 +143,10 @@ class OutsideEvidenceFinder:
         def find(slots: _Slots) -> list[OutsideEvidence]:
             labels = list(dict.fromkeys(entities[entity] for entity in slots if entity is not None))
             texts = facts.about(labels) if facts else ()
-            return [*(OutsideEvidence(tables.source, text, None) for text in texts), *tables.find(slots)]
+            return [
+                *(OutsideEvidence(tables.source, text, None) for text in texts),
+                *tables.find(slots),
+            ]
 
         return find
 
@@ -148,12 +159,18 @@ class OutsideEvidenceFinder:
         def find(slots: _Slots) -> list[OutsideEvidence]:
             a, b, result = slots
             pairs, made = book.recipes[:, :2], book.recipes[:, 2]
-            uses_one, uses_both = (pairs == a).any(1) | (pairs == b).any(1), np.zeros(len(pairs), dtype=bool)
+            uses_one, uses_both = (
+                (pairs == a).any(1) | (pairs == b).any(1),
+                np.zeros(len(pairs), dtype=bool),
+            )
             if a is not None and b is not None:
                 uses_both = (pairs == sorted((a, b))).all(1)
             strength = 2 * (uses_one & (made == result)) + uses_both
             best = np.argsort(-strength, kind="stable")[: min(LIMIT, int((strength > 0).sum()))]
-            recipes = (Recipe(*(book.labels[entity] for entity in recipe)) for recipe in book.recipes[best].tolist())
+            recipes = (
+                Recipe(*(book.labels[entity] for entity in recipe))
+                for recipe in book.recipes[best].tolist()
+            )
             return [OutsideEvidence(book.source.name, str(recipe), None) for recipe in recipes]
 
         return find
@@ -168,7 +185,9 @@ class _Tables:
         for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
             cells = table[~torch.eye(len(table), dtype=torch.bool)].double()
             if info.phrase:
-                self._tables.append((info, table, float(cells.mean()), float(cells.std(correction=0))))
+                self._tables.append(
+                    (info, table, float(cells.mean()), float(cells.std(correction=0)))
+                )
 
     def find(self, slots: _Slots) -> list[OutsideEvidence]:
         """Return the cells that stand out, by descending standardised value."""
@@ -214,4 +233,6 @@ class _Facts:
                 for other in labels[position + 1 :]:
                     if (phrase, tail) in self._of_label.get(other, ()):
                         shared.setdefault((phrase, tail), f"{head} {phrase} {tail}, like {other}")
-        return links + [shared[fact] for fact in sorted(shared, key=lambda fact: self._frequency[fact])]
+        return links + [
+            shared[fact] for fact in sorted(shared, key=lambda fact: self._frequency[fact])
+        ]

@@ -49,5 +49,7 @@ def recipes_history(files: RunFiles) -> History:
     if metrics.outside:
         facts["outside knowledge"] = "; ".join(map(describe_source, metrics.outside))
     if metrics.folds:
-        facts["cross-fitted"] = cross_fitted_words(metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr)
+        facts["cross-fitted"] = cross_fitted_words(
+            metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr
+        )
     return History(config, facts, metrics)

@@ -23,12 +23,23 @@ from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
-from wordcraft_kg.graphs.train_samples import TrainSample, describe_train_sample, draw_train_sample, is_subsample
+from wordcraft_kg.graphs.train_samples import (
+    TrainSample,
+    describe_train_sample,
+    draw_train_sample,
+    is_subsample,
+)
 from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
-from wordcraft_kg.models.recipes.outside import describe_source, is_book, open_outside, shared_recipes, text_of
+from wordcraft_kg.models.recipes.outside import (
+    describe_source,
+    is_book,
+    open_outside,
+    shared_recipes,
+    text_of,
+)
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
 from wordcraft_kg.models.scorers.config import check_dense
@@ -78,7 +89,9 @@ def train_recipes(
     return train(RecipesTraining, config, out, force=force, progress=progress)
 
 
-def _folds(opened: OpenedGraph, settings: RecipeScorerConfig, without: Sequence[RecipeGraph]) -> Folds:
+def _folds(
+    opened: OpenedGraph, settings: RecipeScorerConfig, without: Sequence[RecipeGraph]
+) -> Folds:
     check_dense("a recipe scorer", opened.graph.num_entities)
     split = opened.split
     if settings.kg == "full":
@@ -90,20 +103,30 @@ def _folds(opened: OpenedGraph, settings: RecipeScorerConfig, without: Sequence[
         )
     # Leaving out one fold must leave at least two for the rankers.
     if settings.kg == "partial" and settings.folds < 3:
-        raise ConfigError("`folds` 2: expected 3 or more, because rankers need two folds besides the left-out fold.")
+        raise ConfigError(
+            "`folds` 2: expected 3 or more, because rankers need two folds besides the left-out fold."
+        )
     folds = make_folds(split, settings.folds)
     if without:
         is_kept = ~np.any([shared_recipes(opened.graph, other) for other in without], axis=0)
         if not is_kept.any():
-            raise ConfigError(f"`without` {', '.join(settings.without)} leaves no recipe of {opened.graph.name}.")
+            raise ConfigError(
+                f"`without` {', '.join(settings.without)} leaves no recipe of {opened.graph.name}."
+            )
         for spec, book in itertools.product(filter(is_book, settings.with_), without):
             other = open_graph(spec).graph
             if (shared_recipes(other, book) & ~shared_recipes(other, opened.graph)).any():
-                raise ConfigError(f"`with` '{spec}' has recipes of {book.name}, which `without` leaves out. Omit one.")
+                raise ConfigError(
+                    f"`with` '{spec}' has recipes of {book.name}, which `without` leaves out. Omit one."
+                )
         return folds.with_train_sample(TrainSample.of(opened.graph, is_kept))
     return folds.with_train_sample(
         draw_train_sample(
-            split, settings.train_fraction, settings.label_noise, settings.seed, of_recipe=folds.of_recipe
+            split,
+            settings.train_fraction,
+            settings.label_noise,
+            settings.seed,
+            of_recipe=folds.of_recipe,
         )
     )
 
@@ -168,7 +191,9 @@ def _kept(folder: Path) -> Checkpoints[FitDone]:
 class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     """Trainer for recipe scorers."""
 
-    kind: ClassVar[RunKind[Any]] = RunKind(RecipesConfig.commands, "recipes", unit="fit", progress=FitDone)
+    kind: ClassVar[RunKind[Any]] = RunKind(
+        RecipesConfig.commands, "recipes", unit="fit", progress=FitDone
+    )
     config_type = RecipesConfig
 
     def __init__(self, config: RecipesConfig, opened: OpenedGraph):
@@ -184,17 +209,24 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         with _threads(settings.threads):
             if settings.kg == "none":
                 check_dense("a recipe scorer", opened.graph.num_entities)
-                joint = join_books(*sources, folds=settings.folds, allow_missing=settings.allow_missing)
+                joint = join_books(
+                    *sources, folds=settings.folds, allow_missing=settings.allow_missing
+                )
                 opened, self.own, self.folds, self.outside = joint
             else:
                 self.folds = _folds(opened, settings, self.without)
                 self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
             self.words = named(settings.features, opened.graph.entities)
-            features = make_features(self.words, opened.graph.entities, allow_missing=settings.allow_missing)
+            features = make_features(
+                self.words, opened.graph.entities, allow_missing=settings.allow_missing
+            )
             self.text, self.features = text_of(features), features.sha256
 
     def begin(self, run: RunFolder[FitDone], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
-        settings, inputs = self.config.settings, {"features": self.features, **self._outside_hashes()}
+        settings, inputs = (
+            self.config.settings,
+            {"features": self.features, **self._outside_hashes()},
+        )
         inputs |= {f"without {other.name}": other.hash for other in self.without}
         if settings.kg == "partial":
             inputs["folds"] = self.folds.hash
@@ -203,13 +235,20 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         return {"inputs": inputs}
 
     def _outside_hashes(self) -> dict[str, str]:
-        return {f"with {place}: {source.name}": source.sha256 for place, source in enumerate(self.outside.sources, 1)}
+        return {
+            f"with {place}: {source.name}": source.sha256
+            for place, source in enumerate(self.outside.sources, 1)
+        }
 
     def restored(self, run: RunFolder[FitDone]) -> None:
         """Return None in place of a checkpoint: a resumed run skips all saved fits."""
 
     def fit(  # noqa: D102 - inherited
-        self, run: RunFolder[FitDone], report: Progress | None, log: Log, checkpoint: Checkpoint[FitDone] | None
+        self,
+        run: RunFolder[FitDone],
+        report: Progress | None,
+        log: Log,
+        checkpoint: Checkpoint[FitDone] | None,
     ) -> TrainedRecipes:
         settings, folds = self.config.settings, self.folds
         if not run.is_live:
@@ -242,14 +281,18 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         try:
             train_jobs(waiting, settings.threads, note, is_long=is_long)
         except KeyboardInterrupt:
-            done = f"interrupted; {len(kept.records())} of {len(jobs)} fits are saved in '{run.path}'."
+            done = (
+                f"interrupted; {len(kept.records())} of {len(jobs)} fits are saved in '{run.path}'."
+            )
             raise KeyboardInterrupt(f"{done} Repeat the command to make the rest.") from None
         if report:
             report(total, total, {})
         with _threads(settings.threads):
             return self._finish(run, kept, time.perf_counter() - began)
 
-    def _finish(self, run: RunFolder[FitDone], kept: Checkpoints[FitDone], seconds: float) -> TrainedRecipes:
+    def _finish(
+        self, run: RunFolder[FitDone], kept: Checkpoints[FitDone], seconds: float
+    ) -> TrainedRecipes:
         graph, settings, folds = self.opened.graph, self.config.settings, self.folds
         tensors = kept.read(0).tensors
         write_scorer(run.path, RecipeScorer.kind, tensors, graph)
@@ -296,7 +339,9 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[s
     points = [f"{metrics.recipes:,} recipes; words: {metrics.features}"]
     points += [f"outside knowledge: {line}" for line in map(describe_source, metrics.outside)]
     if metrics.fold_mrr is not None:
-        figures = f"MRR {metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"
+        figures = (
+            f"MRR {metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"
+        )
         points.append(f"{metrics.folds} folds: {figures}, on train triples")
     a, b, result = opened.graph.recipe_labels()[0]
     return scorer_card(

@@ -19,7 +19,12 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.knowledge.folder import KNOWLEDGE, check_same_split
 from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.fitting import LinkRankers, Ranker
-from wordcraft_kg.models.recipes.outside import OutsideKnowledge, is_book, open_other_book, open_outside
+from wordcraft_kg.models.recipes.outside import (
+    OutsideKnowledge,
+    is_book,
+    open_other_book,
+    open_outside,
+)
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of
 
 
@@ -54,9 +59,13 @@ def join_books(
     out. Further arguments as for :func:`~wordcraft_kg.models.recipes.outside.open_outside`.
     """
     if not specs:
-        raise ConfigError("`kg` none learns from outside knowledge only. Name a source in `with`, such as everyday.")
+        raise ConfigError(
+            "`kg` none learns from outside knowledge only. Name a source in `with`, such as everyday."
+        )
     books = [
-        open_other_book(spec, opened, features, allow_missing=allow_missing, keep_train=keep_train)[0]
+        open_other_book(spec, opened, features, allow_missing=allow_missing, keep_train=keep_train)[
+            0
+        ]
         for spec in filter(is_book, specs)
     ]
     if not books:
@@ -73,12 +82,18 @@ def join_books(
     rows = [np.array([place[label] for label in book.labels])[book.recipes] for book in books]
     recipes = np.concatenate(rows)
     recipes[:, :2].sort(axis=1)
-    graph = RecipeGraph(labels, np.unique(recipes, axis=0), [], name=f"books for {opened.graph.name}")
+    graph = RecipeGraph(
+        labels, np.unique(recipes, axis=0), [], name=f"books for {opened.graph.name}"
+    )
     joint = OpenedGraph(graph, make_split(graph, SplitConfig("none")), opened.source)
-    others = open_outside([spec for spec in specs if not is_book(spec)], joint, features, allow_missing=allow_missing)
+    others = open_outside(
+        [spec for spec in specs if not is_book(spec)], joint, features, allow_missing=allow_missing
+    )
     sources = (*(book.source for book in books), *others.sources)
     own = torch.tensor([place[label] for label in opened.graph.entities])
-    return JointBook(joint, own, make_folds(joint.split, folds), OutsideKnowledge(others.tables, sources))
+    return JointBook(
+        joint, own, make_folds(joint.split, folds), OutsideKnowledge(others.tables, sources)
+    )
 
 
 def tables_alone(outside: LinkTables, text: Tensor) -> tuple[RecipeKnowledge, LinkRankers]:
@@ -90,10 +105,15 @@ def tables_alone(outside: LinkTables, text: Tensor) -> tuple[RecipeKnowledge, Li
         return torch.stack(scaled).mean(0) if scaled else torch.zeros(size, size)
 
     links = mean(outside.pairs), mean(outside.parts)
-    knowledge = knowledge_of(np.empty((0, 3), dtype=np.int64), torch.zeros(size, size), text, links, links)
+    knowledge = knowledge_of(
+        np.empty((0, 3), dtype=np.int64), torch.zeros(size, size), text, links, links
+    )
     # relu(x) - relu(-x) is x.
     first = torch.zeros(len(FEATURES), 2)
     first[[FEATURES.index("link_sum"), FEATURES.index("pair_link")]] = torch.tensor([1.0, -1.0])
     ranker = Ranker(first, torch.zeros(2), torch.tensor([1.0, -1.0]), torch.zeros(()))
-    unused = [Ranker(torch.zeros(1, 1), torch.zeros(1), torch.zeros(1), torch.zeros(())) for _ in RELATIONS]
+    unused = [
+        Ranker(torch.zeros(1, 1), torch.zeros(1), torch.zeros(1), torch.zeros(()))
+        for _ in RELATIONS
+    ]
     return knowledge.with_ranker(vars(ranker)), (unused[0], unused[1])

@@ -19,14 +19,20 @@ class SymbolicScorer(Scorer):
 
     def __init__(self, graph: RecipeGraph, triples: np.ndarray, **kwargs: Any):
         super().__init__(graph.entities, graph.hash, **kwargs)
-        keys = torch.unique(self._key(*torch.tensor(triples, dtype=torch.int64, device=self.device).T))
+        keys = torch.unique(
+            self._key(*torch.tensor(triples, dtype=torch.int64, device=self.device).T)
+        )
         # The last key is larger than all triple keys, so searches always end at a key.
         self._keys = torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])
 
-    def _key(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+    def _key(
+        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+    ) -> torch.Tensor:
         return (relations * len(self.entities) + heads) * len(self.entities) + tails
 
-    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+    def _score(
+        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+    ) -> torch.Tensor:
         keys = self._key(heads, relations, tails)
         return (self._keys[torch.searchsorted(self._keys, keys)] == keys).float()
 
@@ -46,10 +52,16 @@ class FrequencyScorer(Scorer):
         heads, relations, tails = torch.tensor(triples, dtype=torch.int64, device=self.device).T
         size = len(RELATIONS) * len(self.entities)
         shape = (len(RELATIONS), len(self.entities))
-        self._as_head = torch.bincount(relations * shape[1] + heads, minlength=size).view(shape).float()
-        self._as_tail = torch.bincount(relations * shape[1] + tails, minlength=size).view(shape).float()
+        self._as_head = (
+            torch.bincount(relations * shape[1] + heads, minlength=size).view(shape).float()
+        )
+        self._as_tail = (
+            torch.bincount(relations * shape[1] + tails, minlength=size).view(shape).float()
+        )
 
-    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+    def _score(
+        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+    ) -> torch.Tensor:
         return self._as_head[relations, heads] + self._as_tail[relations, tails]
 
 
@@ -65,7 +77,9 @@ class NeighbourScorer(TableScorer):
     Source: neighbourhood-based link prediction (Adamic and Adar 2003; Sarwar et al. 2001), here with two relations.
     """
 
-    def __init__(self, graph: RecipeGraph, triples: np.ndarray, *, power: float = 1.0, **kwargs: Any):
+    def __init__(
+        self, graph: RecipeGraph, triples: np.ndarray, *, power: float = 1.0, **kwargs: Any
+    ):
         """Score all triples from known triples, ids of shape (T, 3); ConfigError for a graph too large for tables."""
         size = graph.num_entities
         check_table("the neighbour rule", size)
@@ -112,7 +126,9 @@ class VoteScorer(Scorer):
         # The last key is larger than all vote keys, so searches always end at a key.
         self._keys = torch.tensor(np.append(keys, np.iinfo(np.int64).max), device=self.device)
         self._counts = torch.tensor(np.append(counts, 0), dtype=torch.float64, device=self.device)
-        self._made = torch.tensor(np.bincount(result, minlength=size), dtype=torch.float64, device=self.device)
+        self._made = torch.tensor(
+            np.bincount(result, minlength=size), dtype=torch.float64, device=self.device
+        )
 
     def votes(self, ingredients: EntityIds, results: EntityIds) -> torch.Tensor:
         """Count the known recipes that make each result from each ingredient; float64, ids broadcast."""
@@ -127,7 +143,9 @@ class VoteScorer(Scorer):
         weight = (self.votes(a, c) + self.unseen) * (second + self.unseen) / (self._made[c] + 1)
         return weight.log().float()
 
-    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+    def _score(
+        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+    ) -> torch.Tensor:
         return self._tables[relations, heads, tails]
 
     @cached_property
@@ -139,7 +157,9 @@ class VoteScorer(Scorer):
         weighted = dense / (self._made + 1)
         pairs = dense @ weighted.T
         itself = self.unseen * weighted.sum(1)
-        partners = pairs.fill_diagonal_(0) @ weighted + (itself * self.unseen)[:, None] / (self._made + 1)
+        partners = pairs.fill_diagonal_(0) @ weighted + (itself * self.unseen)[:, None] / (
+            self._made + 1
+        )
         tables = torch.empty(len(RELATIONS), size, size, device=self.device)
         tables[COMBINES_WITH] = (pairs + torch.diag(itself)).log()
         tables[COMPONENT_OF] = (dense * partners).log()

@@ -86,7 +86,9 @@ class Curve(Record, frozen=True, kw_only=True):
 
     def probability(self, log_odds: _Floats) -> _Floats:
         """Return probabilities, same shape as ``log_odds``: rank log-odds from :func:`rank_log_odds`."""
-        return np.asarray(expit(self.intercept + _segments(log_odds, len(self.slopes)) @ np.array(self.slopes)))
+        return np.asarray(
+            expit(self.intercept + _segments(log_odds, len(self.slopes)) @ np.array(self.slopes))
+        )
 
 
 class RelationCurves(Record, frozen=True, kw_only=True):
@@ -107,7 +109,9 @@ class RelationCurves(Record, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if len(self.scores) != len(self.rank_log_odds):
-            raise ValueError(f"{len(self.scores)} `scores` for {len(self.rank_log_odds)} `rank_log_odds`")
+            raise ValueError(
+                f"{len(self.scores)} `scores` for {len(self.rank_log_odds)} `rank_log_odds`"
+            )
 
 
 class Probabilities(Record, frozen=True, kw_only=True):
@@ -125,10 +129,15 @@ class Probabilities(Record, frozen=True, kw_only=True):
     recipes: RecipeCurve | None = None
 
     @classmethod
-    def fit(cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0) -> "Probabilities":
+    def fit(
+        cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0
+    ) -> "Probabilities":
         """Fit probability curves for ``whole`` to the :class:`Seen` of each fold; ``seed`` samples pairs for ranks."""
         size, train = len(whole.entities), folds.triples()
-        true, others = np.stack([part.true for part in seen]), np.stack([part.others for part in seen])
+        true, others = (
+            np.stack([part.true for part in seen]),
+            np.stack([part.others for part in seen]),
+        )
         curves: list[RelationCurves] = []
         for relation in range(len(RELATIONS)):
             share = known_share(folds, relation)
@@ -139,7 +148,11 @@ class Probabilities(Record, frozen=True, kw_only=True):
             itself = fit_curve(true[:, relation, 1], others[:, relation, 1], share, slopes=1)
             curves.append(
                 RelationCurves(
-                    known_share=share, scores=scores, rank_log_odds=log_odds, distinct=distinct, itself=itself
+                    known_share=share,
+                    scores=scores,
+                    rank_log_odds=log_odds,
+                    distinct=distinct,
+                    itself=itself,
                 )
             )
         histograms = [part.recipes for part in seen if part.recipes is not None]
@@ -200,13 +213,24 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
         among = scores[unknown & ~is_self]
         log_odds = rank_log_odds(scores, among)
         mine = own[own[:, 1] == relation]
-        own_log_odds, own_self = rank_log_odds(_scores(scorer, mine), among), mine[:, 0] == mine[:, 2]
+        own_log_odds, own_self = (
+            rank_log_odds(_scores(scorer, mine), among),
+            mine[:, 0] == mine[:, 2],
+        )
         for itself in (0, 1):
-            true[relation, itself] = np.bincount(_bin(own_log_odds[own_self == itself]), minlength=bins)
+            true[relation, itself] = np.bincount(
+                _bin(own_log_odds[own_self == itself]), minlength=bins
+            )
             chosen = unknown & (is_self == itself)
-            others[relation, itself] = np.bincount(_bin(log_odds[chosen]), weights[chosen], minlength=bins)
+            others[relation, itself] = np.bincount(
+                _bin(log_odds[chosen]), weights[chosen], minlength=bins
+            )
     results, right = _results(scorer, folds, fold, seed)
-    recipes = score_histogram(scorer, folds, fold, seed=seed) if isinstance(scorer, RecipeScorer) else None
+    recipes = (
+        score_histogram(scorer, folds, fold, seed=seed)
+        if isinstance(scorer, RecipeScorer)
+        else None
+    )
     return Seen(true, others, results, right, recipes)
 
 
@@ -235,7 +259,9 @@ def known_share(folds: Folds, relation: int) -> float:
     return 1 / (1 + outside / of_fold * falling)
 
 
-def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SEGMENTS) + 1) -> Curve:
+def fit_curve(
+    true: _Floats, others: _Floats, share: float, slopes: int = len(SEGMENTS) + 1
+) -> Curve:
     """Fit a probability curve to score histograms, or only the base rate if the scores are uninformative.
 
     ``true`` and ``others``, shape (K, B), are true and remaining triples (which include unknown true triples), counted
@@ -245,9 +271,13 @@ def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SE
     known, total = float(true.sum()), float(true.sum() + others.sum())
     shift = math.log1p(-share)
     start = _base(true, others, share) + shift
-    base = Curve(intercept=start, slopes=(), rate=float(expit(start)), true=round(known), cells=round(total))
+    base = Curve(
+        intercept=start, slopes=(), rate=float(expit(start)), true=round(known), cells=round(total)
+    )
     if min(known, total - known) < _MIN_TRUE:
-        reason = f"{known:,.0f} true triples among {total:,.0f} are too few for more than a base rate"
+        reason = (
+            f"{known:,.0f} true triples among {total:,.0f} are too few for more than a base rate"
+        )
         return msgspec.structs.replace(base, reason=reason)
     gain = 0.0
     for fold in range(len(true)):
@@ -261,7 +291,9 @@ def fit_curve(true: _Floats, others: _Floats, share: float, slopes: int = len(SE
         reason = f"scores do not separate the {known:,.0f} true triples of left-out folds from false triples"
         return msgspec.structs.replace(base, reason=reason)
     values = _fit(true, others, share, slopes)
-    return msgspec.structs.replace(base, intercept=float(values[0] + shift), slopes=tuple(values[1:].tolist()))
+    return msgspec.structs.replace(
+        base, intercept=float(values[0] + shift), slopes=tuple(values[1:].tolist())
+    )
 
 
 def _base(true: _Floats, others: _Floats, share: float) -> float:
@@ -275,14 +307,18 @@ def _fit(true: _Floats, others: _Floats, share: float, slopes: int) -> _Floats:
         return start
     counts = true.sum(axis=0), others.sum(axis=0), share
     bounds = [(None, None)] + [(0, None)] * slopes
-    return np.asarray(minimize(_loss, start, args=counts, jac=True, method="L-BFGS-B", bounds=bounds).x)
+    return np.asarray(
+        minimize(_loss, start, args=counts, jac=True, method="L-BFGS-B", bounds=bounds).x
+    )
 
 
 def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tuple[float, _Floats]:
     inputs = _segments(_centres(), len(values) - 1)
     chance = expit(values[0] + inputs @ values[1:])
     labelled = np.clip(share * chance, 1e-300, 1 - 1e-12)
-    loss = -(true @ np.log(labelled) + others @ np.log1p(-labelled)) + _RIDGE / 2 * (values[1:] @ values[1:])
+    loss = -(true @ np.log(labelled) + others @ np.log1p(-labelled)) + _RIDGE / 2 * (
+        values[1:] @ values[1:]
+    )
     slope = -(true - others * labelled / (1 - labelled)) * (1 - chance)
     return float(loss), np.concatenate([[slope.sum()], inputs.T @ slope + _RIDGE * values[1:]])
 
@@ -305,14 +341,20 @@ def _results(
 
 
 def _temperature(seen: Sequence[Seen]) -> float | None:
-    known = [(part.results, part.right) for part in seen if part.results is not None and part.right is not None]
+    known = [
+        (part.results, part.right)
+        for part in seen
+        if part.results is not None and part.right is not None
+    ]
     if not known:
         return None
     scores, right = (np.concatenate(parts) for parts in zip(*known, strict=True))
 
     def loss(log_temperature: float) -> float:
         scaled = scores * math.exp(-log_temperature)
-        return float(np.mean(logsumexp(scaled, axis=1) - logsumexp(np.where(right, scaled, -np.inf), axis=1)))
+        return float(
+            np.mean(logsumexp(scaled, axis=1) - logsumexp(np.where(right, scaled, -np.inf), axis=1))
+        )
 
     return float(math.exp(minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded").x))
 
@@ -320,7 +362,10 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
 def rank_log_odds(scores: _Floats, among: _Floats) -> _Floats:
     """Return ``log(q / (1 - q))`` for the scores' percentile ranks q within ``among``; ties count half."""
     ordered, count = np.sort(among), len(among)
-    above = count - (np.searchsorted(ordered, scores, "left") + np.searchsorted(ordered, scores, "right")) / 2
+    above = (
+        count
+        - (np.searchsorted(ordered, scores, "left") + np.searchsorted(ordered, scores, "right")) / 2
+    )
     rank = np.clip((above + 0.5) / (count + 1), 0.5 / (count + 1), 1 - 0.5 / (count + 1))
     return np.asarray(np.log1p(-rank) - np.log(rank))
 
@@ -339,7 +384,11 @@ def _segments(log_odds: _Floats, slopes: int) -> _Floats:
         return np.repeat(log_odds[..., None], slopes, axis=-1)
     low, high = (-math.inf, *SEGMENTS), (*SEGMENTS, math.inf)
     return np.stack(
-        [np.clip(log_odds, a, b) - (a if math.isfinite(a) else 0.0) for a, b in zip(low, high, strict=True)], axis=-1
+        [
+            np.clip(log_odds, a, b) - (a if math.isfinite(a) else 0.0)
+            for a, b in zip(low, high, strict=True)
+        ],
+        axis=-1,
     )
 
 

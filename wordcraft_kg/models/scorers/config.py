@@ -43,7 +43,9 @@ def dense_bytes(num_entities: int) -> int:
 
 def check_dense(what: str, num_entities: int) -> None:
     """Raise ConfigError if dense kernels for so many entities do not fit into memory; ``what`` names the scorer."""
-    needed, available = (f"{size / 2**30:,.0f} GiB" for size in (dense_bytes(num_entities), memory()))
+    needed, available = (
+        f"{size / 2**30:,.0f} GiB" for size in (dense_bytes(num_entities), memory())
+    )
     if dense_bytes(num_entities) > memory():
         raise ConfigError(
             f"{what} compares all pairs of {num_entities:,} entities, which takes {needed}, and {available} are there. "

@@ -68,7 +68,11 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
         return self._mean([fold.in_sample_mrr for fold in self.folds])
 
     def _mean(self, values: Sequence[float | None]) -> float | None:
-        sums = [value * fold.queries for value, fold in zip(values, self.folds, strict=True) if value is not None]
+        sums = [
+            value * fold.queries
+            for value, fold in zip(values, self.folds, strict=True)
+            if value is not None
+        ]
         return sum(sums) / self.queries if sums else None
 
 
@@ -102,7 +106,9 @@ class CrossFitted(Scorer):
         super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
         self._whole, self.record, self.probabilities = whole, record, probabilities
         self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))
-        self.train_results = None if train_results is None else frozen(np.asarray(train_results, dtype=np.int64))
+        self.train_results = (
+            None if train_results is None else frozen(np.asarray(train_results, dtype=np.int64))
+        )
         self._makers = tuple(folds)
         self._made: dict[int, Scorer] = {}
         if isinstance(whole, FactoredScorer):  # makes this scorer a FactoredScorer
@@ -124,13 +130,17 @@ class CrossFitted(Scorer):
         """Number of folds."""
         return len(self._makers)
 
-    def _score(self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor) -> torch.Tensor:
+    def _score(
+        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+    ) -> torch.Tensor:
         return self.whole._score(heads, relations, tails)
 
     def table(self, relation: int | str) -> torch.Tensor:  # noqa: D102 - inherited
         return self.whole.table(relation)
 
-    def probability(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> torch.Tensor:
+    def probability(
+        self, heads: EntityIds, relations: RelationIds, tails: EntityIds
+    ) -> torch.Tensor:
         """Return P(a recipe outside train gives the triple) as :meth:`score`; ConfigError without calibration."""
         if self.probabilities is None:
             raise ConfigError(f"{self.name} has no calibration. Train the model again, with folds.")
@@ -141,9 +151,13 @@ class CrossFitted(Scorer):
         """Return pairs' distributions over results, on a new axis E; ConfigError without recipes or calibration."""
         temperature = self.probabilities.temperature if self.probabilities else None
         if temperature is None or not isinstance(self.whole, RecipeScores):
-            raise ConfigError(f"{self.name} cannot predict results. Use a wordcraft-kg train-recipes model with folds.")
+            raise ConfigError(
+                f"{self.name} cannot predict results. Use a wordcraft-kg train-recipes model with folds."
+            )
         a, b = (self.entity_ids(part)[..., None] for part in (ingredients, others))
-        scores = self.whole.score_recipes(a, b, torch.arange(len(self.entities), device=self.device))
+        scores = self.whole.score_recipes(
+            a, b, torch.arange(len(self.entities), device=self.device)
+        )
         return torch.softmax(scores / temperature, dim=-1)
 
     def left_out(self, fold: int) -> Scorer:
@@ -171,7 +185,9 @@ class CrossFitted(Scorer):
         recipes = self.train_sample(graph).among(seen_by_models(self.of_recipe)[1 + fold])
         triples = recipe_triples(recipes)
         left_out = self.left_out(fold)
-        is_other = isinstance(left_out, RecipeScores) and not np.array_equal(left_out.recipes.cpu().numpy(), recipes)
+        is_other = isinstance(left_out, RecipeScores) and not np.array_equal(
+            left_out.recipes.cpu().numpy(), recipes
+        )
         if is_other or triples_hash(triples) != self.record.folds[fold].trained_on:
             raise LeakError(
                 f"{self.name} without fold {fold} was not trained on the recipes outside this fold, so the model may "
@@ -183,7 +199,10 @@ class CrossFitted(Scorer):
         """Raise GraphMismatchError unless the folds were made from the given split."""
         if len(self.of_recipe) == split.graph.num_recipes:
             folds_hash = Folds(split, self.count, self.record.seed, self.of_recipe).hash
-            if folds_hash == self.record.hash and ((self.of_recipe != OUTSIDE) == split.is_in("train")).all():
+            if (
+                folds_hash == self.record.hash
+                and ((self.of_recipe != OUTSIDE) == split.is_in("train")).all()
+            ):
                 return
         raise GraphMismatchError(
             f"the folds of {self.name} do not belong to split {split.hash[:12]} of '{split.graph.name}'. Train on "
@@ -210,7 +229,13 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
         )
     cut = make_folds(split, folds)
     of_folds = [
-        Fold(trained_on=triples_hash(triples), triples=len(triples), queries=0, mrr=None, in_sample_mrr=None)
+        Fold(
+            trained_on=triples_hash(triples),
+            triples=len(triples),
+            queries=0,
+            mrr=None,
+            in_sample_mrr=None,
+        )
         for triples in (cut.triples([fold]) for fold in range(folds))
     ]
     return CrossFitted(

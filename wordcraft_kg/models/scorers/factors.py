@@ -28,7 +28,11 @@ class TableScorer(StoredScorer):
 
     @classmethod
     def restored(  # noqa: D102 - inherited
-        cls, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
+        cls,
+        tensors: Mapping[str, Tensor],
+        entities: Sequence[str],
+        graph_hash: str,
+        **settings: Any,
     ) -> "TableScorer":
         return cls(tensors["scores"], entities, graph_hash, **settings)
 
@@ -36,7 +40,9 @@ class TableScorer(StoredScorer):
     def of(cls, scorer: Scorer) -> "TableScorer":
         """Tabulate all scores by another scorer."""
         scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
-        return TableScorer(scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name)
+        return TableScorer(
+            scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name
+        )
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         size = len(self.entities)
@@ -51,16 +57,27 @@ class ComplExScorer(StoredScorer):
 
     kind: ClassVar[str] = "complex"
 
-    def __init__(self, embeddings: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
+    def __init__(
+        self,
+        embeddings: Mapping[str, Tensor],
+        entities: Sequence[str],
+        graph_hash: str,
+        **kwargs: Any,
+    ):
         super().__init__(entities, graph_hash, **kwargs)
-        tensors = {name: tensor.to(self.device, torch.float32) for name, tensor in embeddings.items()}
+        tensors = {
+            name: tensor.to(self.device, torch.float32) for name, tensor in embeddings.items()
+        }
         self.entity = torch.complex(tensors["entity_real"], tensors["entity_imag"])
         self.relation = torch.complex(tensors["relation_real"], tensors["relation_imag"])
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         is_grid, is_turned = _grids(heads, relations, tails)
         if is_grid:
-            return real_dot(self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)], self.entity[tails[0]])
+            return real_dot(
+                self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)],
+                self.entity[tails[0]],
+            )
         if is_turned:
             known = self.relation[relations.reshape(-1)].conj() * self.entity[tails[:, 0]]
             return real_dot(known, self.entity[heads[0]])
@@ -68,7 +85,9 @@ class ComplExScorer(StoredScorer):
         return product.real.sum(dim=-1)
 
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
-        left = torch.view_as_real(self.entity * self.relation[self.relation_ids(relation)]).flatten(1)
+        left = torch.view_as_real(self.entity * self.relation[self.relation_ids(relation)]).flatten(
+            1
+        )
         return left, torch.view_as_real(self.entity).flatten(1)
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
@@ -78,11 +97,18 @@ class ComplExScorer(StoredScorer):
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
         dim, rows = tensors["entity_real"].shape[-1], {"entity": size, "relation": len(RELATIONS)}
-        check_shapes(tensors, {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")})
+        check_shapes(
+            tensors,
+            {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")},
+        )
 
     def tensors(self) -> dict[str, Tensor]:  # noqa: D102 - inherited
         parts = {"entity": self.entity, "relation": self.relation}
-        return {f"{name}_{part}": getattr(parts[name], part) for name in parts for part in ("real", "imag")}
+        return {
+            f"{name}_{part}": getattr(parts[name], part)
+            for name in parts
+            for part in ("real", "imag")
+        }
 
 
 def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:

@@ -83,7 +83,12 @@ class EntityFeatures:
 
 
 def make_features(
-    spec: str, labels: Sequence[str], *, pooling: Pooling = "mean", allow_missing: bool = False, seed: int = 0
+    spec: str,
+    labels: Sequence[str],
+    *,
+    pooling: Pooling = "mean",
+    allow_missing: bool = False,
+    seed: int = 0,
 ) -> EntityFeatures:
     """Return a feature vector for each entity label; ``spec`` names built-in features or a file of vectors.
 
@@ -114,7 +119,9 @@ def make_features(
     whole("seed", seed, 0)
     parsed = FeatureSpec.parse(spec)
     if parsed.prefix:
-        features = make_features(parsed.source, labels, pooling=pooling, allow_missing=allow_missing, seed=seed)
+        features = make_features(
+            parsed.source, labels, pooling=pooling, allow_missing=allow_missing, seed=seed
+        )
         for _ in range(parsed.prefix.count(SHUFFLED)):
             features = _shuffled(features, seed)
         return features
@@ -128,10 +135,14 @@ def make_features(
     elif parsed.is_path and os.path.isfile(spec):
         features = _from_file(Path(spec), labels, pooling)
     elif parsed.is_path and os.path.isdir(spec):
-        features = _from_file(_checked_folder(Path(spec)) / ENCODED, labels, None, Path(spec).resolve().name)
+        features = _from_file(
+            _checked_folder(Path(spec)) / ENCODED, labels, None, Path(spec).resolve().name
+        )
     else:
         names = (*VECTORS, *(SHUFFLED + name for name in VECTORS))
-        expected = f"a file or folder, or one of {', '.join(VECTORS)}, optionally after '{SHUFFLED}'"
+        expected = (
+            f"a file or folder, or one of {', '.join(VECTORS)}, optionally after '{SHUFFLED}'"
+        )
         raise refuse("features", spec, expected, nearest(spec, names))
     _check_known(features, spec, allow_missing)
     return features
@@ -167,7 +178,9 @@ def _one_hot(size: int) -> EntityFeatures:
 
 
 def _random(size: int, seed: int) -> EntityFeatures:
-    drawn = np.random.default_rng(seed).laplace(0, _RANDOM_STD / np.sqrt(2), (size, _RANDOM_DIMENSIONS))
+    drawn = np.random.default_rng(seed).laplace(
+        0, _RANDOM_STD / np.sqrt(2), (size, _RANDOM_DIMENSIONS)
+    )
     source = f"random (Laplace), {_RANDOM_DIMENSIONS}-d, seed {seed}"
     return EntityFeatures(source, drawn.astype(np.float32), np.ones(size, dtype=bool), (), ())
 
@@ -219,7 +232,9 @@ def _spellings(text: str) -> tuple[str, ...]:
     return text, text.lower(), joined, joined.lower()
 
 
-def _of_labels(source: str, labels: Sequence[str], by_word: _WordVectors, pooling: Pooling | None) -> EntityFeatures:
+def _of_labels(
+    source: str, labels: Sequence[str], by_word: _WordVectors, pooling: Pooling | None
+) -> EntityFeatures:
     rows = {word: row for row, word in enumerate(by_word.words)}
 
     def look_up(*texts: str) -> list[int]:
@@ -260,7 +275,11 @@ def _glove_rows(words: list[str]) -> NDArray[np.int64]:
         first = 0
         # Batches without Arrow's search take a quarter of the time, and 90 MB less at the peak.
         for batch in file.iter_batches(_VOCABULARY_BATCH, use_threads=False):
-            rows.update((word, row) for row, word in enumerate(batch.column(0).to_pylist(), first) if word in rows)
+            rows.update(
+                (word, row)
+                for row, word in enumerate(batch.column(0).to_pylist(), first)
+                if word in rows
+            )
             first += len(batch)
     return np.array([rows[word] for word in words], dtype=np.int64)
 
@@ -279,13 +298,19 @@ def _checked_folder(folder: Path) -> Path:
     return folder
 
 
-def _from_file(path: Path, labels: Sequence[str], pooling: Pooling | None, source: str = "") -> EntityFeatures:
-    wanted = {spelt for label in labels for text in (label, *label.split()) for spelt in _spellings(text)}
+def _from_file(
+    path: Path, labels: Sequence[str], pooling: Pooling | None, source: str = ""
+) -> EntityFeatures:
+    wanted = {
+        spelt for label in labels for text in (label, *label.split()) for spelt in _spellings(text)
+    }
     read = _read_array if path.suffix.lower() == ".npy" else _parse
     try:
         vectors = read(path, wanted)
     except (OSError, EOFError, zlib.error) as error:
-        raise ConfigError(f"{path} cannot be read: {error}. Download the file again, or use another file.") from error
+        raise ConfigError(
+            f"{path} cannot be read: {error}. Download the file again, or use another file."
+        ) from error
     return _of_labels(source or path.name, labels, vectors, pooling)
 
 
@@ -301,7 +326,9 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
                 continue
             dimensions = len(list(takewhile(_is_number, reversed(line.split()[1:]))))
             if not dimensions:
-                raise ConfigError(f"{path}, line {number}: no numbers at the end; expected a word and a vector.")
+                raise ConfigError(
+                    f"{path}, line {number}: no numbers at the end; expected a word and a vector."
+                )
         count += 1
         # Most lines contain unwanted words, and counting spaces takes a fifth of the time that splitting takes.
         text = line.partition(b" ")[0]
@@ -319,7 +346,9 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
         )
     words = sorted(rows)
     lines = [f"line {rows[word][0]}" for word in words]
-    return _checked(path, lines, words, np.array([rows[word][1] for word in words]).reshape(-1, dimensions))
+    return _checked(
+        path, lines, words, np.array([rows[word][1] for word in words]).reshape(-1, dimensions)
+    )
 
 
 def _divided(line: bytes, dimensions: int, path: Path, number: int) -> tuple[str, list[bytes]]:
@@ -348,7 +377,9 @@ def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
     label_files = [path.with_suffix(ending) for ending in (".labels.txt", ".txt")]
     labels = next((file for file in label_files if file.is_file()), None)
     if labels is None:
-        raise ConfigError(f"{path} has no labels: expected a label per line in {label_files[0]} or {label_files[1]}.")
+        raise ConfigError(
+            f"{path} has no labels: expected a label per line in {label_files[0]} or {label_files[1]}."
+        )
     try:
         matrix = np.lib.format.open_memmap(path, mode="r")  # never unpickles
     except ValueError as error:
@@ -372,7 +403,9 @@ def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
             "files again."
         )
     values = np.asarray(matrix[list(rows.values())], dtype=np.float64)
-    return _checked(path, [f"row {row} (the first is 0)" for row in rows.values()], list(rows), values)
+    return _checked(
+        path, [f"row {row} (the first is 0)" for row in rows.values()], list(rows), values
+    )
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
@@ -401,7 +434,9 @@ def _is_number(text: bytes) -> bool:
     return True
 
 
-def _checked(path: Path, origins: Sequence[str], words: Sequence[str], values: NDArray[np.float64]) -> _WordVectors:
+def _checked(
+    path: Path, origins: Sequence[str], words: Sequence[str], values: NDArray[np.float64]
+) -> _WordVectors:
     is_finite = (np.abs(values) <= _MAX_FLOAT).all(axis=1)
     if not is_finite.all():
         first = int(np.argmin(is_finite))

@@ -53,7 +53,9 @@ class Vocabulary(Record, frozen=True, kw_only=True):
     relations: tuple[str, ...]
 
 
-def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device: str = "cpu") -> Scorer:
+def load_scorer(
+    folder: str | Path, *, graph: RecipeGraph | None = None, device: str = "cpu"
+) -> Scorer:
     """Load a scorer from a model folder.
 
     A training command or ``save_scorer`` writes the folder. If given, ``graph`` must be the scorer's graph. The result
@@ -77,10 +79,17 @@ def load_scorer(folder: str | Path, *, graph: RecipeGraph | None = None, device:
     try:
         SCORERS[vocabulary.scorer].check(tensors, len(vocabulary.entities))
         scorer = make_scorer(
-            vocabulary.scorer, tensors, vocabulary.entities, vocabulary.graph, device=device, name=folder.name
+            vocabulary.scorer,
+            tensors,
+            vocabulary.entities,
+            vocabulary.graph,
+            device=device,
+            name=folder.name,
         )
     except (KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise ArtefactError(f"{folder} does not contain a scorer ({reason(error)}). Train again.") from None
+        raise ArtefactError(
+            f"{folder} does not contain a scorer ({reason(error)}). Train again."
+        ) from None
     if FOLDS_RECORD in files.run.outputs:
         scorer = _cross_fitted(files, scorer, vocabulary)
     if graph is not None:
@@ -107,21 +116,38 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
                 "Train again, or restore a copy."
             ) from None
         settings = {"device": scorer.device, "name": f"{scorer.name}, without fold {fold}"}
-        makers.append(partial(make_scorer, vocabulary.scorer, part, vocabulary.entities, vocabulary.graph, **settings))
+        makers.append(
+            partial(
+                make_scorer,
+                vocabulary.scorer,
+                part,
+                vocabulary.entities,
+                vocabulary.graph,
+                **settings,
+            )
+        )
     if OF_RECIPE not in tensors or tensors[OF_RECIPE].ndim != 1:
-        raise ArtefactError(f"{path} has no assignment from recipes to folds. Train again, or restore a copy.")
+        raise ArtefactError(
+            f"{path} has no assignment from recipes to folds. Train again, or restore a copy."
+        )
     train_results = tensors.get(TRAIN_RESULTS)
     if train_results is not None and (
         train_results.shape != tensors[OF_RECIPE].shape or train_results.is_floating_point()
     ):
         raise ArtefactError(f"{path} has damaged train results. Train again, or restore a copy.")
-    probabilities = files.record(CALIBRATION, Probabilities) if CALIBRATION in files.run.outputs else None
+    probabilities = (
+        files.record(CALIBRATION, Probabilities) if CALIBRATION in files.run.outputs else None
+    )
     results = None if train_results is None else train_results.numpy()
     return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record, probabilities, results)
 
 
 def make_scorer(
-    kind: str, tensors: Mapping[str, torch.Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
+    kind: str,
+    tensors: Mapping[str, torch.Tensor],
+    entities: Sequence[str],
+    graph_hash: str,
+    **settings: Any,
 ) -> Scorer:
     """Make a scorer of a kind in :data:`SCORERS`; KeyError for a missing, ValueError for a wrong tensor."""
     scorer = SCORERS[kind].restored(tensors, entities, graph_hash, **settings)
@@ -139,7 +165,9 @@ def stored(scorer: TripleScorer) -> StoredScorer:
     if isinstance(scorer, StoredScorer) and not isinstance(scorer, TableScorer):
         result = scorer
     elif table_bytes(size) <= TABLE_LIMIT:
-        tables = [scorer.table(relation).to("cpu", torch.float32) for relation in range(len(RELATIONS))]
+        tables = [
+            scorer.table(relation).to("cpu", torch.float32) for relation in range(len(RELATIONS))
+        ]
         for relation, table in zip(RELATIONS, tables, strict=True):
             if table.shape != (size, size):
                 raise ConfigError(
@@ -159,7 +187,9 @@ def stored(scorer: TripleScorer) -> StoredScorer:
 
 def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) -> None:
     """Write a scorer's tensors and vocabulary (kind, graph hash, labels) into a folder."""
-    vocabulary = Vocabulary(scorer=kind, graph=graph.hash, entities=graph.entities, relations=RELATIONS)
+    vocabulary = Vocabulary(
+        scorer=kind, graph=graph.hash, entities=graph.entities, relations=RELATIONS
+    )
     write_atomically(folder / WEIGHTS, safetensors.torch.save(copied(dict(tensors))))
     write_atomically(folder / VOCABULARY, dump_json(as_values(vocabulary)))
 
@@ -186,14 +216,24 @@ def write_folds(
         left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
         histograms.append(predictions(left_out, folds, number))
         mrr, in_sample = (
-            mean_reciprocal_rank(rank_triples(scorer, queries, folds.triples())) if len(queries) else None
+            mean_reciprocal_rank(rank_triples(scorer, queries, folds.triples()))
+            if len(queries)
+            else None
             for scorer in (left_out, whole)
         )
         records.append(
-            Fold(trained_on=trained_on, triples=len(seen), queries=2 * len(queries), mrr=mrr, in_sample_mrr=in_sample)
+            Fold(
+                trained_on=trained_on,
+                triples=len(seen),
+                queries=2 * len(queries),
+                mrr=mrr,
+                in_sample_mrr=in_sample,
+            )
         )
     record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(records))
-    write_atomically(folder / CALIBRATION, dump_json(as_values(Probabilities.fit(whole, folds, histograms))))
+    write_atomically(
+        folder / CALIBRATION, dump_json(as_values(Probabilities.fit(whole, folds, histograms)))
+    )
     write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(tensors))
     write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))
     return record

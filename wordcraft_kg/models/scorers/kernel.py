@@ -32,7 +32,11 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
     from scipy import sparse
 
     a, b, result = recipes.T
-    one, other, makes = np.concatenate([a, b]), np.concatenate([b, a]), np.concatenate([result, result])
+    one, other, makes = (
+        np.concatenate([a, b]),
+        np.concatenate([b, a]),
+        np.concatenate([result, result]),
+    )
     contexts, context = np.unique(other * num_entities + makes, return_inverse=True)
 
     def links(rows: Ids, columns: Ids, width: int) -> Any:
@@ -42,7 +46,12 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
 
     parts = links(one, makes, num_entities)
     rows = sparse.hstack(
-        [links(one, other, num_entities), parts, parts.T, _CONTEXT * links(one, context, len(contexts))]
+        [
+            links(one, other, num_entities),
+            parts,
+            parts.T,
+            _CONTEXT * links(one, context, len(contexts)),
+        ]
     ).tocsr()
     total = np.asarray(rows.sum(axis=0))
     damped = rows @ sparse.diags_array(np.maximum(total, 1e-9) ** -_DAMPING)
@@ -137,16 +146,23 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
     a, b, result = recipes.T
     # A node is an entity as ingredient for a single result.
     cells, place = np.unique(
-        np.concatenate([result, result]) * num_entities + np.concatenate([a, b]), return_inverse=True
+        np.concatenate([result, result]) * num_entities + np.concatenate([a, b]),
+        return_inverse=True,
     )
     one, other = place.reshape(2, -1)
     count = len(cells)
     ends = np.unique(np.concatenate([one * count + other, other * count + one]))
-    pairs = sparse.csr_array((np.ones(len(ends)), np.divmod(ends, max(count, 1))), shape=(count, count))
+    pairs = sparse.csr_array(
+        (np.ones(len(ends)), np.divmod(ends, max(count, 1))), shape=(count, count)
+    )
     scale = sparse.diags_array(np.asarray(pairs.sum(axis=1)).clip(1) ** -0.5)
-    nodes = sparse.csr_array((np.ones(count), (np.arange(count), cells % num_entities)), shape=(count, num_entities))
+    nodes = sparse.csr_array(
+        (np.ones(count), (np.arange(count), cells % num_entities)), shape=(count, num_entities)
+    )
     pairs = (scale @ pairs @ scale).tocsr()
-    return torch.from_numpy((nodes.T @ (pairs @ (pairs @ (pairs @ nodes)))).toarray().astype(np.float32))
+    return torch.from_numpy(
+        (nodes.T @ (pairs @ (pairs @ (pairs @ nodes)))).toarray().astype(np.float32)
+    )
 
 
 def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
@@ -158,7 +174,9 @@ def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
     return tables[COMBINES_WITH], tables[COMPONENT_OF]
 
 
-def kernel_scores(recipes: Ids, kernel: Tensor, completed: Tensor, seen: Tensor | None = None) -> tuple[Tensor, Tensor]:
+def kernel_scores(
+    recipes: Ids, kernel: Tensor, completed: Tensor, seen: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
     """Score all combinesWith and componentOf links by ``kernel``, entity similarities (E, E); (E, E) each, row = head.
 
     Scores as in :class:`KernelScorer`; the fit and the standardisation use only entity ids in ``seen``, by default all.
@@ -185,7 +203,13 @@ class KernelScorer(TableScorer):
     a score for ingredient pairs by known pairs with the same result. Do not pass test recipes.
     """
 
-    def __init__(self, graph: RecipeGraph, recipes: Ids, vectors: NDArray[np.floating] | None = None, **kwargs: Any):
+    def __init__(
+        self,
+        graph: RecipeGraph,
+        recipes: Ids,
+        vectors: NDArray[np.floating] | None = None,
+        **kwargs: Any,
+    ):
         """Compute the score table from training recipes, ids (n, 3), such as ``split.recipes("train")``.
 
         ``vectors`` are the entities' word vectors, shape (E, D), zeros for unknown words; ``kwargs`` are ``device`` and
@@ -198,6 +222,12 @@ class KernelScorer(TableScorer):
                 f"`vectors` have shape {vectors.shape}; expected {size:,} rows, a row per entity. Make vectors from "
                 "the graph's labels, by make_features."
             )
-        alike = torch.zeros(size, size) if vectors is None else cosines(torch.tensor(vectors, dtype=torch.float32))
+        alike = (
+            torch.zeros(size, size)
+            if vectors is None
+            else cosines(torch.tensor(vectors, dtype=torch.float32))
+        )
         scores = kernel_scores(recipes, similarity(recipes, alike), completion(recipes, size))
-        super().__init__(torch.stack(scores), graph.entities, graph.hash, **{"name": "recipe kernel", **kwargs})
+        super().__init__(
+            torch.stack(scores), graph.entities, graph.hash, **{"name": "recipe kernel", **kwargs}
+        )

@@ -83,14 +83,18 @@ class LinkEvidence:
     def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
         """Return training links that support a link, (n, 3), without itself or mirrors, and their weights, (n,)."""
         triples, weights = [], []
-        sides: tuple[Side, ...] = ("head",) if relation == COMBINES_WITH and head == tail else ("head", "tail")
+        sides: tuple[Side, ...] = (
+            ("head",) if relation == COMBINES_WITH and head == tail else ("head", "tail")
+        )
         for side in sides:
             entity, end = (head, tail) if side == "head" else (tail, head)
             others = self.ends(end, relation, side)
             others = others[others != entity]
             ends = np.full(len(others), end)
             columns = (others, ends) if side == "head" else (ends, others)
-            triples.append(np.column_stack([columns[0], np.full(len(others), relation), columns[1]]))
+            triples.append(
+                np.column_stack([columns[0], np.full(len(others), relation), columns[1]])
+            )
             units = self.roles.units[relation][side == "tail"]
             cosines = (units[others] @ units[entity]).astype(np.float64)
             weights.append(np.minimum(np.maximum(cosines, 0), 1) ** POWER)
@@ -127,5 +131,8 @@ class LinkEvidence:
 
     def _listed(self, head: int, relation: int, tail: int) -> tuple[tuple[Recipe, ...], int]:
         rows = self.recipes_of(head, relation, tail)
-        recipes = [[self.entities[entity] for entity in row] for row in self.recipes[rows[:RECIPES]].tolist()]
+        recipes = [
+            [self.entities[entity] for entity in row]
+            for row in self.recipes[rows[:RECIPES]].tolist()
+        ]
         return tuple(Recipe.of(*labels) for labels in recipes), max(len(rows) - RECIPES, 0)

@@ -18,7 +18,9 @@ NEAR_SYNONYM = 0.7
 
 
 @stage("looking for near-synonyms")
-def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM) -> NDArray[np.bool_]:
+def near_synonym_recipes(
+    split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM
+) -> NDArray[np.bool_]:
     """Mask test recipes {a, b} -> c with a train recipe {a', b} -> c and cos(a, a') >= ``threshold``."""
     graph = split.graph
     unit = features.unit_vectors
@@ -29,11 +31,18 @@ def near_synonym_recipes(split: Split, features: EntityFeatures, threshold: floa
         made = graph.recipes_of(result)
         x, y = graph.recipes[made[is_train[made]], :2].T
         near_a, near_b = ((unit[[x, y]] @ unit[entity] >= threshold) for entity in (a, b))
-        is_same = (x == a) & near_b[1] | (y == a) & near_b[0] | (x == b) & near_a[1] | (y == b) & near_a[0]
+        is_same = (
+            (x == a) & near_b[1]
+            | (y == a) & near_b[0]
+            | (x == b) & near_a[1]
+            | (y == b) & near_a[0]
+        )
         is_reworded[index] = np.any(is_same)
     return is_reworded
 
 
-def near_synonym_triples(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> NDArray[np.bool_]:
+def near_synonym_triples(
+    graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids
+) -> NDArray[np.bool_]:
     """Return a mask, (T,), for triples (T, 3) that a recipe in :func:`near_synonym_recipes` gives."""
     return is_in(triples, recipe_triples(graph.recipes[recipes]), graph.num_entities)

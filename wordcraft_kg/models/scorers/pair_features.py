@@ -126,7 +126,11 @@ class RecipeKnowledge(nn.Module):
                 return parts[0].clone()  # tensors in a file may not share memory
             if name == "results":
                 parts = [
-                    nn.functional.pad(part, (0, shape[1] - part.shape[2], 0, shape[0] - part.shape[1]), value=nothing)
+                    nn.functional.pad(
+                        part,
+                        (0, shape[1] - part.shape[2], 0, shape[0] - part.shape[1]),
+                        value=nothing,
+                    )
                     for part in parts
                 ]
             return torch.cat(parts)
@@ -153,7 +157,9 @@ class RecipeKnowledge(nn.Module):
             numbers = place[ids.long()]
             return numbers.where(numbers <= highest, torch.tensor(empty)).to(ids.dtype)
 
-        square = {name: getattr(self, name)[:, rows][:, :, rows] for name in ("parts", "pairs", "numbers")}
+        square = {
+            name: getattr(self, name)[:, rows][:, :, rows] for name in ("parts", "pairs", "numbers")
+        }
         return type(self)(
             self.constants()
             | square
@@ -190,11 +196,25 @@ class RecipeKnowledge(nn.Module):
         known_results = self.results.flatten(0, 1).index_select(
             0, (number + (model * self.results.shape[1])[:, None]).view(-1)
         )
-        makes = (known_results.view(*number.shape, self.results.shape[2]) == goal[:, None, None]).any(-1)
+        makes = (
+            known_results.view(*number.shape, self.results.shape[2]) == goal[:, None, None]
+        ).any(-1)
         made = self.counts[:, :, 1].flatten().index_select(0, model * width + goal)
-        evidence = self._evidence(goal, table, model).flatten(2).index_select(2, one * slots + other)
-        rest = [pair, pair_link, number > 0, makes, _rows(self.words, a * wide + b), a == b, made[:, None].expand_as(a)]
-        return torch.cat([of_a + of_b, torch.minimum(of_a, of_b), torch.stack(rest), evidence.add(FLOOR).log()])
+        evidence = (
+            self._evidence(goal, table, model).flatten(2).index_select(2, one * slots + other)
+        )
+        rest = [
+            pair,
+            pair_link,
+            number > 0,
+            makes,
+            _rows(self.words, a * wide + b),
+            a == b,
+            made[:, None].expand_as(a),
+        ]
+        return torch.cat(
+            [of_a + of_b, torch.minimum(of_a, of_b), torch.stack(rest), evidence.add(FLOOR).log()]
+        )
 
     def _evidence(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
         width, wide = self.num_entities + 1, self.words.shape[1]
@@ -217,18 +237,26 @@ class RecipeKnowledge(nn.Module):
             self._words_alike = (self.words.float().clamp(min=0) ** _WORDS_POWER).half()
         return self._words_alike
 
-    def supporting_recipes(self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5) -> list[Support]:
+    def supporting_recipes(
+        self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5
+    ) -> list[Support]:
         """Return up to ``limit`` of a model's recipes that support ``a + b -> goal``, largest share first."""
         supporting, alike = self.supporting[model, goal].long(), self.alike[model]
         one, other, result = supporting.T
         like_goal = alike[goal, result].float()
-        orders = torch.stack([alike[a, one].float() * alike[b, other], alike[a, other].float() * alike[b, one]])
+        orders = torch.stack(
+            [alike[a, one].float() * alike[b, other], alike[a, other].float() * alike[b, one]]
+        )
         evidence, weights = like_goal * orders.sum(0), (like_goal * orders.amax(0)).clamp(max=1)
         shares = evidence / evidence.sum().clamp(min=torch.finfo(evidence.dtype).tiny)
         rows = torch.sort(evidence, descending=True, stable=True).indices.tolist()
         recipes = supporting.tolist()
         best = [
-            Support((recipes[row][0], recipes[row][1], recipes[row][2]), float(weights[row]), float(shares[row]))
+            Support(
+                (recipes[row][0], recipes[row][1], recipes[row][2]),
+                float(weights[row]),
+                float(shares[row]),
+            )
             for row in rows
             if weights[row] > 0 and max(recipes[row]) < self.num_entities
         ]
@@ -258,11 +286,25 @@ def _forget(knowledge: nn.Module, _: object) -> None:
 
 
 RANKER = ("first", "first_bias", "second", "bias")
-BUFFERS = ("parts", "pairs", "numbers", "results", "alike", "words", "counts", "supporting", *RANKER)
+BUFFERS = (
+    "parts",
+    "pairs",
+    "numbers",
+    "results",
+    "alike",
+    "words",
+    "counts",
+    "supporting",
+    *RANKER,
+)
 
 
 def knowledge_of(
-    recipes: Ids, kernel: Tensor, text: Tensor, tables: tuple[Tensor, Tensor], links: tuple[Tensor, Tensor]
+    recipes: Ids,
+    kernel: Tensor,
+    text: Tensor,
+    tables: tuple[Tensor, Tensor],
+    links: tuple[Tensor, Tensor],
 ) -> RecipeKnowledge:
     """Return feature arrays from training recipes (n, 3), M = 1; network weights are 0 until :meth:`with_ranker`.
 
@@ -272,11 +314,19 @@ def knowledge_of(
     size = len(text)
     alike = normalised(kernel) ** 2
     counts = torch.zeros(size + 1, 2)
-    users, makers = torch.from_numpy(recipes[:, :2].ravel().copy()), torch.from_numpy(recipes[:, 2].copy())
-    counts[:-1, 0], counts[:-1, 1] = (torch.bincount(ids, minlength=size)[:size].log1p() for ids in (users, makers))
+    users, makers = (
+        torch.from_numpy(recipes[:, :2].ravel().copy()),
+        torch.from_numpy(recipes[:, 2].copy()),
+    )
+    counts[:-1, 0], counts[:-1, 1] = (
+        torch.bincount(ids, minlength=size)[:size].log1p() for ids in (users, makers)
+    )
     supporting = torch.full((size + 1, EVIDENCE, 3), size, dtype=torch.int16)
     nearest = torch.cat(
-        [torch.sort(rows[:, makers], descending=True, stable=True).indices[:, :EVIDENCE] for rows in alike.split(512)]
+        [
+            torch.sort(rows[:, makers], descending=True, stable=True).indices[:, :EVIDENCE]
+            for rows in alike.split(512)
+        ]
     )
     supporting[:-1, : nearest.shape[1]] = torch.from_numpy(recipes.astype("int16"))[nearest]
     numbers, results = _known_pairs(recipes, size)
@@ -326,8 +376,16 @@ def _square(slots: int, device: torch.device) -> Tensor:
 
 def _rows(table: Tensor, cells: Tensor) -> Tensor:
     numbers = table.shape[3:]
-    flat = table.view(torch.int32) if numbers else table  # two half numbers are fetched as one number
-    return flat.reshape(-1).index_select(0, cells.reshape(-1)).view(table.dtype).view(*cells.shape, *numbers).float()
+    flat = (
+        table.view(torch.int32) if numbers else table
+    )  # two half numbers are fetched as one number
+    return (
+        flat.reshape(-1)
+        .index_select(0, cells.reshape(-1))
+        .view(table.dtype)
+        .view(*cells.shape, *numbers)
+        .float()
+    )
 
 
 def _padded(table: Tensor) -> Tensor:

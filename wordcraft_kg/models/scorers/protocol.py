@@ -21,7 +21,9 @@ class TripleScorer(Protocol):
     graph_hash: str
     entities: tuple[str, ...]
 
-    def score(self, heads: "EntityIds", relations: "RelationIds", tails: "EntityIds") -> "torch.Tensor":
+    def score(
+        self, heads: "EntityIds", relations: "RelationIds", tails: "EntityIds"
+    ) -> "torch.Tensor":
         """Score triples by ids or labels, which broadcast. Returns float32 on the scorer's device."""
         ...
 

@@ -8,7 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.base.errors import ConfigError, QueryFileError, UnknownEntityError, WordCraftKGError
+from wordcraft_kg.base.errors import (
+    ConfigError,
+    QueryFileError,
+    UnknownEntityError,
+    WordCraftKGError,
+)
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.triples import RELATIONS
 
@@ -49,14 +54,24 @@ class Query(_Slots):
     line: int | None = None
 
     @classmethod
-    def of(cls, head: str, relation: str, tail: str, entities: Collection[str], *, line: int | None = None) -> "Query":
+    def of(
+        cls,
+        head: str,
+        relation: str,
+        tail: str,
+        entities: Collection[str],
+        *,
+        line: int | None = None,
+    ) -> "Query":
         """Make a query; :data:`OPEN` leaves a slot open. UnknownEntityError or ConfigError if it is invalid."""
         slots = _slots((head, tail), entities)
         if slots == [None, None]:
             raise ConfigError("both slots are open: name the head or the tail.")
         if relation not in RELATIONS:
             hint = nearest(relation, RELATIONS)
-            raise UnknownEntityError(f"no relation '{relation}'; expected {' or '.join(RELATIONS)}.{hint}")
+            raise UnknownEntityError(
+                f"no relation '{relation}'; expected {' or '.join(RELATIONS)}.{hint}"
+            )
         return cls(slots[0], relation, slots[1], line)
 
     @property
@@ -75,12 +90,16 @@ class RecipeQuery(_Slots):
     line: int | None = None
 
     @classmethod
-    def of(cls, a: str, b: str, result: str, entities: Collection[str], *, line: int | None = None) -> "RecipeQuery":
+    def of(
+        cls, a: str, b: str, result: str, entities: Collection[str], *, line: int | None = None
+    ) -> "RecipeQuery":
         """Make a query from typed labels, as :meth:`Query.of` does; ConfigError if several labels are open."""
         slots = _slots((a, b, result), entities)
         if slots.count(None) > 1:
             shown = f"{slots[0] or '_'} + {slots[1] or '_'} = {slots[2] or '_'}"
-            raise ConfigError(f"{shown} has several open slots: leave a single slot open, an ingredient or the result.")
+            raise ConfigError(
+                f"{shown} has several open slots: leave a single slot open, an ingredient or the result."
+            )
         return cls(slots[0], slots[1], slots[2], line)
 
     @property
@@ -100,13 +119,17 @@ def parse_query(words: Sequence[str], entities: Collection[str]) -> Query | Reci
     pieces = [] if any(word in RELATIONS for word in words) else list(_pieces(words, entities))
     if _SIGNS.isdisjoint(pieces):
         if len(words) not in (2, 3):
-            raise _unreadable(words, "query", "a head, a relation and perhaps a tail, or a recipe such as a + b")
+            raise _unreadable(
+                words, "query", "a head, a relation and perhaps a tail, or a recipe such as a + b"
+            )
         return Query.of(words[0], words[1], words[2] if len(words) == 3 else "", entities)
     if len(pieces) > 3 and pieces[3] in _MAKES:
         del pieces[3]
     labels = pieces[:1] + pieces[2:]
     if len(labels) not in (2, 3) or pieces[1] != _PLUS or not _SIGNS.isdisjoint(labels):
-        raise _unreadable(words, "recipe", "a + b for its results, a + b = c, or _ + b = c for its partners")
+        raise _unreadable(
+            words, "recipe", "a + b for its results, a + b = c, or _ + b = c for its partners"
+        )
     return RecipeQuery.of(labels[0], labels[1], labels[2] if len(labels) == 3 else "", entities)
 
 
@@ -139,7 +162,9 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[Re
         if len(cells) != 3:
             shown = ",".join(cells)[:80]
             expected = ", ".join(columns)
-            raise QueryFileError(f"{path}, line {line}: '{shown}' has {len(cells)} columns; expected {expected}.")
+            raise QueryFileError(
+                f"{path}, line {line}: '{shown}' has {len(cells)} columns; expected {expected}."
+            )
         try:
             queries.append(kind.of(cells[0], cells[1], cells[2], entities, line=line))
         except WordCraftKGError as error:
@@ -151,11 +176,15 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[Re
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     if not path.is_file():
-        raise QueryFileError(f"'{path}' is not a file; expected a CSV or TSV file with {', '.join(HEADER)}.")
+        raise QueryFileError(
+            f"'{path}' is not a file; expected a CSV or TSV file with {', '.join(HEADER)}."
+        )
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise QueryFileError(f"{path} is not UTF-8 (byte {error.start:,}). Save the file as UTF-8.") from None
+        raise QueryFileError(
+            f"{path} is not UTF-8 (byte {error.start:,}). Save the file as UTF-8."
+        ) from None
     lines = io.StringIO(text, newline="")
     if "\t" in text.partition("\n")[0]:
         reader = csv.reader(lines, delimiter="\t", quoting=csv.QUOTE_NONE, strict=True)

@@ -85,7 +85,10 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
         for start in steps(f"ranking {side}s", range(0, len(triples), block)):
             batch = triples[start : start + block]
             keys = batch[:, 1] * num_entities + batch[:, fixed]
-            left, right = np.searchsorted(known_keys, keys, "left"), np.searchsorted(known_keys, keys, "right")
+            left, right = (
+                np.searchsorted(known_keys, keys, "left"),
+                np.searchsorted(known_keys, keys, "right"),
+            )
             rows = np.repeat(np.arange(len(batch)), right - left)
             columns = answers[_ranges(left, right)]
             parts.append(_rank_batch(scorer, batch, side, rows, columns))
@@ -94,15 +97,21 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
     return pd.concat(parts, ignore_index=True)
 
 
-def _rank_batch(scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns: Ids) -> pd.DataFrame:
+def _rank_batch(
+    scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns: Ids
+) -> pd.DataFrame:
     everything = torch.arange(len(scorer.entities))[None, :]
     head, relation, tail = (torch.from_numpy(batch[:, i].copy())[:, None] for i in range(3))
     with torch.no_grad():
-        scores = scorer.score(*((head, relation, everything) if side == "tail" else (everything, relation, tail)))
+        scores = scorer.score(
+            *((head, relation, everything) if side == "tail" else (everything, relation, tail))
+        )
     scores = scores.cpu().double()
     # The sum of 32-bit scores is finite in 64 bits if all scores are finite.
     if not bool(torch.isfinite(scores.sum())):
-        raise ArtefactError("some scores are not finite numbers; train again with a lower learning rate.")
+        raise ArtefactError(
+            "some scores are not finite numbers; train again with a lower learning rate."
+        )
     target = (tail if side == "tail" else head)[:, 0]
     index = torch.arange(len(batch))
     true = scores[index, target][:, None]
@@ -207,12 +216,16 @@ def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids
     return pairs[np.searchsorted(keys, triple_keys(triples, graph.num_entities))]
 
 
-def with_interval(ranks: pd.DataFrame, clusters: Ids, *, resamples: int = RESAMPLES, seed: int = 0) -> RankingMetrics:
+def with_interval(
+    ranks: pd.DataFrame, clusters: Ids, *, resamples: int = RESAMPLES, seed: int = 0
+) -> RankingMetrics:
     """Return :func:`ranking_metrics` with a 95 % bootstrap interval over ``clusters``, None for fewer than 5."""
     metrics = ranking_metrics(ranks)
     if len(np.unique(clusters)) < _FEWEST_CLUSTERS:
         return metrics
-    means = bootstrap(1 / ranks["rank"].to_numpy(dtype=float), clusters, resamples=resamples, seed=seed)
+    means = bootstrap(
+        1 / ranks["rank"].to_numpy(dtype=float), clusters, resamples=resamples, seed=seed
+    )
     return msgspec.structs.replace(metrics, mrr_ci=interval(means))
 
 
@@ -222,5 +235,8 @@ def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
     masks = {"all": np.ones(len(ranks), dtype=bool)}
     masks |= {name: relation == i for i, name in enumerate(RELATIONS)}
     for i, name in enumerate(RELATIONS):
-        masks |= {f"{name}, predict {which}": (relation == i) & (side == which) for which in ("head", "tail")}
+        masks |= {
+            f"{name}, predict {which}": (relation == i) & (side == which)
+            for which in ("head", "tail")
+        }
     return masks

@@ -63,7 +63,9 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
         scores = knowledge.scores(features, model)
         intercepts = torch.tensor(self.intercepts, device=scores.device)[kinds_of(features)]
         shift = torch.where(model == 0, self.shift, 0.0)[:, None] + prior
-        return nn.functional.logsigmoid(intercepts + shift + self.slope * scores).masked_fill(features[_MAKES] > 0, 0)
+        return nn.functional.logsigmoid(intercepts + shift + self.slope * scores).masked_fill(
+            features[_MAKES] > 0, 0
+        )
 
 
 def kinds_of(features: Tensor) -> Tensor:
@@ -78,18 +80,33 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
     train = folds.recipes()
     is_train = _codes(train, size)
 
-    def count(goal: Tensor, table: Tensor, pairs: tuple[Tensor, Tensor] | None, weights: _Floats | None) -> None:
+    def count(
+        goal: Tensor, table: Tensor, pairs: tuple[Tensor, Tensor] | None, weights: _Floats | None
+    ) -> None:
         model = torch.zeros_like(goal)
         features = knowledge.features(goal, table, model, pairs)
-        scores, kinds = knowledge.scores(features, model).cpu().numpy(), kinds_of(features).cpu().numpy()
-        bins = np.rint((np.clip(scores, _CENTRES[0], _CENTRES[-1]) - _CENTRES[0]) / 0.05).astype(np.int64)
+        scores, kinds = (
+            knowledge.scores(features, model).cpu().numpy(),
+            kinds_of(features).cpu().numpy(),
+        )
+        bins = np.rint((np.clip(scores, _CENTRES[0], _CENTRES[-1]) - _CENTRES[0]) / 0.05).astype(
+            np.int64
+        )
         if weights is None:
             np.add.at(counts[:, 1], (kinds, bins), 1)
             return
         one, other = (table[:1, slots].numpy() for slots in pairs_of(table.shape[1], table.device))
-        recipes = np.broadcast_arrays(np.minimum(one, other), np.maximum(one, other), goal.numpy()[:, None])
-        is_other = ~np.isin(_codes(np.stack(recipes, axis=-1).reshape(-1, 3), size), is_train).reshape(scores.shape)
-        np.add.at(counts[:, 0], (kinds[is_other], bins[is_other]), np.broadcast_to(weights, scores.shape)[is_other])
+        recipes = np.broadcast_arrays(
+            np.minimum(one, other), np.maximum(one, other), goal.numpy()[:, None]
+        )
+        is_other = ~np.isin(
+            _codes(np.stack(recipes, axis=-1).reshape(-1, 3), size), is_train
+        ).reshape(scores.shape)
+        np.add.at(
+            counts[:, 0],
+            (kinds[is_other], bins[is_other]),
+            np.broadcast_to(weights, scores.shape)[is_other],
+        )
 
     with torch.no_grad():
         own = torch.from_numpy(folds.recipes_of(fold).copy())
@@ -114,7 +131,9 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
     def loss(values: _Floats) -> tuple[float, _Floats]:
         log_odds = values[:KINDS, None] + values[KINDS] * _CENTRES
         error = counts.sum(axis=1) * expit(log_odds) - counts[:, 1]
-        total = (counts[:, 0] * np.logaddexp(0, log_odds) + counts[:, 1] * np.logaddexp(0, -log_odds)).sum()
+        total = (
+            counts[:, 0] * np.logaddexp(0, log_odds) + counts[:, 1] * np.logaddexp(0, -log_odds)
+        ).sum()
         slopes = np.append(error.sum(axis=1), (error * _CENTRES).sum())
         return float(total + _RIDGE / 2 * values @ values), slopes + _RIDGE * values
 

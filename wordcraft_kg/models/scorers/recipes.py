@@ -10,7 +10,14 @@ from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
-from wordcraft_kg.models.scorers.pair_features import BUFFERS, EVIDENCE, FEATURES, RANKER, RecipeKnowledge, Support
+from wordcraft_kg.models.scorers.pair_features import (
+    BUFFERS,
+    EVIDENCE,
+    FEATURES,
+    RANKER,
+    RecipeKnowledge,
+    Support,
+)
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
@@ -51,11 +58,15 @@ class RecipeScores(TripleScorer, Protocol):
 
     recipes: Tensor
 
-    def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
+    def score_recipes(
+        self, ingredients: EntityIds, others: EntityIds, results: EntityIds
+    ) -> Tensor:
         """Score recipes, two ingredients in any order and a result; ids or labels broadcast."""
         ...
 
-    def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
+    def supporting_recipes(
+        self, ingredient: str, other: str, result: str, limit: int = 5
+    ) -> list[Witness]:
         """Return at most ``limit`` training recipes that support a recipe, largest evidence share first."""
         ...
 
@@ -74,12 +85,16 @@ class RecipeScorer(StoredScorer):
 
     kind: ClassVar[str] = "recipes"
 
-    def __init__(self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any):
+    def __init__(
+        self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any
+    ):
         super().__init__(entities, graph_hash, **kwargs)
         self.check(tensors, len(self.entities))
         self.knowledge = RecipeKnowledge(tensors).to(self.device).requires_grad_(False)
         self.recipes = tensors["recipes"]
-        self.link_rankers = {relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS}
+        self.link_rankers = {
+            relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS
+        }
 
     def tensors(self) -> dict[str, Tensor]:
         """Return the tensors, by name, from which :meth:`restored` makes the scorer."""
@@ -92,15 +107,21 @@ class RecipeScorer(StoredScorer):
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         of_pairs, of_parts = (self.knowledge.pairs[0, ..., 1], self.knowledge.parts[0, ..., 1])
-        return torch.where(relations == COMBINES_WITH, of_pairs[heads, tails], of_parts[heads, tails]).float()
+        return torch.where(
+            relations == COMBINES_WITH, of_pairs[heads, tails], of_parts[heads, tails]
+        ).float()
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
         is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
         return (self.knowledge.pairs if is_pair else self.knowledge.parts)[0, :-1, :-1, 1].float()
 
-    def score_recipes(self, ingredients: EntityIds, others: EntityIds, results: EntityIds) -> Tensor:
+    def score_recipes(
+        self, ingredients: EntityIds, others: EntityIds, results: EntityIds
+    ) -> Tensor:
         """Score recipes, two ingredients in any order and a result; float32, in nats."""
-        ids = torch.broadcast_tensors(*(self.entity_ids(part) for part in (ingredients, others, results)))
+        ids = torch.broadcast_tensors(
+            *(self.entity_ids(part) for part in (ingredients, others, results))
+        )
         a, b, result = (part.reshape(-1) for part in ids)
         scores = [
             self.knowledge(goal, torch.stack(pair, dim=1), torch.zeros_like(goal))[:, 0, 1]
@@ -108,7 +129,9 @@ class RecipeScorer(StoredScorer):
         ]
         return torch.cat(scores).view(ids[0].shape)
 
-    def supporting_recipes(self, ingredient: str, other: str, result: str, limit: int = 5) -> list[Witness]:
+    def supporting_recipes(
+        self, ingredient: str, other: str, result: str, limit: int = 5
+    ) -> list[Witness]:
         """Return at most ``limit`` train recipes that support a recipe, or itself, largest evidence share first."""
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
         supports = self.knowledge.supporting_recipes(a, b, goal, limit=limit)
@@ -138,11 +161,18 @@ class RecipeScorer(StoredScorer):
         assert {*shapes} == {*BUFFERS, "recipes"}
         for relation in RELATIONS:
             links, width = tensors[f"{relation}.first"].shape
-            ranker = {"first": (links, width), "first_bias": (width,), "second": (width,), "bias": ()}
+            ranker = {
+                "first": (links, width),
+                "first_bias": (width,),
+                "second": (width,),
+                "bias": (),
+            }
             shapes |= {f"{relation}.{name}": ranker[name] for name in RANKER}
         check_shapes(tensors, shapes, _DTYPES)
         for name in shapes:
-            if tensors[name].dtype.is_floating_point and not bool(torch.isfinite(tensors[name]).all()):
+            if tensors[name].dtype.is_floating_point and not bool(
+                torch.isfinite(tensors[name]).all()
+            ):
                 raise ValueError(f"{name} contains numbers that are not finite")
         for name, high in (
             ("supporting", columns - 1),

@@ -60,18 +60,26 @@ class EntityRoles:
 
     def nearest(self, entity: int, limit: int = 5) -> list[tuple[int, float]]:
         """Return the most similar entity ids with cosines, nearest first, for vectors joined over the four roles."""
-        weights = self.lengths * self.lengths[entity] / np.maximum(self._total * self._total[entity], 1e-12)[:, None]
+        weights = (
+            self.lengths
+            * self.lengths[entity]
+            / np.maximum(self._total * self._total[entity], 1e-12)[:, None]
+        )
         cosines = np.stack([self.alike(entity, relation, side) for relation, side in ROLES], axis=1)
         means = (weights * cosines).sum(axis=1)
         order = np.argsort(-means, kind="stable")
-        return [(other, float(means[other])) for other in order[: limit + 1].tolist() if other != entity][:limit]
+        return [
+            (other, float(means[other])) for other in order[: limit + 1].tolist() if other != entity
+        ][:limit]
 
     @cached_property
     def _total(self) -> _Rows:
         return np.asarray(np.linalg.norm(self.lengths, axis=1))
 
 
-ROLES: tuple[tuple[int, Side], ...] = tuple((relation, side) for relation in (0, 1) for side in ("head", "tail"))
+ROLES: tuple[tuple[int, Side], ...] = tuple(
+    (relation, side) for relation in (0, 1) for side in ("head", "tail")
+)
 """Relations and sides, in the order of :attr:`EntityRoles.lengths`."""
 
 
@@ -88,7 +96,9 @@ def _of_table(scores: _Rows) -> tuple[_Rows, _Rows]:
 
 def _of_factors(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
     """Return vectors with the same products as rows and columns in the centred ``left rightᵀ``."""
-    heads, tails = (side.astype(np.float64) - side.mean(axis=0, dtype=np.float64) for side in (left, right))
+    heads, tails = (
+        side.astype(np.float64) - side.mean(axis=0, dtype=np.float64) for side in (left, right)
+    )
     return _turned(heads, tails), _turned(tails, heads)
 
 
@@ -100,4 +110,7 @@ def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> _Rows:
 
 def _unit(rows: _Rows, lengths: _Rows) -> _Rows:
     least = 1e-6 * float(np.max(lengths, initial=0)) or 1.0
-    return np.asarray(np.where(lengths > least, 1 / np.maximum(lengths, least), 0)[:, None] * rows, dtype=np.float32)
+    return np.asarray(
+        np.where(lengths > least, 1 / np.maximum(lengths, least), 0)[:, None] * rows,
+        dtype=np.float32,
+    )

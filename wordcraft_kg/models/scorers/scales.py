@@ -96,13 +96,19 @@ def scaled_factors(
     deviation = variance.sqrt() if variance > 1e-12 * square / pairs else torch.ones_like(mean)
     dropped = torch.zeros(len(left), dtype=torch.bool)
     if self_edges != "keep":
-        dropped[torch.from_numpy(_dropped_self_edges(len(left), relation, self_edges, observed))] = True
+        dropped[
+            torch.from_numpy(_dropped_self_edges(len(left), relation, self_edges, observed))
+        ] = True
     if scale == "none":
         return ScaledFactors(left, right, torch.zeros(()), dropped, mean.float())
-    return ScaledFactors((x / deviation).float(), right, (mean / deviation).float(), dropped, torch.zeros(()))
+    return ScaledFactors(
+        (x / deviation).float(), right, (mean / deviation).float(), dropped, torch.zeros(())
+    )
 
 
-def _dropped_self_edges(size: int, relation: int, self_edges: SelfEdges, observed: Ids | None) -> Ids:
+def _dropped_self_edges(
+    size: int, relation: int, self_edges: SelfEdges, observed: Ids | None
+) -> Ids:
     kept = np.zeros(size, dtype=bool)
     if self_edges == "observed":
         if observed is None:

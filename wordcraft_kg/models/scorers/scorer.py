@@ -24,7 +24,13 @@ RelationIds = int | str | Tensor
 class Scorer(ABC):
     """Base class for scorers of triples on a torch ``device``; ``entities`` are the labels in id order."""
 
-    def __init__(self, entities: Sequence[str], graph_hash: str, device: str | torch.device = "cpu", name: str = ""):
+    def __init__(
+        self,
+        entities: Sequence[str],
+        graph_hash: str,
+        device: str | torch.device = "cpu",
+        name: str = "",
+    ):
         self.entities = tuple(entities)
         self.graph_hash = graph_hash
         self.device = torch.device(device)
@@ -47,7 +53,9 @@ class Scorer(ABC):
 
     def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> Tensor:
         """Score triples, float32; ids or labels broadcast. Raises UnknownEntityError for an unknown label or id."""
-        return self._score(self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails))
+        return self._score(
+            self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails)
+        )
 
     def table(self, relation: int | str) -> Tensor:
         """Return scores for all pairs in a relation, (E, E), row = head; 1.5 GiB for 20,000 entities."""
@@ -63,10 +71,14 @@ class Scorer(ABC):
                 if unknown:
                     hint = nearest(unknown[0], self.entities)
                     raise UnknownEntityError(f"no entity '{unknown[0]}' in {self.name}.{hint}")
-                values = np.array([self._index[str(label)] for label in values.flat]).reshape(values.shape)
+                values = np.array([self._index[str(label)] for label in values.flat]).reshape(
+                    values.shape
+                )
             entities = torch.tensor(values if values.size else values.astype(np.int64))
         if entities.is_floating_point() or entities.is_complex():
-            raise UnknownEntityError(f"expected entities as labels or integer ids; found {entities.dtype}.")
+            raise UnknownEntityError(
+                f"expected entities as labels or integer ids; found {entities.dtype}."
+            )
         ids = entities.to(self.device, torch.int64)
         _check_range(ids, len(self.entities), "entity")
         return ids
@@ -76,20 +88,28 @@ class Scorer(ABC):
         if isinstance(relations, str):
             if relations not in RELATIONS:
                 hint = nearest(relations, RELATIONS)
-                raise UnknownEntityError(f"no relation '{relations}'; expected {' or '.join(RELATIONS)}.{hint}")
+                raise UnknownEntityError(
+                    f"no relation '{relations}'; expected {' or '.join(RELATIONS)}.{hint}"
+                )
             relations = RELATIONS.index(relations)
         ids = torch.as_tensor(relations, dtype=torch.int64, device=self.device)
         _check_range(ids, len(RELATIONS), "relation")
         return ids
 
     def top(
-        self, head: EntityIds | None, relation: RelationIds, tail: EntityIds | None, limit: int | None = 10
+        self,
+        head: EntityIds | None,
+        relation: RelationIds,
+        tail: EntityIds | None,
+        limit: int | None = 10,
     ) -> list[tuple[str, float]]:
         """Rank entities for the head or tail that is None: labels and scores, best first; all without ``limit``."""
         if (head is None) == (tail is None):
             raise ValueError("either head or tail must be None, not both.")
         everything = torch.arange(len(self.entities), device=self.device)
-        scores = self.score(everything if head is None else head, relation, everything if tail is None else tail)
+        scores = self.score(
+            everything if head is None else head, relation, everything if tail is None else tail
+        )
         order = torch.sort(scores, descending=True, stable=True).indices[:limit]
         return [(self.entities[i], float(scores[i])) for i in order.tolist()]
 
@@ -110,21 +130,29 @@ class StoredScorer(Scorer):
 
     @classmethod
     def restored(
-        cls, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **settings: Any
+        cls,
+        tensors: Mapping[str, Tensor],
+        entities: Sequence[str],
+        graph_hash: str,
+        **settings: Any,
     ) -> Scorer:
         """Make the scorer from its tensors, labels and graph hash; ``settings`` are ``device`` and ``name``."""
         return cls(tensors, entities, graph_hash, **settings)  # type: ignore[arg-type]
 
 
 def check_shapes(
-    tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[int, ...]], dtypes: Mapping[str, torch.dtype] = {}
+    tensors: Mapping[str, Tensor],
+    expected: Mapping[str, tuple[int, ...]],
+    dtypes: Mapping[str, torch.dtype] = {},
 ) -> None:
     """Raise KeyError for a missing tensor, ValueError for a wrong shape or type (float32 unless in ``dtypes``)."""
     for name, shape in expected.items():
         if tensors[name].dtype != (kind := dtypes.get(name, torch.float32)):
             raise ValueError(f"{name} has type {tensors[name].dtype}, not {kind}")
         if tensors[name].shape != shape:
-            raise ValueError(f"{name} has shape {tuple(tensors[name].shape)}, the vocabulary needs {shape}")
+            raise ValueError(
+                f"{name} has shape {tuple(tensors[name].shape)}, the vocabulary needs {shape}"
+            )
 
 
 def check_ids(name: str, ids: Tensor, high: int) -> None:
@@ -135,4 +163,6 @@ def check_ids(name: str, ids: Tensor, high: int) -> None:
 
 def _check_range(ids: Tensor, size: int, what: str) -> None:
     if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) < size:
-        raise UnknownEntityError(f"{what} ids must be 0 .. {size - 1}; found {int(ids.min())} .. {int(ids.max())}.")
+        raise UnknownEntityError(
+            f"{what} ids must be 0 .. {size - 1}; found {int(ids.min())} .. {int(ids.max())}."
+        )

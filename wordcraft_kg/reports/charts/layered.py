@@ -65,8 +65,13 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
         f'aria-label="{escape(description)}">'
     ]
     for number, (left, wide) in enumerate(zip(lefts, widths, strict=True), start=first):
-        parts.append(f'<text x="{left + wide / 2:g}" y="{height - 6}" class="small middle">layer {number}</text>')
-    parts += [f'<path d="{_curve(route, lefts, widths)}" class="arrow">{title}</path>' for title, route in arrows]
+        parts.append(
+            f'<text x="{left + wide / 2:g}" y="{height - 6}" class="small middle">layer {number}</text>'
+        )
+    parts += [
+        f'<path d="{_curve(route, lefts, widths)}" class="arrow">{title}</path>'
+        for title, route in arrows
+    ]
     for thing in things:
         place = place_of[thing.label]
         parts += _box(thing, given, lefts[place.column], widths[place.column], int(place.y))
@@ -112,7 +117,9 @@ def _settle(layers: list[list[_Place]]) -> None:
         from_left = sweep % 2 == 0
         for layer in layers if from_left else reversed(layers):
             # Late sweeps use both sides; the last sweep straightens arrows to a single box.
-            wanted = [_mean(place, from_left, _SWEEPS - 8 <= sweep < _SWEEPS - 1) for place in layer]
+            wanted = [
+                _mean(place, from_left, _SWEEPS - 8 <= sweep < _SWEEPS - 1) for place in layer
+            ]
             reach = _GAP * len(layer) + max(map(abs, wanted), default=0.0)
             for place, y in zip(layer, spread(wanted, _GAP, -reach, reach), strict=True):
                 place.y = y

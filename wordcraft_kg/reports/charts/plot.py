@@ -85,9 +85,14 @@ class Plot:
     def y(self, value: float) -> float:
         """Return a value's y-coordinate in pixels."""
         low, high = self.y_range
-        return round(self.height - BOTTOM - (value - low) / (high - low) * (self.height - self.top - BOTTOM), 1)
+        return round(
+            self.height - BOTTOM - (value - low) / (high - low) * (self.height - self.top - BOTTOM),
+            1,
+        )
 
-    def text(self, x: float, y: float, text: str, style: str = "", anchor: str = "", name: str = "") -> None:
+    def text(
+        self, x: float, y: float, text: str, style: str = "", anchor: str = "", name: str = ""
+    ) -> None:
         """Write a text at pixel coordinates; a differing ``name`` becomes its tooltip."""
         attributes = f' text-anchor="{anchor}"' * bool(anchor) + f' class="{style}"' * bool(style)
         title = f"<title>{escape(name)}</title>" if name and name != text else ""
@@ -97,7 +102,9 @@ class Plot:
         """Draw horizontal grid lines with tick labels."""
         for value, text in zip(ticks, texts, strict=True):
             y = self.y(value)
-            self.parts.append(f'<line x1="{self.left}" x2="{WIDTH - self.right}" y1="{y}" y2="{y}" class="grid"/>')
+            self.parts.append(
+                f'<line x1="{self.left}" x2="{WIDTH - self.right}" y1="{y}" y2="{y}" class="grid"/>'
+            )
             self.text(self.left - 5, y + 4, text, anchor="end")
 
     def x_axis(self, ticks: Sequence[float], texts: Sequence[str], *, grid: bool = False) -> None:
@@ -106,7 +113,9 @@ class Plot:
         for value, text in zip(ticks, texts, strict=True):
             x = self.x(value)
             if grid:
-                self.parts.append(f'<line x1="{x}" x2="{x}" y1="{self.top}" y2="{bottom}" class="grid"/>')
+                self.parts.append(
+                    f'<line x1="{x}" x2="{x}" y1="{self.top}" y2="{bottom}" class="grid"/>'
+                )
             self.text(x, bottom + 15, text, style, "middle")
 
     def titles(self, x_title: str, y_title: str = "") -> None:
@@ -115,7 +124,9 @@ class Plot:
         if y_title:
             self.text(self.left, self.top - 10, y_title, "small")
 
-    def polyline(self, points: Iterable[Sequence[float | None]], style: str, title: str = "") -> None:
+    def polyline(
+        self, points: Iterable[Sequence[float | None]], style: str, title: str = ""
+    ) -> None:
         """Draw a line through points (x, y, ...); elements after x and y are ignored."""
         path = " ".join(f"{self.x(x or 0)},{self.y(y or 0)}" for x, y, *_ in points)
         inside = f"><title>{escape(title)}</title></polyline>" if title else "/>"
@@ -138,13 +149,17 @@ class Plot:
             path = " ".join(f"{self.x(x)},{self.y(y)}" for x, y in around)
             self.parts.append(f'<polygon points="{path}" class="band {style_of(number)}"/>')
 
-    def hover_points(self, name: str, points: Sequence[CurvePoint], number: int, percent: bool) -> None:
+    def hover_points(
+        self, name: str, points: Sequence[CurvePoint], number: int, percent: bool
+    ) -> None:
         """Add tooltips to a curve's points; a curve with a single point is a dot in colour ``number``."""
         style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot {style_of(number)}", 3.6)
         every = math.ceil(len(points) / _HOVER_POINTS)
         # Every n-th point counted from the end, because the last point matters most.
         for x, y, low, high in points[::-1][::every][::-1]:
-            self.circle(x, y, radius, style, f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}")
+            self.circle(
+                x, y, radius, style, f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}"
+            )
 
     def circle(self, x: float, y: float, radius: float, style: str, title: str) -> None:
         """Draw a point with a tooltip."""
@@ -160,7 +175,9 @@ class Plot:
             self.polyline([(x[1], y[0]), (x[2], y[0])], style)
         if y[1] is not None and y[2] is not None:
             at = self.x(x[0])
-            self.parts.append(f'<line x1="{at}" x2="{at}" y1="{self.y(y[1])}" y2="{self.y(y[2])}" class="{style}"/>')
+            self.parts.append(
+                f'<line x1="{at}" x2="{at}" y1="{self.y(y[1])}" y2="{self.y(y[2])}" class="{style}"/>'
+            )
 
     def marker(self, x: float, y: float, number: int, title: str) -> None:
         """Draw a marker at pixel coordinates, in the shape and colour for the data series ``number``."""
@@ -175,12 +192,16 @@ class Plot:
 
     def end_labels(self, ends: Sequence[tuple[float, float, str, str]]) -> None:
         """Label curves at their right ends (x, y, name, style), with a thin line to a moved label."""
-        places = spread([self.y(end[1]) for end in ends], _LINE_HEIGHT, self.top, self.height - BOTTOM)
+        places = spread(
+            [self.y(end[1]) for end in ends], _LINE_HEIGHT, self.top, self.height - BOTTOM
+        )
         edge = WIDTH - self.right
         for (x_value, y_value, name, style), place in zip(ends, places, strict=True):
             x, y = self.x(x_value), self.y(y_value)
             if abs(place - y) > 2 or edge - x > 2:
-                self.parts.append(f'<line x1="{x + 2:.1f}" x2="{edge + 10}" y1="{y}" y2="{place:.1f}" class="leader"/>')
+                self.parts.append(
+                    f'<line x1="{x + 2:.1f}" x2="{edge + 10}" y1="{y}" y2="{place:.1f}" class="leader"/>'
+                )
             self.text(edge + 13, place + 4, short(name), style, name=name)
 
     def done(self, legend: Sequence[str] = ()) -> Markup:

@@ -19,14 +19,18 @@ def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
 def amounts(values: Sequence[float]) -> list[str]:
     """Format numbers in the largest number's unit: 0, 0.5M, 1M."""
     highest = max(map(abs, values), default=0)
-    size, unit = next(((size, unit) for size, unit in ((1e9, "B"), (1e6, "M"), (1e3, "k")) if highest >= size), (1, ""))
+    size, unit = next(
+        ((size, unit) for size, unit in ((1e9, "B"), (1e6, "M"), (1e3, "k")) if highest >= size),
+        (1, ""),
+    )
     return [f"{value / size:.10g}{unit}" if value else "0" for value in values]
 
 
 def estimate(value: Estimate, percent: bool) -> str:
     """Format a value with its bounds."""
     centre, low, high = (
-        None if number is None else f"{number:.1%}" if percent else f"{number:.3g}" for number in value
+        None if number is None else f"{number:.1%}" if percent else f"{number:.3g}"
+        for number in value
     )
     return f"{centre}" if low is None or high is None else f"{centre} [{low}, {high}]"
 
@@ -73,7 +77,9 @@ class Labels:
         """Reserve space for a text from ``left`` to ``right`` at height ``y``; return False if the space is taken."""
         row = int(y // self._line)
         others = [one for near in (row - 1, row, row + 1) for one in self._taken.get(near, ())]
-        fits = all(left > end or right < start or abs(y - at) >= self._line for start, end, at in others)
+        fits = all(
+            left > end or right < start or abs(y - at) >= self._line for start, end, at in others
+        )
         if fits:
             self._taken.setdefault(row, []).append((left, right, y))
         return fits

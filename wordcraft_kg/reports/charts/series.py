@@ -20,7 +20,14 @@ from wordcraft_kg.reports.charts.plot import (
     short,
     style_of,
 )
-from wordcraft_kg.reports.charts.scales import Estimate, Labels, amounts, estimate, round_ticks, shortened
+from wordcraft_kg.reports.charts.scales import (
+    Estimate,
+    Labels,
+    amounts,
+    estimate,
+    round_ticks,
+    shortened,
+)
 
 _DASHES = 4
 _ROW = 26
@@ -56,17 +63,29 @@ def curves(
         dash = f"dash-{(places[name] + places[name] // COLOURS) % _DASHES}"
         if dashed is not None:
             dash = "dashed" if name in dashed else "dash-0"
-        plot.polyline(points, f"line {style_of(places[name])} {dash}{' thin' * (labels is not None)}", name)
+        plot.polyline(
+            points, f"line {style_of(places[name])} {dash}{' thin' * (labels is not None)}", name
+        )
     for name, points in drawn.items():
         plot.hover_points(name, points, places[name], percent)
-    plot.end_labels([(*drawn[name][-1][:2], text, style_of(places[name])) for name, text in named.items()])
+    plot.end_labels(
+        [(*drawn[name][-1][:2], text, style_of(places[name])) for name, text in named.items()]
+    )
     plot.titles(x_title, y_title)
     return plot.done()
 
 
-def _plot_of_curves(series: Mapping[str, Sequence[CurvePoint]], room: int, description: str, percent: bool) -> Plot:
+def _plot_of_curves(
+    series: Mapping[str, Sequence[CurvePoint]], room: int, description: str, percent: bool
+) -> Plot:
     xs = [point[0] for points in series.values() for point in points]
-    ys = [value for points in series.values() for point in points for value in point[1:] if value is not None]
+    ys = [
+        value
+        for points in series.values()
+        for point in points
+        for value in point[1:]
+        if value is not None
+    ]
     y_ticks = _FIFTHS if percent else round_ticks(min(ys, default=0), max(ys, default=1))
     first, last = min([0, *xs]), max(xs, default=1)
     last = last if last > first else first + 1
@@ -78,7 +97,11 @@ def _plot_of_curves(series: Mapping[str, Sequence[CurvePoint]], room: int, descr
 
 
 def dots(
-    labels: Sequence[str], series: Mapping[str, Sequence[Estimate | None]], x_title: str, y_title: str, description: str
+    labels: Sequence[str],
+    series: Mapping[str, Sequence[Estimate | None]],
+    x_title: str,
+    y_title: str,
+    description: str,
 ) -> Markup:
     """Draw shares with whiskers by category (``labels``), side by side; a series without shares is not drawn."""
     names = [name for name, values in series.items() if not values or any(values)]
@@ -86,14 +109,18 @@ def dots(
     plot = Plot((0, max(len(labels), 1)), (0, 1), description, right=room)
     plot.y_axis(_FIFTHS, _shares(_FIFTHS))
     letters = int((plot.x(1) - plot.x(0)) / LETTER)
-    plot.x_axis([i + 0.5 for i in range(len(labels))], [shortened(label, letters) for label in labels])
+    plot.x_axis(
+        [i + 0.5 for i in range(len(labels))], [shortened(label, letters) for label in labels]
+    )
     gap = min(0.15, 0.8 / max(len(series), 1))
     for number, (name, values) in enumerate(series.items()):
         for i, (label, value) in enumerate(zip(labels, values, strict=True)):
             if value is not None:
                 x = i + 0.5 + (number - (len(series) - 1) / 2) * gap
                 plot.whiskers((x, None, None), value, number)
-                plot.marker(plot.x(x), plot.y(value[0]), number, f"{name}, {label}: {estimate(value, True)}")
+                plot.marker(
+                    plot.x(x), plot.y(value[0]), number, f"{name}, {label}: {estimate(value, True)}"
+                )
         if name in names:
             left, y = WIDTH - room + 14, plot.top + 6 + 16 * names.index(name)
             plot.marker(left, y, number, name)
@@ -115,7 +142,11 @@ def scatter(
     ``series`` has by name points (label, x, y) with y a share; labels are shown once, where they fit. ``level`` is the
     name and share of a dashed horizontal line.
     """
-    drawn = {name: sorted(points, key=lambda point: point[1][0]) for name, points in series.items() if points}
+    drawn = {
+        name: sorted(points, key=lambda point: point[1][0])
+        for name, points in series.items()
+        if points
+    }
     everything = list(chain.from_iterable(drawn.values()))
     xs, ys = _values(x for _, x, _ in everything), _values(y for *_, y in everything)
     lines = [level] if level else []
@@ -147,9 +178,15 @@ def _values(estimates: Iterable[Estimate]) -> list[float]:
     return [value for estimate in estimates for value in estimate if value is not None]
 
 
-def _label_point(plot: Plot, taken: Labels, named: set[str], label: str, x: float, y: Estimate, *, below: bool) -> None:
+def _label_point(
+    plot: Plot, taken: Labels, named: set[str], label: str, x: float, y: Estimate, *, below: bool
+) -> None:
     ends = [plot.y(value) for value in _values([y])]
-    left, half, line = plot.x(x), SMALL_LETTER * len(label) / 2, max(ends) + 12 if below else min(ends) - 5
+    left, half, line = (
+        plot.x(x),
+        SMALL_LETTER * len(label) / 2,
+        max(ends) + 12 if below else min(ends) - 5,
+    )
     if label not in named and taken.take(left - half, left + half, line):
         named.add(label)
         plot.text(left, line, label, "small", "middle")
@@ -168,8 +205,12 @@ def intervals(
     ticks = round_ticks(min(ends, default=0), max(ends, default=1))
     left, height = room_for((name for name, _ in rows), 12), TOP + _ROW * len(rows) + BOTTOM
     y_range = (max(len(rows), 1), 0)
-    plot = Plot((ticks[0], ticks[-1]), y_range, description, top=TOP, right=56, left=left, height=height)
-    plot.x_axis(ticks, [f"{value:.0%}" if percent else f"{value:.3g}" for value in ticks], grid=True)
+    plot = Plot(
+        (ticks[0], ticks[-1]), y_range, description, top=TOP, right=56, left=left, height=height
+    )
+    plot.x_axis(
+        ticks, [f"{value:.0%}" if percent else f"{value:.3g}" for value in ticks], grid=True
+    )
     if reference is not None:
         plot.polyline([(reference, 0), (reference, len(rows))], "diagonal")
     for number, (name, value) in enumerate(rows):
@@ -182,7 +223,9 @@ def intervals(
     return plot.done()
 
 
-def log_reliability(series: Mapping[str, Sequence[tuple[float, float, float, float, int]]], description: str) -> Markup:
+def log_reliability(
+    series: Mapping[str, Sequence[tuple[float, float, float, float, int]]], description: str
+) -> Markup:
     """Draw observed shares against probabilities on logarithmic axes, with a diagonal for perfect calibration.
 
     ``series`` has by name points: probability, observed share, interval bounds and triple count. A share of 0 is drawn

@@ -7,7 +7,13 @@ from html import escape
 from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
 
-_INK = {"ink": "#1b1f24", "soft": "#59636e", "line": "#d1d9e0", "other": "#8c959f", "page": "#ffffff"}
+_INK = {
+    "ink": "#1b1f24",
+    "soft": "#59636e",
+    "line": "#d1d9e0",
+    "other": "#8c959f",
+    "page": "#ffffff",
+}
 _FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
 _PANEL, MARGIN, HEAD, _CAPTION = 460, 16, 40, 22
 _HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
@@ -31,7 +37,9 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
             left = MARGIN + column * (_PANEL + MARGIN)
             if caption:
                 shown = escape(shortened(caption, int(_PANEL / LETTER)))
-                parts.append(f'<text x="{left}" y="{top + 14}" style="font-weight: 600">{shown}</text>')
+                parts.append(
+                    f'<text x="{left}" y="{top + 14}" style="font-weight: 600">{shown}</text>'
+                )
             place = f'x="{left}" y="{top + _CAPTION}" width="{_PANEL}" height="{_height(chart)}" '
             parts.append(_HOVERED.sub("", str(chart)).replace("<svg ", f"<svg {place}", 1))
         top += _CAPTION + height + MARGIN
@@ -40,7 +48,16 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
         f'role="img" aria-label="{escape(title)}" font-family="{_FONTS}">'
     )
     page = f'<rect width="{width}" height="{top}" fill="{_INK["page"]}"/>'
-    return "\n".join([head, f"<title>{escape(title)}</title>", f"<style>\n{style}</style>", page, *parts, "</svg>\n"])
+    return "\n".join(
+        [
+            head,
+            f"<title>{escape(title)}</title>",
+            f"<style>\n{style}</style>",
+            page,
+            *parts,
+            "</svg>\n",
+        ]
+    )
 
 
 def _height(chart: str) -> int:

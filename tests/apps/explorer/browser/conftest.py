@@ -25,7 +25,9 @@ PATIENCE = 30_000
 @pytest.fixture(scope="module")
 def chromium():
     """The system's Chromium."""
-    sync_api = pytest.importorskip("playwright.sync_api", reason="needs Playwright: pip install playwright")
+    sync_api = pytest.importorskip(
+        "playwright.sync_api", reason="needs Playwright: pip install playwright"
+    )
     program = next(filter(None, map(shutil.which, BROWSERS)), None)
     if program is None:
         pytest.skip(f"needs a browser: one of {', '.join(BROWSERS)}")
@@ -76,10 +78,21 @@ class Opened:
         self.contexts.append(context)
         page = context.new_page()
         complain = self.complaints.append
-        page.on("console", lambda message: message.type in ("error", "warning") and complain(message.text))
+        page.on(
+            "console",
+            lambda message: message.type in ("error", "warning") and complain(message.text),
+        )
         page.on("pageerror", lambda error: complain(f"error: {error}"))
-        page.on("requestfailed", lambda request: request.failure != ABORTED and complain(f"failed: {request.url}"))
-        page.on("response", lambda response: response.status >= 400 and complain(f"{response.status}: {response.url}"))
+        page.on(
+            "requestfailed",
+            lambda request: request.failure != ABORTED and complain(f"failed: {request.url}"),
+        )
+        page.on(
+            "response",
+            lambda response: (
+                response.status >= 400 and complain(f"{response.status}: {response.url}")
+            ),
+        )
         page.on("dialog", lambda dialog: (complain(f"dialog: {dialog.message}"), dialog.dismiss()))
         return page
 

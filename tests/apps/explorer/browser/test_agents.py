@@ -52,7 +52,9 @@ def test_a_table_is_edited_and_asked_again(open_page, site, has_script):
 
 def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_page, tmp_path):
     rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
-    explored = explored_of(RecipeBook.of("hostile", rows), SplitConfig("none"), tmp_path, distractors=4)
+    explored = explored_of(
+        RecipeBook.of("hostile", rows), SplitConfig("none"), tmp_path, distractors=4
+    )
     with served(make_app(explored)) as site:
         page = open_page(viewport=PHONE)
         page.goto(f"{site}/tasks")
@@ -72,11 +74,15 @@ def test_labels_with_markup_or_of_200_letters_fit_a_phone_and_do_nothing(open_pa
             assert not page.locator("main img, main script").count()
 
 
-def test_a_training_is_followed_and_agents_are_compared(open_page, kitchen_folder, run_folder, tmp_path):
+def test_a_training_is_followed_and_agents_are_compared(
+    open_page, kitchen_folder, run_folder, tmp_path
+):
     live = tmp_path / "live"
     shutil.copytree(run_folder, live, ignore=shutil.ignore_patterns("evaluation.json", "report"))
     record = json.loads((live / "run.json").read_text())
-    (live / "run.json").write_text(json.dumps(record | {"status": "running", "ended": None, "outputs": {}}))
+    (live / "run.json").write_text(
+        json.dumps(record | {"status": "running", "ended": None, "outputs": {}})
+    )
     lines = (live / "metrics.jsonl").read_bytes()
     last = json.loads(lines.splitlines()[-1])["step"]
     first = lines.index(b"\n") + 1
@@ -95,6 +101,8 @@ def test_a_training_is_followed_and_agents_are_compared(open_page, kitchen_folde
         page.get_by_role("checkbox", name="live").click()
         page.wait_for_url("**other=live*")
         rows = page.locator("table").first.locator("tbody tr")
-        names, actions = (rows.locator(cell).all_inner_texts() for cell in ("th", "td:first-of-type"))
+        names, actions = (
+            rows.locator(cell).all_inner_texts() for cell in ("th", "td:first-of-type")
+        )
         assert names == ["guided", "live"]
         assert actions[0] == actions[1]  # it is a copy

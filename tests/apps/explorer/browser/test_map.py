@@ -95,7 +95,9 @@ def test_the_wheel_zooms_at_the_pointer_and_gives_more_room_for_names(page):
     until(page, f"document.querySelectorAll('svg.world a:not(.far)').length !== {before}")
     assert centre(dot) == pytest.approx((x, y), abs=1)
     height = "e => e.getBBox().height * e.getScreenCTM().a"
-    assert page.locator("svg.world a:not(.far) text").first.evaluate(height) < 20  # names stay as large as they were
+    assert (
+        page.locator("svg.world a:not(.far) text").first.evaluate(height) < 20
+    )  # names stay as large as they were
 
 
 def test_zooming_out_at_the_end_scrolls_the_page(page):
@@ -160,7 +162,9 @@ def test_from_dot_to_dot_by_arrows_and_enter_chooses(page):
 def test_pointing_at_a_dot_shows_its_links_and_leaving_hides_them(page):
     assert page.locator(".links + g path").count() == 0
     dot_of(page, "flour").hover()
-    kinds = page.locator(".links + g path").evaluate_all("paths => paths.map(path => path.getAttribute('class'))")
+    kinds = page.locator(".links + g path").evaluate_all(
+        "paths => paths.map(path => path.getAttribute('class'))"
+    )
     assert set(kinds) == {"combines", "makes", "made-of"}
     page.mouse.move(5, 5)
     until(page, "!document.querySelector('.links + g path')")

@@ -82,7 +82,9 @@ def test_on_a_usual_screen_no_table_is_cut_and_all_headings_begin_at_one_place(o
 def test_letters_of_charts_can_be_read_on_a_phone(open_page, site):
     page = open_page(viewport=PHONE)
     visit(page, f"{site}/run/guided")
-    heights = page.locator("figure svg text").evaluate_all("texts => texts.map(e => e.getBoundingClientRect().height)")
+    heights = page.locator("figure svg text").evaluate_all(
+        "texts => texts.map(e => e.getBoundingClientRect().height)"
+    )
     assert min(heights) > 9
 
 
@@ -124,7 +126,9 @@ def test_axe_finds_nothing_that_matters(open_page, visits, scheme):
     for address in visits(page):
         page.evaluate(SHORTEN)
         violations = axe.run(page, options=options).response["violations"]
-        assert not [(one["id"], one["nodes"][:5]) for one in violations if one["impact"] != "minor"], address
+        assert not [
+            (one["id"], one["nodes"][:5]) for one in violations if one["impact"] != "minor"
+        ], address
 
 
 def test_each_page_works_without_javascript(open_page, site, visits):
@@ -183,13 +187,19 @@ def predicted_site(hostile_predictor):
 @pytest.mark.parametrize(
     ("name", "choices"),
     [
-        *(("entity", {"entity": LONG}), ("entity", {"entity": MARKUP, "learned": True}), ("recipes", {"entity": LONG})),
+        *(
+            ("entity", {"entity": LONG}),
+            ("entity", {"entity": MARKUP, "learned": True}),
+            ("recipes", {"entity": LONG}),
+        ),
         *(("link", {"head": LONG, "tail": MARKUP}), ("pair", {"a": LONG, "b": MARKUP})),
         *(("predictions", {"known": "all"}), ("compare", {"known": "all"})),
     ],
     ids=range(7),
 )
-def test_long_labels_and_markup_break_no_page_of_predictions(open_page, predicted_site, name, choices):
+def test_long_labels_and_markup_break_no_page_of_predictions(
+    open_page, predicted_site, name, choices
+):
     page, shown = open_page(viewport=PHONE), PAGES[name]
     page.goto(predicted_site + shown.address(shown.state(**choices)))
     assert page.evaluate(TOO_WIDE) == []

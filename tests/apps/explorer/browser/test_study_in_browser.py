@@ -79,13 +79,22 @@ def go_on(page):
 
 def test_a_session_by_mouse(page, study):
     for place in range(4):
-        pick(page, place, 5, lambda: page.locator(".table button", has_text="first item").wait_for())
+        pick(
+            page, place, 5, lambda: page.locator(".table button", has_text="first item").wait_for()
+        )
         page.wait_for_url(after(place))
         if place < 2:
-            assert page.locator("a.next").inner_text().startswith("Start the test" if place else "Next task")
+            assert (
+                page.locator("a.next")
+                .inner_text()
+                .startswith("Start the test" if place else "Next task")
+            )
             go_on(page)
     assert page.get_by_role("heading", level=1).inner_text() == "Thank you for participating"
-    assert all(line.actions == (line.table[place], line.table[5]) for place, line in enumerate(study.lines()))
+    assert all(
+        line.actions == (line.table[place], line.table[5])
+        for place, line in enumerate(study.lines())
+    )
 
 
 def test_a_session_by_keyboard_alone(open_page, study):
@@ -172,7 +181,9 @@ def test_axe_finds_nothing_and_nothing_is_wider_than_a_phone(open_page, study, s
     def check():
         page.wait_for_load_state("networkidle")  # contrast needs the stylesheet
         found = axe.run(page).response["violations"]
-        assert not [(one["id"], [node["html"][:150] for node in one["nodes"]]) for one in found], page.url
+        assert not [(one["id"], [node["html"][:150] for node in one["nodes"]]) for one in found], (
+            page.url
+        )
         assert page.evaluate("document.documentElement.scrollWidth") <= 360, page.url
 
     for path in ("/declined", "/"):

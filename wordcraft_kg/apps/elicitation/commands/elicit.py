@@ -45,7 +45,11 @@ def elicit(
     recipes = open_graph(graph).graph
     check_output(out, force=force)
     check_extra("text")
-    from wordcraft_kg.apps.elicitation.language_model import elicit_knowledge, open_language_model, strongest
+    from wordcraft_kg.apps.elicitation.language_model import (
+        elicit_knowledge,
+        open_language_model,
+        strongest,
+    )
     from wordcraft_kg.apps.elicitation.weights import locate_model
 
     language_model = open_language_model(locate_model("model", model), random_weights)
@@ -53,5 +57,12 @@ def elicit(
     knowledge = elicit_knowledge(out, recipes, language_model, read, report=progress, force=force)
     shown = strongest(knowledge)
     text = aligned((name, "; ".join(phrases)) for name, phrases in shown.items())
-    values = {"out": str(out), "entities": recipes.num_entities, "tables": shown, "weights": language_model.hashes}
-    output.result(values, [*text, f"wrote {out}/   next: wordcraft-kg train-recipes {graph} --with {out}"])
+    values = {
+        "out": str(out),
+        "entities": recipes.num_entities,
+        "tables": shown,
+        "weights": language_model.hashes,
+    }
+    output.result(
+        values, [*text, f"wrote {out}/   next: wordcraft-kg train-recipes {graph} --with {out}"]
+    )

@@ -43,8 +43,14 @@ def encode(
     from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
     from wordcraft_kg.apps.elicitation.weights import locate_model
 
-    vectors, hashes = encode_labels(every, locate_model("encoder", encoder), output.progress("encoding", unit="label"))
-    inputs = {"graph": graphs[0].hash, **{f"graph {each.name}": each.hash for each in graphs[1:]}, **hashes}
+    vectors, hashes = encode_labels(
+        every, locate_model("encoder", encoder), output.progress("encoding", unit="label")
+    )
+    inputs = {
+        "graph": graphs[0].hash,
+        **{f"graph {each.name}": each.hash for each in graphs[1:]},
+        **hashes,
+    }
     written = write_vectors(folder, every, vectors, inputs=inputs, force=force)
     size, dimensions = vectors.shape
     output.result(

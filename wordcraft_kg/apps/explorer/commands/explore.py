@@ -95,5 +95,7 @@ def _export(opened: "Callable[[], Explored]", out: Path, force: bool, output: Ou
     size, largest = f"{site.bytes / 2**20:.1f} MiB", f"{site.largest / 2**10:.0f} KiB"
     lines = [f"wrote {out}: {site.pages:,} pages, {size}, the largest {largest}"]
     if site.skipped:
-        lines.append(f"skipped pages: {len(site.skipped):,}, such as {next(iter(site.skipped.items()))}")
+        lines.append(
+            f"skipped pages: {len(site.skipped):,}, such as {next(iter(site.skipped.items()))}"
+        )
     output.result(site, [*lines, f"open {out / 'index.html'}"])

@@ -29,7 +29,16 @@ from wordcraft_kg.base.errors import ConfigError
 GROUP = "wordcraft_kg.pages"
 HOME: Page[Any] = home.PAGE
 CORE: tuple[Page[Any], ...] = (
-    *(HOME, entities.PAGE, entity.PAGE, entity.RECIPES, map.PAGE, path.PAGE, predictions.PAGE, link.PAGE),
+    *(
+        HOME,
+        entities.PAGE,
+        entity.PAGE,
+        entity.RECIPES,
+        map.PAGE,
+        path.PAGE,
+        predictions.PAGE,
+        link.PAGE,
+    ),
     *(compare.PAGE, pair.PAGE, tasks.PAGE, episode.PAGE, games.PAGE, runs.PAGE, runs.RUN),
 )
 """Pages of this app, in the order of the menu."""
@@ -41,7 +50,9 @@ def pages_by_name(points: Iterable[EntryPoint]) -> dict[str, Page[Any]]:
     for point in points:
         page = point.load()
         if pages.setdefault(page.name, page) is not page:
-            raise ConfigError(f"two pages have the name '{page.name}'; uninstall or rename that of {point.value}.")
+            raise ConfigError(
+                f"two pages have the name '{page.name}'; uninstall or rename that of {point.value}."
+            )
     return pages
 
 

@@ -63,7 +63,11 @@ class ModelsCompared(Record):
 
 
 def view_compared_ranks(
-    one: RankedTriples, other: RankedTriples, chosen: RankFilter, better: Better = "either", page: int = 1
+    one: RankedTriples,
+    other: RankedTriples,
+    chosen: RankFilter,
+    better: Better = "either",
+    page: int = 1,
 ) -> ComparedRanks:
     """Compare two models' ranks of the same triples, the largest differences first; else a GraphMismatchError."""
     keys = ["head", "relation", "tail", "side"]
@@ -100,7 +104,9 @@ def _has_two_models(explored: Explored) -> bool:
 
 def _view(explored: Explored, state: Compare) -> ModelsCompared:
     if not _has_two_models(explored):
-        raise ConfigError("This page needs two models; start with two of `wordcraft-kg explore GRAPH --model FOLDER`.")
+        raise ConfigError(
+            "This page needs two models; start with two of `wordcraft-kg explore GRAPH --model FOLDER`."
+        )
     names = list(explored.models)
     first = state.one or next(name for name in names if name != state.other)
     second = state.other or next(name for name in names if name != first)
@@ -112,7 +118,9 @@ def _view(explored: Explored, state: Compare) -> ModelsCompared:
     return ModelsCompared(headline, why, ranks)
 
 
-def _headline(one: LinkPredictor, other: LinkPredictor) -> tuple[link_comparison.LinkComparison | None, str]:
+def _headline(
+    one: LinkPredictor, other: LinkPredictor
+) -> tuple[link_comparison.LinkComparison | None, str]:
     contenders = [link_comparison.Contender(model.name, [model.model]) for model in (one, other)]
     try:
         return link_comparison.compare(contenders), ""
@@ -129,5 +137,11 @@ def _questions(explored: Explored) -> Iterator[tuple[str, Compare]]:
 
 
 PAGE = Page(
-    "compare", Compare, _view, title="Compare", exported=_exported, questions=_questions, is_there=_has_two_models
+    "compare",
+    Compare,
+    _view,
+    title="Compare",
+    exported=_exported,
+    questions=_questions,
+    is_there=_has_two_models,
 )

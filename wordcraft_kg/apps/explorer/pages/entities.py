@@ -44,7 +44,9 @@ class EntityList(Record):
     entities: tuple[ListedEntity, ...]
 
 
-def list_entities(graph: RecipeGraph, wanted: str = "", order: EntityOrder = "label", page: int = 1) -> EntityList:
+def list_entities(
+    graph: RecipeGraph, wanted: str = "", order: EntityOrder = "label", page: int = 1
+) -> EntityList:
     """List entities with a text in the label, ignoring case and accents; an empty text lists all."""
     ids, layer = _matching(graph, wanted), layers_of(graph)
     keys: dict[str, Ids] = {
@@ -57,7 +59,9 @@ def list_entities(graph: RecipeGraph, wanted: str = "", order: EntityOrder = "la
     chosen = ids[np.argsort(keys[order], kind="stable")][shown.rows]
     columns = (values[chosen].tolist() for values in (layer, graph.recipe_counts, graph.use_counts))
     rows = zip(graph.labels(chosen.tolist()), *columns, strict=True)
-    entities = tuple(ListedEntity(label, at if at >= 0 else None, made, used) for label, at, made, used in rows)
+    entities = tuple(
+        ListedEntity(label, at if at >= 0 else None, made, used) for label, at, made, used in rows
+    )
     return EntityList(wanted, order, shown, entities)
 
 
@@ -82,7 +86,9 @@ def _folded(text: str) -> str:
 
 def _matching(graph: RecipeGraph, wanted: str) -> Ids:
     text = _folded(wanted)
-    return np.array([i for i, name in enumerate(_folded_labels(graph)) if text in name], dtype=np.int64)
+    return np.array(
+        [i for i, name in enumerate(_folded_labels(graph)) if text in name], dtype=np.int64
+    )
 
 
 @lru_cache(maxsize=4)

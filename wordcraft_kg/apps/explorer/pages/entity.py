@@ -24,7 +24,11 @@ LISTED = 12
 RECIPES_A_PAGE = 100
 EXPORTED = 5_000
 """Entities with pages in a static site."""
-OPEN_SLOTS: tuple[tuple[int, Side], ...] = ((COMBINES_WITH, "tail"), (COMPONENT_OF, "head"), (COMPONENT_OF, "tail"))
+OPEN_SLOTS: tuple[tuple[int, Side], ...] = (
+    (COMBINES_WITH, "tail"),
+    (COMPONENT_OF, "head"),
+    (COMPONENT_OF, "tail"),
+)
 """Queries to a model: partners of the entity, ingredients, products."""
 Use = Literal["makes", "uses"]
 
@@ -99,13 +103,18 @@ def _view(explored: Explored, state: Entity) -> EntityProfile:
         raise ConfigError("The graph has no entities.")
     label = state.entity or graph.entities[int(graph.use_counts.argmax())]
     entity = graph.id_of(label)
-    layer, words = int(layers_of(graph)[entity]), explored.once("words", lambda: glove_features(graph.entities))
+    layer, words = (
+        int(layers_of(graph)[entity]),
+        explored.once("words", lambda: glove_features(graph.entities)),
+    )
     predictor = explored.predictor(state.model) if explored.models else None
     slots: tuple[PredictedSlot, ...] = ()
     nearest: tuple[AlikeEntity, ...] = ()
     if predictor is not None:
         slots = tuple(
-            predictor.best(predictor.slot(entity, *which), with_learned=state.learned, top=PREDICTED)
+            predictor.best(
+                predictor.slot(entity, *which), with_learned=state.learned, top=PREDICTED
+            )
             for which in OPEN_SLOTS
         )
         nearest = _alike(graph.entities, predictor.evidence.roles.nearest(entity, NEAREST))
@@ -120,7 +129,9 @@ def _view(explored: Explored, state: Entity) -> EntityProfile:
         has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         slots=slots,
         nearest=nearest,
-        by_words=_alike(graph.entities, near_by_words(words, entity)) if words.known[entity] else None,
+        by_words=_alike(graph.entities, near_by_words(words, entity))
+        if words.known[entity]
+        else None,
     )
 
 
@@ -145,14 +156,18 @@ def _recipes(split: Split, state: Recipes, size: int) -> EntityRecipes:
     )
 
 
-def near_by_words(words: EntityFeatures, entity: int, limit: int = NEAREST) -> list[tuple[int, float]]:
+def near_by_words(
+    words: EntityFeatures, entity: int, limit: int = NEAREST
+) -> list[tuple[int, float]]:
     """Return ids and cosines by word vector similarity; empty for an entity without a vector."""
     if not words.known[entity]:
         return []
     cosines: NDArray[np.float32] = words.unit_vectors @ words.unit_vectors[entity]
     others = np.flatnonzero(words.known)
     order = others[np.argsort(-cosines[others], kind="stable")]
-    return [(other, float(cosines[other])) for other in order[: limit + 1].tolist() if other != entity][:limit]
+    return [
+        (other, float(cosines[other])) for other in order[: limit + 1].tolist() if other != entity
+    ][:limit]
 
 
 def _alike(labels: tuple[str, ...], neighbours: list[tuple[int, float]]) -> tuple[AlikeEntity, ...]:
@@ -170,7 +185,10 @@ def _exported_recipes(explored: Explored) -> Iterator[Recipes]:
     for label, both in zip(graph.entities[:EXPORTED], counts, strict=False):
         for use, count in zip(uses, both, strict=True):
             if count > LISTED:
-                yield from (Recipes(label, use, page=page) for page in range(1, -(-count // RECIPES_A_PAGE) + 1))
+                yield from (
+                    Recipes(label, use, page=page)
+                    for page in range(1, -(-count // RECIPES_A_PAGE) + 1)
+                )
 
 
 def _questions(explored: Explored) -> Iterator[tuple[str, Entity]]:

@@ -177,7 +177,9 @@ def _players(
         return explainer.table(goal, have, selection, like=state.task).episode.steps[0]
 
     def pick(label: str, have: tuple[str, ...], selection: str | None) -> Pick:
-        for slot in first_step(have, selection).slots if {label, selection or label} <= {*have} else ():
+        for slot in (
+            first_step(have, selection).slots if {label, selection or label} <= {*have} else ()
+        ):
             if slot.entity == label:
                 return Pick(label, slot.sources, slot.probability)
         return Pick(label, {}, None)
@@ -189,7 +191,11 @@ def _players(
                 yield None
                 continue
             one, other = sorted(map(graph.id_of, pair))
-            made = [label for label in graph.labels(world.outcomes.get((one, other), ())) if label not in have]
+            made = [
+                label
+                for label in graph.labels(world.outcomes.get((one, other), ()))
+                if label not in have
+            ]
             yield Attempt((pick(pair[0], have, None), pick(pair[1], have, pair[0])), tuple(made))
             have += tuple(made)
 
@@ -197,7 +203,11 @@ def _players(
         for agent in agents:
             if (actions := agent.explained) is not None:
                 outcome, steps = actions.episode.outcome, actions.episode.steps
-                labels = [label for label in (steps[0].selection, *(step.action for step in steps)) if label]
+                labels = [
+                    label
+                    for label in (steps[0].selection, *(step.action for step in steps))
+                    if label
+                ]
                 pairs = zip(labels[::2], labels[1::2], strict=False)
                 success = None if outcome == "in_progress" else outcome == "goal"
                 yield PlayerAtTable(agent.run, "agent", tuple(attempts(pairs)), success)
@@ -215,7 +225,9 @@ def _explained(run: FollowedRun, world: World, state: Episode) -> ExplainedTable
     if not state.is_edited:
         return explainer.task(state.task, state.distractor_seed)
     goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
-    table = [_label(graph, label) for label in state.labels] or explainer.drawn(state.task, state.distractor_seed)
+    table = [_label(graph, label) for label in state.labels] or explainer.drawn(
+        state.task, state.distractor_seed
+    )
     selection = _label(graph, state.selection) if state.selection else None
     return explainer.table(goal, table, selection, like=state.task)
 
@@ -249,4 +261,12 @@ def _exported(explored: Explored) -> Iterator[Episode]:
         yield from (Episode(run=tasks.run, task=row.number) for row in rows)
 
 
-PAGE = Page("episode", Episode, _view, "Episodes", exported=_exported, is_there=attrgetter("runs"), is_live=_is_live)
+PAGE = Page(
+    "episode",
+    Episode,
+    _view,
+    "Episodes",
+    exported=_exported,
+    is_there=attrgetter("runs"),
+    is_live=_is_live,
+)

@@ -44,13 +44,23 @@ def list_games(explored: Explored, state: Games) -> GameTables:
 
 def _listed(explored: Explored, games: list[TableGame]) -> ListedTable:
     one, graph = games[0], explored.opened.graph
-    settings: dict[str, Any] = {"goal": one.goal, "table": one.table, "part": one.part, "depth": one.depth}
+    settings: dict[str, Any] = {
+        "goal": one.goal,
+        "table": one.table,
+        "part": one.part,
+        "depth": one.depth,
+    }
     config = explored.settings_of(explored.tasks_of(None), settings["part"], settings["depth"])
-    tasks, have = explored.plain_world(config).tasks, {graph.num_entities, *map(graph.id_of, one.table)}
+    tasks, have = (
+        explored.plain_world(config).tasks,
+        {graph.num_entities, *map(graph.id_of, one.table)},
+    )
     for task in np.flatnonzero(tasks.goals == graph.id_of(one.goal)).tolist():
         if have.issuperset(tasks.starts[task].tolist()):
             settings |= {"task": task, "distractors": len(one.table) - len(tasks[task].start)}
-    solved, not_solved = (tuple(one.player for one in games if one.success == made) for made in (True, False))
+    solved, not_solved = (
+        tuple(one.player for one in games if one.success == made) for made in (True, False)
+    )
     return ListedTable(solved, not_solved, settings)
 
 
@@ -58,4 +68,6 @@ def _exported(explored: Explored) -> Iterator[Games]:
     yield from (Games(page) for page in range(1, 1 + -(-len(explored.games) // TABLES_A_PAGE)))
 
 
-PAGE = Page("games", Games, list_games, title="Games", exported=_exported, is_there=attrgetter("games"))
+PAGE = Page(
+    "games", Games, list_games, title="Games", exported=_exported, is_there=attrgetter("games")
+)

@@ -53,7 +53,11 @@ def _view(explored: Explored, state: Link) -> LinkProfile:
     predictor = explored.predictor(state.model)
     graph, split = predictor.graph, predictor.split
     if state.head and state.tail:
-        head, relation, tail = graph.id_of(state.head), RELATIONS.index(state.relation), graph.id_of(state.tail)
+        head, relation, tail = (
+            graph.id_of(state.head),
+            RELATIONS.index(state.relation),
+            graph.id_of(state.tail),
+        )
     elif state.head or state.tail:
         raise ConfigError("A link has a head and a tail; one end is missing.")
     else:
@@ -88,4 +92,6 @@ def _questions(explored: Explored) -> Iterator[tuple[str, Link]]:
         yield f"How probable does {name} find it that {link.head} {verb} {link.tail}?", link
 
 
-PAGE = Page("link", Link, _view, exported=lambda _: (), questions=_questions, is_there=attrgetter("models"))
+PAGE = Page(
+    "link", Link, _view, exported=lambda _: (), questions=_questions, is_there=attrgetter("models")
+)

@@ -117,7 +117,9 @@ class MapView(Record):
 def map_of(graph: RecipeGraph) -> MapView:
     """Place and group a graph's most used entities, at most :data:`PLACED`; equal graphs have equal maps."""
     ids = np.argsort(-graph.use_counts, kind="stable")[:PLACED]
-    combines, components = (_links_among(graph, ids, relation) for relation in (COMBINES_WITH, COMPONENT_OF))
+    combines, components = (
+        _links_among(graph, ids, relation) for relation in (COMBINES_WITH, COMPONENT_OF)
+    )
     combines = combines[combines[:, 0] < combines[:, 1]]
     links = np.unique(np.sort(np.concatenate([combines, components]), axis=1), axis=0)
     uses, layer = graph.use_counts[ids], layers_of(graph)
@@ -157,7 +159,9 @@ def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
     plain = nx.Graph()
     plain.add_nodes_from(range(size))
     plain.add_edges_from(links.tolist())
-    groups = sorted(nx.community.louvain_communities(plain, seed=0), key=lambda group: (-len(group), min(group)))
+    groups = sorted(
+        nx.community.louvain_communities(plain, seed=0), key=lambda group: (-len(group), min(group))
+    )
     group_of = np.zeros(size, dtype=np.int64)
     for number, group in enumerate(groups):
         group_of[list(group)] = number
@@ -192,7 +196,9 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
     weight[group_of[links[:, 0]] == group_of[links[:, 1]]] *= PULL
     weighted = nx.Graph()
     weighted.add_nodes_from(range(number))
-    weighted.add_weighted_edges_from((a, b, w) for (a, b), w in zip(links.tolist(), weight.tolist(), strict=True))
+    weighted.add_weighted_edges_from(
+        (a, b, w) for (a, b), w in zip(links.tolist(), weight.tolist(), strict=True)
+    )
     layout = nx.forceatlas2_layout(weighted, max_iter=ROUNDS, weight="weight", seed=0)
     places = np.array([layout[entity] for entity in range(number)])
     # Mean of position and rank: true distances leave the map mostly empty, ranks alone hide gaps.
@@ -243,7 +249,14 @@ def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot
     angle = 2.4 * entity
     aside: NDArray[np.float64] = 40 * np.array([np.cos(angle), np.sin(angle)])
     x, y = (middle + aside).clip(0, [WIDTH, HEIGHT]).round().astype(int).tolist()
-    return Spot(graph.entities[entity], x, y, int(graph.use_counts[entity]), -1, int(layers_of(graph)[entity]))
+    return Spot(
+        graph.entities[entity],
+        x,
+        y,
+        int(graph.use_counts[entity]),
+        -1,
+        int(layers_of(graph)[entity]),
+    )
 
 
 def _view(explored: Explored, state: Map) -> MapView:
@@ -267,7 +280,9 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
         # A static site has entity pages, but no map for each entity.
         href = address(PAGE, Map(entity=spot.entity, colour=state.colour))
         href = href or address(entity.PAGE, entity.Entity(entity=spot.entity))
-        dots.append((spot, href, f"{style} r{size}{roles.get(number, '')}{' far' * (number not in named)}"))
+        dots.append(
+            (spot, href, f"{style} r{size}{roles.get(number, '')}{' far' * (number not in named)}")
+        )
     links = {"combines": view.combines, "components": view.components}
     return {
         "box": (-SIDE, -EDGE, WIDTH + SIDE + RIGHT, HEIGHT + 2 * EDGE),
@@ -290,7 +305,10 @@ def _others(pairs: Sequence[tuple[int, int]], size: int) -> list[list[int]]:
 
 
 def _groups(view: MapView) -> list[tuple[str, str, int]]:
-    shown = [(charts.colour_of(number), ", ".join(group.names), group.size) for number, group in enumerate(view.groups)]
+    shown = [
+        (charts.colour_of(number), ", ".join(group.names), group.size)
+        for number, group in enumerate(view.groups)
+    ]
     others = sum(size for _, _, size in shown[charts.COLOURS :])
     return shown[: charts.COLOURS] + ([("series-other", "other groups", others)] if others else [])
 

@@ -4,7 +4,12 @@ from operator import attrgetter
 
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State
-from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, RankedLink, placed_recipes, recipes_giving
+from wordcraft_kg.apps.explorer.predictor import (
+    PlacedRecipe,
+    RankedLink,
+    placed_recipes,
+    recipes_giving,
+)
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipe, view_open_recipe
@@ -46,17 +51,37 @@ def _view(explored: Explored, state: Pair) -> PairProfile:
             raise ConfigError("The graph has no recipe, so there is no example pair.")
         a, b = first
     elif not a or not b:
-        raise ConfigError("A pair has two ingredients, which may be equal; one ingredient is missing.")
+        raise ConfigError(
+            "A pair has two ingredients, which may be equal; one ingredient is missing."
+        )
     one, other = graph.id_of(a), graph.id_of(b)
     makes = placed_recipes(split, recipes_giving(graph, one, COMBINES_WITH, other))
     if not explored.models:
         return PairProfile(a, b, makes, "", False, None, None, tuple(examples))
     predictor, results = explored.predictor(state.model), None
     if predictor.scores_recipes:
-        scoring = explored.once(("recipe scores", predictor.name), lambda: RecipeScoring.of(predictor.scoring))
+        scoring = explored.once(
+            ("recipe scores", predictor.name), lambda: RecipeScoring.of(predictor.scoring)
+        )
         results = view_open_recipe(scoring, RecipeQuery(a, b, None), RESULTS).top
     link = predictor.ranked(predictor.slot(one, COMBINES_WITH, "tail"), other)
-    return PairProfile(a, b, makes, predictor.name, predictor.has_seen_the_test_recipes, link, results, tuple(examples))
+    return PairProfile(
+        a,
+        b,
+        makes,
+        predictor.name,
+        predictor.has_seen_the_test_recipes,
+        link,
+        results,
+        tuple(examples),
+    )
 
 
-PAGE = Page("pair", Pair, _view, title="Pairs", exported=lambda _: (), is_there=attrgetter("opened.graph.num_recipes"))
+PAGE = Page(
+    "pair",
+    Pair,
+    _view,
+    title="Pairs",
+    exported=lambda _: (),
+    is_there=attrgetter("opened.graph.num_recipes"),
+)

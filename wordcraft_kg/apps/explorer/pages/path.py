@@ -157,7 +157,10 @@ def _questions(explored: Explored) -> Iterator[tuple[str, Path]]:
     for start in sorted(graph.base_ids.tolist(), key=lambda entity: -graph.use_counts[entity]):
         chain = chain_between(explored, start, goal := int(layer.argmax()))
         if chain.steps and chain.end == graph.entities[goal]:
-            yield f"How do I get from {chain.start} to {chain.end}?", Path(chain.end, start=chain.start)
+            yield (
+                f"How do I get from {chain.start} to {chain.end}?",
+                Path(chain.end, start=chain.start),
+            )
             return
 
 
@@ -179,7 +182,9 @@ def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
 def _part_of(split: Split, recipe: Recipe) -> Part:
     graph = split.graph
     wanted = [graph.id_of(label) for label in recipe]
-    (row,) = (row for row in graph.recipes_of(wanted[2]).tolist() if graph.recipes[row].tolist() == wanted)
+    (row,) = (
+        row for row in graph.recipes_of(wanted[2]).tolist() if graph.recipes[row].tolist() == wanted
+    )
     return PARTS[split.parts[row]]  # type: ignore[return-value]
 
 
@@ -192,7 +197,9 @@ def _last(steps: tuple[PathStep, ...]) -> tuple[PathStep, ...]:
 def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:
     graph = planner.graph
     rows = graph.recipes[graph.recipes_of(goal)[:LISTED]]
-    missing = [[i for i in dict.fromkeys(row[:2]) if planner.costs[i] == math.inf] for row in rows.tolist()]
+    missing = [
+        [i for i in dict.fromkeys(row[:2]) if planner.costs[i] == math.inf] for row in rows.tolist()
+    ]
     blocked = zip(graph.recipe_labels(rows), missing, strict=True)
     return tuple(Blocked(recipe, graph.labels(ids)) for recipe, ids in blocked)
 
@@ -218,7 +225,9 @@ def _draw(view: PathView, _: Path, address: Addresses) -> Mapping[str, Markup]:
     return {name: _drawn(*crafts, address) for name, crafts in drawn.items() if crafts[0]}
 
 
-def _drawn(steps: Sequence[PathStep], goal: str, given: Collection[str], address: Addresses) -> Markup:
+def _drawn(
+    steps: Sequence[PathStep], goal: str, given: Collection[str], address: Addresses
+) -> Markup:
     crafts = []
     for step in steps:
         one, other, result = step.recipe

@@ -22,7 +22,13 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in, triple_keys
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
-from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, RankingMetrics, rank_triples, ranking_metrics, sampled
+from wordcraft_kg.models.scorers.ranking import (
+    MIN_TRIPLES,
+    RankingMetrics,
+    rank_triples,
+    ranking_metrics,
+    sampled,
+)
 from wordcraft_kg.models.scorers.roles import Side
 
 ROWS_A_PAGE = 50
@@ -31,7 +37,12 @@ SCORES = 2**26
 RankOrder = Literal["worst", "best", "score", "label"]
 Knowledge = Literal["unseen", "learned", "all"]
 Band = Literal["1", "2-10", "11-100", "101-"]
-_BANDS: dict[Band, tuple[float, float]] = {"1": (0, 1), "2-10": (1, 10), "11-100": (10, 100), "101-": (100, np.inf)}
+_BANDS: dict[Band, tuple[float, float]] = {
+    "1": (0, 1),
+    "2-10": (1, 10),
+    "11-100": (10, 100),
+    "101-": (100, np.inf),
+}
 """Each rank band begins above the first rank."""
 
 
@@ -164,9 +175,13 @@ class RankedTriples:
         """Return the number of links by setting and value, with the other settings of the filter."""
 
         def count(name: str, value: str) -> int:
-            return int(self.rows(msgspec.structs.replace(chosen, **{name: value}))["link"].nunique())
+            return int(
+                self.rows(msgspec.structs.replace(chosen, **{name: value}))["link"].nunique()
+            )
 
-        return {name: {value: count(name, value) for value in values} for name, values in FACETS.items()}
+        return {
+            name: {value: count(name, value) for value in values} for name, values in FACETS.items()
+        }
 
 
 def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> RankedTriples:
@@ -182,7 +197,9 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
     ranks = rank_triples(predictor.model.scorer, chosen, graph.triples)
     ranks, new = (_described(predictor, rows) for rows in (ranks, _first_new(predictor, ranks)))
     sample = RankSample(len(taken[0]), len(unseen), len(taken[1]), len(others))
-    return RankedTriples(predictor.name, split, predictor.has_seen_the_test_recipes, ranks, new, sample)
+    return RankedTriples(
+        predictor.name, split, predictor.has_seen_the_test_recipes, ranks, new, sample
+    )
 
 
 def _first_new(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
@@ -190,7 +207,8 @@ def _first_new(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
         return ranks
     is_tail = ranks["side"] == "tail"
     new = ranks.assign(
-        head=ranks["head"].where(is_tail, ranks["top"]), tail=ranks["tail"].where(~is_tail, ranks["top"])
+        head=ranks["head"].where(is_tail, ranks["top"]),
+        tail=ranks["tail"].where(~is_tail, ranks["top"]),
     )
     new = new[(new[["head", "tail"]] != ranks[["head", "tail"]]).any(axis=1)]
     new = new.drop_duplicates(["head", "relation", "tail", "side"])
@@ -206,10 +224,14 @@ def _described(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
     is_symmetric = triples[:, 1:2] == COMBINES_WITH
     ends = np.where(is_symmetric, np.sort(triples[:, [0, 2]], axis=1), triples[:, [0, 2]])
     link = triple_keys(np.insert(ends, 1, triples[:, 1], axis=1), predictor.graph.num_entities)
-    return ranks.assign(part=np.where(part < 0, NEW, part), learned=predictor.learned(triples), link=link)
+    return ranks.assign(
+        part=np.where(part < 0, NEW, part), learned=predictor.learned(triples), link=link
+    )
 
 
-def view_link_ranks(ranked: RankedTriples, chosen: RankFilter, order: RankOrder = "worst", page: int = 1) -> LinkRanks:
+def view_link_ranks(
+    ranked: RankedTriples, chosen: RankFilter, order: RankOrder = "worst", page: int = 1
+) -> LinkRanks:
     """Return a page with one rank for each link, the first in the order, and metrics for all chosen queries.
 
     New links all have rank 1, so ``worst`` and ``best`` order them by descending score.
@@ -275,4 +297,11 @@ def _exported(explored: Explored) -> Iterator[Predictions]:
             yield from (msgspec.structs.replace(plain, **{setting: value}) for value in values)
 
 
-PAGE = Page("predictions", Predictions, _view, title="Predictions", exported=_exported, is_there=attrgetter("models"))
+PAGE = Page(
+    "predictions",
+    Predictions,
+    _view,
+    title="Predictions",
+    exported=_exported,
+    is_there=attrgetter("models"),
+)

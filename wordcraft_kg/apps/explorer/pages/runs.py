@@ -18,7 +18,11 @@ from wordcraft_kg.evaluation import training_curves
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import ALPHA, source_names
-from wordcraft_kg.reports.agent_pictures import picture_of_lambdas, picture_of_success, pictures_of_figures
+from wordcraft_kg.reports.agent_pictures import (
+    picture_of_lambdas,
+    picture_of_success,
+    pictures_of_figures,
+)
 from wordcraft_kg.runs.record import RUN_FILE, Status
 
 
@@ -94,7 +98,9 @@ class RunView(Record):
     settings: dict[str, str] = msgspec.field(default_factory=dict)
     curves: dict[str, tuple[training_curves.CurvePoint, ...]] = msgspec.field(default_factory=dict)
     lambdas: tuple[training_curves.LambdaCurve, ...] = ()
-    training: dict[training_curves.Figure, tuple[training_curves.SeedCurve, ...]] = msgspec.field(default_factory=dict)
+    training: dict[training_curves.Figure, tuple[training_curves.SeedCurve, ...]] = msgspec.field(
+        default_factory=dict
+    )
     provenance: dict[str, str] = msgspec.field(default_factory=dict)
 
 
@@ -103,7 +109,11 @@ def _view_runs(explored: Explored, _: Runs) -> RunList:
     return RunList(
         runs=tuple(rows),
         parts=tuple(part for part in EVALUATED if any(part in row.success for row in rows)),
-        sources=tuple(name for name in (ALPHA.name, *source_names()) if any(name in row.lambdas for row in rows)),
+        sources=tuple(
+            name
+            for name in (ALPHA.name, *source_names())
+            if any(name in row.lambdas for row in rows)
+        ),
     )
 
 
@@ -162,7 +172,10 @@ def _row(name: str, run: FollowedRun) -> RunRow:
 def _success(records: AgentRun) -> dict[TaskPart, PartSuccess]:
     if records.evaluation is not None:
         rates = records.evaluation.success
-        return {part: PartSuccess(rate.mean, (rate.ci_low, rate.ci_high)) for part, rate in rates.items()}
+        return {
+            part: PartSuccess(rate.mean, (rate.ci_low, rate.ci_high))
+            for part, rate in rates.items()
+        }
     figures = _last_figures(records)
     last = {part: figures.get(f"{part}_success") for part in EVALUATED}
     return {part: PartSuccess(mean, None) for part, mean in last.items() if mean is not None}
@@ -218,7 +231,16 @@ def _exported(explored: Explored) -> Iterator[Run]:
     return (Run(name) for name in explored.runs)
 
 
-PAGE = Page("runs", Runs, _view_runs, title="Runs", is_there=attrgetter("runs"), is_live=_any_is_live)
+PAGE = Page(
+    "runs", Runs, _view_runs, title="Runs", is_there=attrgetter("runs"), is_live=_any_is_live
+)
 RUN = Page(
-    "run", Run, _view_run, subject="run", draw=_draw, exported=_exported, is_there=attrgetter("runs"), is_live=_is_live
+    "run",
+    Run,
+    _view_run,
+    subject="run",
+    draw=_draw,
+    exported=_exported,
+    is_there=attrgetter("runs"),
+    is_live=_is_live,
 )

@@ -80,16 +80,24 @@ class TaskResults:
     @classmethod
     def of(cls, tasks: TaskSet, episodes: Iterable[PlayedTask]) -> "TaskResults":
         """Count an agent's evaluated episodes for each task in a task set."""
-        played = {(one.goal, one.start): one.terminations for one in episodes if one.part == tasks.part}
+        played = {
+            (one.goal, one.start): one.terminations for one in episodes if one.part == tasks.part
+        }
         labels = np.array([*tasks.graph.entities, ""], dtype=object)
         starts = (tuple(filter(None, row)) for row in labels[tasks.starts].tolist())
-        ends = [played.get(key, ()) for key in zip(labels[tasks.goals].tolist(), starts, strict=True)]
+        ends = [
+            played.get(key, ()) for key in zip(labels[tasks.goals].tolist(), starts, strict=True)
+        ]
         counts = [(terminations.count("goal"), len(terminations)) for terminations in ends]
         return cls(*np.array(counts, dtype=np.int64).reshape(-1, 2).T)
 
     def where(self, won: Won) -> NDArray[np.bool_]:
         """Return which tasks the agent always, sometimes or never solves, shape (N,), bool."""
-        is_played, is_always, is_never = self.distractor_seeds > 0, self.won == self.distractor_seeds, self.won == 0
+        is_played, is_always, is_never = (
+            self.distractor_seeds > 0,
+            self.won == self.distractor_seeds,
+            self.won == 0,
+        )
         return {
             "any": np.ones_like(is_played),
             "always": is_played & is_always,
@@ -99,12 +107,21 @@ class TaskResults:
 
 
 def view_task_table(
-    tasks: TaskSet, results: TaskResults | None = None, *, goal: str = "", won: Won = "any", page: int = 1
+    tasks: TaskSet,
+    results: TaskResults | None = None,
+    *,
+    goal: str = "",
+    won: Won = "any",
+    page: int = 1,
 ) -> TaskTable:
     """List tasks page by page, optionally filtered by goal or by an agent's result."""
     results = results or TaskResults(*np.zeros((2, len(tasks)), dtype=np.int64))
-    is_chosen = np.ones(len(tasks), dtype=bool) if not goal else tasks.goals == tasks.graph.id_of(goal)
-    kinds: tuple[Won, ...] = ("always", "sometimes", "never") if results.distractor_seeds[is_chosen].any() else ()
+    is_chosen = (
+        np.ones(len(tasks), dtype=bool) if not goal else tasks.goals == tasks.graph.id_of(goal)
+    )
+    kinds: tuple[Won, ...] = (
+        ("always", "sometimes", "never") if results.distractor_seeds[is_chosen].any() else ()
+    )
     chosen = np.flatnonzero(is_chosen & results.where(won))
     shown = paging(len(chosen), page, TASKS_A_PAGE)
     return TaskTable(
@@ -130,7 +147,9 @@ def _listed(tasks: TaskSet, results: TaskResults, number: int) -> ListedTask:
 def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
     """Return the page's values: tasks that fit its settings, with an agent's results."""
     name, run = explored.followed(state.run) if explored.runs or state.run else ("", None)
-    tasks = explored.plain_world(explored.settings_of(explored.tasks_of(run), state.part, state.depth)).tasks
+    tasks = explored.plain_world(
+        explored.settings_of(explored.tasks_of(run), state.part, state.depth)
+    ).tasks
     missing, results = "", None
     if run is not None and not (missing := _missing(name, run, tasks)):
         key = "results", name, run.records().run.ended, tasks.hash
@@ -167,9 +186,20 @@ def _questions(explored: Explored) -> Iterator[tuple[str, Tasks]]:
     for name in explored.runs:
         with suppress(ArtefactError):
             played = explored.followed(name)[1].episodes().values()
-            if any(task.part == explored.usual_part() and "goal" not in task.terminations for task in played):
+            if any(
+                task.part == explored.usual_part() and "goal" not in task.terminations
+                for task in played
+            ):
                 yield f"Where does {name} fail?", Tasks(run=name, success="never")
                 return
 
 
-PAGE = Page("tasks", Tasks, list_tasks, title="Tasks", exported=_exported, questions=_questions, is_live=_is_live)
+PAGE = Page(
+    "tasks",
+    Tasks,
+    list_tasks,
+    title="Tasks",
+    exported=_exported,
+    questions=_questions,
+    is_live=_is_live,
+)

@@ -11,7 +11,9 @@ EXAMPLES = (
 )
 
 
-def hub_pull(repository: str, *, out: Path, revision: str | None = None, output: Output = Output()) -> None:
+def hub_pull(
+    repository: str, *, out: Path, revision: str | None = None, output: Output = Output()
+) -> None:
     """Pull a graph folder, model folder or agent from the hub into a new folder, after a check of all hashes.
 
     Args:
@@ -24,4 +26,7 @@ def hub_pull(repository: str, *, out: Path, revision: str | None = None, output:
 
     check_extra("hub")
     commit = pull(repository, out, revision)
-    output.result({"out": str(out), "repository": repository, "commit": commit}, [f"wrote {out}/ of commit {commit}"])
+    output.result(
+        {"out": str(out), "repository": repository, "commit": commit},
+        [f"wrote {out}/ of commit {commit}"],
+    )

@@ -44,5 +44,13 @@ def hub_push(
     texts = shared.with_licence(licence)
     files = [*shared.files, *texts]
     url = None if dry_run else push(shared, texts, repository, private=private, revision=revision)
-    view = {"repository": repository, "type": shared.repo_type, "files": files, "card": texts[CARD], "url": url}
-    output.result(view, [*files, "", texts[CARD]] if url is None else [f"pushed {len(files)} files: {url}"])
+    view = {
+        "repository": repository,
+        "type": shared.repo_type,
+        "files": files,
+        "card": texts[CARD],
+        "url": url,
+    }
+    output.result(
+        view, [*files, "", texts[CARD]] if url is None else [f"pushed {len(files)} files: {url}"]
+    )

@@ -32,7 +32,12 @@ def people_pairs(
         force: replace an existing file.
     """
     check_file(recipes, force=force)
-    from wordcraft_kg.apps.people.pair_judgements import judged_recipes, judgements_file, read_judgements, view_pairs
+    from wordcraft_kg.apps.people.pair_judgements import (
+        judged_recipes,
+        judgements_file,
+        read_judgements,
+        view_pairs,
+    )
     from wordcraft_kg.graphs.book_files import recipe_table
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.models.scorers.folder import load_scorer
@@ -44,14 +49,20 @@ def people_pairs(
     if model is not None:
         scorer = load_scorer(model, graph=opened).whole
         if not isinstance(scorer, RecipeScorer):
-            raise ConfigError(f"{model} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`.")
+            raise ConfigError(
+                f"{model} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`."
+            )
         loaded = model.name, scorer
     view = view_pairs(judgements, opened, loaded)
     if recipes is not None:
         write_file(recipes, recipe_table(judged_recipes(judgements, opened)), force=force)
     rows = [
         ("", "is it a recipe (AUC)", "which of four results"),
-        ("one person", _cell(view.auc_people, view.auc_people_ci), _cell(view.right_people, view.right_people_ci)),
+        (
+            "one person",
+            _cell(view.auc_people, view.auc_people_ci),
+            _cell(view.right_people, view.right_people_ci),
+        ),
         ("chance", "0.500", "0.250"),
     ]
     if view.model is not None:

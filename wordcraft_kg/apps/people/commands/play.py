@@ -121,18 +121,34 @@ def play(
     """
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
     if open_ended:
-        if (depth, distractors, part, seed, episodes) != (1, WordCraftConfig.num_distractors, "all", None, 0):
+        if (depth, distractors, part, seed, episodes) != (
+            1,
+            WordCraftConfig.num_distractors,
+            "all",
+            None,
+            0,
+        ):
             raise ConfigError("--open-ended has no tasks; the only options are attempts and base.")
         _play_open_world(terminal, graph, split_labels(base) if base else None, attempts, output)
     elif base:
         raise ConfigError(f"--base {','.join(base)}: tasks have no base; add --open-ended.")
     else:
-        settings = {"part": part, "depth": depth, "num_distractors": distractors, "max_attempts": attempts}
+        settings = {
+            "part": part,
+            "depth": depth,
+            "num_distractors": distractors,
+            "max_attempts": attempts,
+        }
         _play_tasks(terminal, graph, settings, seed, episodes, output)
 
 
 def _play_tasks(
-    terminal: Terminal, graph: str, settings: dict[str, Any], seed: int | None, episodes: int, output: Output
+    terminal: Terminal,
+    graph: str,
+    settings: dict[str, Any],
+    seed: int | None,
+    episodes: int,
+    output: Output,
 ) -> None:
     from wordcraft_kg.apps.people.protocol import episode_seed
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
@@ -183,7 +199,9 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
     goal, plans = env.task.goal, env.task.plans
     made = outcome == "goal"
     terminal.say(
-        f"You made the goal: {goal}." if made else f"You have no attempts left. You did not make {goal}.",
+        f"You made the goal: {goal}."
+        if made
+        else f"You have no attempts left. You did not make {goal}.",
         f"{'Solution' if len(plans) == 1 else f'One of {len(plans)} solutions'}: "
         + "; ".join(combined((a, b), (result,)) for a, b, result in plans[0]),
     )
@@ -196,7 +214,11 @@ def _play_open_world(
     from wordcraft_kg.envs.open_ended import OpenEndedEnv
     from wordcraft_kg.envs.words import PROMPTS, combined
 
-    env = OpenEndedEnv(graph, base=base, max_attempts=whole("attempts", ATTEMPTS if attempts is None else attempts, 1))
+    env = OpenEndedEnv(
+        graph,
+        base=base,
+        max_attempts=whole("attempts", ATTEMPTS if attempts is None else attempts, 1),
+    )
     env.reset()
     names, discovery = env.graph, env.discovery
     attempted = repeated = 0
@@ -210,7 +232,12 @@ def _play_open_world(
         while not is_over:
             known = names.labels(discovery.known)
             left = env.max_attempts - attempted
-            pair = [known[i] for i in terminal.pair(known, f"known items: {len(known)}   attempts left: {left} > ")]
+            pair = [
+                known[i]
+                for i in terminal.pair(
+                    known, f"known items: {len(known)}   attempts left: {left} > "
+                )
+            ]
             _, _, is_over, _, info = env.step([*map(names.id_of, pair)])
             attempted, repeated = attempted + 1, repeated + info["repeated"]
             line = combined(pair, names.labels(info["new_entities"]), PROMPTS["nothing_new"])

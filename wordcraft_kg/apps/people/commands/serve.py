@@ -73,7 +73,8 @@ def people_serve(
 
             def started(address: str) -> None:
                 output.result(
-                    {"address": address}, [f"{address}   {_counts(answers.stored())} so far   Ctrl-C stops the server"]
+                    {"address": address},
+                    [f"{address}   {_counts(answers.stored())} so far   Ctrl-C stops the server"],
                 )
 
             app = make_study_app(study, answers, host, allow_host or ())
@@ -81,14 +82,18 @@ def people_serve(
             stored = answers.stored()
     finally:
         listening.close()
-    print(f"stopped; {_counts(stored)} stored in {out}; repeat the command to resume", file=sys.stderr)
+    print(
+        f"stopped; {_counts(stored)} stored in {out}; repeat the command to resume", file=sys.stderr
+    )
 
 
 def _consent(path: Path | None) -> str:
     if path is None:
         return CONSENT
     if not path.is_file() or path.stat().st_size > 8 * LONGEST_CONSENT:
-        raise ConfigError(f"--consent {path}: expected a text file of at most {LONGEST_CONSENT:,} characters.")
+        raise ConfigError(
+            f"--consent {path}: expected a text file of at most {LONGEST_CONSENT:,} characters."
+        )
     try:
         # Windows editors may add a byte order mark.
         lines = path.read_text(encoding="utf-8-sig").strip().splitlines()

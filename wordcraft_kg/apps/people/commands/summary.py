@@ -54,7 +54,9 @@ def people_summary(
     sources = {path: read_study(path).sessions() for path in studies}
     if len(sources) < len(studies):
         raise ConfigError("a path is given twice; give each path once.")
-    view = view_people(sources, _compared(run or [], [session for group in sources.values() for session in group]))
+    view = view_people(
+        sources, _compared(run or [], [session for group in sources.values() for session in group])
+    )
     output.result(view, _text(view))
 
 
@@ -94,14 +96,20 @@ def _text(view: "HumanSummary") -> Iterator[str]:
                 shown = f"{agent.successes} of {row.answered} at the same {agent.tables} tables, rate {agent.rate:.3f}"
                 rows.append((f"  {name}", f"{shown} {_interval(agent.interval)}".rstrip()))
     yield from aligned(rows)
-    if any(row.people_interval or row.agents for condition in view.conditions for row in condition.parts.values()):
+    if any(
+        row.people_interval or row.agents
+        for condition in view.conditions
+        for row in condition.parts.values()
+    ):
         yield from NOTE
 
 
 def _figures(row: "AnswerRate") -> str:
     if row.interval is None:
         return "no answers"
-    return f"{row.successes} of {row.answered} correct, rate {row.rate:.3f} {_interval(row.interval)}"
+    return (
+        f"{row.successes} of {row.answered} correct, rate {row.rate:.3f} {_interval(row.interval)}"
+    )
 
 
 def _interval(bounds: tuple[float, float] | None) -> str:

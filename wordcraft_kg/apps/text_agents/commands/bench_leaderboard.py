@@ -12,7 +12,9 @@ EXAMPLES = (
 )
 
 
-def bench_leaderboard(folder: Path, *, out: Path, check: Flag = False, output: Output = Output()) -> None:
+def bench_leaderboard(
+    folder: Path, *, out: Path, check: Flag = False, output: Output = Output()
+) -> None:
     """Verify all submissions in a folder, and write a page with a table for each track.
 
     Args:

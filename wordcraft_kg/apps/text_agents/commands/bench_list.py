@@ -20,14 +20,23 @@ def bench_list(*, output: Output = Output()) -> None:
         name: {"about": one.about, "games": counted(len(one.tasks or one.orders), "game")}
         for name, one in manifest.tracks.items()
     }
-    kinds = {name + f":{kind.argument}" * bool(kind.argument): kind.about for name, kind in KINDS.items()}
+    kinds = {
+        name + f":{kind.argument}" * bool(kind.argument): kind.about for name, kind in KINDS.items()
+    }
 
     def text() -> Iterator[str]:
         yield f"{manifest.name} of {manifest.date}, {manifest.licence}, {manifest_hash[:12]}"
-        yield from aligned([(f"  {name}", one["games"], one["about"]) for name, one in tracks.items()])
+        yield from aligned(
+            [(f"  {name}", one["games"], one["about"]) for name, one in tracks.items()]
+        )
         yield "add -lite for 100 tasks, or 100 attempts, and -made-up for made-up words"
         yield "players"
         yield from aligned([(f"  {name}", about) for name, about in kinds.items()])
 
-    view = {"benchmark": manifest.name, "hash": manifest_hash, "date": manifest.date, "tracks": tracks}
+    view = {
+        "benchmark": manifest.name,
+        "hash": manifest_hash,
+        "date": manifest.date,
+        "tracks": tracks,
+    }
     output.result({**view, "names": manifest.names, "players": kinds}, text())

@@ -63,7 +63,12 @@ def bench_run(
     from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
-    from wordcraft_kg.apps.text_agents.submission import MESSAGES, SUBMISSION_FILE, figures_text, write_submission
+    from wordcraft_kg.apps.text_agents.submission import (
+        MESSAGES,
+        SUBMISSION_FILE,
+        figures_text,
+        write_submission,
+    )
     from wordcraft_kg.base.settings import MAX_SIZE, number_in, one_line
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
@@ -72,7 +77,9 @@ def bench_run(
     if is_finished or not (is_program and (messages / GAMES_FILE).is_file()):
         check_output(out, force=force)
         if out.is_dir() and not is_finished and any(out.iterdir()):
-            raise OutputExistsError(f"'{out}' {what_is(out)}, not a submission. Choose another `out`.")
+            raise OutputExistsError(
+                f"'{out}' {what_is(out)}, not a submission. Choose another `out`."
+            )
     for option, text in (("name", name), ("training_data", training_data), ("licence", licence)):
         if text is not None:
             one_line(option, text)
@@ -85,22 +92,35 @@ def bench_run(
     opened, begin = open_track(track), time.perf_counter()
     with sigterm_as_interrupt():
         try:
-            kind, entrant = enter(opened, player, RunSettings(messages, look_ups, timeout, weights, force))
+            kind, entrant = enter(
+                opened, player, RunSettings(messages, look_ups, timeout, weights, force)
+            )
         except (KeyboardInterrupt, PlayerError) as error:
             why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
             kept = f" Finished games are kept; to continue, repeat the command{' without --force' * force}."
-            raise type(error)(f"{why}{kept * (messages.is_dir() and not (out / SUBMISSION_FILE).exists())}") from None
+            raise type(error)(
+                f"{why}{kept * (messages.is_dir() and not (out / SUBMISSION_FILE).exists())}"
+            ) from None
     if counts and entrant.tokens is not None:
-        raise ConfigError(f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out.")
+        raise ConfigError(
+            f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out."
+        )
     if not is_program:
         shutil.rmtree(messages, ignore_errors=True)
     seconds = round(time.perf_counter() - begin, 1)
-    is_standard = own_prompts is None and entrant.prompt_hash in (None, *read_manifest()[0].prompts.values())
+    is_standard = own_prompts is None and entrant.prompt_hash in (
+        None,
+        *read_manifest()[0].prompts.values(),
+    )
     about: dict[str, Any] = {
         "player": name or entrant.name,
         "kind": kind,
         "weights": dict(entrant.weights),
-        "prompts": "custom" if not is_standard else "none" if entrant.prompt_hash is None else "standard",
+        "prompts": "custom"
+        if not is_standard
+        else "none"
+        if entrant.prompt_hash is None
+        else "standard",
         "prompt_hash": own_prompts or entrant.prompt_hash,
         "training_data": training_data or entrant.training_data,
         "tokens": counts if entrant.tokens is None else dict(entrant.tokens),

@@ -9,7 +9,10 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output
 
 GROUP = "Text agents"
-EXAMPLES = ("wordcraft-kg bench verify submission", "wordcraft-kg bench verify submission --player scorer:models/mine")
+EXAMPLES = (
+    "wordcraft-kg bench verify submission",
+    "wordcraft-kg bench verify submission --player scorer:models/mine",
+)
 
 
 def bench_verify(
@@ -47,7 +50,9 @@ def bench_verify(
                 mark = "reproduced"
             marks.append({"folder": str(folder), "mark": mark, "submission": checked})
             games = counted(checked.figures.games, "game")
-            lines.append(f"{mark}  {checked.track}  {checked.player}  {figures_text(checked)} over {games}   {folder}")
+            lines.append(
+                f"{mark}  {checked.track}  {checked.player}  {figures_text(checked)} over {games}   {folder}"
+            )
         except WordCraftKGError as error:
             marks.append({"folder": str(folder), "mark": "refused", "reason": str(error)})
             lines.append(f"refused  {error}")

@@ -29,7 +29,9 @@ def evaluate_text(
     graph: Book = "everyday",
     *,
     player: str,
-    settings: Annotated[EvaluationSettings, Parameter(name="*", group="Games")] = EvaluationSettings(),
+    settings: Annotated[
+        EvaluationSettings, Parameter(name="*", group="Games")
+    ] = EvaluationSettings(),
     timeout: float = TIMEOUT,
     name: str | None = None,
     out: Path | None = None,
@@ -61,13 +63,17 @@ def evaluate_text(
     play = Play.open(graph, settings)
     with sigterm_as_interrupt(), LinePlayer(player, timeout=timeout) as program:
         called = name or program.name
-        folder = out or Path("text-agents") / (re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player")
+        folder = out or Path("text-agents") / (
+            re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player"
+        )
         _prepare(folder, force)
         try:
             result = play_all(called, program.speaker, play, folder)
         except (KeyboardInterrupt, PlayerError) as error:
             why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
-            raise type(error)(f"{why} Finished games are in {folder}; repeat the command to continue.") from None
+            raise type(error)(
+                f"{why} Finished games are in {folder}; repeat the command to continue."
+            ) from None
     output.result({"result": result, "out": str(folder)}, _text(result, graph, folder))
 
 
@@ -78,7 +84,9 @@ def _prepare(folder: Path, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise OutputExistsError(f"'{folder}' is a file; expected a folder. Choose another --out.")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / GAMES_FILE).is_file():
-        raise OutputExistsError(f"'{folder}' exists without {GAMES_FILE}; nothing was changed. Choose another --out.")
+        raise OutputExistsError(
+            f"'{folder}' exists without {GAMES_FILE}; nothing was changed. Choose another --out."
+        )
     if force and folder.is_dir():
         with locked(folder, "written"):
             (folder / GAMES_FILE).unlink(missing_ok=True)
@@ -105,13 +113,19 @@ def _figures(result: "TextResult") -> list[tuple[str, str]]:
         return [("known", f"{known} attempts"), ("over", counted(result.games, "game"))]
     tasks = f"{counted(success.tasks, f'{settings.part} task')} of depth {settings.depth}"
     distractors = counted(settings.distractors or 0, "distractor")
-    terminations = (f"{termination.replace('_', ' ')} {share:.1%}" for termination, share in result.outcomes.items())
+    terminations = (
+        f"{termination.replace('_', ' ')} {share:.1%}"
+        for termination, share in result.outcomes.items()
+    )
     return [
         (
             "success",
             f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]   by plan {success.by_plan:.3f}",
         ),
-        ("over", f"{tasks}, {distractors}, {counted(success.distractor_seeds, 'distractor seed')} each"),
+        (
+            "over",
+            f"{tasks}, {distractors}, {counted(success.distractor_seeds, 'distractor seed')} each",
+        ),
         ("terminations", ", ".join(terminations)),
     ]
 
@@ -119,5 +133,9 @@ def _figures(result: "TextResult") -> list[tuple[str, str]]:
 def _reference_options(settings: "PlayedSettings") -> str:
     if settings.is_open_ended:
         return f"--open-ended --base {shlex.quote(','.join(settings.base))}"
-    options = f"--part {settings.part} --depth {settings.depth} --distractors {settings.distractors}"
-    return options + (f" --attempts {settings.attempts}" if settings.attempts != settings.depth else "")
+    options = (
+        f"--part {settings.part} --depth {settings.depth} --distractors {settings.distractors}"
+    )
+    return options + (
+        f" --attempts {settings.attempts}" if settings.attempts != settings.depth else ""
+    )

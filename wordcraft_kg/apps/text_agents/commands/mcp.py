@@ -54,21 +54,39 @@ def mcp(
         out: file for finished games (JSON lines), which the same command continues.
     """
     if transport == "stdio" and output.json:
-        raise ConfigError("--json: stdout is reserved for the protocol; omit --json, or add --transport http.")
-    if track is not None and (graph, settings) != ("everyday", GameSettings(knowledge=settings.knowledge)):
-        raise ConfigError("--track has its own games; omit the graph and the options of games but --knowledge.")
+        raise ConfigError(
+            "--json: stdout is reserved for the protocol; omit --json, or add --transport http."
+        )
+    if track is not None and (graph, settings) != (
+        "everyday",
+        GameSettings(knowledge=settings.knowledge),
+    ):
+        raise ConfigError(
+            "--track has its own games; omit the graph and the options of games but --knowledge."
+        )
     check_extra("mcp")
     from wordcraft_kg.apps.text_agents.benchmark import open_track
     from wordcraft_kg.apps.text_agents.conversation import Play
     from wordcraft_kg.apps.text_agents.hosted_games import NEVER, HostedGames, kept_games
-    from wordcraft_kg.apps.text_agents.mcp_server import PATH, make_http_app, make_server, tools_hash
+    from wordcraft_kg.apps.text_agents.mcp_server import (
+        PATH,
+        make_http_app,
+        make_server,
+        tools_hash,
+    )
     from wordcraft_kg.apps.text_agents.records import GamesHeader
     from wordcraft_kg.apps.web.serving import listen, serve
 
     with ExitStack() as stack:
-        listening = stack.enter_context(listen(host, port)) if transport == "http" else None  # before the work
+        listening = (
+            stack.enter_context(listen(host, port)) if transport == "http" else None
+        )  # before the work
         rules: dict[str, Any] = {"max_invalid": NEVER, "prompt_hash": tools_hash()}
-        play = open_track(track).play(settings.knowledge, **rules) if track else Play.open(graph, settings, **rules)
+        play = (
+            open_track(track).play(settings.knowledge, **rules)
+            if track
+            else Play.open(graph, settings, **rules)
+        )
         hosted = HostedGames(play)
         if out is not None:
             header = GamesHeader(player="MCP clients", settings=hosted.play.settings)
@@ -79,7 +97,9 @@ def mcp(
             return
 
         def started(address: str) -> None:
-            output.result({"address": address + PATH}, [f"{address}{PATH}   Ctrl-C stops the server"])
+            output.result(
+                {"address": address + PATH}, [f"{address}{PATH}   Ctrl-C stops the server"]
+            )
             sys.stdout.flush()
 
         serve(make_http_app(server, host, allow_host or ()), listening, started, has_lifespan=True)
@@ -87,8 +107,13 @@ def mcp(
 
 def _serve_stdio(server: "MCPServer[Any]") -> None:
     if sys.stdin is not None and sys.stdin.isatty():
-        print("Waiting for an MCP client on stdin and stdout; Ctrl-C stops the server.", file=sys.stderr)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # the SDK reads stdin in a thread that cannot be interrupted
+        print(
+            "Waiting for an MCP client on stdin and stdout; Ctrl-C stops the server.",
+            file=sys.stderr,
+        )
+    signal.signal(
+        signal.SIGINT, signal.SIG_DFL
+    )  # the SDK reads stdin in a thread that cannot be interrupted
     try:
         server.run("stdio")
     except* BrokenPipeError:

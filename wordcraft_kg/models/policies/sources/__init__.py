@@ -58,7 +58,11 @@ class Label:
 
 
 ALPHA = Label(
-    "alpha", "α", "attention", "attention", "What the agent's own network gives a slot, without any knowledge graph."
+    "alpha",
+    "α",
+    "attention",
+    "attention",
+    "What the agent's own network gives a slot, without any knowledge graph.",
 )
 """The attention's own logits."""
 U = Label(
@@ -68,7 +72,13 @@ U = Label(
     "combination score",
     "The scorer's combinesWith score for a slot with the selection.",
 )
-V = Label("v", "v", "componentOf goal", "ingredient score", "The scorer's componentOf score for a slot with the goal.")
+V = Label(
+    "v",
+    "v",
+    "componentOf goal",
+    "ingredient score",
+    "The scorer's componentOf score for a slot with the goal.",
+)
 W = Label(
     "w",
     "w",

@@ -18,7 +18,13 @@ from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.scales import scaled_factors, scaled_table
 
 _TABLE = {"scores": "N N float32"}
-_FACTORS = {"left": "N m float32", "right": "N m float32", "shift": "float32", "dropped": "N bool", "itself": "float32"}
+_FACTORS = {
+    "left": "N m float32",
+    "right": "N m float32",
+    "shift": "float32",
+    "dropped": "N bool",
+    "itself": "float32",
+}
 
 
 class PairSource(FoldedSource):
@@ -48,7 +54,9 @@ class PairSource(FoldedSource):
             self.register_buffer(name, constants[name])
 
     @classmethod
-    def of_pairs(cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep") -> Self:
+    def of_pairs(
+        cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep"
+    ) -> Self:
         """Make slot scores from a scorer's triples (slot's entity, relation, key entity), scaled as ``view`` says."""
         size = len(scorer.entities)
         constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
@@ -87,12 +95,17 @@ class PairSource(FoldedSource):
     def key(self, goal: Tensor, selection: Tensor) -> Tensor:
         """Return the entity to score slots with (goal or selection), shape (B,)."""
 
-    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:  # noqa: D102 - inherited
+    def forward(
+        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None
+    ) -> Tensor:
+        """Return the score of each table slot, as :meth:`Source.forward`."""
         key = self.key(goal, selection)[:, None]
         rows, width = table, self.num_entities + 1
         model = self.model_of(task)
         if self.is_table:
-            cells = torch.add(table, key if model is None else key + width * model[:, None], alpha=width)
+            cells = torch.add(
+                table, key if model is None else key + width * model[:, None], alpha=width
+            )
             return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
         shift, itself, keys = self.shift, self.itself, key[:, 0]
         if self.left.ndim == 3:  # there are several models

@@ -54,7 +54,9 @@ class BestRecipe(FoldedSource):
 
     label = W
 
-    def __init__(self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None):
+    def __init__(
+        self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None
+    ):
         super().__init__(num_entities, fold_of_recipe)
         self.knowledge = knowledge
         self._kept: dict[tuple[object, ...], Tensor] = {}
@@ -79,7 +81,9 @@ class BestRecipe(FoldedSource):
                 left_out = folded.left_out(fold)
                 assert isinstance(left_out, RecipeScorer)
                 models.append(left_out)
-        return cls(size, RecipeKnowledge.stacked([model.knowledge for model in models]).cpu(), of_recipe).bound(view)
+        return cls(
+            size, RecipeKnowledge.stacked([model.knowledge for model in models]).cpu(), of_recipe
+        ).bound(view)
 
     @staticmethod
     def serves(scorer: TripleScorer) -> bool:
@@ -90,10 +94,16 @@ class BestRecipe(FoldedSource):
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Source:  # noqa: D102 - inherited
         knowledge = with_prefix(constants, "knowledge.")
         models = (cls.num_folds(constants) or 0) + 1
-        check_constants(knowledge, _LAYOUTS, N=num_entities + 1, models=models, F=len(FEATURES), two=2, three=3)
+        check_constants(
+            knowledge, _LAYOUTS, N=num_entities + 1, models=models, F=len(FEATURES), two=2, three=3
+        )
         empty = {name: lazily_zero(knowledge[name]) for name in BUFFERS}
         of_recipe = constants.get("fold_of_recipe")
-        return cls(num_entities, RecipeKnowledge(empty), None if of_recipe is None else lazily_zero(of_recipe))
+        return cls(
+            num_entities,
+            RecipeKnowledge(empty),
+            None if of_recipe is None else lazily_zero(of_recipe),
+        )
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
@@ -109,7 +119,9 @@ class BestRecipe(FoldedSource):
     ) -> Tensor:
         model = self.model_of(task)
         models = len(self.knowledge.bias)
-        used = torch.zeros_like(goal) if model is None else model.clamp(max=models - 1)  # the empty model is last
+        used = (
+            torch.zeros_like(goal) if model is None else model.clamp(max=models - 1)
+        )  # the empty model is last
         scores = self._scores(goal, table, used, attempts)
         is_first = selection == self.num_entities
         best = scores.amax(-1)
@@ -120,7 +132,9 @@ class BestRecipe(FoldedSource):
             is_absent = ~is_first & ~is_selected.any(1)
             if is_absent.any():
                 wider = torch.cat([table, selection[:, None]], dim=1)
-                best = best.where(~is_absent[:, None], self.pair_scores(goal, wider, used, attempts)[:, -1, :-1])
+                best = best.where(
+                    ~is_absent[:, None], self.pair_scores(goal, wider, used, attempts)[:, -1, :-1]
+                )
         best = best.masked_fill(table == self.num_entities, 0)
         return best if model is None else best.masked_fill((model == models)[:, None], 0)
 
@@ -145,7 +159,12 @@ class BestRecipe(FoldedSource):
             None
             if entity == self.num_entities
             else Evidence(
-                partner, tuple(self.knowledge.supporting_recipes(entity, partner, int(goal), model=model, limit=3))
+                partner,
+                tuple(
+                    self.knowledge.supporting_recipes(
+                        entity, partner, int(goal), model=model, limit=3
+                    )
+                ),
             )
             for entity, partner in zip(table[0].tolist(), partners, strict=True)
         )
@@ -156,11 +175,15 @@ class BestRecipe(FoldedSource):
         number = self.knowledge.numbers[model, one, other].long()
         return (number > 0) & (self.knowledge.results[model, number] == result[:, None]).any(1)
 
-    def pair_scores(self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None) -> Tensor:
+    def pair_scores(
+        self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None
+    ) -> Tensor:
         """Return scores for all slot pairs, shape (B, A, A), by the models with the numbers ``model``, shape (B,)."""
         return self.knowledge(goal, table, model)
 
-    def _scores(self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None) -> Tensor:
+    def _scores(
+        self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None
+    ) -> Tensor:
         """Return :meth:`pair_scores`; trailing slots that are empty in all tables are skipped.
 
         The last scores are kept, because tables recur: before and after the first action, and for another player on
@@ -168,7 +191,12 @@ class BestRecipe(FoldedSource):
         """
         slots, is_used = table.shape[1], (table != self.num_entities).any(0).tolist()
         used = max((slot for slot, filled in enumerate(is_used, 1) if filled), default=0)
-        inputs = goal, table[:, :used], model, *(part for part in attempts or () if part is not None)
+        inputs = (
+            goal,
+            table[:, :used],
+            model,
+            *(part for part in attempts or () if part is not None),
+        )
         key = (table.device, slots, used, *(part.cpu().numpy().tobytes() for part in inputs))
         kept = self._kept
         if key in kept:

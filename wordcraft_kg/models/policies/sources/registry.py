@@ -7,7 +7,13 @@ from typing import TypeVar
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import check_memory
 from wordcraft_kg.graphs.tasks import TaskSet
-from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, LABELS, installed_sources, source_names
+from wordcraft_kg.models.policies.sources import (
+    ALPHA,
+    BUILT_IN,
+    LABELS,
+    installed_sources,
+    source_names,
+)
 from wordcraft_kg.models.policies.sources.pairs import CombinesWith, ComponentOf
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import AS_IS, ScoreView, Source
@@ -18,14 +24,18 @@ from wordcraft_kg.models.scorers.scales import FACTORED_SCALES
 
 _SourceT = TypeVar("_SourceT", bound=type[Source])
 
-_CLASSES: dict[str, type[Source]] = {kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe)}
+_CLASSES: dict[str, type[Source]] = {
+    kind.label.name: kind for kind in (CombinesWith, ComponentOf, BestRecipe)
+}
 
 
 def register_source(kind: _SourceT) -> _SourceT:
     """Register a source by ``kind.label.name``, in this process only; ConfigError for a built-in name."""
     name = kind.label.name
     if name == ALPHA.name or name in BUILT_IN:
-        raise ConfigError(f"the source '{name}' is built in; give the label of {kind.__name__} another name.")
+        raise ConfigError(
+            f"the source '{name}' is built in; give the label of {kind.__name__} another name."
+        )
     _CLASSES[name], LABELS[name] = kind, kind.label
     return kind
 
@@ -47,23 +57,35 @@ def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale)
     """Return whether score tables would be too large, so that factors score; ConfigError if impossible."""
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
-    if needed <= TABLE_LIMIT or BestRecipe.serves(scorer):  # only a recipe scorer's training needs more
+    if needed <= TABLE_LIMIT or BestRecipe.serves(
+        scorer
+    ):  # only a recipe scorer's training needs more
         if (folded := folds_of(scorer)) is not None:
-            check_memory("folds", folded.count, "score tables, a table for each", needed * (folded.count + 2))
+            check_memory(
+                "folds", folded.count, "score tables, a table for each", needed * (folded.count + 2)
+            )
         return False
     cost = (
         f"score tables for {size:,} entities take {needed / 2**20:,.0f} MiB; expected at most "
         f"{TABLE_LIMIT / 2**20:.0f} MiB"
     )
     if not isinstance(scorer, FactoredScorer):
-        raise ConfigError(f"{cost}; only ComplEx and DistMult work without tables. Use such a scorer.")
+        raise ConfigError(
+            f"{cost}; only ComplEx and DistMult work without tables. Use such a scorer."
+        )
     if scale not in FACTORED_SCALES:
-        raise ConfigError(f"`scale` {scale}: {cost}. Choose {' or '.join(FACTORED_SCALES)}, which need no tables.")
+        raise ConfigError(
+            f"`scale` {scale}: {cost}. Choose {' or '.join(FACTORED_SCALES)}, which need no tables."
+        )
     return True
 
 
 def make_sources(
-    names: Iterable[str], scorer: TripleScorer, view: ScoreView = AS_IS, *, tasks: TaskSet | None = None
+    names: Iterable[str],
+    scorer: TripleScorer,
+    view: ScoreView = AS_IS,
+    *,
+    tasks: TaskSet | None = None,
 ) -> list[Source]:
     """Make sources, functions that score table slots, by name from a scorer, on the scale in ``view``.
 

@@ -95,7 +95,9 @@ class Source(nn.Module, ABC):
         """Set the tasks that task numbers index, if :attr:`reads_task`; LeakError or GraphMismatchError."""
 
     @abstractmethod
-    def forward(self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None) -> Tensor:
+    def forward(
+        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None
+    ) -> Tensor:
         """Score every slot: shape (B, A), float32; 0 for empty slots. Arguments as for a policy's ``forward``."""
 
     def evidence(
@@ -124,7 +126,9 @@ def ask(
     return source(goal, selection, table, task)
 
 
-def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str], **sizes: int) -> None:
+def check_constants(
+    constants: Mapping[str, Tensor], layouts: Mapping[str, str], **sizes: int
+) -> None:
     """Check types and shapes of a source's saved tensors; KeyError if one is missing, ValueError if one is wrong.
 
     ``layouts`` gives each tensor's axis names, then the type, such as ``N N float32``; axes with the same name have the
@@ -133,9 +137,17 @@ def check_constants(constants: Mapping[str, Tensor], layouts: Mapping[str, str],
     for name, layout in layouts.items():
         *axes, dtype = layout.split()
         tensor = constants[name]
-        expected = [sizes.setdefault(axis, size) for axis, size in zip(axes, tensor.shape, strict=False)]
-        if str(tensor.dtype) != f"torch.{dtype}" or len(axes) != tensor.ndim or expected != list(tensor.shape):
-            raise ValueError(f"{name} has type {tensor.dtype}, shape {tuple(tensor.shape)}: expected {layout}")
+        expected = [
+            sizes.setdefault(axis, size) for axis, size in zip(axes, tensor.shape, strict=False)
+        ]
+        if (
+            str(tensor.dtype) != f"torch.{dtype}"
+            or len(axes) != tensor.ndim
+            or expected != list(tensor.shape)
+        ):
+            raise ValueError(
+                f"{name} has type {tensor.dtype}, shape {tuple(tensor.shape)}: expected {layout}"
+            )
 
 
 class Evidence(NamedTuple):
@@ -169,7 +181,9 @@ class FoldedSource(Source):
         self.reads_task = fold_of_recipe is not None
         if fold_of_recipe is not None:
             self.register_buffer("fold_of_recipe", fold_of_recipe)
-            self.register_buffer("model_of_task", torch.zeros(0, dtype=torch.int64), persistent=False)
+            self.register_buffer(
+                "model_of_task", torch.zeros(0, dtype=torch.int64), persistent=False
+            )
         self.bound_to = ""  # task hash
 
     @staticmethod
@@ -204,7 +218,10 @@ class FoldedSource(Source):
                 "in-sample scores. Make the source with the `tasks` to score, such as `world.tasks`, or with the "
                 "scorer's `whole` for in-sample scores."
             )
-        if len(self.fold_of_recipe) != tasks.graph.num_recipes or self.graph_hash not in ("", tasks.graph.hash):
+        if len(self.fold_of_recipe) != tasks.graph.num_recipes or self.graph_hash not in (
+            "",
+            tasks.graph.hash,
+        ):
             raise GraphMismatchError(
                 f"source '{self.name}' and the tasks belong to different graphs; the tasks to '{tasks.graph.name}', "
                 f"{tasks.graph.hash[:12]}. Use a scorer for the tasks' graph."

@@ -22,7 +22,7 @@ help:
 	@echo "make install  set up .venv only; CPU build of torch with TORCH='--index-url URL', see docs/installation.md"
 	@echo "make slow     thorough and long tests; of some rooms with ROOMS='tests/runs tests/models'"
 	@echo "make browser  the tests of pages in Chromium"
-	@echo "make lint     ruff, mypy, directions of imports, generated pages, language"
+	@echo "make lint     ruff, mypy, directions of imports, generated pages"
 	@echo "make docs     write docs/commands.md from the help of the commands, docs/terms.md from the glossary"
 	@echo "make results  train the next missing cells of docs/results/cells for MINUTES=30; of some studies with STUDY='splits'"
 	@echo "make notebooks  run the notebooks of docs/notebooks and store their outputs; of some with NOTEBOOKS='graphs planning'"
@@ -82,7 +82,6 @@ lint: install
 	$(BIN)/python docs/make_notebooks.py --check
 	$(BIN)/python data/make_benchmark.py --check
 	$(BIN)/wordcraft-kg bench leaderboard leaderboard --out docs/leaderboard.md --check
-	$(BIN)/python docs/check_prose.py
 
 format: install
 	$(BIN)/ruff check --fix .

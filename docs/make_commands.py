@@ -59,12 +59,15 @@ def _anchor(name: str) -> str:
 
 def _tables(text: str, command: str) -> Iterator[str]:
     """Yield the lines with lists of options as tables; each option has an anchor such as ``train-agent--steps``."""
+    file_only = getattr(manual_of(command).module, "FILE_ONLY", ()) if command != "all" else ()
     in_table = False
     for line in re.sub(r"\n +", " ", text).strip().splitlines():
         if option := OPTION.match(line):
             if not in_table:
                 yield from ("| option | meaning | default |", "|---|---|---|")
             names, about = NAMED.sub(r"\1", option[1]), option[2].replace("|", "\\|")
+            if names.split()[0] in file_only:
+                about = f"(configuration file only) {about}"
             default = DEFAULT.search(about)
             anchor = re.sub(r"[^\w-]", "", f"{_anchor(command)}{names.split()[0]}")
             cells = (

@@ -205,16 +205,20 @@ def test_an_mlp_is_judged_with_the_tables_it_was_made_for(refused, run, train, t
         "--features random --pooling max",
         "--features learned --embedding-size 8",
         "--features shuffled:glove",
-        "--value-readout logits --policy-lag 1 --unroll 3 --momentum 0.5",
+        "--value-readout logits --policy-lag 1 --unroll 3",
         "--depth 2 --max-attempts 3 --reward official --task-weighting goal",
-        "--distractor-weighting uniform --distractor-policy no_shortcut --ambiguity last",
+        "--distractor-policy no_shortcut --config {settings}",
         "--scorer {scorer} --kg-only --use v --scale ranks --mixing softmax",
         "--scorer {scorer} --use u --scale log-softmax --self-edges drop",
         "--scorer {scorer} --scale none --self-edges keep",
     ],
 )
-def test_every_choice_of_the_help_trains_and_is_judged(run, train, world, options):
-    folder = train(*MOMENT, *options.format(scorer=world / "scorer").split())
+def test_every_choice_of_the_help_trains_and_is_judged(run, train, world, options, tmp_path):
+    settings = tmp_path / "settings.toml"
+    settings.write_text(
+        "[train-agent]\nambiguity = 'last'\ndistractor_weighting = 'uniform'\nmomentum = 0.5\n"
+    )
+    folder = train(*MOMENT, *options.format(scorer=world / "scorer", settings=settings).split())
     assert run("explain", folder, "--episodes", 1).code == 0
 
 

@@ -147,6 +147,25 @@ def test_help_has_the_usage_two_examples_and_arguments_by_their_place_alone(run,
     assert all(example in outcome.out for example in (*examples, "--json"))
 
 
+@pytest.mark.parametrize("name", ALL)
+def test_help_shows_at_most_twenty_options(run, name):
+    option = re.compile(r"^│ (?:\*  |   )?(--[a-z0-9-]+)", re.MULTILINE)
+    shown = option.findall(run(*name.split(), "--help").out)
+    assert len(shown) <= 20
+    module = manual_of(name).module
+    assert set(getattr(module, "SHOWN", ())) <= set(shown)
+    assert not set(getattr(module, "FILE_ONLY", ())) & set(shown)
+
+
+def test_options_of_the_file_are_refused_on_the_command_line(run, refused, tmp_path):
+    refused(
+        "train-agent", "kitchen", "--momentum", "0.5", says="`momentum = ...` below [train-agent]"
+    )
+    more = run("train-agent", "--help").out
+    assert "More options: docs/commands.md lists all" in more
+    assert "--momentum" not in more
+
+
 EXAMPLES = [(name, example) for name in ALL for example in manual_of(name).module.EXAMPLES]
 
 

@@ -5,6 +5,9 @@ To add a command, write a module with ``EXAMPLES`` and a function named after th
 between two words, and ``module:function``. The module has ``EXAMPLES`` and ``GROUP``, the group in the help. If several
 commands share the first word, such as ``people``, one module has ``SUBJECT``, the help text for this word. Import heavy
 packages inside the function: help stays fast.
+
+A command with many options names in ``SHOWN`` those that ``--help`` shows, and in ``FILE_ONLY`` those that only the
+configuration file may set; ``docs/commands.md`` lists all.
 """
 
 import gc
@@ -12,7 +15,7 @@ import os
 import re
 import sys
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Container, Iterator, Sequence
 from functools import reduce
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -29,7 +32,7 @@ from wordcraft_kg import __version__
 from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.console import OUTPUT_GROUP, Output
 from wordcraft_kg.cli.failures import Manual, failure_of
 
 CORE = {
@@ -92,10 +95,10 @@ def make_app() -> App:
                 group=None if subject else group,
                 sort_key=place,
                 usage=f"Usage: {manual.usage}",
-                help_epilogue=_examples(manual.module),
-                synonym=tuple(
-                    word.split("-")
-                ),  # "train" is not a command, but suggests the training commands
+                help_epilogue=_examples(manual.module) + _more_options(name, manual.module),
+                help_formatter=_FlowingHelp(getattr(manual.module, "SHOWN", None)),
+                # "train" is not a command, but suggests the training commands.
+                synonym=tuple(word.split("-")),
             )
     return app
 
@@ -125,6 +128,16 @@ def _examples(*modules: ModuleType) -> str:
     )
 
 
+def _more_options(name: str, module: ModuleType) -> str:
+    """Return the help's last paragraph: where the options are that ``--help`` leaves out."""
+    if not hasattr(module, "SHOWN"):
+        return ""
+    table = f"[{name.replace(' ', '.')}]"
+    return (
+        f"\n\nMore options: docs/commands.md lists all; --config FILE sets any in a table {table}."
+    )
+
+
 def commands_by_group() -> dict[str, list[str]]:
     """Return all command names by help group, core groups first."""
     groups = {title: list(names) for title, names in CORE.items()}
@@ -144,17 +157,33 @@ def manual_of(name: str) -> Manual:
 
 
 class _FlowingHelp(DefaultFormatter):
-    """Help formatter that joins the lines of docstrings; blank lines and command lines stay."""
+    """Help formatter that joins the lines of docstrings; blank lines and command lines stay.
+
+    Args:
+        shown: names of the command's own options to show, such as ``--steps``. None shows all. Arguments by place and
+            the options of every command are always shown.
+    """
+
+    def __init__(self, shown: Sequence[str] | None = None) -> None:
+        super().__init__()
+        self.shown = shown
 
     def __call__(self, console: Any, options: Any, panel: Any) -> None:
         """Show a panel with commands or options; positional arguments are shown without an option name."""
-        for entry in panel.entries:
+        entries = [entry for entry in panel.entries if self._is_shown(panel, entry)]
+        if not entries:
+            return
+        for entry in entries:
             _flow(entry.description)
         entries = [
-            entry.copy(positive_names=()) if entry.positional_label else entry
-            for entry in panel.entries
+            entry.copy(positive_names=()) if entry.positional_label else entry for entry in entries
         ]
         super().__call__(console, options, panel.copy(entries=entries))
+
+    def _is_shown(self, panel: Any, entry: Any) -> bool:
+        if self.shown is None or entry.positional_label or panel.title == OUTPUT_GROUP:
+            return True
+        return any(name in self.shown for name in entry.names)
 
     def render_description(self, console: Any, options: Any, description: Any) -> None:
         """Print a command's description."""
@@ -207,6 +236,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         path = next((after for before, after in pairwise(parts) if before == "--config"), None)
         options = [] if path is None else [Dict(_read_toml(path, name), source=path)]
         app.config = [*options, _refuse_fractions]
+        if manual is not None and hasattr(manual.module, "FILE_ONLY"):
+            app.config = [*app.config, _refuse_on_command_line(name, manual.module.FILE_ONLY)]
         command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
         output = bound.arguments.get("output", output)
         with output.session():
@@ -248,6 +279,26 @@ def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCo
             for token in argument.tokens:
                 if "." in token.value:
                     raise CoercionError(argument=argument, token=token, target_type=int)
+
+
+def _refuse_on_command_line(command: str, names: Container[str]) -> Callable[..., None]:
+    """Return a check that refuses options which only the configuration file may set.
+
+    Such options belong to an earlier study or to the paper's released code; on the command line they would hide the
+    options that users need.
+    """
+
+    def check(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+        for argument in arguments:
+            for token in argument.tokens:
+                if argument.name in names and token.source == "cli":
+                    setting = argument.name.removeprefix("--").replace("-", "_")
+                    raise ConfigError(
+                        f"{argument.name} can only be set in a file: write `{setting} = ...` below "
+                        f"[{command}] and pass it with --config FILE."
+                    )
+
+    return check
 
 
 def _read_toml(path: str, command: str | None) -> dict[str, Any]:

@@ -22,8 +22,11 @@ from wordcraft_kg.cli.progress import Progress, Stages
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record
 
+OUTPUT_GROUP = "Output and configuration"
+"""Title in the help of the options that every command has."""
 
-@Parameter(name="*", group="Output and configuration")
+
+@Parameter(name="*", group=OUTPUT_GROUP)
 @dataclass(frozen=True)
 class Output:
     """Common options.

@@ -17,6 +17,32 @@ EXAMPLES = (
     "wordcraft-kg train-agent everyday --seeds 0-4 --out runs/no-kg-seeds",
 )
 
+SHOWN = [
+    "--scorer",
+    "--use",
+    "--steps",
+    "--seed",
+    "--seeds",
+    "--out",
+    "--force",
+    "--track",
+    "--depth",
+    "--distractors",
+    "--policy",
+    "--features",
+    "--learning-rate",
+    "--unroll",
+    "--scorer-cost",
+    "--device",
+]
+FILE_ONLY = [
+    "--ambiguity",
+    "--baseline-cost",
+    "--distractor-weighting",
+    "--momentum",
+    "--rms-decay",
+]
+
 
 def train_agent(
     graph: Graph,

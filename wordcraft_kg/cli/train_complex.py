@@ -17,6 +17,25 @@ EXAMPLES = (
     "wordcraft-kg train-complex graphs/mine --with knowledge/wn --out models/mine-wn",
 )
 
+SHOWN = [
+    "--kg",
+    "--dim",
+    "--epochs",
+    "--learning-rate",
+    "--n3",
+    "--negatives",
+    "--folds",
+    "--with",
+    "--patience",
+    "--train-fraction",
+    "--seed",
+    "--seeds",
+    "--device",
+    "--out",
+    "--force",
+    "--track",
+]
+
 
 def train_complex(
     graph: Graph,

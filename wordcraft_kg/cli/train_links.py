@@ -18,6 +18,24 @@ EXAMPLES = (
     "wordcraft-kg train-links --list-models",
 )
 
+SHOWN = [
+    "--model",
+    "--list-models",
+    "--kg",
+    "--dim",
+    "--epochs",
+    "--learning-rate",
+    "--loop",
+    "--negatives",
+    "--folds",
+    "--seed",
+    "--seeds",
+    "--device",
+    "--out",
+    "--force",
+    "--track",
+]
+
 
 def train_links(
     graph: OptionalBook = None,

@@ -24,6 +24,25 @@ EXAMPLES = (
     'wordcraft-kg evaluate-text everyday --player "python my_player.py" --open-ended --attempts 100',
 )
 
+SHOWN = [
+    "--player",
+    "--timeout",
+    "--name",
+    "--out",
+    "--force",
+    "--part",
+    "--depth",
+    "--distractors",
+    "--attempts",
+    "--open-ended",
+    "--base",
+    "--knowledge",
+    "--scorer",
+    "--look-ups",
+    "--distractor-seeds",
+    "--tasks",
+]
+
 
 def evaluate_text(
     graph: Book = "everyday",

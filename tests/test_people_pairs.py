@@ -1,20 +1,19 @@
-"""People's judgements of single pairs; tests on the published file skip without it."""
+"""The script that compares people's judgements of single pairs; the published file may be missing."""
 
 import json
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 
-from wordcraft_kg.apps.people.pair_judgements import (
-    area_under_curve,
-    judged_recipes,
-    judgements_file,
-    read_judgements,
-    view_pairs,
-)
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
 from wordcraft_kg.graphs import RecipeGraph
+
+SCRIPT = Path(__file__).parents[1] / "benchmarks" / "people_pairs.py"
+pairs = SimpleNamespace(**runpy.run_path(str(SCRIPT)))
 
 
 class Fixed:
@@ -47,39 +46,38 @@ def judgements(tmp_path, graph):
     person = dict(zip(names, zip(*questions, strict=True), strict=True))
     path = tmp_path / "judgements.json"
     path.write_text(json.dumps({"1": person}))
-    return read_judgements(path, graph)
+    return pairs.read_judgements(path, graph)
 
 
 def test_people_and_a_scorer_answer_the_same_questions(graph, judgements):
-    recipes = [[0, 0, 1]]
     scores = {(0, 1): [-1, 2.5, 3, 2], (1, 2): [0, 0, 0, 1], (0, 3): [0, 2, 0, 0]}
-    view = view_pairs(judgements, graph, ("fixed", Fixed(scores, recipes)))
-    assert (view.pairs, view.recipes, view.judgements, view.questions) == (3, 2, 4, 2)
-    assert view.auc_people == (1 + 0 + 0.5) / 3  # ratings 7, 2, 5 of recipes against 5
-    assert view.right_people == 1 / 2
-    assert view.auc == 1 / 2  # best scores 3, 1 against 2
-    assert view.right == 1 / 2
-    assert view.right_ci == (1 / 2, 1 / 2)  # two answers on one pair
-    assert view.auc_people_ci == (view.auc_people,) * 2  # one person
-    assert view_pairs(judgements, graph).auc is None
+    people = pairs.answers_of_people(judgements, graph)
+    # Ratings 7, 2, 5 of recipes against 5 of a pair that makes nothing: one won, one lost, one tie.
+    assert people.auc == ((1 + 0 + 0.5) / 3,) * 3  # one person: no spread
+    assert people.right.value == 1 / 2
+    scorer = pairs.answers_of_scorer(judgements, graph, "fixed", Fixed(scores, [[0, 0, 1]]))
+    assert scorer.auc.value == 1 / 2  # best scores 3, 1 against 2
+    assert scorer.right == (1 / 2,) * 3  # two answers on one pair
     with pytest.raises(ConfigError, match="only recipes or none"):
-        view_pairs(judgements[:2], graph)
+        pairs.answers_of_people(judgements[:2], graph)
 
 
 def test_a_scorer_that_knows_a_judged_pair_is_refused_and_its_recipes_are_listed(graph, judgements):
-    assert judged_recipes(judgements, graph) == [("a", "b", "c"), ("a", "b", "d"), ("b", "c", "d")]
+    expected = [("a", "b", "c"), ("a", "b", "d"), ("b", "c", "d")]
+    assert pairs.judged_recipes(judgements, graph) == expected
+    leaky = Fixed({}, [[1, 0, 3], [0, 0, 1]])
     with pytest.raises(LeakError, match="1 rated pairs"):
-        view_pairs(judgements, graph, ("leaky", Fixed({}, [[1, 0, 3], [0, 0, 1]])))
+        pairs.answers_of_scorer(judgements, graph, "leaky", leaky)
     with pytest.raises(LeakError, match="without recipes"):
-        view_pairs(judgements, graph, ("zero-shot", Fixed({})))
+        pairs.answers_of_scorer(judgements, graph, "zero-shot", Fixed({}))
 
 
 def test_the_area_is_the_share_of_ordered_cases():
     rng = np.random.default_rng(0)
     right, scores = rng.random(40) < 0.3, rng.integers(5, size=40)
-    pairs = [(one > two) + 0.5 * (one == two) for one in scores[right] for two in scores[~right]]
-    area, (low, high) = area_under_curve(right.tolist(), scores.tolist(), range(40))
-    assert area == pytest.approx(np.mean(pairs))
+    cases = [(one > two) + 0.5 * (one == two) for one in scores[right] for two in scores[~right]]
+    area, low, high = pairs.area_under_curve(right.tolist(), scores.tolist(), range(40))
+    assert area == pytest.approx(np.mean(cases))
     # Hanley and McNeil's standard error for cases that are drawn one by one
     a, n, m = area, right.sum(), (~right).sum()
     variance = (
@@ -87,33 +85,33 @@ def test_the_area_is_the_share_of_ordered_cases():
     )
     assert (high - low) / 3.92 == pytest.approx(np.sqrt(variance / (n * m)), rel=0.15)
     # Copies of the same cases in a person's cluster are no further evidence.
-    copies = area_under_curve([*right] * 3, [*scores] * 3, [*range(40)] * 3)
-    assert (copies[0], *copies[1]) == pytest.approx((area, low, high))
+    copies = pairs.area_under_curve([*right] * 3, [*scores] * 3, [*range(40)] * 3)
+    assert copies == pytest.approx((area, low, high))
 
 
 def test_a_missing_changed_or_unfitting_file_is_refused(graph, tmp_path, monkeypatch, kitchen):
     monkeypatch.setenv("WORDCRAFT_KG_DATA", str(tmp_path))
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     with pytest.raises(ArtefactError, match="--fetch"):
-        judgements_file()
+        pairs.judgements_file()
     path = tmp_path / "alchemy_pairs" / "validation_behavior.json"
     path.parent.mkdir()
     path.write_text("{}")
     with pytest.raises(ArtefactError, match="SHA-256"):
-        judgements_file()
+        pairs.judgements_file()
     with pytest.raises(ConfigError, match="little-alchemy-2"):
-        read_judgements(path, kitchen)
+        pairs.read_judgements(path, kitchen)
 
 
 def test_published_judgements_give_the_figures_of_the_guide(alchemy):
     try:
-        path = judgements_file()
+        path = pairs.judgements_file()
     except ArtefactError:
         pytest.skip("the published judgements are not on this machine")
-    view = view_pairs(read_judgements(path, alchemy), alchemy)
-    assert (view.pairs, view.recipes, view.judgements, view.questions) == (832, 359, 1949, 178)
-    assert view.auc_people == pytest.approx(0.588, abs=5e-4)
-    assert view.right_people == pytest.approx(0.607, abs=5e-4)
-    assert (*view.auc_people_ci, *view.right_people_ci) == pytest.approx(
-        (0.564, 0.612, 0.516, 0.700), abs=2e-3
-    )
+    judgements = pairs.read_judgements(path, alchemy)
+    people = pairs.answers_of_people(judgements, alchemy)
+    assert len({each.pair for each in judgements}) == 832
+    assert len(judgements) == 1949
+    assert len(pairs.with_right_option(judgements, alchemy)) == 178
+    assert people.auc == pytest.approx((0.588, 0.564, 0.612), abs=2e-3)
+    assert people.right == pytest.approx((0.607, 0.516, 0.700), abs=2e-3)

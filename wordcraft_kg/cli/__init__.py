@@ -236,7 +236,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         path = next((after for before, after in pairwise(parts) if before == "--config"), None)
         options = [] if path is None else [Dict(_read_toml(path, name), source=path)]
         app.config = [*options, _refuse_fractions]
-        if manual is not None and hasattr(manual.module, "FILE_ONLY"):
+        if name and manual and hasattr(manual.module, "FILE_ONLY"):
             app.config = [*app.config, _refuse_on_command_line(name, manual.module.FILE_ONLY)]
         command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
         output = bound.arguments.get("output", output)

@@ -3,17 +3,27 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import chain
 
 from markupsafe import Markup
 
 from wordcraft_kg.reports.charts.scales import shortened, spread
 
-LETTER, SMALL_LETTER = 5.9, 5.2
+LETTER = 5.9
+SMALL_LETTER = 5.2
+"""Mean letter widths in pixels, for labels and for the ingredients below them."""
 _LONGEST = 16
 """Most letters for a label in a box; a shortened label's tooltip is complete."""
 _LONGEST_PART = 11
-_BOX, _GAP, _BETWEEN = 22, 46, 20
+"""Most letters for an ingredient below a box."""
+_BOX = 22
+"""Height of a box in pixels."""
+_GAP = 46
+"""Least distance between the middles of two boxes of a layer: room for the ingredients and for arrows."""
+_BETWEEN = 20
+"""Distance between two layers, for the arrows' curves."""
 _NARROWEST = 50
+"""Least width of a layer."""
 MARGIN = 8
 _SWEEPS = 24
 """Passes that move boxes towards linked boxes, from the left and from the right in turn."""
@@ -21,7 +31,16 @@ _SWEEPS = 24
 
 @dataclass(frozen=True)
 class Made:
-    """An entity in a layer (from 1), made from the entities ``of`` in earlier layers; ``style`` is a CSS class."""
+    """An entity that is made.
+
+    Attributes:
+        label: the entity.
+        href: address that its box links to, or empty.
+        layer: number of the layer, from 1; the ingredients lie in earlier layers or belong to the base.
+        of: labels of the ingredients.
+        style: CSS class of the box, or empty.
+        title: tooltip; empty for the label.
+    """
 
     label: str
     href: str
@@ -33,7 +52,14 @@ class Made:
 
 @dataclass
 class _Place:
-    """A node in the drawing: an entity, or an arrow's layer crossing, with its neighbours in adjacent layers."""
+    """A node in the drawing: an entity, or the point where an arrow crosses a layer.
+
+    Attributes:
+        column: number of the layer in the drawing, from 0.
+        before: nodes in the layer before from which an arrow comes.
+        after: nodes in the next layer to which an arrow goes.
+        y: height of the middle, in pixels.
+    """
 
     column: int
     before: "list[_Place]"
@@ -42,7 +68,13 @@ class _Place:
 
 
 def layered(things: Sequence[Made], given: Collection[str], description: str) -> Markup:
-    """Draw entities in crafting order as boxes, with ingredients and arrows; the base (``given``) is bold."""
+    """Draw entities in crafting order as boxes, with ingredients and arrows.
+
+    Args:
+        things: the entities, each with its layer and its ingredients.
+        given: labels of the base entities; they have no box, and are bold among the ingredients.
+        description: text alternative for people who do not see the drawing.
+    """
     layers = [thing.layer for thing in things] or [1]
     first = min(layers)
     columns: list[list[_Place]] = [[] for _ in range(first, max(layers) + 1)]
@@ -53,13 +85,14 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     _settle(columns)
     widths = _widths(things, first, len(columns))
     lefts = [MARGIN + sum(widths[:i]) + _BETWEEN * i for i in range(len(widths))]
-    places = [place for column in columns for place in column]
+    places = list(chain.from_iterable(columns))
     heights = [place.y for place in places] or [0.0]
     top = min(heights) - _BOX / 2 - MARGIN
     bottom = max(heights) - top + _GAP - _BOX / 2 + 6
     for place in places:
         place.y = round(place.y - top)
-    width, height = lefts[-1] + widths[-1] + MARGIN, round(bottom) + 18
+    width = lefts[-1] + widths[-1] + MARGIN
+    height = round(bottom) + 18  # a line for the layers' numbers
     parts = [
         f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" class="layered" role="group" '
         f'aria-label="{escape(description)}">'
@@ -79,6 +112,7 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
 
 
 def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
+    """Return the width of each layer in pixels: that of its longest label or list of ingredients."""
     widths = [_NARROWEST] * columns
     for thing in things:
         of = " + ".join(shortened(part, _LONGEST_PART) for part in thing.of)
@@ -90,17 +124,26 @@ def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
 def _arrows(
     things: Sequence[Made], place_of: dict[str, _Place], columns: list[list[_Place]]
 ) -> list[tuple[str, list[_Place]]]:
+    """Link the places of ingredients and results, and return each arrow's tooltip and route.
+
+    An arrow over several layers crosses each layer between at a place of its own, so that boxes make room for it.
+    Arrows from the same entity share these places.
+    """
     passing: dict[tuple[str, int], _Place] = {}
     arrows = []
     for thing in things:
         to = place_of[thing.label]
-        for part in (part for part in dict.fromkeys(thing.of) if part in place_of):
+        # An ingredient that is used twice has one arrow; the base has none.
+        for part in dict.fromkeys(thing.of):
+            if part not in place_of:
+                continue
             route = [place_of[part]]
             for column in range(route[0].column + 1, to.column):
                 if (part, column) not in passing:
-                    passing[part, column] = place = _Place(column, [route[-1]], [])
-                    route[-1].after.append(place)
-                    columns[column].append(place)
+                    crossing = _Place(column, [route[-1]], [])
+                    passing[part, column] = crossing
+                    route[-1].after.append(crossing)
+                    columns[column].append(crossing)
                 route.append(passing[part, column])
             route[-1].after.append(to)
             to.before.append(route[-1])
@@ -109,7 +152,10 @@ def _arrows(
 
 
 def _settle(layers: list[list[_Place]]) -> None:
-    """Move nodes towards the mean of their neighbours, with gaps."""
+    """Move nodes towards the mean of their neighbours, with gaps.
+
+    Source: the sweeps of Sugiyama et al. 1981, "Methods for visual understanding of hierarchical system structures".
+    """
     for layer in layers:
         for number, place in enumerate(layer):
             place.y = _GAP * (number - (len(layer) - 1) / 2)
@@ -126,15 +172,21 @@ def _settle(layers: list[list[_Place]]) -> None:
 
 
 def _mean(place: _Place, from_left: bool, both: bool) -> float:
-    near = place.before + place.after if both else place.before if from_left else place.after
+    """Return the mean height of a node's neighbours on one side or on both; its own height without neighbours."""
+    if both:
+        near = place.before + place.after
+    else:
+        near = place.before if from_left else place.after
     return sum(one.y for one in near) / len(near) if near else place.y
 
 
 def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
+    """Return the SVG path of an arrow: straight through the layers, curved between them, with a head."""
     y = int(route[0].y)
     path = [f"M{lefts[route[0].column] + widths[route[0].column]} {y}"]
     for place in route[1:]:
-        left, end = lefts[place.column], int(place.y)
+        left = lefts[place.column]
+        end = int(place.y)
         path.append(f"C{left - _BETWEEN / 2:g} {y} {left - _BETWEEN / 2:g} {end} {left} {end}")
         y = end
         if place is not route[-1]:
@@ -143,11 +195,15 @@ def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
 
 
 def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> list[str]:
-    of = " + ".join(
-        f'<tspan class="{"given" if part in given else "made"}">{escape(shortened(part, _LONGEST_PART))}</tspan>'
-        for part in thing.of
-    )
-    middle, label = left + width / 2, escape(shortened(thing.label, _LONGEST))
+    """Return a box with its label, and the ingredients below, as SVG elements."""
+    ingredients = []
+    for part in thing.of:
+        style = "given" if part in given else "made"
+        shown = escape(shortened(part, _LONGEST_PART))
+        ingredients.append(f'<tspan class="{style}">{shown}</tspan>')
+    of = " + ".join(ingredients)
+    middle = left + width / 2
+    label = escape(shortened(thing.label, _LONGEST))
     inside = (
         f"<title>{escape(thing.title or thing.label)}</title>"
         f'<rect x="{left}" y="{y - _BOX // 2}" width="{width}" height="{_BOX}" rx="4" class="{thing.style}"/>'

@@ -18,22 +18,31 @@ LIGHT = (*OKABE_ITO, "#1b1f24", "#7f3c00")
 DARK = ("#4d9aff", *OKABE_ITO[1:], "#e6edf3", "#f0e442")
 """Colours on a dark page, where the blue of Okabe and Ito would be too dark for lines."""
 COLOURS = len(LIGHT)
-WIDTH, HEIGHT = 460, 250
-LEFT, _RIGHT, TOP, BOTTOM = 46, 12, 12, 42
+WIDTH = 460
+HEIGHT = 250
+"""Size of a chart in pixels of its own coordinates; pages scale it."""
+LEFT = 46
+_RIGHT = 12
+TOP = 12
+BOTTOM = 42
+"""Margins in pixels: the left one holds tick labels, the bottom one tick labels and the axis title."""
 _LINE_HEIGHT = 13
-LETTER, SMALL_LETTER = 6.3, 5.5
+LETTER = 6.3
+SMALL_LETTER = 5.5
 """Mean letter widths in pixels, for usual (11 px) and small text."""
 _LONGEST_NAME = 32
 """Most letters in a name; a shortened name's tooltip is complete."""
 ABOVE = 28
 """Margin above the axes, for a title or a legend."""
 _HOVER_POINTS = 60
+"""Most points of a curve with a tooltip: more would overlap, and make the page large."""
 _CORNERS = (
     (),
     ((-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)),
     ((0, -4.2), (4, 3), (-4, 3)),
     ((0, -4.6), (4.2, 0), (0, 4.6), (-4.2, 0)),
 )
+"""Corners of the markers' shapes around the point, in pixels: circle (none), square, triangle, diamond."""
 
 CurvePoint = tuple[float, float, float | None, float | None]
 """x, y, and interval bounds for y, or None for both bounds."""
@@ -60,7 +69,17 @@ def room_for(names: Iterable[str], extra: int = 20) -> int:
 
 
 class Plot:
-    """A chart with linear axes, built from SVG elements; ``top``, ``right`` and ``left`` are margins in pixels."""
+    """A chart with linear axes, built from SVG elements.
+
+    Args:
+        x_range: values at the left and the right end of the x-axis.
+        y_range: values at the lower and the upper end of the y-axis; they may decrease.
+        description: text alternative for people who do not see the chart.
+        top: margin above the axes, in pixels.
+        right: margin to the right.
+        left: margin to the left.
+        height: height of the whole chart in pixels.
+    """
 
     def __init__(
         self,
@@ -73,28 +92,45 @@ class Plot:
         left: int = LEFT,
         height: int = HEIGHT,
     ):
-        self.x_range, self.y_range, self.description = x_range, y_range, description
-        self.top, self.right, self.left, self.height = top, right, left, height
+        self.x_range = x_range
+        self.y_range = y_range
+        self.description = description
+        self.top = top
+        self.right = right
+        self.left = left
+        self.height = height
         self.parts: list[str] = []
 
     def x(self, value: float) -> float:
         """Return a value's x-coordinate in pixels."""
         low, high = self.x_range
-        return round(self.left + (value - low) / (high - low) * (WIDTH - self.left - self.right), 1)
+        share = (value - low) / (high - low)
+        return round(self.left + share * (WIDTH - self.left - self.right), 1)
 
     def y(self, value: float) -> float:
-        """Return a value's y-coordinate in pixels."""
+        """Return a value's y-coordinate in pixels, counted downwards as in SVG."""
         low, high = self.y_range
-        return round(
-            self.height - BOTTOM - (value - low) / (high - low) * (self.height - self.top - BOTTOM),
-            1,
-        )
+        share = (value - low) / (high - low)
+        return round(self.height - BOTTOM - share * (self.height - self.top - BOTTOM), 1)
 
     def text(
         self, x: float, y: float, text: str, style: str = "", anchor: str = "", name: str = ""
     ) -> None:
-        """Write a text at pixel coordinates; a differing ``name`` becomes its tooltip."""
-        attributes = f' text-anchor="{anchor}"' * bool(anchor) + f' class="{style}"' * bool(style)
+        """Write a text.
+
+        Args:
+            x: coordinate of the anchor, in pixels.
+            y: coordinate of the base line, in pixels.
+            text: the text to show; it is escaped.
+            style: CSS class, or empty.
+            anchor: end of the text at ``x``: middle, end, or empty for its start.
+            name: complete text, which becomes a tooltip if ``text`` is a shortened form.
+        """
+        attributes = ""
+        if anchor:
+            attributes += f' text-anchor="{anchor}"'
+        if style:
+            attributes += f' class="{style}"'
         title = f"<title>{escape(name)}</title>" if name and name != text else ""
         self.parts.append(f'<text x="{x:g}" y="{y:.5g}"{attributes}>{escape(text)}{title}</text>')
 
@@ -108,8 +144,15 @@ class Plot:
             self.text(self.left - 5, y + 4, text, anchor="end")
 
     def x_axis(self, ticks: Sequence[float], texts: Sequence[str], *, grid: bool = False) -> None:
-        """Write tick labels below the chart, and draw vertical grid lines if ``grid`` is True."""
-        bottom, style = self.height - BOTTOM, "small" if len(ticks) > 6 else "tick"
+        """Write tick labels below the chart.
+
+        Args:
+            ticks: values of the ticks.
+            texts: label of each tick.
+            grid: draw a vertical line at each tick.
+        """
+        bottom = self.height - BOTTOM
+        style = "small" if len(ticks) > 6 else "tick"
         for value, text in zip(ticks, texts, strict=True):
             x = self.x(value)
             if grid:
@@ -127,13 +170,22 @@ class Plot:
     def polyline(
         self, points: Iterable[Sequence[float | None]], style: str, title: str = ""
     ) -> None:
-        """Draw a line through points (x, y, ...); elements after x and y are ignored."""
+        """Draw a line.
+
+        Args:
+            points: (x, y, ...) in values of the axes; further elements are ignored.
+            style: CSS classes.
+            title: tooltip, or empty.
+        """
         path = " ".join(f"{self.x(x or 0)},{self.y(y or 0)}" for x, y, *_ in points)
         inside = f"><title>{escape(title)}</title></polyline>" if title else "/>"
         self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
 
     def bands(self, points: Sequence[CurvePoint], number: int) -> None:
-        """Fill the area between the bounds of consecutive points in colour ``number``; a lone point has a whisker."""
+        """Fill the area between the bounds of consecutive points in colour ``number``.
+
+        A point without bounds interrupts the area; a point with bounds between two such points has a whisker.
+        """
         runs: list[list[tuple[float, float, float]]] = [[]]
         for x, _, low, high in points:
             if low is not None and high is not None:
@@ -145,6 +197,7 @@ class Plot:
                 ((x, low, high),) = run
                 self.whiskers((x, None, None), (low, low, high), number)
                 continue
+            # Around the area: along the upper bounds to the right, and back along the lower bounds.
             around = [(x, high) for x, _, high in run] + [(x, low) for x, low, _ in reversed(run)]
             path = " ".join(f"{self.x(x)},{self.y(y)}" for x, y in around)
             self.parts.append(f'<polygon points="{path}" class="band {style_of(number)}"/>')
@@ -152,24 +205,46 @@ class Plot:
     def hover_points(
         self, name: str, points: Sequence[CurvePoint], number: int, percent: bool
     ) -> None:
-        """Add tooltips to a curve's points; a curve with a single point is a dot in colour ``number``."""
-        style, radius = ("hit", 4.0) if len(points) > 1 else (f"dot {style_of(number)}", 3.6)
+        """Add tooltips to a curve's points.
+
+        Args:
+            name: the curve's name, which begins each tooltip.
+            points: the curve's points; of more than 60 only every n-th has a tooltip.
+            number: colour of the dot that a curve with a single point becomes.
+            percent: format y as a percentage.
+        """
+        is_curve = len(points) > 1
+        style = "hit" if is_curve else f"dot {style_of(number)}"
+        radius = 4.0 if is_curve else 3.6
         every = math.ceil(len(points) / _HOVER_POINTS)
         # Every n-th point counted from the end, because the last point matters most.
         for x, y, low, high in points[::-1][::every][::-1]:
-            self.circle(
-                x, y, radius, style, f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}"
-            )
+            title = f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}"
+            self.circle(x, y, radius, style, title)
 
     def circle(self, x: float, y: float, radius: float, style: str, title: str) -> None:
-        """Draw a point with a tooltip."""
+        """Draw a point.
+
+        Args:
+            x: value on the x-axis.
+            y: value on the y-axis.
+            radius: radius in pixels.
+            style: CSS classes.
+            title: tooltip.
+        """
         self.parts.append(
             f'<circle cx="{self.x(x)}" cy="{self.y(y)}" r="{radius}" class="{style}">'
             f"<title>{escape(title)}</title></circle>"
         )
 
     def whiskers(self, x: Estimate, y: Estimate, number: int) -> None:
-        """Draw a point's intervals in x and y as lines (whiskers), where bounds are given."""
+        """Draw a point's intervals as lines (whiskers).
+
+        Args:
+            x: value on the x-axis, with bounds or with None for both.
+            y: value on the y-axis, likewise.
+            number: colour of the data series.
+        """
         style = f"whisker {style_of(number)}"
         if x[1] is not None and x[2] is not None:
             self.polyline([(x[1], y[0]), (x[2], y[0])], style)
@@ -180,24 +255,32 @@ class Plot:
             )
 
     def marker(self, x: float, y: float, number: int, title: str) -> None:
-        """Draw a marker at pixel coordinates, in the shape and colour for the data series ``number``."""
-        style, inside = f"dot {style_of(number)}", f"<title>{escape(title)}</title>"
+        """Draw a marker in the shape and colour of a data series.
+
+        Args:
+            x: coordinate of the centre, in pixels.
+            y: coordinate of the centre, in pixels.
+            number: number of the data series.
+            title: tooltip.
+        """
+        style = f"dot {style_of(number)}"
+        inside = f"<title>{escape(title)}</title>"
         corners = _CORNERS[number % len(_CORNERS)]
-        path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
-        self.parts.append(
-            f'<polygon points="{path}" class="{style}">{inside}</polygon>'
-            if corners
-            else f'<circle cx="{x}" cy="{y}" r="3.6" class="{style}">{inside}</circle>'
-        )
+        if corners:
+            path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
+            part = f'<polygon points="{path}" class="{style}">{inside}</polygon>'
+        else:
+            part = f'<circle cx="{x}" cy="{y}" r="3.6" class="{style}">{inside}</circle>'
+        self.parts.append(part)
 
     def end_labels(self, ends: Sequence[tuple[float, float, str, str]]) -> None:
         """Label curves at their right ends (x, y, name, style), with a thin line to a moved label."""
-        places = spread(
-            [self.y(end[1]) for end in ends], _LINE_HEIGHT, self.top, self.height - BOTTOM
-        )
+        heights = [self.y(y_value) for _, y_value, _, _ in ends]
+        # Labels keep a line's height from each other, so some of them move away from their curve.
+        places = spread(heights, _LINE_HEIGHT, self.top, self.height - BOTTOM)
         edge = WIDTH - self.right
-        for (x_value, y_value, name, style), place in zip(ends, places, strict=True):
-            x, y = self.x(x_value), self.y(y_value)
+        for (x_value, _, name, style), y, place in zip(ends, heights, places, strict=True):
+            x = self.x(x_value)
             if abs(place - y) > 2 or edge - x > 2:
                 self.parts.append(
                     f'<line x1="{x + 2:.1f}" x2="{edge + 10}" y1="{y}" y2="{place:.1f}" class="leader"/>'

@@ -4,35 +4,46 @@ import math
 from collections.abc import Sequence
 
 Estimate = tuple[float, float | None, float | None]
+"""A value with the lower and the upper bound of its interval; both bounds are None without an interval."""
+_UNITS = ((1e9, "B"), (1e6, "M"), (1e3, "k"), (1, ""))
+"""Sizes and letters of the units of large numbers, largest first."""
+_ROUNDING = 1e-9
+"""Tolerance for rounding errors, in steps of an axis: they must not add a tick beyond a bound."""
 
 
 def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
-    """Return multiples of 1, 2 or 5 times a power of ten that cover ``low`` to ``high`` in at most ``most`` steps."""
+    """Return multiples of 1, 2 or 5 times a power of ten that cover a range.
+
+    Args:
+        low: lower end of the range.
+        high: upper end; equal ends count as a range of their own size.
+        most: most steps between ticks; there may be one more if a bound lies between two ticks.
+    """
     span = high - low or abs(high) or 1.0
     unit = 10 ** math.floor(math.log10(span / most))
-    step = next(size * unit for size in (1, 2, 5, 10) if span / (size * unit) <= most * (1 + 1e-9))
-    # The tolerance keeps rounding errors from adding a tick beyond a bound.
-    first, last = math.floor(low / step + 1e-9), math.ceil(high / step - 1e-9)
+    sizes = (size * unit for size in (1, 2, 5, 10))
+    step = next(size for size in sizes if span / size <= most * (1 + _ROUNDING))
+    first = math.floor(low / step + _ROUNDING)
+    last = math.ceil(high / step - _ROUNDING)
+    # At least one step, also for a range that lies on a tick.
     return [i * step for i in range(first, max(last, first + 1) + 1)]
 
 
 def amounts(values: Sequence[float]) -> list[str]:
     """Format numbers in the largest number's unit: 0, 0.5M, 1M."""
     highest = max(map(abs, values), default=0)
-    size, unit = next(
-        ((size, unit) for size, unit in ((1e9, "B"), (1e6, "M"), (1e3, "k")) if highest >= size),
-        (1, ""),
-    )
+    fitting = (entry for entry in _UNITS if highest >= entry[0])
+    size, unit = next(fitting, _UNITS[-1])
     return [f"{value / size:.10g}{unit}" if value else "0" for value in values]
 
 
 def estimate(value: Estimate, percent: bool) -> str:
-    """Format a value with its bounds."""
-    centre, low, high = (
-        None if number is None else f"{number:.1%}" if percent else f"{number:.3g}"
-        for number in value
-    )
-    return f"{centre}" if low is None or high is None else f"{centre} [{low}, {high}]"
+    """Format a value with its bounds, as percentages or as numbers with three digits."""
+    form = ".1%" if percent else ".3g"
+    centre, low, high = value
+    if low is None or high is None:
+        return f"{centre:{form}}"
+    return f"{centre:{form}} [{low:{form}}, {high:{form}}]"
 
 
 def shortened(text: str, letters: int) -> str:
@@ -41,9 +52,18 @@ def shortened(text: str, letters: int) -> str:
 
 
 def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """Return positions within bounds, at least ``gap`` apart, in the order of the wanted positions and closest to them.
+    """Return positions that keep a distance from each other and are closest to the wanted positions.
 
-    Least squares by pooling adjacent violators. The gap shrinks if the bounds are too narrow.
+    The positions have the order of the wanted ones and the least sum of squared moves, by pooling adjacent violators.
+
+    Args:
+        wanted: N positions, in any order; ties keep their order.
+        gap: least distance between two positions; it shrinks if the bounds are too narrow for N.
+        low: least position.
+        high: greatest position.
+
+    Returns:
+        N positions, each for the wanted position of the same index.
 
     Source: Barlow et al. 1972, "Statistical inference under order restrictions", for the pooling.
     """
@@ -51,35 +71,56 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
         return []
     gap = min(gap, (high - low) / max(len(wanted) - 1, 1))
     order = sorted(range(len(wanted)), key=wanted.__getitem__)
-    # After subtracting rank * gap, places must not decrease. Pools of equal places are kept as (sum, number).
+    # Without the gaps of the lower ranks (rank * gap), places only must not decrease: isotonic regression.
+    # Pools of equal places are kept as (sum, number).
     pools: list[tuple[float, int]] = []
     for rank, i in enumerate(order):
-        total, size = wanted[i] - rank * gap, 1
+        total = wanted[i] - rank * gap
+        size = 1
+        # A pool whose mean is not below the next one's joins it.
         while pools and pools[-1][0] / pools[-1][1] >= total / size:
-            total, size = total + pools[-1][0], size + pools[-1][1]
-            pools.pop()
+            pooled_total, pooled_size = pools.pop()
+            total += pooled_total
+            size += pooled_size
         pools.append((total, size))
-    means = [total / size for total, size in pools for _ in range(size)]
+    means: list[float] = []
+    for total, size in pools:
+        means += [total / size] * size
+    highest = high - (len(wanted) - 1) * gap
     places = [0.0] * len(wanted)
     for rank, i in enumerate(order):
-        places[i] = min(max(means[rank], low), high - (len(wanted) - 1) * gap) + rank * gap
+        places[i] = min(max(means[rank], low), highest) + rank * gap
     return places
 
 
 class Labels:
-    """The space already taken by texts in a chart, so that later texts do not overlap earlier texts."""
+    """The space already taken by texts in a chart, so that later texts do not overlap earlier texts.
+
+    Args:
+        line: height of a line of text, in pixels.
+    """
 
     def __init__(self, line: float):
         self._line = line
+        # Texts as (left, right, y) by row of one line height: only three rows can overlap a text.
         self._taken: dict[int, list[tuple[float, float, float]]] = {}
 
     def take(self, left: float, right: float, y: float) -> bool:
-        """Reserve space for a text from ``left`` to ``right`` at height ``y``; return False if the space is taken."""
+        """Reserve space for a text, in pixels.
+
+        Args:
+            left: left end of the text.
+            right: right end.
+            y: height of the base line.
+
+        Returns:
+            False if the space is taken; then nothing is reserved.
+        """
         row = int(y // self._line)
-        others = [one for near in (row - 1, row, row + 1) for one in self._taken.get(near, ())]
-        fits = all(
-            left > end or right < start or abs(y - at) >= self._line for start, end, at in others
-        )
-        if fits:
-            self._taken.setdefault(row, []).append((left, right, y))
-        return fits
+        for near in (row - 1, row, row + 1):
+            for start, end, at in self._taken.get(near, ()):
+                is_apart = left > end or right < start or abs(y - at) >= self._line
+                if not is_apart:
+                    return False
+        self._taken.setdefault(row, []).append((left, right, y))
+        return True

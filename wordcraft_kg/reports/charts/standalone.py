@@ -15,13 +15,23 @@ _INK = {
     "page": "#ffffff",
 }
 _FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
-_PANEL, MARGIN, HEAD, _CAPTION = 460, 16, 40, 22
+_PANEL = 460
+MARGIN = 16
+HEAD = 40
+_CAPTION = 22
+"""In pixels: width of a chart, space around charts, height of the title and of a chart's caption."""
 _HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
 """Invisible points that carry a tooltip."""
 
 
 def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
-    """Return an SVG file with a title, two charts in a row with their captions, and CSS rules, see :func:`resolved`."""
+    """Return an SVG file with a title and charts, two in a row.
+
+    Args:
+        title: title of the file, also its text alternative.
+        panels: caption (or empty) and SVG of each chart.
+        style: CSS rules that SVG renderers know, see :func:`resolved`.
+    """
     columns = min(len(panels), 2) or 1
     width = MARGIN + columns * (_PANEL + MARGIN)
     rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
@@ -73,6 +83,8 @@ def resolved(style: str) -> str:
 
 
 def _mixed(match: re.Match[str]) -> str:
+    """Return the colour that ``color-mix(in srgb, #one SHARE%, #other)`` gives, channel by channel."""
     share = int(match[2]) / 100
-    pairs = zip(bytes.fromhex(match[1][1:]), bytes.fromhex(match[3][1:]), strict=True)
-    return "#" + "".join(f"{round(share * one + (1 - share) * other):02x}" for one, other in pairs)
+    channels = zip(bytes.fromhex(match[1][1:]), bytes.fromhex(match[3][1:]), strict=True)
+    mixed = [round(share * one + (1 - share) * other) for one, other in channels]
+    return "#" + bytes(mixed).hex()

@@ -2,10 +2,10 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from html import escape
 
 from markupsafe import Markup
 
+from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.reports.charts.scales import shortened, spread
 
 LETTER, SMALL_LETTER = 5.9, 5.2
@@ -62,7 +62,7 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     width, height = lefts[-1] + widths[-1] + MARGIN, round(bottom) + 18
     parts = [
         f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" class="layered" role="group" '
-        f'aria-label="{escape(description)}">'
+        f'aria-label="{for_html(description)}">'
     ]
     for number, (left, wide) in enumerate(zip(lefts, widths, strict=True), start=first):
         parts.append(
@@ -104,7 +104,9 @@ def _arrows(
                 route.append(passing[part, column])
             route[-1].after.append(to)
             to.before.append(route[-1])
-            arrows.append((f"<title>{escape(part)} → {escape(thing.label)}</title>", [*route, to]))
+            arrows.append(
+                (f"<title>{for_html(part)} → {for_html(thing.label)}</title>", [*route, to])
+            )
     return arrows
 
 
@@ -144,16 +146,16 @@ def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
 
 def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> list[str]:
     of = " + ".join(
-        f'<tspan class="{"given" if part in given else "made"}">{escape(shortened(part, _LONGEST_PART))}</tspan>'
+        f'<tspan class="{"given" if part in given else "made"}">{for_html(shortened(part, _LONGEST_PART))}</tspan>'
         for part in thing.of
     )
-    middle, label = left + width / 2, escape(shortened(thing.label, _LONGEST))
+    middle, label = left + width / 2, for_html(shortened(thing.label, _LONGEST))
     inside = (
-        f"<title>{escape(thing.title or thing.label)}</title>"
+        f"<title>{for_html(thing.title or thing.label)}</title>"
         f'<rect x="{left}" y="{y - _BOX // 2}" width="{width}" height="{_BOX}" rx="4" class="{thing.style}"/>'
         f'<text x="{middle:g}" y="{y + 4}" class="middle {thing.style}">{label}</text>'
     )
     return [
-        f'<a href="{escape(thing.href)}">{inside}</a>' if thing.href else f"<g>{inside}</g>",
+        f'<a href="{for_html(thing.href)}">{inside}</a>' if thing.href else f"<g>{inside}</g>",
         f'<text x="{middle:g}" y="{y + _BOX // 2 + 12}" class="small middle">{of}</text>',
     ]

@@ -129,7 +129,7 @@ def test_stderr_of_a_program_is_shown_without_control_characters_up_to_a_limit(c
     with LinePlayer(program(code)) as player:
         assert player.ask("{}") == "1 1"
     shown = capfd.readouterr().err
-    assert shown.startswith("\ufffd[31mre\td\ufffd xxx")
+    assert shown.startswith("<U+001B>[31mre\td<U+0007> xxx")
     assert (
         len(shown) < 3_000,
         shown.endswith("more than 2,000 bytes on stderr; the rest is not shown\n"),

@@ -16,7 +16,7 @@ PANTRY = (
 WAYS = {
     "water": ("1", "water", "the water", "waters"),
     "watch": ("WATCH", "watches"),
-    "Fire": ("3", "Fire"),  # a number goes before a word
+    "Fire": ("Fire",),
     "fire": ("fire",),
     "fire brigade": (
         "fire b",
@@ -26,7 +26,7 @@ WAYS = {
         "A Fire brigade.",
     ),
     "wood": ("wo", "WO", "'wood'", "**wood**"),
-    "3": ("7",),
+    "3": ("7", "3", "'3'"),  # a label goes before a place
 }
 FORGIVEN = {
     **{
@@ -70,7 +70,8 @@ def test_articles_plurals_and_hyphens_are_forgiven(written, label):
 
 
 @pytest.mark.parametrize(
-    "written", ["0", "-1", "8", "01", "²", "9" * 5_000, "1.0", "x" * 100, "\ufffd", "watr"]
+    "written",
+    ["0", "-1", "8", "01", "-3", "−3", "²", "9" * 5_000, "1.0", "x" * 100, "\ufffd", "watr"],
 )
 def test_what_is_not_there_is_answered_with_what_is_expected(written):
     with pytest.raises(

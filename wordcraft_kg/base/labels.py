@@ -1,15 +1,21 @@
-"""Parser for entity labels in texts by people and models; different spellings are accepted if the match is unique."""
+"""Parser for entity labels in texts by people and models; different spellings are accepted if the match is unique.
+
+The rules have a version, the answer grammar. A frozen benchmark keeps the version under which it was published;
+:mod:`wordcraft_kg.base.answers` reads whole messages, and names the differences.
+"""
 
 import re
 import unicodedata
 from collections import defaultdict
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import islice
 
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.settings import nearest
 
+ANSWER_GRAMMAR = 2
+"""Present version of the rules by which texts are read as items."""
 _MOST_CHOICES = 8  # labels that an error about an ambiguous word names
 _MOST_SHOWN = 40  # characters of the input that an error repeats
 _MOST_WRITTEN = 1_000  # characters in which two labels are searched
@@ -19,8 +25,18 @@ _MARKS = " \t*_`'\"“”‘’«».,;:!?()[]{}<>"
 _VERB = re.compile(r"^(?:i\s+)?(?:combine|mix|pair|pick|try|attempt|answer)\b[\s:]*", re.IGNORECASE)
 _MADE = re.compile(r"\s*(?:=>|->|=|→).*$")
 _SEPARATOR = re.compile(r"\s*[+&,;]\s*|\s+(?:and|with|plus|then)\s+", re.IGNORECASE)
+WORDS = re.compile(r"[^\s+&,;]+|[+&,;]")
+"""Words and separators in a text."""
 _LIST_MARK = re.compile(r"^(?:[-*•>#]+\s+)+")
 _NUMBERS = re.compile(r"\d+\s+\d+")
+_SIGNED_NUMBERS = re.compile(r"[-+]?\d+\s+[-+]?\d+", re.ASCII)
+_NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)*", re.ASCII)
+_PLACE = re.compile(r"[1-9]\d{0,8}", re.ASCII)  # as many digits as a table can need
+# An item as prompts print it (`2 orchard`), or as errors do (`orchard (2)`).
+_PRINTED = re.compile(
+    r"\(?#?(?P<before>\d{1,9})[.):]?\s+(?P<first>.+)|(?P<last>.+?)\s+\(#?(?P<after>\d{1,9})\)",
+    re.ASCII,
+)
 
 
 def folded(text: str) -> str:
@@ -28,21 +44,38 @@ def folded(text: str) -> str:
     return " ".join(re.sub("[-_]", " ", unicodedata.normalize("NFKC", text).casefold()).split())
 
 
-def read_label(written: str, labels: Sequence[str], *, by_number: bool = True) -> int:
+def read_label(
+    written: str,
+    labels: Sequence[str],
+    *,
+    by_number: bool = True,
+    grammar: int = ANSWER_GRAMMAR,
+) -> int:
     """Return the index of the label that a text names.
 
-    The first matching rule decides: number from 1; exact label; case-insensitive label; label without article, quotes
-    and punctuation; singular or plural; label prefix.
+    The first matching rule decides: exact label; number from 1; case-insensitive label; label without article, quotes
+    and punctuation; singular or plural; number and label as printed (``2 orchard``); label prefix. A number is never
+    the spelling or the prefix of another label. In grammar 1 the number comes before the exact label, and the number
+    with a label is not read.
 
-    ``labels`` are distinct; without ``by_number``, numbers are not accepted. Raises ActionError if no label or several
-    labels fit.
+    Args:
+        written: text that names a label.
+        labels: distinct labels, in the order of their numbers.
+        by_number: whether numbers from 1 are accepted as places.
+        grammar: version of the rules, 1 or 2.
+
+    Returns:
+        Index in ``labels``.
+
+    Raises:
+        ActionError: if no label or several labels fit.
 
     Example:
         >>> labels = ["water", "fire", "fire brigade", "berry"]
         >>> read_label("The Water", labels), read_label("berries", labels), read_label("fire", labels)
         (0, 3, 1)
     """
-    meant = _meant(written, labels, by_number=by_number)
+    meant = _meant(written, labels, by_number=by_number, grammar=grammar)
     if len(meant) == 1:
         return meant[0]
     text = " ".join(written.split())
@@ -80,6 +113,18 @@ class LabelIndex:
             for form in _plurals(bare):
                 self._plural[form].add(place)
 
+    def __len__(self) -> int:
+        return len(self._plain)
+
+    @cached_property
+    def most_words(self) -> int:
+        """Number of words and separators in the longest label."""
+        return max((len(WORDS.findall(label)) for label in self._exact), default=0)
+
+    def place_of(self, label: str) -> int | None:
+        """Return the index of an exact label, or None."""
+        return self._exact.get(label)
+
     def find(self, written: str) -> int | None:
         """Return the index of the label that a text names; None without a match or with several matches.
 
@@ -89,10 +134,19 @@ class LabelIndex:
             (0, 3, None)
         """
         text = " ".join(written.split()) if len(written) <= self._longest else ""
-        places = self._places(text) if text else []
+        places = self.places(text) if text else []
         return places[0] if len(places) == 1 else None
 
-    def _places(self, text: str, *, by_beginning: bool = False) -> list[int]:
+    def places(self, text: str, *, by_beginning: bool = False) -> list[int]:
+        """Return the indices of all labels that a text may name, by the first rule that fits; see ``read_label``.
+
+        Args:
+            text: text without repeated blanks.
+            by_beginning: whether a text may be the prefix of a label.
+
+        Returns:
+            Indices in ascending order; empty without a match.
+        """
         if text in self._exact:
             return [self._exact[text]]
         plain, bare = folded(text), _bare(text)
@@ -101,17 +155,18 @@ class LabelIndex:
         )
         if meant := self._folded.get(plain) or self._bare.get(bare) or in_plural:
             return sorted(meant)
-        return [
-            place
-            for place, label in enumerate(self._plain)
-            if by_beginning and label.startswith(plain)
-        ]
+        if not by_beginning:
+            return []
+        return [place for place, label in enumerate(self._plain) if label.startswith(plain)]
 
 
-_index = lru_cache(maxsize=64)(LabelIndex)
+index_of = lru_cache(maxsize=64)(LabelIndex)
+"""Return the :class:`LabelIndex` of a tuple of labels; the last ones are kept."""
 
 
-def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
+def read_pair(
+    written: str, labels: Sequence[str], *, grammar: int = ANSWER_GRAMMAR
+) -> tuple[int, int]:
     """Return the indices of the two labels that a text such as ``water + earth`` names, in written order.
 
     Separators are ``+``, ``&``, comma, semicolon, ``and``, ``with``, ``plus`` and ``then``; a blank between two numbers
@@ -136,7 +191,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     bare = text.strip(_MARKS)
     readings = (text, _MADE.sub("", text), _VERB.sub("", bare), _VERB.sub("", _MADE.sub("", bare)))
     for reading in dict.fromkeys(readings):
-        pairs = _pairs_in(reading, labels, unread)
+        pairs = _pairs_in(reading, labels, unread, grammar)
         if len({tuple(sorted(pair)) for pair in pairs}) > 1:
             ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in pairs)
             raise ActionError(
@@ -145,7 +200,7 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
         if pairs:
             return pairs[0]
     if unread:
-        read_label(unread[0], labels)  # raises the error for that half
+        read_label(unread[0], labels, grammar=grammar)  # raises the error for that half
     raise ActionError(f"cannot parse {_shown(text)!r}: {expected}.")
 
 
@@ -155,22 +210,63 @@ def last_line(message: str) -> str:
     return _LIST_MARK.sub("", lines[-1]).strip("*`| \t") if lines else ""
 
 
-def _meant(written: str, labels: Sequence[str], *, by_number: bool = True) -> list[int]:
+def _meant(written: str, labels: Sequence[str], *, by_number: bool, grammar: int) -> list[int]:
     text = " ".join(written.split())
     if not text:
         return []
+    if grammar > 1:
+        index = index_of(tuple(labels))
+        named = places_named(text, index, by_number=by_number)
+        is_number = _NUMBER.fullmatch(text.strip(_MARKS))
+        return named if named or is_number else index.places(text, by_beginning=True)
     if by_number and text.isascii() and text.isdigit() and text[0] != "0" and len(text) < 10:
         place = int(text) - 1
         if place < len(labels):
             return [place]
-    return _index(tuple(labels))._places(text, by_beginning=True)
+    return index_of(tuple(labels)).places(text, by_beginning=True)
 
 
-def _pairs_in(text: str, labels: Sequence[str], unread: list[str]) -> list[tuple[int, int]]:
+def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
+    """Return the places of the labels that a text names in full, by grammar 2; empty without a match.
+
+    Args:
+        text: text without repeated blanks.
+        index: the labels.
+        by_number: whether numbers from 1 are accepted as places.
+    """
+    number = text.strip(_MARKS).replace("\u2212", "-")  # the minus sign
+    if _NUMBER.fullmatch(number):
+        # `-7` is not another spelling of `7`, though labels else may differ in hyphens.
+        for spelling in (text, number):
+            if (place := index.place_of(spelling)) is not None:
+                return [place]
+        is_place = by_number and _PLACE.fullmatch(number) and int(number) <= len(index)
+        return [int(number) - 1] if is_place else []
+    named = index.places(text)
+    return named if named or not by_number else _printed(text, index)
+
+
+def _printed(text: str, index: LabelIndex) -> list[int]:
+    """Return the place of an item that is written with its number; empty if number and label disagree."""
+    match = _PRINTED.fullmatch(text)
+    if match is None:
+        return []
+    place = int(match["before"] or match["after"]) - 1
+    label = match["first"] or match["last"]
+    if _NUMBER.fullmatch(label):
+        agrees = index.place_of(label) == place
+    else:
+        agrees = place in index.places(label, by_beginning=True)
+    return [place] if agrees else []
+
+
+def _pairs_in(
+    text: str, labels: Sequence[str], unread: list[str], grammar: int
+) -> list[tuple[int, int]]:
     """Return the distinct pairs; halves that name no single label join ``unread``."""
     pairs: dict[tuple[int, int], None] = {}
-    for halves in _halves(text):
-        meant = [_meant(half, labels) for half in halves]
+    for halves in _halves(text, labels, grammar):
+        meant = [_meant(half, labels, by_number=True, grammar=grammar) for half in halves]
         wrong = [half for half, places in zip(halves, meant, strict=True) if len(places) != 1]
         unread += wrong
         if not wrong:
@@ -178,10 +274,13 @@ def _pairs_in(text: str, labels: Sequence[str], unread: list[str]) -> list[tuple
     return list(pairs)
 
 
-def _halves(text: str) -> list[tuple[str, str]]:
-    if _NUMBERS.fullmatch(text):
+def _halves(text: str, labels: Sequence[str], grammar: int) -> list[tuple[str, str]]:
+    two_numbers = _NUMBERS if grammar == 1 else _SIGNED_NUMBERS
+    if two_numbers.fullmatch(text):
         one, other = text.split()
-        return [(one, other)]
+        # `2 -7` may also be the item `-7` as prompts print it, at place 2.
+        is_one_item = grammar > 1 and bool(_printed(text, index_of(tuple(labels))))
+        return [] if is_one_item else [(one, other)]
     return [(text[: at.start()], text[at.end() :]) for at in _SEPARATOR.finditer(text)]
 
 

@@ -23,7 +23,8 @@ Count = Annotated[int, msgspec.Meta(ge=0, le=MOST)]
 """A number from 0 up that fits a NumPy integer."""
 Share = Annotated[float, msgspec.Meta(ge=0, le=1)]
 """A number from 0 to 1: a probability or a fraction."""
-Hash = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+# The length also refuses a final line break, which the pattern alone allows.
+Hash = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$", max_length=64)]
 """A SHA-256 hash in hexadecimal."""
 
 

@@ -1,13 +1,6 @@
 """Formatting for numbers in sentences."""
 
 import math
-import re
-
-# Blanks other than the space, format characters other than joiners (which some scripts and emoji need), and fillers.
-_INVISIBLE = re.compile(
-    "[\u00a0\u00ad\u034f\u061c\u115f\u1160\u1680\u17b4\u17b5\u180e\u2000-\u200b\u200e\u200f\u202a-\u202f"
-    "\u205f-\u206f\u2800\u3000\u3164\ufeff\uffa0\ufff9-\ufffb]"
-)
 
 
 def duration(hours: float) -> str:
@@ -25,11 +18,6 @@ def counted(number: int, one: str, more: str = "") -> str:
         ('1 entity', '1,200 pairs')
     """
     return f"{number:,} {one if number == 1 else more or one + 's'}"
-
-
-def with_visible(text: str) -> str:
-    """Return a text with codes such as ``<U+00A0>`` in place of invisible characters."""
-    return _INVISIBLE.sub(lambda match: f"<U+{ord(match[0]):04X}>", text)
 
 
 def approximate(number: int) -> str:

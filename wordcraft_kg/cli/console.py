@@ -15,8 +15,8 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.artefacts import check_output_file, staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.escaping import for_json, for_terminal
 from wordcraft_kg.base.progress import listening
-from wordcraft_kg.base.wording import with_visible
 from wordcraft_kg.cli.progress import Progress, Stages
 
 if TYPE_CHECKING:
@@ -53,10 +53,10 @@ class Output:
         if self.json:
             from wordcraft_kg.base.records import as_values
 
-            print(json.dumps(as_values(view), ensure_ascii=False))
+            print(for_json(json.dumps(as_values(view), ensure_ascii=False)))
         else:
             for line in text:
-                print(with_visible(line))
+                print(for_terminal(line))
 
     def progress(self, what: str, unit: str = "epoch") -> Progress:
         """Return a reporter that shows progress of the work ``what`` on stderr, in epochs or another unit."""
@@ -77,7 +77,9 @@ class _Stderr(logging.Handler):
     """Writes to the current ``sys.stderr``: a bar on the terminal moves down."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(with_visible(f"{record.levelname.lower()}: {self.format(record)}"), file=sys.stderr)
+        # Warnings of Python and tracebacks have several lines.
+        lines = f"{record.levelname.lower()}: {self.format(record)}".split("\n")
+        print("\n".join(map(for_terminal, lines)), file=sys.stderr)
 
 
 Flag = Annotated[bool, Parameter(negative="", show_default=False)]

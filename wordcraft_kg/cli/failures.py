@@ -12,8 +12,8 @@ from typing import Any
 from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
+from wordcraft_kg.base.escaping import for_json, for_terminal
 from wordcraft_kg.base.extras import missing_package
-from wordcraft_kg.base.wording import with_visible
 from wordcraft_kg.cli.console import Output
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
@@ -77,13 +77,13 @@ class Failure:
 
         if output.json:
             error = {"kind": self.kind, "message": self.message}
-            print(json.dumps({"error": error}, ensure_ascii=False))
+            print(for_json(json.dumps({"error": error}, ensure_ascii=False)))
         if output.verbose:
             traceback.print_exc()
         console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False, emoji=False)
         if self.code != INTERRUPTED:
             console.print("error: ", style="bold red", end="")
-        console.print(with_visible("\n".join([self.message, *self.hints])))
+        console.print("\n".join(map(for_terminal, [self.message, *self.hints])))
         return self.code
 
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from wordcraft_kg.base.escaping import for_terminal
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -26,7 +28,12 @@ class Progress:
     _named: ClassVar[set[str]] = set()  # work on plain lines of this session
 
     def __init__(self, what: str, *, unit: str = "", hidden: bool = False, is_stage: bool = False):
-        self.what, self.unit, self.hidden, self.is_stage = what, unit, hidden, is_stage
+        self.what, self.unit, self.hidden, self.is_stage = (
+            for_terminal(what),
+            unit,
+            hidden,
+            is_stage,
+        )
         self._bar: Any = None
 
     def __call__(self, done: int, total: int, figures: Mapping[str, float]) -> None:

@@ -13,10 +13,11 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.base.escaping import for_terminal
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.base.wording import counted, with_visible
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files import (
     DELIMITERS,
     Fault,
@@ -265,7 +266,7 @@ def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Find
         if "," in label:
             message = f"the label '{label}' contains a comma, at which other tools may split it"
             yield _problem("comma", message, _at([label], line_of))
-        if (visible := with_visible(label)) != label:
+        if (visible := for_terminal(label)) != label:
             message = (
                 f"'{visible}' holds an invisible character; remove it, or replace it by a space"
             )

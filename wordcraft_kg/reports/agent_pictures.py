@@ -1,12 +1,12 @@
 """Charts for agents: curves for success, training statistics and mixing weights, and bars for score sources."""
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 from markupsafe import Markup
 
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
+from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.evaluation.recipe_scores import main_support
 from wordcraft_kg.evaluation.training_curves import CurvePoint, Figure, LambdaCurve, SeedCurve
 from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
@@ -114,7 +114,7 @@ def contribution_bar(
         ends[is_positive] = left + width if is_positive else left
         parts.append(
             f'<rect x="{left:.1f}" y="1" width="{width:.1f}" height="{height - 2}" class="series-{colours[name]}">'
-            f"<title>{escape(name)}: {value:.2f}</title></rect>"
+            f"<title>{for_html(name)}: {value:.2f}</title></rect>"
         )
     parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/></svg>')
     return Markup("".join(parts))

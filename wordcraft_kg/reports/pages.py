@@ -15,6 +15,7 @@ import jinja2
 from markupsafe import Markup
 
 from wordcraft_kg.base.artefacts import drop_temporary, dump_json, staged_folder, write_atomically
+from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Record, checked_values
 from wordcraft_kg.reports.charts import plot
@@ -74,6 +75,7 @@ def make_environment(*packages: str) -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package) for package in packages]),
         autoescape=True,
+        finalize=lambda value: for_html(value) if isinstance(value, str) else value,
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,

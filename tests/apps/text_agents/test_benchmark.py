@@ -32,19 +32,32 @@ from wordcraft_kg.apps.text_agents.benchmark import (
     open_track,
     read_manifest,
 )
-from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter, reproduce
+from wordcraft_kg.apps.text_agents.benchmark_players import (
+    Entrant,
+    RunSettings,
+    enter,
+    reproduce,
+)
 from wordcraft_kg.apps.text_agents.commands.bench_leaderboard import bench_leaderboard
 from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.commands.bench_verify import bench_verify
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
-from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema, verify
+from wordcraft_kg.apps.text_agents.submission import (
+    SCHEMA,
+    Played,
+    acceptable,
+    submission_schema,
+    verify,
+)
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import (
     ArtefactError,
     ConfigError,
+    EpisodeError,
     GraphMismatchError,
     OutputExistsError,
     PlayerError,
+    WordCraftKGError,
 )
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
@@ -273,6 +286,28 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
         ({"price": -1.0}, r"Expected `float` >= 0.0|'float' >= 0.0"),
         ({"notes": ""}, "unknown field"),
         ({"player": "a\n\n## b"}, "player.*expected 1 to 500 characters on one line"),
+        ({"player": "x" * 101}, "length <= 100"),
+        ({"player": "<img src=x>"}, "player.*a text without < >"),
+        ({"player": "me †"}, "player.*a text without"),
+        ({"player": "mine \u202erekram"}, "player.*on one line"),
+        ({"player": "hidden\u3164filler"}, "player.*invisible characters"),
+        ({"player": "e" + "\u0301" * 9}, "player.*at most two accents"),
+        ({"kind": "a\nb"}, "kind.*on one line"),
+        ({"training_data": "javascript:alert(1)"}, "training_data.*http or https only"),
+        ({"training_data": "ftp://example.org"}, "training_data.*http or https only"),
+        ({"licence": "`a` | b"}, "licence.*a text without"),
+        ({"licence": "data:text/html,x"}, "licence.*http or https only"),
+        ({"date": "2026-01-01\n\n## verified"}, "damaged"),
+        ({"date": "2026-01-01\n"}, "damaged"),
+        ({"date": "[x](javascript:0)"}, "damaged"),
+        ({"date": "2026-02-30"}, "'date' is 2026-02-30; expected a day such as 2026-11-23"),
+        ({"price": 1e308}, "damaged"),
+        ({"price": 1_000_001.0}, "damaged"),
+        ({"seconds": 1e308}, "damaged"),
+        ({"tokens": {"in\nput": 1}}, "a name in weights or tokens.*on one line"),
+        ({"tokens": {"input": 2**62}}, "damaged"),
+        ({"weights": {"a\n## b": OTHER}}, "a name in weights or tokens.*on one line"),
+        ({"weights": {"a": OTHER + "\n"}}, "damaged"),
     ],
 )
 def test_a_submission_that_the_benchmark_contradicts_is_refused(copied, values, reason):
@@ -424,21 +459,48 @@ def test_no_other_file_is_changed(tmp_path, files, force, reason):
     assert all((tmp_path / name).read_text() == "mine" for name in files)
 
 
-def test_a_forced_run_that_stopped_continues_without_force(submitted, tmp_path):
-    out, three = (
-        tmp_path / "out",
-        FIRST_TWO.replace("sys.stdin", "(sys.stdin.readline() for _ in range(3))"),
+def test_a_forced_run_keeps_the_earlier_submission_until_the_new_one_is_complete(
+    submitted, tmp_path
+):
+    out = tmp_path / "out"
+    three = FIRST_TWO.replace("sys.stdin", "(sys.stdin.readline() for _ in range(3))")
+    other = FIRST_TWO.replace("1 + 2", "3 + 4")
+    player, stops, differs = (
+        f"program:{PYTHON} -c {shlex.quote(code)}" for code in (FIRST_TWO, three, other)
     )
-    player, stops = (f"program:{PYTHON} -c {shlex.quote(code)}" for code in (FIRST_TWO, three))
-    bench_run("craft-8-lite", player=player, out=out)
-    with pytest.raises(PlayerError, match="repeat the command without --force"):
+    bench_run("craft-8-lite", player=differs, out=out)
+    before = {path.name: path.read_bytes() for path in out.rglob("*.json*")}
+    for refused in (
+        {"player": "program:no-such-program"},
+        {"player": player, "price": -1.0},
+        {"player": "scorer:no-such-model"},
+    ):
+        with pytest.raises(WordCraftKGError):
+            bench_run("craft-8-lite", out=out, force=True, **refused)
+        assert {path.name: path.read_bytes() for path in out.rglob("*.json*")} == before
+    with pytest.raises(PlayerError, match=r"are kept; to continue, repeat the command\.$"):
         bench_run("craft-8-lite", player=stops, out=out, force=True)
-    assert not (out / "submission.json").exists()
-    kept = (out / "messages" / "games.jsonl").read_bytes()
+    assert verify(out).games_hash == sha256_of(out / "games.jsonl")
+    assert (out / "submission.json").read_bytes() == before["submission.json"]
+    kept = (out / "messages" / "replacement" / "games.jsonl").read_bytes()
     assert kept.count(b"\n") > 1
-    bench_run("craft-8-lite", player=player, out=out)
+    bench_run("craft-8-lite", player=player, out=out, force=True)
     assert (out / "messages" / "games.jsonl").read_bytes().startswith(kept)
+    assert not (out / "messages" / "replacement").exists()
     assert verify(out) == verify(submitted(player=PROGRAM))
+
+
+def test_a_forced_run_that_is_refused_at_the_end_changes_nothing(submitted, copied, monkeypatch):
+    folder = copied()
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+
+    def enter(*_):
+        return "random", Entrant("me", [Played([("no such item", "no such item")])] * 100)
+
+    monkeypatch.setattr(benchmark_players, "enter", enter)
+    with pytest.raises(EpisodeError, match="which is not on the table"):
+        bench_run("craft-8-lite", player="random", out=folder, force=True)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
 @pytest.fixture
@@ -545,3 +607,99 @@ def test_the_leaderboard_has_a_table_for_each_track_and_refuses_edited_submissio
         bench_leaderboard(tmp_path / "copy", out=page)
     with pytest.raises(ArtefactError, match="has no submission"):
         bench_leaderboard(tmp_path / "nothing", out=page)
+
+
+HOSTILE = {
+    "player": "![x](//example.org/x.png) **bold** example.org",
+    "training_data": "[x](https://example.org) _data_ www.example.org",
+    "licence": "# {x} ~~y~~ &lt;b&gt;",
+}
+
+
+def test_declared_texts_are_plain_text_on_the_leaderboard(copied, tmp_path):
+    pytest.importorskip("linkify_it")
+    from markdown_it import MarkdownIt
+
+    edit(copied(), kind="own", **HOSTILE)
+    bench_leaderboard(tmp_path / "copy", out=tmp_path / "page.md")
+    markdown = MarkdownIt("gfm-like")
+    html = markdown.render((tmp_path / "page.md").read_text())
+    table = html[html.index("<table>") : html.index("</table>")]
+    for text in HOSTILE.values():
+        assert f"<td>{markdown.utils.escapeHtml(text)}</td>" in table
+    assert table.count("<td>") == table.count("<th>") == 11
+    assert not [mark for mark in ("<a", "<img", "<strong", "<em", "<s>") if mark in table]
+
+
+def test_names_that_look_alike_and_names_of_other_players_are_marked(submitted, tmp_path):
+    names = {"random": "votes", "r\u0430ndom": "random", "Partial KG, votes": "votes", "mine": "x"}
+    for number, (name, kind) in enumerate(names.items()):
+        folder = tmp_path / "all" / f"{number}"
+        folder.mkdir(parents=True)
+        for file in submitted(player="votes").glob("*.json*"):
+            (folder / file.name).write_bytes(file.read_bytes())
+        edit(folder, player=name, kind=f"own-{kind}")
+    bench_leaderboard(tmp_path / "all", out=tmp_path / "page.md")
+    page = (tmp_path / "page.md").read_text()
+    assert sorted(re.findall(r"^\| (.*?) \| 0\.", page, re.MULTILINE)) == [
+        "Partial KG, votes",
+        "mine",
+        "random ‡",
+        "r\u0430ndom ‡",
+    ]
+    folder = tmp_path / "all" / "3"
+    edit(folder, player="partial KG,  votes")
+    bench_leaderboard(tmp_path / "all", out=tmp_path / "page.md")
+    page = (tmp_path / "page.md").read_text()
+    assert len(re.findall(r"^\| partial KG, +votes ‡", page, re.MULTILINE | re.IGNORECASE)) == 2
+
+
+def test_a_folder_name_begins_no_line_of_its_own_on_the_screen(submitted, tmp_path, capsys):
+    folder = tmp_path / "x\x1b[2J\nreplayed  craft-8  me  1.000"
+    folder.mkdir()
+    for file in submitted().glob("*.json*"):
+        (folder / file.name).write_bytes(file.read_bytes())
+    bench_verify(folder)
+    (line,) = capsys.readouterr().out.splitlines()[-1:]
+    assert line.endswith("x<U+001B>[2J<U+000A>replayed  craft-8  me  1.000")
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [("my model", "my model"), ("a|b`c", "a-b-c"), ("a\nb", "a-b"), ("", "not declared")],
+)
+def test_a_name_from_a_folder_becomes_one_that_a_submission_may_hold(name, shown):
+    assert acceptable(name, 100) == shown
+    assert len(acceptable("x" * 300, 100)) == 100
+
+
+SECOND = {
+    "printed": "import json, sys\nfor line in sys.stdin:\n m = json.loads(line)\n"
+    ' print(f\'1 {m["table"][0]} + 2 {m["table"][1]}\', flush=True)',
+    "places": FIRST_TWO,
+}
+
+
+def test_a_run_prints_invalid_answers_and_the_figure_under_the_present_grammar(tmp_path, capsys):
+    views = {}
+    for name, code in SECOND.items():
+        out = tmp_path / name
+        bench_run("craft-8-lite", player=f"program:{PYTHON} -c {shlex.quote(code)}", out=out)
+        views[name] = capsys.readouterr().out.splitlines()
+    printed, places = views["printed"], views["places"]
+    assert printed[1] == "answers    400 of 400 invalid (100.0%), 100 attempts lost"
+    assert places[1] == "answers    0 of 100 invalid (0.0%), 0 attempts lost"
+    assert printed[2].startswith("grammar 1  0.000 [")
+    # The first two items, by place in grammar 1 and as printed in grammar 2, make the same goals.
+    score = places[2].removeprefix("grammar 1  ").removesuffix(", the score of this track")
+    assert places[3] == printed[3] == f"grammar 2  {score}, 0 of 100 invalid (0.0%)"
+    assert verify(tmp_path / "printed").figures.mean == 0
+
+
+def test_a_game_that_would_have_gone_on_with_other_prompts_has_no_second_figure(tmp_path, capsys):
+    player = f"program:{PYTHON} -c {shlex.quote(SECOND['printed'])}"
+    bench_run("depth-2-lite", player=player, out=tmp_path / "out")
+    lines = capsys.readouterr().out.splitlines()
+    assert re.fullmatch(
+        r"grammar 2  not known: \d+ of 100 games would have gone on differently", lines[3]
+    )

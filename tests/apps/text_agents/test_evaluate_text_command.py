@@ -147,6 +147,20 @@ def test_games_of_another_player_or_other_settings_are_not_mixed(play, games):
     assert lines_of(games) != before
 
 
+def test_forced_games_replace_earlier_ones_once_they_are_complete(play, games):
+    Path("dies.py").write_text("for _ in range(5): input(); print('1 + 2', flush=True)\n")
+    Path("lives.py").write_text(FIRST_TWO)
+    options = ("--tasks", "12", "--name", "somebody")
+    assert play(*options, player=f"{PYTHON} lives.py").code == 0
+    before = lines_of(games)
+    outcome = play(*options, "--force", player=f"{PYTHON} dies.py")
+    assert (outcome.code, lines_of(games)) == (1, before)
+    new = games.parent / "replacement" / GAMES_FILE
+    assert len(lines_of(new)) == 6
+    assert play(*options, "--force", player=f"{PYTHON} lives.py").code == 0
+    assert (lines_of(games), new.parent.exists()) == (before, False)
+
+
 @pytest.mark.parametrize(
     ("options", "edit", "fragment"),
     [

@@ -227,6 +227,26 @@ def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games, kitchen):
     )
 
 
+def test_a_player_that_answers_with_names_makes_all_goals_of_a_book_of_numbers():
+    recipes = [
+        (str(a), str(b), str(a + b)) for a in range(1, 12) for b in range(a, 12) if a + b < 19
+    ]
+    graph = RecipeGraph.from_recipes([row for row in recipes if int(row[0]) * int(row[1]) % 3 == 0])
+    games = TaskGames(World(graph, WordCraftConfig(part="all", num_distractors=3)))
+    ways = {}
+    for one, other, result in graph.recipe_labels():
+        ways.setdefault(result, []).append((one, other))
+    made = []
+    for task in range(len(games.world.tasks)):
+        talk = Conversation(games.begin(task))
+        table = talk.game.labels
+        pair = next(pair for pair in ways[talk.game.goal] if {*pair} <= {*table})
+        talk.hear(" + ".join(pair))
+        made.append(talk.game.is_made)
+    assert len(made) > 20
+    assert all(made)
+
+
 def test_without_knowledge_nothing_can_be_looked_up(games):
     talk = Conversation(games.begin(0))
     assert "look up" not in talk.opening

@@ -1,6 +1,7 @@
 """Programs that play by the line protocol, good and bad ones."""
 
 import json
+import os
 import shlex
 import sys
 import time
@@ -123,13 +124,58 @@ def test_processes_that_a_program_has_started_end_with_it(tmp_path, then):
     assert not is_alive
 
 
+ORPHANED = """
+import os, subprocess, sys, time
+if os.fork() == 0:  # a child in a session of its own, whose parent ends at once
+    os.setsid()
+    if os.fork() == 0:
+        open({pid!r}, "w").write(str(os.getpid()))
+        time.sleep(60)
+    os._exit(0)
+while not os.path.exists({pid!r}) or not open({pid!r}).read():
+    time.sleep(0.01)
+{then}
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are found in /proc")
+@pytest.mark.parametrize("then", ["time.sleep(60)", "input(); print('1 1', flush=True)", ""])
+def test_processes_in_sessions_of_their_own_end_with_the_program(tmp_path, then):
+    pid = tmp_path / "pid"
+    with (
+        suppress(PlayerError),
+        LinePlayer(program(ORPHANED.format(pid=str(pid), then=then)), timeout=1.5) as player,
+    ):
+        player.ask("{}")
+    stat, until = Path("/proc", pid.read_text(), "stat"), time.monotonic() + 5
+    while is_alive := stat.exists() and stat.read_text().split()[2] != "Z":
+        assert time.monotonic() < until
+    assert not is_alive
+
+
+def test_a_program_does_not_see_keys_of_the_environment(monkeypatch, tmp_path):
+    keys = ("HF_TOKEN", "OPENAI_API_KEY", "AWS_SECRET_ACCESS_KEY", "GITHUB_TOKEN", "MY_PASSWORD")
+    for key in keys:
+        monkeypatch.setenv(key, "secret")
+    monkeypatch.setenv("HTTPS_PROXY", "http://me:secret@example.org")
+    monkeypatch.setenv("HTTP_PROXY", "http://example.org:3128")
+    monkeypatch.setenv("WORDCRAFT_KG_DATA", str(tmp_path))
+    code = "import json, os; input(); print(json.dumps(dict(os.environ)), flush=True)"
+    with LinePlayer(program(code)) as player:
+        seen = json.loads(player.ask("{}"))
+    assert "secret" not in str(seen)
+    assert seen["PATH"] == os.environ["PATH"]
+    assert seen["HTTP_PROXY"] == "http://example.org:3128"
+    assert seen["WORDCRAFT_KG_DATA"] == str(tmp_path)
+
+
 def test_stderr_of_a_program_is_shown_without_control_characters_up_to_a_limit(capfd, monkeypatch):
     monkeypatch.setattr(line_player, "_MOST_LOG", 2_000)
     code = "import sys; print('\\x1b[31mre\\td\\x07', 'x' * 10**6, file=sys.stderr); input(); print('1 1')"
     with LinePlayer(program(code)) as player:
         assert player.ask("{}") == "1 1"
     shown = capfd.readouterr().err
-    assert shown.startswith("\ufffd[31mre\td\ufffd xxx")
+    assert shown.startswith("<U+001B>[31mre\td<U+0007> xxx")
     assert (
         len(shown) < 3_000,
         shown.endswith("more than 2,000 bytes on stderr; the rest is not shown\n"),

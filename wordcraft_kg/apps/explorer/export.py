@@ -8,8 +8,6 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from markupsafe import escape
-
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, State
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
@@ -18,6 +16,7 @@ from wordcraft_kg.apps.explorer.server import PACKAGE, SCRIPTS
 from wordcraft_kg.apps.web.files import static_texts, style_sheet
 from wordcraft_kg.base.artefacts import dump_json, sha256_of, staged_folder, write_atomically
 from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Hash, Record, as_values
 from wordcraft_kg.runs.record import RUN_FILE
@@ -122,7 +121,7 @@ def _without_paths(text: str, explored: Explored) -> str:
     for name, folder in folders.items():
         if folder.is_absolute():
             text = text.replace(str(folder), name).replace(
-                str(escape(str(folder))), str(escape(name))
+                str(for_html(folder)), str(for_html(name))
             )
     return text
 

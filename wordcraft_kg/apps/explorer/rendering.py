@@ -11,6 +11,7 @@ from markupsafe import Markup
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Addresses, Page, State
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
+from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.reports.agent_pictures import ACTIONS
 from wordcraft_kg.reports.pages import Outline, make_environment
 
@@ -98,9 +99,7 @@ class Site:
 
 def _anchor(address: str, text: str) -> Markup:
     return (
-        Markup('<a href="{}">{}</a>').format(address, text)
-        if address
-        else Markup("{}").format(text)
+        Markup('<a href="{}">{}</a>').format(address, for_html(text)) if address else for_html(text)
     )
 
 

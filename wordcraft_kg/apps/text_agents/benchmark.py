@@ -33,6 +33,8 @@ from wordcraft_kg.graphs.tasks import Rows, TaskSet
 
 MANIFEST = Path(__file__).parent / "data" / "everyday-v2.json"
 LITE_TASKS, LITE_ATTEMPTS = 100, 100
+_GRAMMAR_OF_SCORING = {1: 1}
+"""Version of the answer grammar by version of the scoring: a published track reads answers as on its first day."""
 _NAME = re.compile(r"(.+?)(-lite)?(-made-up)?")
 
 
@@ -143,6 +145,7 @@ class Track:
             "track": self.full_name,
             "max_invalid": MAX_INVALID,
             "look_ups": LOOK_UPS,
+            "answer_grammar": _GRAMMAR_OF_SCORING[read_manifest()[0].scoring],
         }
         if self.is_open_ended:
             own["distractor_seeds"] = len(self)

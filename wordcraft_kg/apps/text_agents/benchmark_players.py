@@ -3,8 +3,8 @@
 A kind plays all games of a track, and returns the decisions with facts about the player.
 """
 
-import shutil
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -20,13 +20,14 @@ from wordcraft_kg.apps.text_agents.inspect_log import read_logged_games
 from wordcraft_kg.apps.text_agents.line_player import LinePlayer
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
+    GamesHeader,
     PlayedSettings,
     PlayedTask,
     PlayedWorld,
 )
-from wordcraft_kg.apps.text_agents.results import play_all, read_games
+from wordcraft_kg.apps.text_agents.results import play_all, read_games, replaced_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
-from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE, Played, Submission, replay
+from wordcraft_kg.apps.text_agents.submission import Played, Submission, replay
 from wordcraft_kg.base.artefacts import check_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_lines
@@ -61,18 +62,36 @@ _OWN_LICENCE = "Apache-2.0"
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Settings for text players: folder for messages, look-ups, seconds for an answer, weights, and a new beginning."""
+    """Settings for text players.
+
+    Attributes:
+        messages: folder for a program's prompts and answers.
+        look_ups: look-up source.
+        timeout: seconds for an answer of a program.
+        weights: file with the player's weights, for the hash; None without weights.
+        is_replacing: whether earlier games stay in ``messages`` until the new games are complete.
+    """
 
     messages: Path
     look_ups: LookUps = "none"
     timeout: float = TIMEOUT
     weights: Path | None = None
-    restart: bool = False
+    is_replacing: bool = False
 
 
 @dataclass(frozen=True)
 class Entrant:
-    """A player's decisions in all games of a track, in order, and facts for the submission."""
+    """A player's decisions in all games of a track, in order, and facts for the submission.
+
+    Attributes:
+        name: name in tables.
+        games: decisions by game.
+        training_data, licence: as the player's folder declares.
+        prompt_hash: hash of the prompts that were read; None for a player without text.
+        weights: SHA-256 by file name.
+        tokens: numbers of tokens by kind; None if not counted.
+        answers: for each game the player's messages; empty if they were not recorded.
+    """
 
     name: str
     games: Sequence[Played]
@@ -81,6 +100,7 @@ class Entrant:
     prompt_hash: str | None = None
     weights: Mapping[str, str] = field(default_factory=dict)
     tokens: Mapping[str, int] | None = None
+    answers: Sequence[Sequence[str]] = ()
 
 
 @dataclass(frozen=True)
@@ -221,19 +241,21 @@ def _check_split(folder: str, split: str, track: Track) -> None:
 def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
     play = track.play(settings.look_ups)
     with LinePlayer(argument, timeout=settings.timeout) as program:
-        if settings.restart:
-            (settings.messages.parent / SUBMISSION_FILE).unlink(
-                missing_ok=True
-            )  # else no game could be continued
-            shutil.rmtree(settings.messages, ignore_errors=True)
-        play_all(program.name, program.speaker, play, settings.messages)
+        header = GamesHeader(player=program.name, settings=play.settings)
+        folder = settings.messages
+        replaced = replaced_games(folder, header) if settings.is_replacing else nullcontext(folder)
+        with replaced as games:
+            play_all(program.name, program.speaker, play, games)
     played = read_games(settings.messages / GAMES_FILE)[1]
-    return _recorded(track, settings, program.name, play.settings, played)
+    answers = [one.messages[1::2] for one in played]
+    return _recorded(track, settings, program.name, play.settings, played, answers)
 
 
 def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
-    logged = read_logged_games(Path(argument))
-    entrant = _recorded(track, settings, logged.model, logged.settings, logged.games)
+    logged = read_logged_games(Path(argument), with_answers=True)
+    entrant = _recorded(
+        track, settings, logged.model, logged.settings, logged.games, logged.answers
+    )
     return replace(entrant, tokens=logged.tokens)
 
 
@@ -248,8 +270,21 @@ def _recorded(
     name: str,
     settings: PlayedSettings,
     played: Sequence[PlayedTask | PlayedWorld],
+    answers: Sequence[Sequence[str]] = (),
 ) -> Entrant:
-    """Return the decisions in recorded games, in the order of the track; the first game of a task counts."""
+    """Return the decisions in recorded games, in the order of the track; the first game of a task counts.
+
+    Args:
+        track: the track that was played.
+        run: the settings of this command.
+        name: the player's name.
+        settings: the recorded settings.
+        played: the recorded games in any order, some perhaps several times.
+        answers: for each recorded game the player's messages; empty if they were not recorded.
+
+    Raises:
+        ConfigError: for games of another track, with other look-ups, or if a game is missing.
+    """
     if settings.track != track.full_name:
         raise ConfigError(
             f"the games of '{name}' are of {settings.track or 'no track'}; expected {track.full_name}. Play the track "
@@ -259,16 +294,19 @@ def _recorded(
         raise ConfigError(
             f"`look_ups` {run.look_ups}: the games have {settings.knowledge}; give the same."
         )
-    first = {one.task if isinstance(one, PlayedTask) else one.game: one for one in reversed(played)}
+    numbers = [one.task if isinstance(one, PlayedTask) else one.game for one in played]
+    first = {numbers[place]: place for place in reversed(range(len(played)))}
     if missing := set(range(len(track))) - first.keys():
         raise ConfigError(
             f"{len(track) - len(missing)} of {len(track)} games of {track.name} were played; play game {min(missing)}."
         )
+    order = [first[number] for number in range(len(track))]
     games = [
         Played(one.pairs, one.look_ups, one.invalid_actions)
-        for one in map(first.__getitem__, range(len(track)))
+        for one in map(played.__getitem__, order)
     ]
-    return Entrant(name, games, prompt_hash=settings.prompt_hash)
+    messages = [answers[place] for place in order] if answers else []
+    return Entrant(name, games, prompt_hash=settings.prompt_hash, answers=messages)
 
 
 KINDS: Registry[Kind] = Registry(

@@ -15,8 +15,9 @@ from wordcraft_kg.apps.text_agents.settings import (
     EvaluationSettings,
     GameSettings,
 )
+from wordcraft_kg.base.answers import read_answer
 from wordcraft_kg.base.errors import ActionError
-from wordcraft_kg.base.labels import last_line, read_label, read_pair
+from wordcraft_kg.base.labels import ANSWER_GRAMMAR, last_line, read_label
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.words import prompt_text
 from wordcraft_kg.envs.world import World
@@ -28,9 +29,10 @@ _LOOK_UP = re.compile(r"look[\s-]*up\b[\s:]*(.*)", re.IGNORECASE)
 class Conversation:
     """A game played in text: an opening prompt, and a reply to each message by the player.
 
-    Only the last line in a message is read: two labels are an attempt to combine the entities, ``look up`` and a label
-    a request for facts. An invalid message costs nothing, but after ``max_invalid`` in a row the next costs an attempt
-    (``lost_attempts``), so every conversation ends.
+    Two labels in a message are an attempt to combine the entities, read by
+    :func:`~wordcraft_kg.base.answers.read_answer`; a last line with ``look up`` and a label is a request for facts. An
+    invalid message costs nothing, but after ``max_invalid`` in a row the next costs an attempt (``lost_attempts``), so
+    every conversation ends.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
@@ -46,14 +48,21 @@ class Conversation:
         *,
         max_invalid: int = MAX_INVALID,
         look_ups: int = LOOK_UPS,
+        grammar: int = ANSWER_GRAMMAR,
     ):
-        """Begin a conversation; see ``settings.EvaluationSettings`` for the limits ``max_invalid`` and ``look_ups``."""
-        self.game, self._knowledge, self._max_invalid, self._most_look_ups = (
-            game,
-            knowledge,
-            max_invalid,
-            look_ups,
-        )
+        """Begin a conversation.
+
+        Args:
+            game: a game that has just begun.
+            knowledge: source of look-ups; None offers none.
+            max_invalid: see ``settings.EvaluationSettings``.
+            look_ups: see ``settings.GameSettings``.
+            grammar: version of the answer grammar, see :mod:`wordcraft_kg.base.answers`.
+        """
+        self.game, self.grammar = game, grammar
+        self._knowledge = knowledge
+        self._max_invalid = max_invalid
+        self._most_look_ups = look_ups
         self.invalid_actions = self.lost_attempts = self.look_ups = 0
         self._in_a_row = 0
 
@@ -81,10 +90,13 @@ class Conversation:
         look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         try:
             if look_up is not None:
-                entity = read_label(look_up[1], self.game.graph.entities, by_number=False)
+                entity = read_label(
+                    look_up[1], self.game.graph.entities, by_number=False, grammar=self.grammar
+                )
                 outcome = self.look_up(entity)[1]
             else:
-                outcome = self.game.combine(*read_pair(line, self.game.labels))
+                pair = read_answer(message, self.game.labels, grammar=self.grammar)
+                outcome = self.game.combine(*pair)
             self._in_a_row = 0
         except ActionError as error:
             outcome = self._reject(str(error))
@@ -161,5 +173,9 @@ class Play:
         rules = self.settings
         game = self.games.begin(task, distractor_seed)
         return Conversation(
-            game, self.knowledge, max_invalid=rules.max_invalid, look_ups=rules.look_ups
+            game,
+            self.knowledge,
+            max_invalid=rules.max_invalid,
+            look_ups=rules.look_ups,
+            grammar=rules.answer_grammar,
         )

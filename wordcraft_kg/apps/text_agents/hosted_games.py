@@ -42,7 +42,10 @@ class HostedGame:
         """Make an attempt with two entities, by label or number; describe the result in a sentence."""
         game = self.talk.game
         with self._hearing(message := f"{first} + {second}"):
-            result = game.combine(*(read_label(item, game.labels) for item in (first, second)))
+            grammar = self.talk.grammar
+            result = game.combine(
+                *(read_label(item, game.labels, grammar=grammar) for item in (first, second))
+            )
         self._note(message, result)
         self._keep_if_over()
         return result
@@ -51,7 +54,7 @@ class HostedGame:
         """Look up an entity; return label, facts as lines, and facts as a text."""
         entities = self.talk.game.graph.entities
         with self._hearing(message := f"look up {item}"):
-            entity = read_label(item, entities, by_number=False)
+            entity = read_label(item, entities, by_number=False, grammar=self.talk.grammar)
             facts, reply = self.talk.look_up(entity)
         self._note(message, "\n".join(facts))
         return entities[entity], facts, reply

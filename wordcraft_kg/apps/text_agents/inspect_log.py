@@ -17,7 +17,7 @@ from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.records import Count, Record, as_record
 
 if TYPE_CHECKING:
-    from inspect_ai.log import EvalLog
+    from inspect_ai.log import EvalLog, EvalSample
 
 _Played = TypeVar("_Played", bound=PlayedTask | PlayedWorld)
 METADATA = "wordcraft_kg"
@@ -40,12 +40,21 @@ class LoggedTask(Record, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class LoggedGames:
-    """Games in an Inspect log, with the model's name, the settings, and the numbers of tokens by kind."""
+    """Games in an Inspect log.
+
+    Attributes:
+        model: the model's name.
+        settings: settings of the games.
+        games: records of the games, without messages.
+        tokens: numbers of tokens by kind.
+        answers: for each game the model's messages; empty if not asked for.
+    """
 
     model: str
     settings: PlayedSettings
     games: Sequence[PlayedTask | PlayedWorld]
     tokens: Mapping[str, int]
+    answers: Sequence[Sequence[str]] = ()
 
 
 def read_inspect_log(path: str | Path) -> TextResult:
@@ -54,13 +63,14 @@ def read_inspect_log(path: str | Path) -> TextResult:
     return result_of(logged.model, logged.settings, logged.games)
 
 
-def read_logged_games(path: Path) -> LoggedGames:
+def read_logged_games(path: Path, *, with_answers: bool = False) -> LoggedGames:
     """Read a language model's games from an Inspect log (``.eval``, ``.json``) for ``crafting`` or ``discovery``.
 
     The player is the model's name. Games that an Inspect limit ended count. A missing or damaged file, the log of
-    another Inspect task, or missing games are an ArtefactError.
+    another Inspect task, or missing games are an ArtefactError. ``with_answers`` also reads the model's messages, the
+    largest part of a log.
     """
-    log = _read(path)
+    log = _read(path, with_messages=with_answers)
     about = (log.eval.metadata or {}).get(METADATA)
     if about is None:
         raise ArtefactError(
@@ -68,17 +78,22 @@ def read_logged_games(path: Path) -> LoggedGames:
         )
     task = as_record(about, LoggedTask, path)
     settings, scores = task.settings, _scores(path, log, task.games)
+    answers = [_answers(sample) for sample in log.samples or [] if _score(sample) is not None]
     kind: type[PlayedTask | PlayedWorld] = PlayedWorld if settings.is_open_ended else PlayedTask
     used = log.stats.model_usage.values()
     tokens = {
         name: sum(getattr(one, f"{name}_tokens") for one in used) for name in ("input", "output")
     }
     return LoggedGames(
-        log.eval.model, settings, [played_of(one, kind, str(path)) for one in scores], tokens
+        log.eval.model,
+        settings,
+        [played_of(one, kind, str(path)) for one in scores],
+        tokens,
+        answers if with_answers else (),
     )
 
 
-def _read(path: Path) -> "EvalLog":
+def _read(path: Path, *, with_messages: bool) -> "EvalLog":
     try:
         from inspect_ai.log import read_eval_log
     except ModuleNotFoundError:
@@ -86,7 +101,9 @@ def _read(path: Path) -> "EvalLog":
     if not path.is_file():
         raise ArtefactError(f"{path} is not a file; expected an Inspect AI log, .eval or .json.")
     try:
-        return read_eval_log(str(path), exclude_fields=_NOT_NEEDED)
+        # Long messages are stored once, as attachments.
+        skipped = _NOT_NEEDED - {"messages", "attachments"} if with_messages else _NOT_NEEDED
+        return read_eval_log(str(path), resolve_attachments=with_messages, exclude_fields=skipped)
     except Exception as error:  # a damaged file may raise any error
         raise ArtefactError(
             f"{path} cannot be read as an Inspect AI log, .eval or .json ({reason(error)})."
@@ -94,11 +111,8 @@ def _read(path: Path) -> "EvalLog":
 
 
 def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
-    scores = []
-    for sample in log.samples or []:
-        for name in ("goal_made", "known_items"):
-            if sample.error is None and sample.scores and name in sample.scores:
-                scores.append(sample.scores[name].metadata or {})
+    found = map(_score, log.samples or [])
+    scores = [score for score in found if score is not None]
     progress = f"{len(scores):,} of {games:,} games were played"
     if log.status != "success":
         why = {"started": "unfinished", "cancelled": "stopped"}.get(log.status, "failed")
@@ -112,6 +126,18 @@ def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
             "games with inspect eval-retry."
         )
     return scores
+
+
+def _score(sample: "EvalSample") -> dict[str, Any] | None:
+    """Return the metadata of a game's score; None for a failed game, or a sample of another task."""
+    for name in ("goal_made", "known_items"):
+        if sample.error is None and sample.scores and name in sample.scores:
+            return sample.scores[name].metadata or {}
+    return None
+
+
+def _answers(sample: "EvalSample") -> list[str]:
+    return [message.text for message in sample.messages if message.role == "assistant"]
 
 
 def played_of(values: Mapping[str, Any] | None, kind: type[_Played], where: str) -> _Played:

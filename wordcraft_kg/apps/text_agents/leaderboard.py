@@ -1,6 +1,9 @@
 """The leaderboard: verified submissions by track, as a page in Markdown."""
 
+import json
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from wordcraft_kg.apps.text_agents.benchmark import read_manifest
@@ -8,10 +11,12 @@ from wordcraft_kg.apps.text_agents.benchmark_players import KINDS, reproduce
 from wordcraft_kg.apps.text_agents.submission import (
     SUBMISSION_FILE,
     Submission,
+    answers_text,
     figures_text,
-    verify,
+    verified_games,
 )
 from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.base.escaping import for_markdown, look_alike_key
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.evaluation.reference import literature
 
@@ -21,6 +26,7 @@ _TITLES = (
     "by plan",
     "prompts",
     "look-ups",
+    "answers",
     "training data",
     "cost",
     "licence",
@@ -29,7 +35,16 @@ _TITLES = (
 )
 SENSIBLE = 0.98
 """Share of sensible recipes in the book `everyday`: 392 of 400, by the stricter of two readers (data/everyday)."""
-_Marked = tuple[Submission, str]
+_TWIN = "‡"
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A verified submission, its mark (replayed or reproduced), and its answers, empty for players without text."""
+
+    submission: Submission
+    mark: str
+    answers: str
 
 
 def leaderboard_page(folder: Path) -> str:
@@ -43,15 +58,36 @@ def leaderboard_page(folder: Path) -> str:
     return "\n".join(_lines(marked)) + "\n"
 
 
-def _marked(path: Path) -> _Marked:
-    submission = verify(path)
+def _marked(path: Path) -> _Row:
+    submission, lines = verified_games(path)
+    answers = "" if submission.prompts == "none" else answers_text(lines)
     if submission.kind not in KINDS or KINDS[submission.kind].argument:
-        return submission, "replayed"
+        return _Row(submission, "replayed", answers)
     reproduce(path, submission, submission.kind)
-    return submission, "reproduced"
+    return _Row(submission, "reproduced", answers)
 
 
-def _lines(marked: Sequence[_Marked]) -> Iterator[str]:
+def _twins(marked: Sequence[_Row]) -> set[str]:
+    """Return the names that readers could take for the name of another player on the page.
+
+    A name is a twin if another spelling looks the same, or if players of different kinds, or of one track with
+    different weights, have this name.
+    """
+    spellings = defaultdict[str, set[str]](set)
+    kinds = defaultdict[str, set[str]](set)
+    weights = defaultdict[tuple[str, str], set[str]](set)
+    for row in marked:
+        one = row.submission
+        key = look_alike_key(one.player)
+        spellings[key].add(one.player)
+        kinds[key].add(one.kind)
+        weights[key, one.track].add(json.dumps(one.weights, sort_keys=True))
+    several = {key for key, different in (*spellings.items(), *kinds.items()) if len(different) > 1}
+    several |= {key for (key, _), different in weights.items() if len(different) > 1}
+    return {name for key in several for name in spellings[key]}
+
+
+def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     manifest, manifest_hash = read_manifest()
     yield from (
         "# Leaderboard",
@@ -61,23 +97,33 @@ def _lines(marked: Sequence[_Marked]) -> Iterator[str]:
     yield f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). Figures: success, or known items if open-ended,"
     yield f"with 95 % intervals. † marks a success above {SENSIBLE:.0%}, the share of sensible recipes in the book:"
     yield "such a player knows the book, not only common sense."
+    twins = _twins(marked)
+    if twins:
+        yield f"{_TWIN} marks a name that another player on this page has too, or one that looks the same:"
+        yield "judge such rows by their other columns."
     for track in manifest.names:
         rows = sorted(
-            (one for one in marked if one[0].track == track), key=lambda one: -one[0].figures.mean
+            (one for one in marked if one.submission.track == track),
+            key=lambda one: -one.submission.figures.mean,
         )
         if rows:
             yield from ("", f"## {track}", "", _row(_TITLES), _row(["---"] * len(_TITLES)))
-            yield from (_row(_cells(*one)) for one in rows)
+            yield from (_row(_cells(one, twins)) for one in rows)
     yield from ("", "## From the literature: other tasks, not comparable", "")
     yield from (
         f"- {row.player}: {row.in_words}. {row.reference}" for row in literature(["success"])
     )
 
 
-def _cells(submission: Submission, mark: str) -> Iterator[str]:
-    figures = submission.figures
-    yield submission.player + " †" * (figures.by_plan is not None and figures.mean > SENSIBLE)
-    yield figures_text(submission)
+def _cells(row: _Row, twins: set[str]) -> Iterator[str]:
+    submission, figures = row.submission, row.submission.figures
+    marks = []
+    if figures.by_plan is not None and figures.mean > SENSIBLE:
+        marks.append("†")
+    if submission.player in twins:
+        marks.append(_TWIN)
+    yield " ".join([for_markdown(submission.player), *marks])
+    yield figures_text(figures)
     yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
     yield submission.prompts
     yield (
@@ -85,14 +131,15 @@ def _cells(submission: Submission, mark: str) -> Iterator[str]:
         if submission.knowledge == "none"
         else f"{submission.look_ups:,} ({submission.knowledge})"
     )
-    yield submission.training_data
+    yield row.answers
+    yield for_markdown(submission.training_data)
     tokens = "" if submission.tokens is None else f"{sum(submission.tokens.values()):,} tokens"
     price = "" if submission.price is None else f"${submission.price:,.2f}"
     yield ", ".join(part for part in (tokens, price) if part)
-    yield submission.licence
-    yield mark
+    yield for_markdown(submission.licence)
+    yield row.mark
     yield submission.date or ""
 
 
 def _row(cells: Iterator[str] | Sequence[str]) -> str:
-    return f"| {' | '.join(cell.replace('|', '/').replace('<', '&lt;') for cell in cells)} |"
+    return f"| {' | '.join(cells)} |"

@@ -4,6 +4,7 @@ from typing import Any, Literal, Self
 
 from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, MAX_INVALID, KnowledgeKind
+from wordcraft_kg.base.labels import ANSWER_GRAMMAR
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.words import prompt_hash
@@ -25,6 +26,8 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
         part: None in the open-ended world, like depth and distractors.
         prompt_hash: hash of all prompt texts, see :func:`~wordcraft_kg.envs.words.prompt_hash`.
         track: name of a benchmark's track, if the games are on its tasks.
+        answer_grammar: version of the rules by which answers were read (``wordcraft_kg.base.answers``); 1 in files of
+            earlier versions and on frozen tracks.
     """
 
     graph: str
@@ -44,6 +47,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     max_invalid: Count = MAX_INVALID
     prompt_hash: Hash
     track: str | None = None
+    answer_grammar: Count = 1
 
     @property
     def is_open_ended(self) -> bool:
@@ -75,7 +79,13 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
             "prompt_hash": prompt_hash(),
         }
         return cls(
-            **{"graph": world.graph.name, **hashes, **own, **others}
+            **{
+                "graph": world.graph.name,
+                "answer_grammar": ANSWER_GRAMMAR,
+                **hashes,
+                **own,
+                **others,
+            }
         )  # a server has another prompt hash
 
 

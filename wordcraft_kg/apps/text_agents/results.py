@@ -2,8 +2,9 @@
 
 import logging
 import os
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -34,6 +35,8 @@ from wordcraft_kg.runs.folder import locked
 if TYPE_CHECKING:
     from wordcraft_kg.agents.evaluation import Evaluation
 
+REPLACEMENT = "replacement"
+"""Folder beside games for those that replace them once complete."""
 COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
 
@@ -161,6 +164,7 @@ def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWor
 
 
 _HASHES = {"graph_hash": "the graph's hash", "split_hash": "the split's hash"}
+_NO_OPTION = {"answer_grammar": "the answer grammar"}
 _Speaker = Callable[[Conversation], Callable[[str], str]]
 
 
@@ -199,6 +203,34 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
             played.append(record_of(talk, converse(talk, speak(talk)), distractor_seed))
             append_game(path, played[-1])
     return result_of(player, settings, played)
+
+
+@contextmanager
+def replaced_games(folder: Path, header: GamesHeader) -> Iterator[Path]:
+    """Yield a folder for new games, which take the place of the earlier games at the end of the block.
+
+    After an interruption the earlier games are as before; the new games are kept, and continued by a later call with
+    the same header. ArtefactError if another process plays in the folder.
+
+    Args:
+        folder: folder with earlier games, perhaps without any.
+        header: player and settings of the new games.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with locked(folder, "written"):
+        new = folder / REPLACEMENT
+        if not _has_header(new / GAMES_FILE, header):
+            shutil.rmtree(new, ignore_errors=True)
+        yield new
+        os.replace(new / GAMES_FILE, folder / GAMES_FILE)
+        shutil.rmtree(new)
+
+
+def _has_header(path: Path, header: GamesHeader) -> bool:
+    try:
+        return read_games(path)[0] == header
+    except ArtefactError:  # missing or damaged
+        return False
 
 
 def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld]:
@@ -255,8 +287,9 @@ def _check_header(path: Path, kept: GamesHeader, own: GamesHeader) -> None:
         before, now = (_given(getattr(header.settings, name)) for header in (kept, own))
         if before != now:
             kind = GraphMismatchError if name in _HASHES else ConfigError
+            called = (_HASHES | _NO_OPTION).get(name, f"`{name}`")
             raise kind(
-                f"'{path}' holds games with {_HASHES.get(name, f'`{name}`')} {before}, and this command has {now}. "
+                f"'{path}' holds games with {called} {before}, and this command has {now}. "
                 "Choose another `out`, or use the same settings."
             )
 

@@ -3,7 +3,11 @@
 Both files are canonical: the same games give the same bytes, and verification compares bytes.
 """
 
+import datetime
+import hashlib
 import json
+import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +23,7 @@ from wordcraft_kg.apps.text_agents.records import GAMES_FILE
 from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
 from wordcraft_kg.base.artefacts import dump_json, read_small_file, sha256_of, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, EpisodeError
+from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
 from wordcraft_kg.base.records import (
     Count,
     Hash,
@@ -30,16 +34,51 @@ from wordcraft_kg.base.records import (
     parse_record,
     schema_of,
 )
-from wordcraft_kg.base.settings import one_line
+from wordcraft_kg.base.settings import one_line, refuse
 from wordcraft_kg.base.statistics import student_interval, task_bootstrap
 from wordcraft_kg.base.wording import counted
 
 SUBMISSION_FILE = "submission.json"
 MESSAGES = "messages"
 """Folder in a submission with a text player's prompts and answers, which verification ignores."""
+_MOST_SHOWN = 300
+"""Characters of a wrong value in an error."""
 SCHEMA = Path(__file__).parent / "data" / "submission.schema.json"
 _DIGITS = 6
-_Amount = Annotated[float, msgspec.Meta(ge=0)]
+MOST_DOLLARS = 1_000_000
+MOST_TOKENS = 10**12
+_Amount = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
+_Dollars = Annotated[float, msgspec.Meta(ge=0, le=MOST_DOLLARS)]
+_Tokens = Annotated[int, msgspec.Meta(ge=0, le=MOST_TOKENS)]
+LONGEST_NAME = 100
+LONGEST_TEXT = 500
+LONGEST_FILE_NAME = 255
+# Declared texts are letters and digits of any script, with common punctuation. Refused are characters that mark up text
+# or columns (angle brackets, bars, backquotes, backslashes), addresses of mail, control and invisible characters, and
+# the page's own daggers.
+_PATTERN = (
+    "^[^\\u0000-\\u001f\\u007f-\\u00a0\\u00ad\\u034f\\u061c\\u115f\\u1160\\u1680\\u17b4\\u17b5\\u180e\\u2000-\\u200f"
+    "\\u2020\\u2021\\u2028-\\u202f\\u205f-\\u206f\\u2800\\u3000\\u3164\\ufe00-\\ufe0f\\ufeff\\uffa0\\ufff9-\\uffff<>|`\\\\@]+$"
+)
+# The pattern is for other programs: here, `check_declared` refuses the same texts in words.
+_SHOWN: Any = {"pattern": _PATTERN}
+_Name = Annotated[
+    str, msgspec.Meta(min_length=1, max_length=LONGEST_NAME, extra_json_schema=_SHOWN)
+]
+_Text = Annotated[
+    str, msgspec.Meta(min_length=1, max_length=LONGEST_TEXT, extra_json_schema=_SHOWN)
+]
+_FileName = Annotated[
+    str, msgspec.Meta(min_length=1, max_length=LONGEST_FILE_NAME, extra_json_schema=_SHOWN)
+]
+_Date = Annotated[
+    str,
+    msgspec.Meta(pattern="^[0-9]{4}-[0-9]{2}-[0-9]{2}$", max_length=10, description="ISO 8601"),
+]
+_SCHEME = re.compile(r"([a-z][a-z0-9+.-]*)\s*:\s*//", re.IGNORECASE)
+_CODE = re.compile(r"\b(?:javascript|vbscript)\s*:|\bdata\s*:\s*\w+/", re.IGNORECASE)
+_STACKED = re.compile(r"[\u0300-\u036f\u0483-\u0489\u1ab0-\u1aff\u1dc0-\u1dff\u20d0-\u20ff]{3}")
+"""Three accents in a row: they cover the lines above and below."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +141,8 @@ class Submission(Record, frozen=True, kw_only=True):
         training_data: data on which the player was trained, as declared.
         knowledge: offered look-ups: none, or the train recipes.
         tokens, price: number of tokens by kind, and price of the evaluation in US dollars, if known.
-        seconds, date: only on request, so that the same player writes the same file.
+        seconds, date: only on request, so that the same player writes the same file; the date in the calendar's form
+            2026-11-23.
         licence: licence of the player or its weights, as declared.
     """
 
@@ -112,18 +152,18 @@ class Submission(Record, frozen=True, kw_only=True):
     scoring: Count
     track: str
     graph_hash: Hash
-    player: str
-    kind: str
-    weights: dict[str, Hash]
+    player: _Name
+    kind: _Name
+    weights: Annotated[dict[_FileName, Hash], msgspec.Meta(max_length=100)]
     prompts: Literal["none", "standard", "custom"]
     prompt_hash: Hash | None
-    training_data: str
+    training_data: _Text
     knowledge: LookUps
-    tokens: dict[str, Count] | None
-    price: _Amount | None
+    tokens: Annotated[dict[_Name, _Tokens], msgspec.Meta(max_length=10)] | None
+    price: _Dollars | None
     seconds: _Amount | None
-    date: str | None
-    licence: str
+    date: _Date | None
+    licence: _Name
     look_ups: Count
     invalid_actions: Count
     lost_attempts: Count
@@ -185,14 +225,26 @@ def _check_counts(play: Play, played: Played) -> None:
         )
 
 
-def figures_text(submission: Submission) -> str:
+def figures_text(figures: Figures) -> str:
     """Return the mean with its interval as text, such as ``0.360 [0.270, 0.450]``."""
-    figures = submission.figures
     digits = 3 if figures.by_plan is not None else 1
     mean, low, high = (
         f"{value:.{digits}f}" for value in (figures.mean, figures.ci_low, figures.ci_high)
     )
     return f"{mean} [{low}, {high}]"
+
+
+def answers_text(lines: Sequence[GameLine]) -> str:
+    """Return the number and share of invalid answers among all answers of a player by text.
+
+    Example:
+        >>> answers_text([GameLine(number=0, pairs=(("a", "b"),), made=((),), invalid_actions=3)])
+        '3 of 4 invalid (75.0%)'
+    """
+    invalid = sum(line.invalid_actions for line in lines)
+    combined = sum(pair is not None for line in lines for pair in line.pairs)
+    answers = invalid + combined + sum(line.look_ups for line in lines)
+    return f"{invalid:,} of {answers:,} invalid ({invalid / max(answers, 1):.1%})"
 
 
 def figures_of(track: Track, lines: Sequence[GameLine]) -> Figures:
@@ -235,13 +287,23 @@ def write_submission(
     games: Sequence[Played],
     knowledge: LookUps,
     about: Mapping[str, Any],
-) -> Submission:
-    """Write games, then the submission; EpisodeError, and no file, for decisions against the rules."""
+) -> tuple[Submission, list[GameLine]]:
+    """Write a submission with its games, and return both; an earlier submission is replaced at the end.
+
+    Args:
+        folder: folder to write, perhaps with an earlier submission.
+        track: the track that was played.
+        games: decisions in all games, in the order of the track.
+        knowledge: offered look-ups.
+        about: remaining fields of the :class:`Submission` about the player.
+
+    Raises:
+        EpisodeError: for decisions against the rules; nothing is written.
+        ArtefactError: for facts outside the schema; nothing is written.
+    """
     play = track.play(knowledge)
     lines = [replay(play, number, played) for number, played in enumerate(games)]
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / SUBMISSION_FILE).unlink(missing_ok=True)
-    write_atomically(folder / GAMES_FILE, as_lines(lines))
+    text = "".join(as_lines(lines)).encode()
     manifest, manifest_hash = read_manifest()
     submission = Submission(
         benchmark=manifest.name,
@@ -251,11 +313,16 @@ def write_submission(
         graph_hash=track.opened.graph.hash,
         knowledge=knowledge,
         **_totals(track, lines),
-        games_hash=sha256_of(folder / GAMES_FILE),
+        games_hash=hashlib.sha256(text).hexdigest(),
         **about,
     )
-    write_atomically(folder / SUBMISSION_FILE, dump_json(as_values(submission)))
-    return submission
+    # Everything is complete and checked before an earlier submission is replaced.
+    dumped = dump_json(as_values(submission))
+    _check_versions(folder, parse_record(dumped.encode(), Submission, folder / SUBMISSION_FILE))
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / GAMES_FILE, text)
+    write_atomically(folder / SUBMISSION_FILE, dumped)
+    return submission, lines
 
 
 def _totals(track: Track, lines: Sequence[GameLine]) -> dict[str, Any]:
@@ -269,6 +336,11 @@ def _totals(track: Track, lines: Sequence[GameLine]) -> dict[str, Any]:
 
 def verify(folder: Path) -> Submission:
     """Play a submission again, compare every byte and figure, and return it; ArtefactError naming file and line."""
+    return verified_games(folder)[0]
+
+
+def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
+    """Return a verified submission with its games, see :func:`verify`."""
     path = folder / SUBMISSION_FILE
     data = read_small_file(path)
     submission = parse_record(data, Submission, path)
@@ -285,7 +357,36 @@ def verify(folder: Path) -> Submission:
             raise _refused(path, name, *(json.dumps(as_values(each)) for each in (given, value)))
     if dump_json(as_values(submission)).encode() != data:
         raise ArtefactError(f"{path} was edited: expected the form in which `bench run` writes it.")
-    return submission
+    return submission, lines
+
+
+def check_declared(name: str, text: str, most: int = LONGEST_TEXT) -> None:
+    """Raise a ConfigError unless a declared text is a line of letters, digits and common punctuation.
+
+    Args:
+        name: the setting, for the message.
+        text: the declared text; addresses in it begin with http or https.
+        most: largest number of characters.
+    """
+    one_line(name, text, most)
+    if not re.match(_PATTERN, text):
+        raise refuse(name, text, r"a text without < > | ` \ @ and invisible characters")
+    if _STACKED.search(unicodedata.normalize("NFD", text)):
+        raise refuse(name, text, "at most two accents on a letter")
+    schemes = {match[1].casefold() for match in _SCHEME.finditer(text)}
+    if _CODE.search(text) or schemes - {"http", "https"}:
+        raise refuse(name, text, "addresses with http or https only")
+
+
+def acceptable(text: str, most: int = LONGEST_TEXT) -> str:
+    """Return a text that passes :func:`check_declared`; a dash is in the place of refused characters."""
+    plain = re.sub(_PATTERN.replace("[^", "[").replace("+$", "").removeprefix("^"), "-", text)
+    printable = "".join(char if char.isprintable() else "-" for char in plain).strip()[:most]
+    try:
+        check_declared("text", printable, most)
+    except ConfigError:
+        return "not declared"
+    return printable
 
 
 def _check_versions(path: Path, submission: Submission) -> None:
@@ -299,7 +400,14 @@ def _check_versions(path: Path, submission: Submission) -> None:
         if getattr(submission, name) != value:
             raise _refused(path, name, getattr(submission, name), value)
     for name in ("player", "kind", "training_data", "licence"):
-        one_line(f"{path}: {name}", getattr(submission, name))
+        check_declared(f"{path}: {name}", getattr(submission, name))
+    for key in (*submission.weights, *(submission.tokens or ())):
+        check_declared(f"{path}: a name in weights or tokens", key)
+    if submission.date is not None:
+        try:
+            datetime.date.fromisoformat(submission.date)
+        except ValueError:
+            raise _refused(path, "date", submission.date, "a day such as 2026-11-23") from None
     standard, given = manifest.prompts.values(), submission.prompt_hash
     if submission.prompts == "standard" and given not in standard:
         raise _refused(path, "prompt_hash", given, " or ".join(standard), "declare custom prompts")
@@ -315,7 +423,8 @@ def _check_versions(path: Path, submission: Submission) -> None:
 def _refused(
     path: Path, name: str, value: object, expected: object, remedy: str = "play the track again"
 ) -> Exception:
-    return ArtefactError(f"{path}: '{name}' is {value}; expected {expected}. Please {remedy}.")
+    shown = str(value)[:_MOST_SHOWN]
+    return ArtefactError(f"{path}: '{name}' is {shown}; expected {expected}. Please {remedy}.")
 
 
 def read_lines(path: Path, track: Track, play: Play) -> list[GameLine]:

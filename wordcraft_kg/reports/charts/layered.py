@@ -2,11 +2,11 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from html import escape
 from itertools import chain
 
 from markupsafe import Markup
 
+from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.reports.charts.scales import shortened, spread
 
 LETTER = 5.9
@@ -95,7 +95,7 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     height = round(bottom) + 18  # a line for the layers' numbers
     parts = [
         f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" class="layered" role="group" '
-        f'aria-label="{escape(description)}">'
+        f'aria-label="{for_html(description)}">'
     ]
     for number, (left, wide) in enumerate(zip(lefts, widths, strict=True), start=first):
         parts.append(
@@ -147,7 +147,9 @@ def _arrows(
                 route.append(passing[part, column])
             route[-1].after.append(to)
             to.before.append(route[-1])
-            arrows.append((f"<title>{escape(part)} → {escape(thing.label)}</title>", [*route, to]))
+            arrows.append(
+                (f"<title>{for_html(part)} → {for_html(thing.label)}</title>", [*route, to])
+            )
     return arrows
 
 
@@ -199,17 +201,17 @@ def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> 
     ingredients = []
     for part in thing.of:
         style = "given" if part in given else "made"
-        shown = escape(shortened(part, _LONGEST_PART))
+        shown = for_html(shortened(part, _LONGEST_PART))
         ingredients.append(f'<tspan class="{style}">{shown}</tspan>')
     of = " + ".join(ingredients)
     middle = left + width / 2
-    label = escape(shortened(thing.label, _LONGEST))
+    label = for_html(shortened(thing.label, _LONGEST))
     inside = (
-        f"<title>{escape(thing.title or thing.label)}</title>"
+        f"<title>{for_html(thing.title or thing.label)}</title>"
         f'<rect x="{left}" y="{y - _BOX // 2}" width="{width}" height="{_BOX}" rx="4" class="{thing.style}"/>'
         f'<text x="{middle:g}" y="{y + 4}" class="middle {thing.style}">{label}</text>'
     )
     return [
-        f'<a href="{escape(thing.href)}">{inside}</a>' if thing.href else f"<g>{inside}</g>",
+        f'<a href="{for_html(thing.href)}">{inside}</a>' if thing.href else f"<g>{inside}</g>",
         f'<text x="{middle:g}" y="{y + _BOX // 2 + 12}" class="small middle">{of}</text>',
     ]

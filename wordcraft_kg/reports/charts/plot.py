@@ -7,10 +7,10 @@ protanopia. Curves also differ in dashes, and markers in shape.
 
 import math
 from collections.abc import Iterable, Sequence
-from html import escape
 
 from markupsafe import Markup
 
+from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.reports.charts.scales import Estimate, estimate, shortened, spread
 
 OKABE_ITO = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -131,8 +131,8 @@ class Plot:
             attributes += f' text-anchor="{anchor}"'
         if style:
             attributes += f' class="{style}"'
-        title = f"<title>{escape(name)}</title>" if name and name != text else ""
-        self.parts.append(f'<text x="{x:g}" y="{y:.5g}"{attributes}>{escape(text)}{title}</text>')
+        title = f"<title>{for_html(name)}</title>" if name and name != text else ""
+        self.parts.append(f'<text x="{x:g}" y="{y:.5g}"{attributes}>{for_html(text)}{title}</text>')
 
     def y_axis(self, ticks: Sequence[float], texts: Sequence[str]) -> None:
         """Draw horizontal grid lines with tick labels."""
@@ -178,7 +178,7 @@ class Plot:
             title: tooltip, or empty.
         """
         path = " ".join(f"{self.x(x or 0)},{self.y(y or 0)}" for x, y, *_ in points)
-        inside = f"><title>{escape(title)}</title></polyline>" if title else "/>"
+        inside = f"><title>{for_html(title)}</title></polyline>" if title else "/>"
         self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
 
     def bands(self, points: Sequence[CurvePoint], number: int) -> None:
@@ -234,7 +234,7 @@ class Plot:
         """
         self.parts.append(
             f'<circle cx="{self.x(x)}" cy="{self.y(y)}" r="{radius}" class="{style}">'
-            f"<title>{escape(title)}</title></circle>"
+            f"<title>{for_html(title)}</title></circle>"
         )
 
     def whiskers(self, x: Estimate, y: Estimate, number: int) -> None:
@@ -264,7 +264,7 @@ class Plot:
             title: tooltip.
         """
         style = f"dot {style_of(number)}"
-        inside = f"<title>{escape(title)}</title>"
+        inside = f"<title>{for_html(title)}</title>"
         corners = _CORNERS[number % len(_CORNERS)]
         if corners:
             path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
@@ -294,5 +294,5 @@ class Plot:
             self.parts.append(f'<rect x="{x:g}" y="6" width="11" height="11" class="series-{i}"/>')
             self.text(x + 16, 16, name)
             x += 32 + LETTER * len(name)
-        opening = f'<svg viewBox="0 0 {WIDTH} {self.height}" role="img" aria-label="{escape(self.description)}">'
+        opening = f'<svg viewBox="0 0 {WIDTH} {self.height}" role="img" aria-label="{for_html(self.description)}">'
         return Markup("".join([opening, *self.parts, "</svg>"]))

@@ -2,8 +2,8 @@
 
 import re
 from collections.abc import Sequence
-from html import escape
 
+from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.reports.charts.plot import LETTER, LIGHT
 from wordcraft_kg.reports.charts.scales import shortened
 
@@ -38,7 +38,7 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
     letters = int((width - 2 * MARGIN) / (LETTER * 1.3))
     parts = [
         f'<text x="{MARGIN}" y="26" style="font-size: 15px; font-weight: 600">'
-        f"{escape(shortened(title, letters))}</text>"
+        f"{for_html(shortened(title, letters))}</text>"
     ]
     top = HEAD
     for row in rows:
@@ -46,7 +46,7 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
         for column, (caption, chart) in enumerate(row):
             left = MARGIN + column * (_PANEL + MARGIN)
             if caption:
-                shown = escape(shortened(caption, int(_PANEL / LETTER)))
+                shown = for_html(shortened(caption, int(_PANEL / LETTER)))
                 parts.append(
                     f'<text x="{left}" y="{top + 14}" style="font-weight: 600">{shown}</text>'
                 )
@@ -55,13 +55,13 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
         top += _CAPTION + height + MARGIN
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {top}" width="{width}" height="{top}" '
-        f'role="img" aria-label="{escape(title)}" font-family="{_FONTS}">'
+        f'role="img" aria-label="{for_html(title)}" font-family="{_FONTS}">'
     )
     page = f'<rect width="{width}" height="{top}" fill="{_INK["page"]}"/>'
     return "\n".join(
         [
             head,
-            f"<title>{escape(title)}</title>",
+            f"<title>{for_html(title)}</title>",
             f"<style>\n{style}</style>",
             page,
             *parts,

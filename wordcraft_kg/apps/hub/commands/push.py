@@ -52,5 +52,8 @@ def hub_push(
         "url": url,
     }
     output.result(
-        view, [*files, "", texts[CARD]] if url is None else [f"pushed {len(files)} files: {url}"]
+        view,
+        [*files, "", *texts[CARD].splitlines()]
+        if url is None
+        else [f"pushed {len(files)} files: {url}"],
     )

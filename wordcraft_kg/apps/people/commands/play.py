@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ActionError, ConfigError
+from wordcraft_kg.base.escaping import for_terminal
 from wordcraft_kg.base.labels import read_pair
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.cli.console import Flag, Output, split_labels
@@ -54,7 +55,8 @@ class Terminal:
     def say(self, *lines: str) -> None:
         """Show lines of text."""
         for line in lines:
-            print(line, file=self.stream, flush=True)
+            for part in line.split("\n"):
+                print(for_terminal(part), file=self.stream, flush=True)
 
     @contextmanager
     def until_quit(self, tally: Callable[[], str]) -> Iterator[None]:

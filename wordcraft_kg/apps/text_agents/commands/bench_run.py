@@ -43,7 +43,8 @@ def bench_run(
 ) -> None:
     """Let a player play a track of the benchmark; write a submission with all games.
 
-    The same player writes the same bytes. Repeat the command to continue an interrupted program.
+    The same player writes the same bytes. Repeat the command to continue an interrupted program. An earlier submission
+    stays until the new one is complete.
 
     Args:
         track: name from `bench list`, such as craft-8-lite.
@@ -63,57 +64,69 @@ def bench_run(
     from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+    from wordcraft_kg.apps.text_agents.second_reading import read_again
     from wordcraft_kg.apps.text_agents.submission import (
+        LONGEST_NAME,
+        LONGEST_TEXT,
         MESSAGES,
+        MOST_DOLLARS,
+        MOST_TOKENS,
         SUBMISSION_FILE,
+        acceptable,
+        answers_text,
+        check_declared,
         figures_text,
         write_submission,
     )
-    from wordcraft_kg.base.settings import MAX_SIZE, number_in, one_line
+    from wordcraft_kg.base.settings import number_in
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
     messages = out / MESSAGES
-    is_finished, is_program = (out / SUBMISSION_FILE).exists(), player.startswith("program:")
+    is_finished = (out / SUBMISSION_FILE).exists()
+    is_program = player.startswith("program:")
+    is_replacing = force and (is_finished or (messages / GAMES_FILE).is_file())
     if is_finished or not (is_program and (messages / GAMES_FILE).is_file()):
         check_output(out, force=force)
         if out.is_dir() and not is_finished and any(out.iterdir()):
             raise OutputExistsError(
                 f"'{out}' {what_is(out)}, not a submission. Choose another `out`."
             )
-    for option, text in (("name", name), ("training_data", training_data), ("licence", licence)):
+    for option, text, most in (
+        ("name", name, LONGEST_NAME),
+        ("training_data", training_data, LONGEST_TEXT),
+        ("licence", licence, LONGEST_NAME),
+        ("weights", None if weights is None else weights.name, LONGEST_TEXT),
+    ):
         if text is not None:
-            one_line(option, text)
+            check_declared(option, text, most)
     counts = None if tokens is None else dict(zip(("input", "output"), tokens, strict=True))
     for each in tokens or ():
-        number_in("tokens", each, 0, MAX_SIZE, "two numbers of tokens, 0 or more")
+        number_in("tokens", each, 0, MOST_TOKENS, f"two numbers of tokens, 0 to {MOST_TOKENS:,}")
     if price is not None:
-        number_in("price", price, 0, MAX_SIZE, "US dollars, 0 or more")
+        number_in("price", price, 0, MOST_DOLLARS, f"US dollars, 0 to {MOST_DOLLARS:,}")
     own_prompts = None if prompts is None else hashlib.sha256(read_small_file(prompts)).hexdigest()
     opened, begin = open_track(track), time.perf_counter()
     with sigterm_as_interrupt():
         try:
             kind, entrant = enter(
-                opened, player, RunSettings(messages, look_ups, timeout, weights, force)
+                opened, player, RunSettings(messages, look_ups, timeout, weights, is_replacing)
             )
         except (KeyboardInterrupt, PlayerError) as error:
             why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
-            kept = f" Finished games are kept; to continue, repeat the command{' without --force' * force}."
-            raise type(error)(
-                f"{why}{kept * (messages.is_dir() and not (out / SUBMISSION_FILE).exists())}"
-            ) from None
+            has_games = any(messages.rglob(GAMES_FILE)) and is_program
+            kept = " Finished games are kept; to continue, repeat the command." if has_games else ""
+            raise type(error)(f"{why}{kept}") from None
     if counts and entrant.tokens is not None:
         raise ConfigError(
             f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out."
         )
-    if not is_program:
-        shutil.rmtree(messages, ignore_errors=True)
     seconds = round(time.perf_counter() - begin, 1)
     is_standard = own_prompts is None and entrant.prompt_hash in (
         None,
         *read_manifest()[0].prompts.values(),
     )
     about: dict[str, Any] = {
-        "player": name or entrant.name,
+        "player": name or acceptable(entrant.name, LONGEST_NAME),
         "kind": kind,
         "weights": dict(entrant.weights),
         "prompts": "custom"
@@ -122,18 +135,29 @@ def bench_run(
         if entrant.prompt_hash is None
         else "standard",
         "prompt_hash": own_prompts or entrant.prompt_hash,
-        "training_data": training_data or entrant.training_data,
+        "training_data": training_data or acceptable(entrant.training_data),
         "tokens": counts if entrant.tokens is None else dict(entrant.tokens),
         "price": price,
         "seconds": seconds if measured else None,
         "date": time.strftime("%Y-%m-%d", time.gmtime()) if measured else None,
-        "licence": licence or entrant.licence,
+        "licence": licence or acceptable(entrant.licence, LONGEST_NAME),
     }
-    written = write_submission(out, opened, entrant.games, look_ups, about)
-    output.result(
-        {"out": str(out), "submission": written},
-        [
-            f"{track}  {written.player}  {figures_text(written)} over {counted(written.figures.games, 'game')}",
-            f"wrote {out}/   next: wordcraft-kg bench verify {out}",
-        ],
-    )
+    written, lines = write_submission(out, opened, entrant.games, look_ups, about)
+    if not is_program:
+        shutil.rmtree(messages, ignore_errors=True)
+    games = counted(written.figures.games, "game")
+    shown = [f"{track}  {written.player}  {figures_text(written.figures)} over {games}"]
+    view: dict[str, Any] = {"out": str(out), "submission": written}
+    if written.prompts != "none":
+        shown.append(
+            f"answers    {answers_text(lines)}, {counted(written.lost_attempts, 'attempt')} lost"
+        )
+    if entrant.answers:
+        play = opened.play(look_ups)
+        again = read_again(opened, play, entrant.answers)
+        shown += [
+            f"grammar {play.settings.answer_grammar}  {figures_text(written.figures)}, the score of this track",
+            f"grammar {again.grammar}  {again.text}",
+        ]
+        view["second_reading"] = {"answer_grammar": again.grammar, "figures": again.figures}
+    output.result(view, [*shown, f"wrote {out}/   next: wordcraft-kg bench verify {out}"])

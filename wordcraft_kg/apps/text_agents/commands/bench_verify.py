@@ -51,7 +51,7 @@ def bench_verify(
             marks.append({"folder": str(folder), "mark": mark, "submission": checked})
             games = counted(checked.figures.games, "game")
             lines.append(
-                f"{mark}  {checked.track}  {checked.player}  {figures_text(checked)} over {games}   {folder}"
+                f"{mark}  {checked.track}  {checked.player}  {figures_text(checked.figures)} over {games}   {folder}"
             )
         except WordCraftKGError as error:
             marks.append({"folder": str(folder), "mark": "refused", "reason": str(error)})

@@ -3,6 +3,7 @@
 import re
 import shlex
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +12,8 @@ from cyclopts import Parameter
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, EvaluationSettings
 from wordcraft_kg.base.errors import OutputExistsError, PlayerError
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Flag, Output, aligned
-from wordcraft_kg.cli.options import Book
+from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.options import Book, Force
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.text_agents.records import PlayedSettings, TextResult
@@ -54,7 +55,7 @@ def evaluate_text(
     timeout: float = TIMEOUT,
     name: str | None = None,
     out: Path | None = None,
-    force: Flag = False,
+    force: Force = False,
     output: Output = Output(),
 ) -> None:
     """Evaluate a program that plays by text, on the tasks and tables for agents.
@@ -69,11 +70,11 @@ def evaluate_text(
         timeout: seconds for an answer.
         name: player's name in results. Default: script or program name.
         out: folder for the games. Default: text-agents/<name>.
-        force: delete the games in the folder and start again.
     """
     from wordcraft_kg.apps.text_agents.conversation import Play
     from wordcraft_kg.apps.text_agents.line_player import LinePlayer
-    from wordcraft_kg.apps.text_agents.results import play_all
+    from wordcraft_kg.apps.text_agents.records import GAMES_FILE, GamesHeader
+    from wordcraft_kg.apps.text_agents.results import play_all, replaced_games
     from wordcraft_kg.base.settings import one_line
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
@@ -85,9 +86,13 @@ def evaluate_text(
         folder = out or Path("text-agents") / (
             re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player"
         )
-        _prepare(folder, force)
+        _check(folder)
+        is_replaced = force and (folder / GAMES_FILE).is_file()
+        header = GamesHeader(player=called, settings=play.settings)
+        games = replaced_games(folder, header) if is_replaced else nullcontext(folder)
         try:
-            result = play_all(called, program.speaker, play, folder)
+            with games as played_in:
+                result = play_all(called, program.speaker, play, played_in)
         except (KeyboardInterrupt, PlayerError) as error:
             why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
             raise type(error)(
@@ -96,9 +101,8 @@ def evaluate_text(
     output.result({"result": result, "out": str(folder)}, _text(result, graph, folder))
 
 
-def _prepare(folder: Path, force: bool) -> None:
+def _check(folder: Path) -> None:
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
-    from wordcraft_kg.runs.folder import locked
 
     if folder.exists() and not folder.is_dir():
         raise OutputExistsError(f"'{folder}' is a file; expected a folder. Choose another --out.")
@@ -106,9 +110,6 @@ def _prepare(folder: Path, force: bool) -> None:
         raise OutputExistsError(
             f"'{folder}' exists without {GAMES_FILE}; nothing was changed. Choose another --out."
         )
-    if force and folder.is_dir():
-        with locked(folder, "written"):
-            (folder / GAMES_FILE).unlink(missing_ok=True)
 
 
 def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:

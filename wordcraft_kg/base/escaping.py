@@ -1,0 +1,134 @@
+"""Texts from outside in an output: one function for each format, and the comparison of look-alike names.
+
+A label, a name, a path or a commit of a hub is foreign text: it may hold escape codes of terminals, marks that reorder
+a line, links or headings. Each function returns a text that the format shows character for character.
+"""
+
+import re
+import unicodedata
+
+from markupsafe import Markup, escape
+
+_BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
+# Control characters reach a terminal as commands, and lone surrogates (bytes of a path that are not UTF-8) end print in
+# an error. Blanks other than the space, format characters other than joiners (which some scripts and emoji need),
+# fillers and tags are invisible, or change the direction of a line.
+_HIDDEN = re.compile(
+    "[\x00-\x1f\x7f-\xa0\xad\u034f\u115f\u1160\u1680\u17b4\u17b5\u180e\u2000-\u200b\u2028\u2029\u202f\u205f-\u2065"
+    f"\u206a-\u206f\u2800\u3000\u3164\ufeff\uffa0\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f{_BIDI}]"
+)
+_BIDI_MARK = re.compile(f"[{_BIDI}]")
+# All characters that begin a construct of Markdown inside a line or a table. The pipe ends a cell, even inside code.
+# Some dialects turn bare addresses into links, so the colon of `http://` and the point of `example.org` are among them.
+_MARKDOWN = re.compile(r"[\\`*_{}\[\]<>#|&~!$^@=]|(?<=[A-Za-z]):(?=//)|(?<=\w)\.(?=[^\W\d])")
+# At the beginning of a line, these make a list, a rule, a heading or a definition.
+_MARKDOWN_START = re.compile(r"^(\s*)([-+:]|\d+[.)])")
+# Not printed raw by --json: JSON itself escapes only the first 32 characters.
+_JSON = re.compile(f"[\x7f-\x9f\u2028\u2029\ud800-\udfff{_BIDI}]")
+
+
+def for_terminal(text: str) -> str:
+    r"""Return a text for a line of a terminal, with codes such as ``<U+001B>`` for characters that do not show.
+
+    Line breaks are among them, so a foreign text cannot begin a line of its own.
+
+    Example:
+        >>> for_terminal("mine\x1b[2J\nverified")
+        'mine<U+001B>[2J<U+000A>verified'
+    """
+    return _HIDDEN.sub(_code, text)
+
+
+def for_markdown(text: str) -> str:
+    """Return a text for a cell or a line of Markdown: no link, image, heading, code or further cell comes from it.
+
+    Character references are used in place of backslashes, because all dialects show them as plain text, even in tables.
+
+    Example:
+        >>> for_markdown("[x](javascript:0) | a_b")
+        '&#91;x&#93;(javascript:0) &#124; a&#95;b'
+    """
+    inline = _MARKDOWN.sub(_references, for_terminal(text))
+    return _MARKDOWN_START.sub(lambda match: match[1] + _references(match[2]), inline)
+
+
+def for_html(text: object) -> Markup:
+    """Return a value for HTML, escaped; marks of direction, which reorder the page around a text, become codes.
+
+    Markup stays as it is.
+    """
+    if isinstance(text, Markup):
+        return text
+    return escape(_BIDI_MARK.sub(_code, str(text)))
+
+
+def for_json(dumped: str) -> str:
+    r"""Return a JSON text in which control and direction characters are JSON escapes, such as ``\u009b``.
+
+    Such characters occur only inside JSON strings, so the value is unchanged.
+    """
+    return _JSON.sub(lambda match: f"\\u{ord(match[0]):04x}", dumped)
+
+
+def _code(match: re.Match[str]) -> str:
+    return f"<U+{ord(match[0]):04X}>"
+
+
+def _references(found: re.Match[str] | str) -> str:
+    marks = found if isinstance(found, str) else found[0]
+    return "".join(mark if mark.isdigit() else f"&#{ord(mark)};" for mark in marks)
+
+
+# Letters of other scripts, and digits, that look like a Latin letter in common fonts: the frequent part of the
+# confusables of Unicode Technical Standard 39, after case folding.
+_LOOKS_LIKE = {
+    "a": "\u0430\u03b1\u0251",  # Cyrillic a, Greek alpha, Latin alpha
+    "b": "\u0432\u044c\u03b2",  # Cyrillic ve (as a capital) and soft sign, Greek beta
+    "c": "\u0441\u03f2",
+    "d": "\u0501",
+    "e": "\u0435\u0454\u03b5",
+    "g": "\u0261\u0581",
+    "h": "\u043d\u04bb\u0570",
+    "j": "\u0458\u03f3",
+    "k": "\u043a\u03ba",
+    "l": "1i|\u0456\u03b9\u0131\u04cf\u0269\u05d5",
+    "m": "\u043c",
+    "n": "\u0578\u03b7",
+    "o": "0\u043e\u03bf\u0585\u03c3\u0665\u06f5",
+    "p": "\u0440\u03c1",
+    "q": "\u051b",
+    "r": "\u0433",
+    "s": "\u0455",
+    "t": "\u0442\u03c4",
+    "u": "\u057d\u03c5\u028b",
+    "v": "\u03bd\u0475",
+    "w": "\u0461\u051d",
+    "x": "\u0445\u03c7",
+    "y": "\u0443\u03b3\u04af",
+    "z": "\u03b6",
+}
+_LATIN = str.maketrans({char: letter for letter, chars in _LOOKS_LIKE.items() for char in chars})
+
+
+def look_alike_key(name: str) -> str:
+    r"""Return a key that names share if readers can hardly tell them apart.
+
+    Compatibility forms, case, accents, blanks, kinds of dashes, and letters of other scripts or digits in the place of
+    Latin letters make no difference.
+
+    Example:
+        >>> look_alike_key("r\u0430nd0m") == look_alike_key("Random")
+        True
+    """
+    # Decomposed twice: case folding may compose anew, and compatibility forms may hold capitals.
+    plain = unicodedata.normalize("NFKD", unicodedata.normalize("NFKD", name).casefold())
+    letters = "".join(_letter(char) for char in plain).translate(_LATIN)
+    return letters.replace("rn", "m").replace("vv", "w")
+
+
+def _letter(char: str) -> str:
+    category = unicodedata.category(char)
+    if category == "Pd" or char == "\u2212":  # dashes, and the minus sign
+        return "-"
+    is_ignored = category.startswith(("M", "Z", "C"))  # accents, blanks, invisible characters
+    return "" if is_ignored else char

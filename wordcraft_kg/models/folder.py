@@ -13,6 +13,7 @@ from wordcraft_kg.models.model import History, Model
 from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.recipes.records import recipes_history
 from wordcraft_kg.models.saving import SavedConfig, saved_history
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS, load_scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.files import RunFiles
@@ -45,8 +46,9 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
     files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
     scorer, history = load_scorer(folder), _history(files)
     opened = files.graph(graph or history.config.graph)
-    if scorer.folds is not None and history.is_trained:
-        scorer.folds.check_split(opened.split)
+    folds = folds_of(scorer)
+    if folds is not None and history.is_trained:
+        folds.check_split(opened.split)
     return Model(scorer, opened, files.run, history)
 
 

@@ -15,6 +15,7 @@ from wordcraft_kg.graphs.train_samples import (
     draw_train_sample,
     is_subsample,
 )
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.folder import WEIGHTS
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.config_file import RunConfig
@@ -107,7 +108,8 @@ class Model:
             self.settings.get("train_fraction", 1.0),
             self.settings.get("label_noise", 0.0),
         )
-        if (folds := self.scorer.folds) is not None:
+        folds = folds_of(self.scorer)
+        if folds is not None:
             train_sample = folds.train_sample(split.graph)
         elif is_subsample(train_fraction, label_noise):
             train_sample = draw_train_sample(

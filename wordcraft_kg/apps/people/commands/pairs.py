@@ -40,6 +40,7 @@ def people_pairs(
     )
     from wordcraft_kg.graphs.book_files import recipe_table
     from wordcraft_kg.graphs.folder import open_graph
+    from wordcraft_kg.models.scorers.cross_fitting import whole_of
     from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -47,7 +48,7 @@ def people_pairs(
     judgements = read_judgements(judgements_file(fetch=fetch), opened)
     loaded = None
     if model is not None:
-        scorer = load_scorer(model, graph=opened).whole
+        scorer = whole_of(load_scorer(model, graph=opened))
         if not isinstance(scorer, RecipeScorer):
             raise ConfigError(
                 f"{model} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`."

@@ -153,7 +153,7 @@ class Epochs(TrainingCallback):
         self.so_far = LinkProgress(
             seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=()
         )
-        self._valid: Ids | None = None
+        self._valid = triples[:0]
         if settings.eval_every:
             self._valid = sampled_for(opened.graph, opened.split.held_out("valid"))
         self._batches = math.ceil(num_triples / settings.batch_size)
@@ -181,8 +181,8 @@ class Epochs(TrainingCallback):
         settings = self.settings
         is_end = epoch == settings.epochs
         valid_mrr = None
-        if self._valid is not None and (is_end or epoch % settings.eval_every == 0):
-            valid_mrr = self._validate(self._valid)
+        if settings.eval_every and (is_end or epoch % settings.eval_every == 0):
+            valid_mrr = self._validate()
         # The epoch's time includes its validation, but not checkpoints and trackers.
         now = time.perf_counter()
         seconds = now - self._clock
@@ -246,13 +246,13 @@ class Epochs(TrainingCallback):
             now = replace(now, has_stopped=bool(patience) and since_best >= patience)
         self.so_far = now
 
-    def _validate(self, valid: Ids) -> float:
-        """Return the filtered MRR of the validation triples, (V, 3)."""
+    def _validate(self) -> float:
+        """Return the filtered MRR of the validation triples."""
         self.model.eval()
         graph = self.opened.graph
         tensors = scorer_tensors(self.settings, self.model, self.triples, graph.num_entities)
         scorer = make_scorer(*tensors, graph.entities, graph.hash)
-        ranks = rank_triples(scorer, valid, graph.triples)
+        ranks = rank_triples(scorer, self._valid, graph.triples)
         self.model.train()
         return mean_reciprocal_rank(ranks)
 

@@ -71,7 +71,8 @@ def with_popularity(
         y = (f - g) / 2
         # Above 0 even if all counts are 0, because s is a divisor.
         s = (x.abs().max() / 2).sqrt().clamp(min=1e-3)
-        entity.append(torch.stack([s + x / (2 * s), s - x / (2 * s), s + 1j * y / s], dim=1))
+        half = x / (2 * s)
+        entity.append(torch.stack([s + half, s - half, s + 1j * y / s], dim=1))
         # Other relations have zeros in these dimensions, so their scores do not change.
         rows = torch.zeros(len(RELATIONS), 3, dtype=torch.cfloat)
         rows[number] = torch.tensor([1, -1, -1j])

@@ -25,7 +25,8 @@ class SymbolicScorer(Scorer):
         )
         # Sorted keys need memory for T triples, a table for E * E pairs. The last key is larger
         # than all triple keys, so searches always end at a key.
-        self._keys = torch.cat([keys, keys.new_full((1,), torch.iinfo(torch.int64).max)])
+        last = keys.new_full((1,), torch.iinfo(torch.int64).max)
+        self._keys = torch.cat([keys, last])
 
     def _key(
         self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
@@ -43,7 +44,8 @@ class SymbolicScorer(Scorer):
         size = len(self.entities)
         cells = self._keys - self.relation_ids(relation) * size**2
         table = torch.zeros(size, size, device=self.device)
-        table.view(-1)[cells[(cells >= 0) & (cells < size**2)]] = 1
+        is_own = (cells >= 0) & (cells < size**2)
+        table.view(-1)[cells[is_own]] = 1
         return table
 
 
@@ -62,7 +64,8 @@ class FrequencyScorer(Scorer):
 
         def count(ends: torch.Tensor) -> torch.Tensor:
             cells = relations * shape[1] + ends
-            return torch.bincount(cells, minlength=shape[0] * shape[1]).view(shape).float()
+            counts = torch.bincount(cells, minlength=shape[0] * shape[1])
+            return counts.view(shape).float()
 
         self._as_head = count(heads)
         self._as_tail = count(tails)
@@ -113,7 +116,8 @@ class NeighbourScorer(TableScorer):
         weighted = profiles * profiles.sum(0).clamp(min=1) ** (-power / 2)
         unit = torch.nn.functional.normalize(weighted, dim=1)
         alike = (unit @ unit.T).fill_diagonal_(0)
-        super().__init__(alike @ links + links @ alike, graph.entities, graph.hash, **kwargs)
+        scores = alike @ links + links @ alike
+        super().__init__(scores, graph.entities, graph.hash, **kwargs)
 
 
 _UNSEEN = 0.01
@@ -157,11 +161,15 @@ class VoteScorer(Scorer):
         one, other, result = recipes.T
         size = graph.num_entities
         # A recipe with twice the same ingredient is one vote.
-        votes = np.concatenate([one * size + result, (other * size + result)[one != other]])
+        of_one = one * size + result
+        of_other = other * size + result
+        votes = np.concatenate([of_one, of_other[one != other]])
         keys, counts = np.unique(votes, return_counts=True)
         # The last key is larger than all vote keys, so searches always end at a key.
-        self._keys = torch.tensor(np.append(keys, np.iinfo(np.int64).max), device=self.device)
-        self._counts = torch.tensor(np.append(counts, 0), dtype=torch.float64, device=self.device)
+        keys = np.append(keys, np.iinfo(np.int64).max)
+        counts = np.append(counts, 0)
+        self._keys = torch.tensor(keys, device=self.device)
+        self._counts = torch.tensor(counts, dtype=torch.float64, device=self.device)
         self._made = torch.tensor(
             np.bincount(result, minlength=size), dtype=torch.float64, device=self.device
         )
@@ -190,7 +198,8 @@ class VoteScorer(Scorer):
         b = self.entity_ids(other)
         c = self.entity_ids(results)
         second = torch.where(a == b, 0.0, self.votes(b, c))
-        weight = (self.votes(a, c) + self.unseen) * (second + self.unseen) / (self._made[c] + 1)
+        first = self.votes(a, c)
+        weight = (first + self.unseen) * (second + self.unseen) / (self._made[c] + 1)
         return weight.log().float()
 
     def _score(

@@ -160,7 +160,9 @@ class Probabilities(Record, frozen=True, kw_only=True):
             share = known_share(folds, relation)
             cells, _ = _cells(size, relation, seed)
             # Self pairs do not count in ranks: most scorers set them apart from all other pairs.
-            cells = cells[~is_in(cells, train, size) & (cells[:, 0] != cells[:, 2])]
+            is_unknown = ~is_in(cells, train, size)
+            is_distinct = cells[:, 0] != cells[:, 2]
+            cells = cells[is_unknown & is_distinct]
             scores, log_odds = _score_map(_scores(whole, cells))
             distinct = fit_curve(true[:, relation, 0], others[:, relation, 0], share)
             # There are only E self pairs, too few for a slope in each segment.
@@ -199,9 +201,11 @@ class Probabilities(Record, frozen=True, kw_only=True):
         for relation, curves in enumerate(self.relations):
             # Linear between the stored quantiles, constant beyond the first and the last.
             log_odds = np.interp(values, curves.scores, curves.rank_log_odds)
-            for curve, chosen in ((curves.itself, one == other), (curves.distinct, one != other)):
-                mask = chosen & (kinds == relation)
-                probabilities[mask] = curve.probability(log_odds[mask])
+            is_own = kinds == relation
+            itself = is_own & (one == other)
+            probabilities[itself] = curves.itself.probability(log_odds[itself])
+            distinct = is_own & (one != other)
+            probabilities[distinct] = curves.distinct.probability(log_odds[distinct])
         return torch.from_numpy(probabilities.astype(np.float32)).to(scores.device)
 
 
@@ -295,7 +299,8 @@ def known_share(folds: Folds, relation: int) -> float:
         """Count the fold's triples that are new to a model without this fold and ``others``."""
         own = recipe_triples(folds.recipes_of(fold))
         own = own[own[:, 1] == relation]
-        return float(np.sum(~is_in(own, folds.triples([fold, *others]), graph.num_entities)))
+        seen = folds.triples([fold, *others])
+        return float(np.sum(~is_in(own, seen, graph.num_entities)))
 
     without_one = sum(new(fold) for fold in range(count))
     falling = 1.0
@@ -331,7 +336,11 @@ def fit_curve(
     shift = math.log1p(-share)
     start = _base(true, others, share) + shift
     base = Curve(
-        intercept=start, slopes=(), rate=float(expit(start)), true=round(known), cells=round(total)
+        intercept=start,
+        slopes=(),
+        rate=float(expit(start)),
+        true=round(known),
+        cells=round(total),
     )
     if min(known, total - known) < _MIN_TRUE:
         reason = (
@@ -359,7 +368,8 @@ def fit_curve(
 
 def _base(true: _Floats, others: _Floats, share: float) -> float:
     """Return the log-odds of the base rate, with half a triple added: nothing is impossible."""
-    rate = min((true.sum() + 0.5) / (true.sum() + others.sum() + 1) / share, 0.5)
+    known = (true.sum() + 0.5) / (true.sum() + others.sum() + 1)
+    rate = min(known / share, 0.5)
     return math.log(rate / (1 - rate))
 
 
@@ -386,7 +396,8 @@ def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tupl
     loss = -likelihood + _RIDGE / 2 * (slopes @ slopes)
     # d likelihood / d logit, with d labelled / d logit = labelled (1 - chance).
     slope = -(true - others * labelled / (1 - labelled)) * (1 - chance)
-    return float(loss), np.concatenate([[slope.sum()], inputs.T @ slope + _RIDGE * slopes])
+    of_slopes = inputs.T @ slope + _RIDGE * slopes
+    return float(loss), np.concatenate([[slope.sum()], of_slopes])
 
 
 def _results(
@@ -400,9 +411,11 @@ def _results(
     pairs, of_recipe = np.unique(own[:, :2], axis=0, return_inverse=True)
     # A pair has a score for each entity, so there are fewer pairs in larger graphs.
     number = max(_PAIRS // size, 1)
-    chosen = np.random.default_rng([seed, fold]).permutation(len(pairs))[:number]
+    rng = np.random.default_rng([seed, fold])
+    chosen = rng.permutation(len(pairs))[:number]
     right = np.zeros((len(pairs), size), dtype=bool)
     right[of_recipe, own[:, 2]] = True
+    # Shape (N, 1) each, against which all results broadcast.
     a, b = torch.from_numpy(pairs[chosen].copy()).T[..., None]
     with torch.no_grad():
         scores = scorer.score_recipes(a, b, torch.arange(size)[None])
@@ -426,7 +439,8 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
         of_right = logsumexp(np.where(right, scaled, -np.inf), axis=1)
         return float(np.mean(logsumexp(scaled, axis=1) - of_right))
 
-    return float(math.exp(minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded").x))
+    best = minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded")
+    return float(math.exp(best.x))
 
 
 def rank_log_odds(scores: _Floats, among: _Floats) -> _Floats:
@@ -453,7 +467,8 @@ def _score_map(scores: _Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
     # Quantiles at equal distances in log-odds, because true triples are among the very highest
     # scores.
     end = math.log(2 * len(scores) + 1)
-    knots = np.unique(np.quantile(scores, expit(np.linspace(-end, end, _KNOTS)), method="nearest"))
+    levels = expit(np.linspace(-end, end, _KNOTS))
+    knots = np.unique(np.quantile(scores, levels, method="nearest"))
     return tuple(knots.tolist()), tuple(rank_log_odds(knots, scores).tolist())
 
 
@@ -473,7 +488,8 @@ def _centres() -> _Floats:
 
 
 def _bin(log_odds: _Floats) -> Ids:
-    return np.rint((np.clip(log_odds, -END, END) + END) / WIDTH).astype(np.int64)
+    from_start = np.clip(log_odds, -END, END) + END
+    return np.rint(from_start / WIDTH).astype(np.int64)
 
 
 def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
@@ -483,19 +499,26 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
     if pairs <= MAX_CELLS:
         number = np.arange(pairs)
     else:
-        number = np.unique(np.random.default_rng([seed, relation]).integers(pairs, size=MAX_CELLS))
+        rng = np.random.default_rng([seed, relation])
+        number = np.unique(rng.integers(pairs, size=MAX_CELLS))
     # Pair numbers count through a table without its diagonal, E - 1 columns wide.
     heads, column = np.divmod(number, max(size - 1, 1))
     tails = column + (column >= heads)
     heads = np.concatenate([heads, everything])
     tails = np.concatenate([tails, everything])
-    weights = np.concatenate([np.full(len(number), pairs / max(len(number), 1)), np.ones(size)])
-    return np.column_stack([heads, np.full(len(heads), relation), tails]), weights
+    # A sampled pair stands for several pairs, a self pair for itself.
+    weight = pairs / max(len(number), 1)
+    weights = np.concatenate([np.full(len(number), weight), np.ones(size)])
+    relations = np.full(len(heads), relation)
+    return np.column_stack([heads, relations, tails]), weights
 
 
 def _scores(scorer: TripleScorer, triples: Ids) -> _Floats:
     """Score triples, (T, 3), in blocks, so that memory does not grow with T."""
     blocks = np.array_split(triples, max(1, len(triples) // 2**18))
+    parts = []
     with torch.no_grad():
-        parts = [scorer.score(*torch.from_numpy(block.copy()).T).cpu().numpy() for block in blocks]
+        for block in blocks:
+            heads, relations, tails = torch.from_numpy(block.copy()).T
+            parts.append(scorer.score(heads, relations, tails).cpu().numpy())
     return np.concatenate(parts).astype(np.float64)

@@ -121,7 +121,9 @@ class ComplExScorer(StoredScorer):
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
         # Re(x conj(y)) is the dot product of (real, imaginary) parts, here shape (E, 2 d).
         known = self.entity * self.relation[self.relation_ids(relation)]
-        return torch.view_as_real(known).flatten(1), torch.view_as_real(self.entity).flatten(1)
+        left = torch.view_as_real(known)
+        right = torch.view_as_real(self.entity)
+        return left.flatten(1), right.flatten(1)
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
         left, right = self.factors(relation)
@@ -149,10 +151,12 @@ class ComplExScorer(StoredScorer):
 
 def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:
     """Return whether (B, 1) heads meet (1, N) tails, and whether (1, N) heads meet (B, 1) tails."""
-    has_relation_by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
-    if not has_relation_by_row or not heads.ndim == tails.ndim == 2:
+    is_column = relations.ndim == 2 and relations.shape[1] == 1
+    if heads.ndim != 2 or tails.ndim != 2 or not (is_column or relations.ndim == 0):
         return False, False
-    return {heads.shape[1], tails.shape[0]} == {1}, {heads.shape[0], tails.shape[1]} == {1}
+    is_grid = heads.shape[1] == 1 and tails.shape[0] == 1
+    is_turned = heads.shape[0] == 1 and tails.shape[1] == 1
+    return is_grid, is_turned
 
 
 def real_dot(queries: Tensor, candidates: Tensor) -> Tensor:

@@ -223,7 +223,8 @@ def _random(size: int, seed: int) -> EntityFeatures:
     scale = _RANDOM_STD / np.sqrt(2)
     drawn = np.random.default_rng(seed).laplace(0, scale, (size, _RANDOM_DIMENSIONS))
     source = f"random (Laplace), {_RANDOM_DIMENSIONS}-d, seed {seed}"
-    return EntityFeatures(source, drawn.astype(np.float32), np.ones(size, dtype=bool), (), ())
+    known = np.ones(size, dtype=bool)
+    return EntityFeatures(source, drawn.astype(np.float32), known, (), ())
 
 
 def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
@@ -396,7 +397,8 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
                 announced, dimensions = map(int, header.groups())
                 continue
             # As many numbers as the first line ends with; its word may contain blanks.
-            dimensions = len(list(takewhile(_is_number, reversed(line.split()[1:]))))
+            columns = line.split()[1:]
+            dimensions = len(list(takewhile(_is_number, reversed(columns))))
             if not dimensions:
                 raise ConfigError(
                     f"{path}, line {number}: no numbers at the end; expected a word and a vector."

@@ -129,7 +129,8 @@ class LinkEvidence:
             others = others[others != entity]
             ends = np.full(len(others), end)
             heads, tails = (others, ends) if side == "head" else (ends, others)
-            triples.append(np.column_stack([heads, np.full(len(others), relation), tails]))
+            relations = np.full(len(others), relation)
+            triples.append(np.column_stack([heads, relations, tails]))
             units = self.roles.units[relation][side == "tail"]
             cosines = (units[others] @ units[entity]).astype(np.float64)
             # Rounding can lift the cosine of equal vectors above 1.
@@ -149,7 +150,8 @@ class LinkEvidence:
         """
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
-            return np.unique(np.concatenate([b[a == entity], a[b == entity]]))
+            partners = [b[a == entity], a[b == entity]]
+            return np.unique(np.concatenate(partners))
         if side == "head":
             return np.unique(self.recipes[result == entity, :2])
         return np.unique(result[(a == entity) | (b == entity)])
@@ -198,8 +200,11 @@ class LinkEvidence:
         """
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
-            return np.flatnonzero(((a == head) & (b == tail)) | ((a == tail) & (b == head)))
-        return np.flatnonzero(((a == head) | (b == head)) & (result == tail))
+            is_pair = (a == head) & (b == tail)
+            is_mirrored = (a == tail) & (b == head)
+            return np.flatnonzero(is_pair | is_mirrored)
+        is_ingredient = (a == head) | (b == head)
+        return np.flatnonzero(is_ingredient & (result == tail))
 
     def _listed(self, head: int, relation: int, tail: int) -> tuple[tuple[Recipe, ...], int]:
         """Return the first recipes with a link, and the number of further recipes."""

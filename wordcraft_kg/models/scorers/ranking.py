@@ -18,7 +18,7 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 MIN_TRIPLES = 30
@@ -134,7 +134,8 @@ def _rank_batch(
 ) -> pd.DataFrame:
     """Rank true answers to a block of B queries; known answers are cells of the (B, E) scores."""
     everything = torch.arange(len(scorer.entities))[None, :]
-    head, relation, tail = (torch.from_numpy(batch[:, i].copy())[:, None] for i in range(3))
+    # Shape (B, 1) each, against which all entities broadcast.
+    head, relation, tail = torch.from_numpy(batch.T[:, :, None].copy())
     query = (head, relation, everything) if side == "tail" else (everything, relation, tail)
     with torch.no_grad():
         scores = scorer.score(*query).cpu().double()
@@ -182,7 +183,10 @@ def _ranges(left: Ids, right: Ids) -> Ids:
     """Concatenate ``arange(left[i], right[i])`` for all i."""
     lengths = right - left
     ends = np.cumsum(lengths)
-    return np.arange(ends[-1] if len(ends) else 0) + np.repeat(left - (ends - lengths), lengths)
+    starts = ends - lengths
+    total = ends[-1] if len(ends) else 0
+    # Counting through all ranges, each shifted from its place in the result to its own start.
+    return np.arange(total) + np.repeat(left - starts, lengths)
 
 
 def mean_reciprocal_rank(ranks: pd.DataFrame) -> float:
@@ -211,7 +215,9 @@ def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics
 def random_reciprocal_ranks(ranks: pd.DataFrame) -> NDArray[np.float64]:
     """Return each query's expected reciprocal rank in random order, ``H_n / n`` of n candidates."""
     n = ranks["candidates"].to_numpy(dtype=np.int64)
-    harmonic = np.concatenate([[0], np.cumsum(1 / np.arange(1, n.max(initial=1) + 1))])
+    # H_0 .. H_max, one table for all queries.
+    parts = 1 / np.arange(1, n.max(initial=1) + 1)
+    harmonic = np.concatenate([[0], np.cumsum(parts)])
     return np.asarray(harmonic[n] / n)
 
 
@@ -248,11 +254,14 @@ def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids
     a, b, result = graph.recipes[recipes].T
     pair = graph.pair_of_recipe[recipes]
     # Each recipe gives four triples: combinesWith in both directions, and componentOf twice.
-    of_relations = ((a, 0, b), (b, 0, a), (a, 1, result), (b, 1, result))
+    combines = np.full(len(pair), COMBINES_WITH)
+    component = np.full(len(pair), COMPONENT_OF)
     given = np.concatenate(
         [
-            np.column_stack([head, np.full(len(head), relation), tail])
-            for head, relation, tail in of_relations
+            np.column_stack([a, combines, b]),
+            np.column_stack([b, combines, a]),
+            np.column_stack([a, component, result]),
+            np.column_stack([b, component, result]),
         ]
     )
     keys = triple_keys(given, graph.num_entities)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 
@@ -65,7 +65,8 @@ class EntityRoles:
                 norms = np.linalg.norm(rows, axis=1)
                 of_sides.append(_unit(rows, norms))
                 # Relative lengths: each role counts alike, whatever the scale of its scores.
-                lengths.append(norms / (np.sqrt(np.mean(norms**2)) or 1.0))
+                root_mean_square = np.sqrt(np.mean(norms**2))
+                lengths.append(norms / (root_mean_square or 1.0))
             units.append((of_sides[0], of_sides[1]))
         return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))
 
@@ -96,7 +97,8 @@ class EntityRoles:
         # The cosine of joined vectors is the mean of the roles' cosines, weighted by lengths.
         products = np.maximum(self._total * self._total[entity], 1e-12)
         weights = self.lengths * self.lengths[entity] / products[:, None]
-        cosines = np.stack([self.alike(entity, relation, side) for relation, side in ROLES], axis=1)
+        of_roles = [self.alike(entity, relation, side) for relation, side in ROLES]
+        cosines = np.stack(of_roles, axis=1)
         means = (weights * cosines).sum(axis=1)
         # One more than the limit, because the entity is usually nearest to itself.
         order = np.argsort(-means, kind="stable")[: limit + 1].tolist()
@@ -109,7 +111,12 @@ class EntityRoles:
         return np.asarray(np.linalg.norm(self.lengths, axis=1))
 
 
-ROLES: tuple[tuple[int, Side], ...] = ((0, "head"), (0, "tail"), (1, "head"), (1, "tail"))
+ROLES: tuple[tuple[int, Side], ...] = (
+    (COMBINES_WITH, "head"),
+    (COMBINES_WITH, "tail"),
+    (COMPONENT_OF, "head"),
+    (COMPONENT_OF, "tail"),
+)
 """Relations and sides, in the order of :attr:`EntityRoles.lengths`."""
 
 
@@ -128,9 +135,8 @@ def _of_table(scores: _Rows) -> tuple[_Rows, _Rows]:
 def _of_factors(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
     """Return vectors with the same products as rows and columns in the centred ``left rightᵀ``."""
     # Centred factors have a centred product. 64 bits, because squares of small differences follow.
-    heads, tails = (
-        side.astype(np.float64) - side.mean(axis=0, dtype=np.float64) for side in (left, right)
-    )
+    heads = left.astype(np.float64) - left.mean(axis=0, dtype=np.float64)
+    tails = right.astype(np.float64) - right.mean(axis=0, dtype=np.float64)
     return _turned(heads, tails), _turned(tails, heads)
 
 
@@ -138,7 +144,8 @@ def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> _Rows:
     """Return X with ``X Xᵀ = rows (othersᵀ others) rowsᵀ``, shape (E, m)."""
     # A root of the small (m, m) matrix; rounding can make its least eigenvalues negative.
     values, vectors = np.linalg.eigh(others.T @ others)
-    return np.asarray(rows @ (vectors * np.sqrt(values.clip(min=0))), dtype=np.float32)
+    root = vectors * np.sqrt(values.clip(min=0))
+    return np.asarray(rows @ root, dtype=np.float32)
 
 
 def _unit(rows: _Rows, lengths: _Rows) -> _Rows:

@@ -60,8 +60,9 @@ def scaled_table(
     if self_edges != "keep":
         dropped = _dropped_self_edges(len(table), relation, self_edges, observed)
         different = table[~np.eye(len(table), dtype=bool)]
-        # The mean of standardised scores is 0, exactly and without rounding.
-        table[dropped, dropped] = different.mean() if scale == "none" and len(table) > 1 else 0
+        # Standardised scores have the mean 0 without rounding; a single entity has no other pair.
+        has_mean = scale == "none" and len(table) > 1
+        table[dropped, dropped] = different.mean() if has_mean else 0
     return torch.from_numpy(table)
 
 
@@ -123,10 +124,12 @@ def scaled_factors(
     loops = (x * y).sum(dim=1)
     pairs = max(len(x) * (len(x) - 1), 1)
     mean = (x.sum(dim=0) @ y.sum(dim=0) - loops.sum()) / pairs
-    square = ((x.T @ x) * (y.T @ y)).sum() - (loops**2).sum()
+    of_all = ((x.T @ x) * (y.T @ y)).sum()
+    square = of_all - (loops**2).sum()
     variance = square / pairs - mean**2
     # A smaller variance means scores that are equal up to rounding, which must not be amplified.
-    deviation = variance.sqrt() if variance > 1e-12 * square / pairs else torch.ones_like(mean)
+    has_spread = variance > 1e-12 * square / pairs
+    deviation = variance.sqrt() if has_spread else torch.ones_like(mean)
     dropped = torch.zeros(len(left), dtype=torch.bool)
     if self_edges != "keep":
         rows = _dropped_self_edges(len(left), relation, self_edges, observed)
@@ -149,6 +152,7 @@ def _dropped_self_edges(
                 "`self_edges` 'observed' needs the scorer's training triples: give `observed` "
                 "(for the partial graph, split.partial), or choose keep or drop."
             )
-        loops = (observed[:, 1] == relation) & (observed[:, 0] == observed[:, 2])
-        is_kept[observed[loops, 0]] = True
+        heads, relations, tails = observed.T
+        loops = heads[(relations == relation) & (heads == tails)]
+        is_kept[loops] = True
     return np.flatnonzero(~is_kept)

@@ -33,6 +33,7 @@ class SavedConfig(RunConfig):
     """Settings of a scorer trained elsewhere, as ``config.toml`` holds them.
 
     Attributes:
+        commands: the kind of run of a saved scorer.
         kg: training data, as stated by the user: partial (train recipes only), full, or none (no
             recipe).
         origin: one-line description for reports.
@@ -99,6 +100,7 @@ def save_scorer(
         )
     whole = stored(scorer)
     folded = folds_of(scorer)
+    # An error within the block leaves no folder behind.
     out = with_a_name(Path(folder))
     with staged_folder(out, force=force) as staging:
         config.write(staging)
@@ -124,6 +126,7 @@ def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGra
         scorer.trained_on(fold, opened.graph)
         return scorer.record.folds[fold].trained_on, stored(scorer.left_out(fold)).tensors()
 
+    # Folds with the recipes that the scorers were trained on, perhaps with wrong results.
     train_sample = scorer.train_sample(opened.graph)
     folds = Folds(opened.split, scorer.count, scorer.record.seed, scorer.of_recipe, train_sample)
     write_folds(folder, folds, scorer.whole, kind, part)
@@ -137,6 +140,7 @@ def saved_history(files: RunFiles) -> History:
 
 
 def _model_card(config: SavedConfig, opened: OpenedGraph) -> str:
+    # The statement of whoever saved the scorer; nobody else can know.
     seen = {
         "full": "Recorded training data: more than the train recipes. The scores show memory, not "
         "prediction.",

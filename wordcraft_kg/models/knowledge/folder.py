@@ -134,6 +134,7 @@ def write_knowledge(
     folder = with_a_name(Path(out))
     names = [info.name for info in knowledge.record.tables]
     tensors = dict(zip(names, knowledge.tables, strict=True))
+    # Written beside the folder and renamed at the end, so readers never see half of it.
     with staged_folder(folder, force=force) as staging:
         write_atomically(staging / KNOWLEDGE, dump_json(as_values(knowledge.record)))
         write_atomically(staging / TABLES, safetensors.torch.save(copied(tensors)))

@@ -109,6 +109,7 @@ def scorer_tensors(
 def _complex_loop(
     config: ComplExConfig, factory: TriplesFactory, num_entities: int | None
 ) -> TrainingLoop:
+    # A model that is built without a training has no chosen weights.
     config = config.fixed()
     model = ComplExN3(
         triples_factory=factory,
@@ -188,6 +189,7 @@ def trainable_models() -> list[type[Model]]:
         three, {"a": 0, "b": 1, "c": 2}, {name: i for i, name in enumerate(RELATIONS)}
     )
     trainable = []
+    # Building a model draws random numbers, from global generators.
     with pykeen_guard(0, threads=1), quiet_pykeen():
         for name, kind in sorted(model_resolver.lookup_dict.items()):
             with suppress(ConfigError):

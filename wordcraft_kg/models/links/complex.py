@@ -113,6 +113,7 @@ class ComplExN3(ERModel):
                 alone is enough.
             kwargs: passed to :class:`pykeen.models.ERModel`.
         """
+        # PyKEEN would replace the defaults as a whole, and a weight alone would lose p = 3.
         settings = {**self.regularizer_default_kwargs, **(regularizer_kwargs or {})}
         embedding = {
             "shape": embedding_dim,
@@ -130,5 +131,6 @@ class ComplExN3(ERModel):
         )
 
 
+# By name, for PyKEEN's pipeline; a second import finds the same classes.
 interaction_resolver.register(MatmulComplExInteraction, raise_on_conflict=False)
 model_resolver.register(ComplExN3, raise_on_conflict=False)

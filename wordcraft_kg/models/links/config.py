@@ -81,6 +81,7 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(KG))
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
+        # Upper limits keep a mistyped number from filling the memory or the machine.
         limits = {
             "epochs": None,
             "checkpoint_every": None,
@@ -94,6 +95,7 @@ class TrainingConfig:
         whole("seed", self.seed, 0, MAX_SEED)
         if self.folds is not None:
             whole("folds", self.folds, 0, MAX_SIZE)
+            # With a single fold, nothing would be left to train on.
             require(self, "folds", self.folds != 1, "0 to disable, or 2 or more")
         if self.kg == "full" and self.folds:
             raise ConfigError(
@@ -160,6 +162,8 @@ class ComplExConfig(TrainingConfig):
         # A given weight fixes the other one too: both are chosen together, or neither.
         if self.n3 is None and (self.kg == "full" or self.popularity is not None):
             object.__setattr__(self, "n3", N3_PARTIAL if self.kg == "partial" else 0.0)
+        # The dataclass is frozen, hence object.__setattr__ for defaults that depend on other
+        # fields.
         if self.popularity is None and self.n3 is not None:
             object.__setattr__(self, "popularity", 0.0)
         for name in ("n3", "popularity"):

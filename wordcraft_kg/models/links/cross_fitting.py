@@ -105,6 +105,7 @@ class _Job:
 
 
 def _kept(folder: Path) -> Checkpoints[FoldDone]:
+    # All are kept, not only the last: each belongs to another fold.
     return Checkpoints(folder, "fold", FoldDone, kept=None)
 
 
@@ -139,11 +140,14 @@ def train_folds(
         _Job(folder, fold, settings, graph, folds.triples([fold]), outside)
         for fold in range(folds.count)
     ]
+    # Models that an interrupted run has finished, with the same triples and epochs, are not trained
+    # again.
     waiting = not_done(jobs, _kept(folder))
     epochs = {job.fold: settings.epochs for job in jobs}
     epochs.update({job.fold: 0 for job in waiting})
 
     def note(fold: int | None = None, epoch: int = 0) -> None:
+        # Without a fold, only to let the caller interrupt the training.
         if fold is not None:
             epochs[fold] = epoch
         after_epoch(sum(epochs.values()), settings.epochs * len(jobs))

@@ -101,6 +101,7 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
                 "graph."
             )
     triples = frozen(np.unique(np.array(rows, dtype=np.int64), axis=0))
+    # Triples of several folders may be equal, so ends are counted after merging.
     known = np.unique(triples[:, [0, 2]])
     summary = OutsideSummary(
         triples=len(triples),

@@ -56,6 +56,7 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
                 f"the model's {name} do not match '{graph.name}': {', '.join(problems)}. Train "
                 f"the model on dataset='wordcraft', dataset_kwargs={{'graph': {opened.source!r}}}."
             )
+    # Before scoring, which would take long on a graph that is refused.
     check_table("a PyKEEN model", graph.num_entities)
     # A factory made from labelled triples sorts the labels, so its ids may differ from the graph's.
     entities = torch.tensor([factory.entity_to_id[label] for label in graph.entities])

@@ -190,6 +190,7 @@ def links_history(files: RunFiles) -> History:
         "on training triples": f"MRR {metrics.train_mrr:.3f}",
         "settings": ", ".join(f"{name} {value}" for name, value in settings if value != ()),
     }
+    # Only facts that the training has: a report shows no empty rows.
     if metrics.outside:
         facts["outside knowledge"] = str(metrics.outside)
     if metrics.folds:
@@ -198,5 +199,6 @@ def links_history(files: RunFiles) -> History:
         )
     if metrics.choice:
         facts["regularisation chosen"] = str(metrics.choice)
+    # Each seed chooses for itself, so comparisons of seeds leave these settings out.
     chosen = ("n3", "popularity") if metrics.choice else ()
     return History(config, facts, metrics, files.lines("trace.jsonl", TraceRow), chosen)

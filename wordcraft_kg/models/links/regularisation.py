@@ -81,6 +81,7 @@ def choose(
         recipes, and all candidates; None without open weights, or with too few held-out triples.
     """
     split = opened.split
+    # Other models have neither weight, and given weights are kept.
     if not isinstance(settings, ComplExConfig) or not settings.is_open:
         return None
     recipes = split.recipes("train") if recipes is None else recipes
@@ -100,6 +101,7 @@ def choose(
     sums = np.zeros((len(weights), len(POPULARITY) + 1))
     for row, n3 in zip(sums, weights, strict=True):
         for fold in folds:
+            # Without popularity: it changes scores only, so one training serves all weights.
             short = replace(
                 settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0, patience=0
             )
@@ -123,6 +125,7 @@ def choose(
 
 
 def _best(candidates: list[Candidate]) -> Candidate:
+    # Most popularity first; the MRR decides between N3 weights.
     enough = (1 - CAUTION) * max(candidate.mrr for candidate in candidates)
     good = [candidate for candidate in candidates if candidate.mrr >= enough]
     return max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))

@@ -146,6 +146,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         num_nodes = opened.graph.num_entities
         if self.outside:
             num_nodes += self.outside.summary.nodes
+        # Decided now and stored with the run: a default that changes later must not change a
+        # resumed training.
         settings = decided_folds(_for_size(config.settings, num_nodes), opened)
         super().__init__(replace(config, settings=settings), opened)
         _check_fit(opened, settings, num_nodes)
@@ -178,6 +180,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             inputs["train_sample"] = self.train_sample.hash
         if self.folds:
             inputs["folds"] = self.folds.hash
+        # The choice is an input by its hash: a resumed run must train with the same weights.
         return {"inputs": inputs, "files": [CHOICE] if (run.path / CHOICE).exists() else []}
 
     def _decide_regularisation(self, run: RunFolder[LinkProgress], report: Progress | None) -> None:
@@ -187,6 +190,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             return
 
         def after_epoch(done: int, total: int) -> None:
+            # Ctrl-C only sets the flag; here nothing is half-written, so the run may end.
             if run.interrupted.is_set():
                 raise KeyboardInterrupt
             if report:
@@ -201,6 +205,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             outside=self.outside,
         )
         if choice:
+            # Durable, because the choice took a training's time and a checkpoint may follow at
+            # once.
             write_atomically(run.path / CHOICE, dump_json(as_values(choice)), durable=True)
             settings = replace(settings, n3=choice.n3, popularity=choice.popularity)
         self.config = replace(self.config, settings=settings.fixed())
@@ -235,6 +241,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
                 seed_everything(settings.seed, loop._epoch + 1)
                 train_epochs(loop, factory, settings, epochs, is_resumed=checkpoint is not None)
+            # Epochs are left, and no early stop: the user has interrupted the run.
             if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
                 run.interrupt()
                 return TrainedLinks(run.path, loop._epoch, None)
@@ -255,6 +262,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             try:
                 self._cross_fit(run, metrics, report)
             except KeyboardInterrupt:
+                # Raised by something else than this run's Ctrl-C.
                 if not run.interrupted.is_set():
                     raise
                 run.interrupt()
@@ -266,6 +274,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 fold_mrr=record.mrr,
                 fold_in_sample_mrr=record.in_sample_mrr,
             )
+            # The folds' metrics were not known when the file was first written.
             write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
             outputs += FOLD_OUTPUTS
         run.finish(outputs, _model_card(self.opened, settings, metrics))
@@ -286,6 +295,7 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         def after_epoch(done: int, total: int) -> None:
             if run.interrupted.is_set():
                 raise KeyboardInterrupt
+            # Called while no epoch ends, too; each number is reported once.
             if report and done not in reported:
                 reported.add(done)
                 fold = min(1 + done * num_folds // total, num_folds)

@@ -247,6 +247,7 @@ class CrossFitted(Scorer):
                 f"{self.name} has folds for {len(self.of_recipe):,} recipes but '{graph.name}' has "
                 f"{graph.num_recipes:,}. Train on this graph, or use the training graph."
             )
+        # Recipes with wrong results have other triples than the graph's recipes.
         if self.train_results is None:
             return TrainSample.of(graph, self.of_recipe != OUTSIDE)
         return TrainSample(graph, self.train_results)
@@ -319,6 +320,7 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
             "split kind 'none' has no test recipes, so cross-fitting is not needed. Use another "
             "split, such as by-recipe."
         )
+    # The same folds as in trainings of link predictors, whose models can then be compared.
     cut = make_folds(split, folds)
     triples_of_folds = [cut.triples([fold]) for fold in range(folds)]
     of_folds = [

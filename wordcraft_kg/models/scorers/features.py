@@ -146,6 +146,7 @@ def make_features(
     one_of("pooling", pooling, tuple(_POOLINGS))
     whole("seed", seed, 0)
     parsed = FeatureSpec.parse(spec)
+    # Each prefix shuffles once more, so that ``shuffled:`` stands before any other specification.
     if parsed.prefix:
         features = make_features(
             parsed.source, labels, pooling=pooling, allow_missing=allow_missing, seed=seed

@@ -105,6 +105,7 @@ def load_scorer(
             f"{' or '.join(SCORERS)}. Install the package that provides this kind, or restore a "
             "copy."
         )
+    # RuntimeError is torch's, for tensors whose shapes do not fit together.
     try:
         SCORERS[vocabulary.scorer].check(tensors, len(vocabulary.entities))
         scorer = make_scorer(
@@ -224,6 +225,7 @@ def stored(scorer: TripleScorer) -> StoredScorer:
     scorer = whole_of(scorer)
     size = len(scorer.entities)
     result: StoredScorer
+    # A table is made again, even from a table: its shape and type were never checked.
     if isinstance(scorer, StoredScorer) and not isinstance(scorer, TableScorer):
         result = scorer
     elif table_bytes(size) <= TABLE_LIMIT:
@@ -243,6 +245,7 @@ def stored(scorer: TripleScorer) -> StoredScorer:
             f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer can be saved "
             "without a table."
         )
+    # A NaN would make every rank wrong, and no error would say so.
     if not all(torch.isfinite(tensor).all() for tensor in result.tensors().values()):
         raise ConfigError("some scores are not finite numbers. Nothing was written.")
     return result
@@ -260,6 +263,7 @@ def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) 
     vocabulary = Vocabulary(
         scorer=kind, graph=graph.hash, entities=graph.entities, relations=RELATIONS
     )
+    # Copies, because safetensors refuses tensors that share memory, such as views.
     write_atomically(folder / WEIGHTS, safetensors.torch.save(copied(dict(tensors))))
     write_atomically(folder / VOCABULARY, dump_json(as_values(vocabulary)))
 

@@ -166,6 +166,7 @@ class LinkEvidence:
             limit: maximum number of supporting links; links with weight 0 are never listed.
         """
         triples, weights = self.weights(head, relation, tail)
+        # Over all supporting links, so that shares do not depend on the limit.
         total = float(weights.sum())
         witnesses = []
         for row in np.argsort(-weights, kind="stable")[:limit].tolist():
@@ -198,6 +199,7 @@ class LinkEvidence:
         Returns:
             row numbers in :attr:`recipes`, ascending.
         """
+        # combinesWith links both ingredients in either direction.
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
             is_pair = (a == head) & (b == tail)

@@ -76,6 +76,7 @@ class Scorer(ABC):
 
     def table(self, relation: int | str) -> Tensor:
         """Return scores of all pairs in a relation, (E, E), row = head; 1.5 GiB for E = 20,000."""
+        # A column of heads and a row of tails broadcast to all pairs.
         everything = torch.arange(len(self.entities), device=self.device)
         return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])
 
@@ -121,6 +122,7 @@ class Scorer(ABC):
                     f"no relation '{relations}'; expected {' or '.join(RELATIONS)}.{hint}"
                 )
             relations = RELATIONS.index(relations)
+        # As tensors, so that subclasses need not distinguish one relation from many.
         ids = torch.as_tensor(relations, dtype=torch.int64, device=self.device)
         _check_range(ids, len(RELATIONS), "relation")
         return ids
@@ -149,6 +151,7 @@ class Scorer(ABC):
         """
         if (head is None) == (tail is None):
             raise ValueError("either head or tail must be None, not both.")
+        # All entities in the open slot, against which the known one broadcasts.
         everything = torch.arange(len(self.entities), device=self.device)
         scores = self.score(
             everything if head is None else head, relation, everything if tail is None else tail

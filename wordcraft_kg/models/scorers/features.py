@@ -424,8 +424,8 @@ def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
     words = sorted(rows)
     lines = [f"line {rows[word][0]}" for word in words]
     # The shape is needed if no word was found: an empty array has one dimension.
-    values = np.array([rows[word][1] for word in words]).reshape(-1, dimensions)
-    return _checked(path, lines, words, values)
+    vectors = np.array([rows[word][1] for word in words]).reshape(-1, dimensions)
+    return _checked(path, lines, words, vectors)
 
 
 def _divided(line: bytes, dimensions: int, path: Path, number: int) -> tuple[str, list[bytes]]:

@@ -74,7 +74,8 @@ def main() -> None:
     arguments = parser.parse_args()
 
     opened = open_graph(arguments.graph)
-    config = ComplExConfig()
+    # The default N3 weight: a training would choose it for a small book.
+    config = ComplExConfig().fixed()
     factory = triples_factory(opened.graph, opened.split.partial)
     training = {
         "batch_size": config.batch_size,

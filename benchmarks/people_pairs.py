@@ -29,6 +29,7 @@ from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.graphs.library import cache_folder, data_folder, fetch_file
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -281,7 +282,7 @@ def main() -> None:
     judgements = read_judgements(judgements_file(fetch=given.fetch), graph)
     rows = [("", "is it a recipe (AUC)", "which of four results")]
     if given.model is not None:
-        scorer = load_scorer(given.model, graph=graph).whole
+        scorer = whole_of(load_scorer(given.model, graph=graph))
         if not isinstance(scorer, RecipeScorer):
             raise ConfigError(
                 f"{given.model} is not a recipe scorer; expected one of train-recipes."

@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from wordcraft_kg import load_scorer, open_graph
-from wordcraft_kg.models.scorers.queries import RecipeQuery, parse_query
+from wordcraft_kg.evaluation.queries import RecipeQuery, parse_query
 
 LABELS = {"flour", "water", "dough", "cocoa bean", "c++", "_x", "a->b"}
 NOTE = "the scorer was trained on this recipe"

@@ -46,6 +46,7 @@ from wordcraft_kg.models.policies.folder import (
     write_parameters,
 )
 from wordcraft_kg.models.policies.sources.registry import pairs_need_factors
+from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.checkpoints import Checkpoint
@@ -159,11 +160,12 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             model = open_model(Path(config.scorer), opened.source)
             scorer, observed = model.scorer, model.triples
             # Checked before the tasks are made.
-            whole = scorer.whole if config.policy.in_sample else scorer
+            whole = whole_of(scorer) if config.policy.in_sample else scorer
             pairs_need_factors(config.policy.sources, whole, config.policy.scale)
             self.facts["kg"] = model.kg
-            if scorer.folds is not None and not config.policy.in_sample:
-                self.facts["cross_fitted"] = scorer.folds.count
+            folds = folds_of(scorer)
+            if folds is not None and not config.policy.in_sample:
+                self.facts["cross_fitted"] = folds.count
             elif model.kg == "partial":
                 _warn_of_in_sample_scores(config)
             _warn_of_self_pairs(opened.graph, config)

@@ -15,9 +15,9 @@ from wordcraft_kg.cli.options import Force, MovedGraph
 
 if TYPE_CHECKING:
     from wordcraft_kg.base.records import Record
+    from wordcraft_kg.evaluation.queries import Query, RecipeQuery
     from wordcraft_kg.evaluation.scores import ScoringModel
     from wordcraft_kg.graphs.folder import TrainedOn
-    from wordcraft_kg.models.scorers.queries import Query, RecipeQuery
 
 EXAMPLES = (
     "wordcraft-kg score models/everyday flour combinesWith water",
@@ -66,8 +66,8 @@ def score(
         out: CSV or TSV file for the scores of --in. Default: print the scores.
     """
     from wordcraft_kg.cli.failures import with_options
+    from wordcraft_kg.evaluation.queries import parse_query, read_queries
     from wordcraft_kg.evaluation.scores import ScoringModel, note_of_words, with_new_words
-    from wordcraft_kg.models.scorers.queries import parse_query, read_queries
 
     whole("top", top, 1)
     words = [word for word in (head, relation) if word is not None] + [
@@ -108,9 +108,9 @@ def _check_query(
 def _score_query(
     model: "ScoringModel", query: "Query | RecipeQuery", top: int, new_only: bool
 ) -> "tuple[Record, Sequence[Any], list[str]]":
+    from wordcraft_kg.evaluation.queries import RecipeQuery
     from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe, view_recipe
     from wordcraft_kg.evaluation.scores import view_open_slot, view_triple
-    from wordcraft_kg.models.scorers.queries import RecipeQuery
 
     if query.is_open:
         if isinstance(query, RecipeQuery):
@@ -153,13 +153,13 @@ def _score_file(
     force: bool,
     output: Output,
 ) -> None:
+    from wordcraft_kg.evaluation.queries import RecipeQuery
     from wordcraft_kg.evaluation.recipe_scores import (
         RecipeScoring,
         ScoredRecipeRow,
         score_recipe_queries,
     )
     from wordcraft_kg.evaluation.scores import ScoredRow, note_of_words, score_queries, view_file
-    from wordcraft_kg.models.scorers.queries import RecipeQuery
 
     check_file(out, force=force)
     kind: type[Any] = ScoredRow

@@ -43,12 +43,13 @@ class Guides(NamedTuple):
 def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     """Load a model folder for players on a graph; GraphMismatchError unless it fits or is a recipe scorer."""
     from wordcraft_kg.models.recipes.inductive import for_labels
+    from wordcraft_kg.models.scorers.cross_fitting import whole_of
     from wordcraft_kg.models.scorers.folder import load_scorer
     from wordcraft_kg.models.scorers.protocol import check_scorer
     from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
     scorer = load_scorer(folder)
-    if not isinstance(scorer.whole, RecipeScorer):
+    if not isinstance(whole_of(scorer), RecipeScorer):
         check_scorer(scorer, graph)
         return Guides(Path(folder).name, scorer, None, knows_recipes=True)
     links, recipes = (

@@ -11,13 +11,13 @@ import torch
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.evaluation.queries import RecipeQuery
 from wordcraft_kg.evaluation.scores import Known, ScoringModel
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence
-from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.queries import RecipeQuery
+from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
 _Key = tuple[int, int, int]
@@ -188,7 +188,7 @@ def view_open_recipe(
     """List the ``top`` entities for the open slot in a recipe; ``new_only`` omits known recipes."""
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
-    folds = scoring.model.scorer.folds
+    folds = folds_of(scoring.model.scorer)
     if query.result is None and folds is not None and folds.probabilities is not None:
         shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
         best = tuple(

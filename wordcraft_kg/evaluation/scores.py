@@ -12,6 +12,7 @@ import torch
 from wordcraft_kg.base.errors import ArtefactError, QueryFileError, UnknownEntityError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.evaluation.queries import Query, RecipeQuery
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import PARTS, Split
@@ -19,8 +20,8 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.queries import Query, RecipeQuery
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 Known = Literal["train", "valid", "test", "new"]
@@ -132,7 +133,7 @@ class ScoringModel:
 
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
         """Return calibrated probabilities for triples, ids of shape (T, 3); None for triples ``known`` from train."""
-        folds = self.scorer.folds
+        folds = folds_of(self.scorer)
         if folds is None or folds.probabilities is None:
             return [None] * len(triples)
         values = folds.probability(*torch.from_numpy(triples.copy()).T).tolist()

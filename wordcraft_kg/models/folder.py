@@ -13,6 +13,7 @@ from wordcraft_kg.models.model import History, Model
 from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.recipes.records import recipes_history
 from wordcraft_kg.models.saving import SavedConfig, saved_history
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 from wordcraft_kg.models.scorers.folder import MODEL, WEIGHTS, load_scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.files import RunFiles
@@ -26,15 +27,22 @@ MODELS: Registry[Callable[[RunFiles], History]] = Registry(
         **dict.fromkeys(SavedConfig.commands, saved_history),
     },
 )
-"""Functions that read a model's training history, by training command; a new kind of model adds a function."""
+"""Functions that read a model's training history, by training command.
+
+A new kind of model adds a function, here or by an entry point of the same name.
+"""
 
 
 def open_model(folder: str | Path, graph: str | None = None) -> Model:
     """Open a model folder: scorer, training graph and history.
 
-    A training command or ``save_scorer`` writes the folder; ``graph`` is the training graph's new path, if moved.
-    ArtefactError if the folder is unfinished or damaged, or the graph is missing, GraphMismatchError if the model was
-    trained on another graph or split.
+    Args:
+        folder: folder from a training command or ``save_scorer``.
+        graph: new path of the training graph, if it was moved; None for the path in the folder.
+
+    Raises:
+        ArtefactError: if the folder is unfinished or damaged, or the graph is missing.
+        GraphMismatchError: if the model was trained on another graph or split.
 
     Example:
         >>> model = open_model("models/kitchen")
@@ -43,33 +51,51 @@ def open_model(folder: str | Path, graph: str | None = None) -> Model:
     """
     folder = Path(folder)
     files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
-    scorer, history = load_scorer(folder), _history(files)
+    scorer = load_scorer(folder)
+    history = _history(files)
     opened = files.graph(graph or history.config.graph)
-    if scorer.folds is not None and history.is_trained:
-        scorer.folds.check_split(opened.split)
+    # A scorer that was saved, not trained here, was checked when it was saved.
+    folds = folds_of(scorer)
+    if folds is not None and history.is_trained:
+        folds.check_split(opened.split)
     return Model(scorer, opened, files.run, history)
 
 
 def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> TrainSample | None:
-    """Return a model's training recipes, see :attr:`Model.train_sample`; None if ``weights`` is not the weights' hash.
+    """Return a model's training recipes, :attr:`Model.train_sample`, from few of its files.
 
-    The weights are read only if the model has a training fraction or label noise, or was saved by ``save_scorer``.
-    ArtefactError as :func:`open_model` does, GraphMismatchError as :func:`open_model` and :attr:`Model.train_sample`
-    do.
+    The weights are read only if the model has a training fraction or label noise, or was saved by
+    ``save_scorer``.
+
+    Args:
+        folder: the model folder.
+        opened: the training graph.
+        weights: expected hash of the weights, such as the hash that an agent's run recorded.
+
+    Returns:
+        the training recipes; None if the folder has other weights than expected.
+
+    Raises:
+        ArtefactError: if the folder is unfinished or damaged, or the graph is missing.
+        GraphMismatchError: if the model was trained on another graph or split, or the recipes have
+            another hash than recorded.
     """
-    files = RunFiles(Path(folder), read_finished_run(Path(folder), MODEL, WEIGHTS))
+    folder = Path(folder)
+    files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
     if files.run.outputs[WEIGHTS] != weights:
         return None
     history = _history(files)
     settings = history.config.values()
-    if not history.is_trained or is_subsample(
-        settings.get("train_fraction", 1.0), settings.get("label_noise", 0.0)
-    ):
+    train_fraction = settings.get("train_fraction", 1.0)
+    label_noise = settings.get("label_noise", 0.0)
+    # Then the recipes depend on the folds in the folder, not on the split alone.
+    if not history.is_trained or is_subsample(train_fraction, label_noise):
         return open_model(folder, opened.source).train_sample
     return opened.train_sample(settings.get("kg", "none"))
 
 
 def _history(files: RunFiles) -> History:
+    # Read for its check by hash: a changed file is an error, not a wrong setting.
     files.bytes(CONFIG_FILE)
     if files.run.kind not in MODELS:
         raise ArtefactError(

@@ -30,7 +30,14 @@ from wordcraft_kg.runs.record import end_run, start_run
 
 @dataclass(frozen=True)
 class SavedConfig(RunConfig):
-    """Settings of a scorer trained elsewhere: ``kg`` is partial, full or none, ``origin`` a line for reports."""
+    """Settings of a scorer trained elsewhere, as ``config.toml`` holds them.
+
+    Attributes:
+        commands: the kind of run of a saved scorer.
+        kg: training data, as stated by the user: partial (train recipes only), full, or none (no
+            recipe).
+        origin: one-line description for reports.
+    """
 
     commands: ClassVar[tuple[str, ...]] = ("save-scorer",)
 
@@ -52,15 +59,18 @@ def save_scorer(
 ) -> Path:
     """Save your own scorer as a model folder that all commands accept; return the folder.
 
-    From a cross-fitted scorer (see :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`) agents learn with
-    out-of-sample scores. The folder holds the scorer as returned by :func:`~wordcraft_kg.models.scorers.folder.stored`.
+    The folder says that the scorer was not trained here. From a cross-fitted scorer (see
+    :func:`~wordcraft_kg.models.scorers.cross_fitting.cross_fit`) agents learn with out-of-sample
+    scores. The folder holds the scorer as returned by
+    :func:`~wordcraft_kg.models.scorers.folder.stored`.
 
     Args:
         folder: new folder.
         scorer: scorer for the graph's triples.
         opened: graph, and split for evaluation.
-        kg: training data: ``partial`` for train recipes only; ``full`` with other recipes, so metrics are marked as
-            memory; ``none`` without recipes.
+        kg: training data: ``partial`` for train recipes only; ``full`` with other recipes, so
+            metrics are marked as memory; ``none`` without recipes, such as a scorer that rests on
+            words. Nobody else can know this, so it cannot be checked.
         origin: one-line description for reports. Default: the scorer's name.
         force: replace the folder.
 
@@ -73,20 +83,24 @@ def save_scorer(
         >>> from wordcraft_kg.models.scorers.baselines import FrequencyScorer
         >>> opened = open_graph("kitchen")
         >>> mine = FrequencyScorer(opened.graph, opened.split.partial)
-        >>> folder = save_scorer("models/frequency", mine, opened, kg="partial", origin="counts of the train recipes")
+        >>> folder = save_scorer(
+        ...     "models/frequency", mine, opened, kg="partial", origin="counts of the train recipes"
+        ... )
         >>> open_model(folder).kg
         'partial'
     """
-    config = SavedConfig(
-        opened.source, kg, origin or getattr(scorer, "name", type(scorer).__name__)
-    )
+    origin = origin or getattr(scorer, "name", type(scorer).__name__)
+    config = SavedConfig(opened.source, kg, origin)
     check_scorer(scorer, opened.graph)
+    # A scorer of a user may claim the graph's hash, but have other labels.
     if tuple(scorer.entities) != opened.graph.entities:
         raise GraphMismatchError(
-            f"the scorer's `entities` differ from '{opened.graph.name}', although the graph hash is equal. Use the "
-            "graph labels, ordered by id."
+            f"the scorer's `entities` differ from '{opened.graph.name}', although the graph hash "
+            "is equal. Use the graph labels, ordered by id."
         )
-    whole, folded = stored(scorer), folds_of(scorer)
+    whole = stored(scorer)
+    folded = folds_of(scorer)
+    # An error within the block leaves no folder behind.
     out = with_a_name(Path(folder))
     with staged_folder(out, force=force) as staging:
         config.write(staging)
@@ -95,7 +109,8 @@ def save_scorer(
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash}
         outputs: tuple[str, ...] = (WEIGHTS, VOCABULARY, CONFIG_FILE)
         if folded is not None:
-            inputs["folds"], outputs = folded.record.hash, (*outputs, *FOLD_OUTPUTS)
+            inputs["folds"] = folded.record.hash
+            outputs += FOLD_OUTPUTS
             _write_folds(staging, folded, whole.kind, opened)
             if folded.train_results is not None:
                 inputs["train_sample"] = folded.train_sample(opened.graph).hash
@@ -107,9 +122,11 @@ def _write_folds(folder: Path, scorer: CrossFitted, kind: str, opened: OpenedGra
     scorer.check_split(opened.split)
 
     def part(fold: int) -> tuple[str, dict[str, Tensor]]:
-        scorer.trained_on(fold, opened.graph)  # raises for other training data
+        # Raises LeakError if the fold's scorer was trained on anything else.
+        scorer.trained_on(fold, opened.graph)
         return scorer.record.folds[fold].trained_on, stored(scorer.left_out(fold)).tensors()
 
+    # Folds with the recipes that the scorers were trained on, perhaps with wrong results.
     train_sample = scorer.train_sample(opened.graph)
     folds = Folds(opened.split, scorer.count, scorer.record.seed, scorer.of_recipe, train_sample)
     write_folds(folder, folds, scorer.whole, kind, part)
@@ -123,18 +140,21 @@ def saved_history(files: RunFiles) -> History:
 
 
 def _model_card(config: SavedConfig, opened: OpenedGraph) -> str:
+    # The statement of whoever saved the scorer; nobody else can know.
     seen = {
-        "full": "Recorded training data: more than the train recipes. The scores show memory, not prediction.",
+        "full": "Recorded training data: more than the train recipes. The scores show memory, not "
+        "prediction.",
         "partial": "Recorded training data: the train recipes only.",
         "none": "Recorded training data: no recipe from the graph.",
     }[config.kg]
     return scorer_card(
         opened,
         f"A scorer for {opened.graph.name}",
-        f"{config.origin}\n\nThe scorer was not trained by wordcraft-kg but only saved, so the folder cannot reproduce "
+        f"{config.origin}\n\n"
+        "The scorer was not trained by wordcraft-kg but only saved, so the folder cannot reproduce "
         "the training. " + seen,
         (),
-        "`wordcraft-kg evaluate-links` measures the quality on unseen triples. Scores are not calibrated "
-        "probabilities.",
+        "`wordcraft-kg evaluate-links` measures the quality on unseen triples. Scores are not "
+        "calibrated probabilities.",
         [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],
     )

@@ -15,7 +15,7 @@ from wordcraft_kg import ComplExConfig, LinksConfig, RecipeGraph, load_scorer
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.graphs import recipe_triples
 from wordcraft_kg.graphs.folds import make_folds
-from wordcraft_kg.models.knowledge.folder import Knowledge, KnowledgeRecord, write_knowledge
+from wordcraft_kg.models.knowledge.folder import KnowledgeRecord, KnowledgeTables, write_knowledge
 from wordcraft_kg.models.links.builders import make_training_loop, scorer_tensors
 from wordcraft_kg.models.links.fitting import fit
 from wordcraft_kg.models.links.outside import read_outside
@@ -43,7 +43,12 @@ def knowledge_folder(path, rows, number=None):
         )
     }
     folder = write_knowledge(
-        path, "test", Knowledge(record, ()), inputs={}, files=files if rows else {}, force=True
+        path,
+        "test",
+        KnowledgeTables(record, ()),
+        inputs={},
+        files=files if rows else {},
+        force=True,
     )
     return str(folder)
 

@@ -13,8 +13,8 @@ from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import is_in
 from wordcraft_kg.models.knowledge.folder import (
-    Knowledge,
     KnowledgeRecord,
+    KnowledgeTables,
     TableInfo,
     write_knowledge,
 )
@@ -57,7 +57,11 @@ def knowledge(opened, tmp_path):
         source="oracle", entities=opened.graph.entities[:0:-1], tables=tuple(infos)
     )
     return write_knowledge(
-        tmp_path / "tables", "test", Knowledge(record, (part, pair + pair.T)), inputs={}, files={}
+        tmp_path / "tables",
+        "test",
+        KnowledgeTables(record, (part, pair + pair.T)),
+        inputs={},
+        files={},
     )
 
 
@@ -149,7 +153,11 @@ def test_tables_of_other_labels_are_an_error(opened, tmp_path):
         source="WordNet", entities=("x", "y"), tables=(TableInfo(name="t", role="part", phrase=""),)
     )
     folder = write_knowledge(
-        tmp_path / "k", "test", Knowledge(record, (torch.ones(2, 2).half(),)), inputs={}, files={}
+        tmp_path / "k",
+        "test",
+        KnowledgeTables(record, (torch.ones(2, 2).half(),)),
+        inputs={},
+        files={},
     )
     with pytest.raises(ConfigError, match="WordNet describes none of the 12 entities"):
         open_outside([str(folder)], opened, "one-hot")
@@ -162,7 +170,7 @@ def test_tables_of_one_source_complete_each_other_and_those_of_two_models_stay_a
 
     def folder(name: str, weights: str, entities: tuple[str, ...], graph: str = "") -> str:
         record = KnowledgeRecord(source="language model", entities=entities, tables=(info,))
-        made = Knowledge(record, (torch.full((len(entities),) * 2, len(name)).half(),))
+        made = KnowledgeTables(record, (torch.full((len(entities),) * 2, len(name)).half(),))
         inputs = {"model.gguf": weights * 64, "graph": graph or opened.graph.hash}
         return str(write_knowledge(tmp_path / name, "test", made, inputs=inputs, files={}))
 
@@ -180,7 +188,7 @@ def test_tables_of_one_source_complete_each_other_and_those_of_two_models_stay_a
 def test_tables_that_know_another_split_are_an_error(opened, tmp_path):
     info = TableInfo(name="t", role="part", phrase="")
     record = KnowledgeRecord(source="WordNet", entities=opened.graph.entities, tables=(info,))
-    made = Knowledge(record, (torch.ones(12, 12).half(),))
+    made = KnowledgeTables(record, (torch.ones(12, 12).half(),))
     inputs = {
         "graph": opened.graph.hash,
         "split": open_graph(opened.source, SplitConfig(seed=4)).split.hash,

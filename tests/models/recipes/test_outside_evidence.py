@@ -16,8 +16,8 @@ from wordcraft_kg.apps.explorer.pages.link import Link
 from wordcraft_kg.apps.explorer.pages.pair import Pair
 from wordcraft_kg.models.knowledge.folder import (
     FACTS,
-    Knowledge,
     KnowledgeRecord,
+    KnowledgeTables,
     TableInfo,
     write_knowledge,
 )
@@ -67,7 +67,12 @@ def write_tables(folder, source, tables, facts=None):
     files = {} if facts is None else {FACTS: facts}
     return str(
         write_knowledge(
-            folder, "test", Knowledge(record, tuple(arrays)), inputs={}, files=files, force=True
+            folder,
+            "test",
+            KnowledgeTables(record, tuple(arrays)),
+            inputs={},
+            files=files,
+            force=True,
         )
     )
 

@@ -33,8 +33,8 @@ from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.knowledge.folder import (
-    Knowledge,
     KnowledgeRecord,
+    KnowledgeTables,
     TableInfo,
     write_knowledge,
 )
@@ -165,7 +165,7 @@ def elicit_knowledge(
     *,
     report: Progress | None = None,
     force: bool = False,
-) -> Knowledge:
+) -> KnowledgeTables:
     """Write a knowledge folder with a table for each prompt, and return the tables.
 
     Rows are saved in a hidden folder beside ``out``: a call after an interruption computes only the remaining rows.
@@ -213,7 +213,7 @@ def elicit_knowledge(
             for prompt in prompts
         )
         record = KnowledgeRecord(source=source, entities=graph.entities, tables=infos)
-        knowledge = Knowledge(record, tables)
+        knowledge = KnowledgeTables(record, tables)
         files = {"prompts.json": text, "README.md": _card(graph, knowledge, inputs, prompts)}
         write_knowledge(out, "elicit", knowledge, inputs=inputs, files=files, force=force)
         shutil.rmtree(folder)
@@ -290,7 +290,7 @@ def _read_rows(file: Path) -> Tensor | None:
         return None
 
 
-def strongest(knowledge: Knowledge, most: int = 3) -> dict[str, list[str]]:
+def strongest(knowledge: KnowledgeTables, most: int = 3) -> dict[str, list[str]]:
     """Return each table's largest cells as phrases, such as "bread needs flour (+3.1)", by table name."""
     labels = knowledge.record.entities
     shown: dict[str, list[str]] = {}
@@ -309,7 +309,10 @@ def strongest(knowledge: Knowledge, most: int = 3) -> dict[str, list[str]]:
 
 
 def _card(
-    graph: RecipeGraph, knowledge: Knowledge, inputs: Mapping[str, str], prompts: Sequence[Prompt]
+    graph: RecipeGraph,
+    knowledge: KnowledgeTables,
+    inputs: Mapping[str, str],
+    prompts: Sequence[Prompt],
 ) -> str:
     shown = strongest(knowledge)
     tables = "".join(

@@ -18,6 +18,7 @@ from wordcraft_kg.graphs.splits import PARTS, Part, Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidenceFinder
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.link_evidence import LinkEvidence, LinkReason
 from wordcraft_kg.models.scorers.recipes import RecipeScores
 from wordcraft_kg.models.scorers.roles import Side
@@ -149,7 +150,7 @@ class LinkPredictor:
     @cached_property
     def evidence(self) -> LinkEvidence:
         """Supporting training links; too many entities are a ConfigError."""
-        return LinkEvidence(self.model.scorer.whole, self.model.train_sample.recipes)
+        return LinkEvidence(whole_of(self.model.scorer), self.model.train_sample.recipes)
 
     @property
     def split(self) -> Split:
@@ -164,7 +165,7 @@ class LinkPredictor:
     @property
     def scores_recipes(self) -> bool:
         """Whether the model scores recipes, not only links (triples)."""
-        return isinstance(self.model.scorer.whole, RecipeScores)
+        return isinstance(whole_of(self.model.scorer), RecipeScores)
 
     @property
     def has_seen_the_test_recipes(self) -> bool:

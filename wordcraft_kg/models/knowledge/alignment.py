@@ -1,13 +1,17 @@
 """Align a recipe graph's labels with the nodes of a graph from outside the book.
 
-A label's first method with a node counts: exact spelling, base form (lemma), head word. Among several nodes (senses),
-texts decide: a sense's text is its definition with the names and definitions of its direct neighbours, and the
-context is the mean text of the entities that share a train recipe::
+A label's first method with a node counts: exact spelling, base form (lemma), head word. Among
+several nodes (senses), texts decide: a sense's text is its definition with the names and
+definitions of its direct neighbours, and the context is the mean text of the entities that share a
+train recipe::
 
-    log p(s | e) = log prior(s) + 25 cos(text(s), context(e)) + 1.5 log(field's share in the book / among all senses)
+    log p(s | e) = log prior(s) + 25 cos(text(s), context(e))
+                   + 1.5 log(field's share in the book / field's share among all senses)
 
-The prior follows the counts in sense-tagged text. Contexts and the book's fields are weighted by p of the last round,
-in three rounds. The constants were chosen on the book ``everyday``.
+The prior follows the counts in sense-tagged text. Contexts and the book's fields are weighted by p
+of the last round, in three rounds. The constants were chosen on the book ``everyday``.
+
+Shapes: E entities, S senses (pairs of an entity and a node), N nodes, V words.
 
 Source: Banerjee and Pedersen 2003, "Extended gloss overlaps", for the texts; the rest is our own.
 """
@@ -27,15 +31,29 @@ from wordcraft_kg.models.knowledge.network import Network, plain
 
 METHODS = {"exact": 1.0, "lemma": 0.95, "head word": 0.5}
 """Confidence that a method finds the right word, before a sense is chosen."""
-_CONTEXT, _FIELD, _ROUNDS = 25.0, 1.5, 3
+_CONTEXT = 25.0
+"""Weight of the cosine between a sense's text and the context."""
+_FIELD = 1.5
+"""Weight of the log ratio between a field's share in the book and among all senses."""
+_ROUNDS = 3
+"""Rounds of weighting contexts and fields by the probabilities of senses."""
 _HEAD = re.compile(r"(.+?) (?:of|in|with|from) .+")
+"""The head of a phrase comes before its preposition: glass of water."""
 _SHORTEST = 4
 """Fewest letters of both words in a closed compound, such as treehouse."""
 
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """Each entity's node (-1: none), method (:data:`METHODS`, ``override``, ``left out``, ``none``) and confidence."""
+    """The node of each entity.
+
+    Attributes:
+        nodes: shape (E,), int64: node ids, -1 without a node.
+        methods: how each node was found: a key of :data:`METHODS`, ``override`` or ``left out``
+            (both by the user), or ``none``.
+        confidences: shape (E,), from 0 to 1: the method's confidence times the probability of the
+            sense.
+    """
 
     nodes: Ids
     methods: tuple[str, ...]
@@ -44,89 +62,116 @@ class Alignment:
     def matrix(self, num_nodes: int) -> sparse.csr_array:
         """Return the confidence of each entity's node, shape (E, num_nodes)."""
         (known,) = np.nonzero(self.nodes >= 0)
-        values = self.confidences[known], (known, self.nodes[known])
-        return sparse.csr_array(values, shape=(len(self.nodes), num_nodes))
+        cells = (known, self.nodes[known])
+        shape = (len(self.nodes), num_nodes)
+        return sparse.csr_array((self.confidences[known], cells), shape=shape)
 
 
 def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
-    """Align entity labels with nodes of a network; train recipes, shape (n, 3), are contexts of senses."""
+    """Align entity labels with nodes of a network.
+
+    Args:
+        network: the graph from outside the book.
+        entities: labels in id order.
+        recipes: train recipes, ids of shape (n, 3), which are the contexts of senses.
+    """
     joined = _joined(network, entities)
     spelled = [_spelling(label, network, joined) for label in entities]
+    methods = tuple(method for method, _ in spelled)
     senses_of = [network.spellings.get(text, ()) for _, text in spelled]
     # Two labels seldom mean the same: pirate is not the pirate ship, if both are entities.
     taken = {
         senses[0]
-        for (method, _), senses in zip(spelled, senses_of, strict=True)
+        for method, senses in zip(methods, senses_of, strict=True)
         if method != "head word" and len(senses) == 1
     }
-    senses_of = [[node for node in senses if node not in taken] or senses for senses in senses_of]
-    rows = [(entity, node) for entity, senses in enumerate(senses_of) for node in senses]
-    nodes, confidences = np.full(len(entities), -1), np.zeros(len(entities))
+    nodes = np.full(len(entities), -1)
+    confidences = np.zeros(len(entities))
+    rows: list[tuple[int, int]] = []
+    priors: list[float] = []
+    for entity, senses in enumerate(senses_of):
+        free = [node for node in senses if node not in taken]
+        for place, node in enumerate(free or senses):
+            rows.append((entity, node))
+            # A sense that the tagged text lacks still counts, less for each sense before it.
+            count = network.counts.get((spelled[entity][1], node), 0)
+            priors.append(count + 1 / (1 + place))
     if rows:
-        owner, senses = np.array(rows).T
-        first = np.concatenate([[0], np.flatnonzero(np.diff(owner)) + 1])
-        place = np.arange(len(owner)) - np.repeat(first, np.diff([*first, len(owner)]))
-        counts = np.array(
-            [network.counts.get((spelled[entity][1], node), 0) for entity, node in rows]
-        )
-        prior = counts + 1 / (1 + place)
+        owner, sense = np.array(rows).T
+        prior = np.array(priors)
         if network.glosses:
-            chances = _sense_chances(network, owner, senses, prior, _neighbours(recipes, spelled))
+            chances = _sense_chances(network, owner, sense, prior, _neighbours(recipes, spelled))
         else:
             chances = _shares(np.log(prior), owner)
-        for row in np.lexsort((chances, owner)):  # the likeliest sense of an entity comes last
-            nodes[owner[row]], confidences[owner[row]] = senses[row], chances[row]
-    methods = tuple(method for method, _ in spelled)
-    return Alignment(nodes, methods, confidences * [METHODS.get(method, 0.0) for method in methods])
+        # Sorted by chance, so the likeliest sense of an entity is the last one written.
+        for row in np.lexsort((chances, owner)):
+            nodes[owner[row]] = sense[row]
+            confidences[owner[row]] = chances[row]
+    of_methods = np.array([METHODS.get(method, 0.0) for method in methods])
+    return Alignment(nodes, methods, confidences * of_methods)
 
 
 def with_overrides(
     alignment: Alignment, network: Network, entities: Sequence[str], overrides: Mapping[str, str]
 ) -> Alignment:
-    """Replace nodes by named nodes, or by none for an empty name; KnowledgeFileError for an unknown one."""
-    nodes, confidences, methods = (
-        alignment.nodes.copy(),
-        alignment.confidences.copy(),
-        list(alignment.methods),
-    )
+    """Replace the nodes of some labels by nodes that the user names.
+
+    Args:
+        alignment: the automatic alignment.
+        network: the graph from outside the book.
+        entities: labels in id order.
+        overrides: names of nodes by label, with or without the network's prefix; an empty name
+            leaves a label out.
+
+    Raises:
+        KnowledgeFileError: for an unknown label or node.
+    """
+    nodes = alignment.nodes.copy()
+    confidences = alignment.confidences.copy()
+    methods = list(alignment.methods)
     numbers = {name: node for node, name in enumerate(network.nodes)} if overrides else {}
     for label, name in overrides.items():
         if label not in entities:
             raise KnowledgeFileError(
-                f"`overrides` names '{label}', which is not a label of the graph.{nearest(label, entities)} Expected a "
-                "label as in the first column of alignment.tsv."
+                f"`overrides` names '{label}', which is not a label of the "
+                f"graph.{nearest(label, entities)} Expected a label as in the first column of "
+                "alignment.tsv."
             )
         node = numbers.get(name.removeprefix(f"{network.prefix}:"), -1)
         if name and node < 0:
             raise KnowledgeFileError(
-                f"{network.source} has no node '{name}' (for '{label}'). Expected a node as in the second column of "
-                "alignment.tsv, or nothing to leave the label out."
+                f"{network.source} has no node '{name}' (for '{label}'). Expected a node as in "
+                "the second column of alignment.tsv, or nothing to leave the label out."
             )
         place = entities.index(label)
-        nodes[place], confidences[place], methods[place] = (
-            node,
-            float(node >= 0),
-            "override" if name else "left out",
-        )
+        nodes[place] = node
+        confidences[place] = 1.0 if name else 0.0
+        methods[place] = "override" if name else "left out"
     return Alignment(nodes, tuple(methods), confidences)
 
 
 def _joined(network: Network, entities: Sequence[str]) -> dict[str, str]:
     """Return spellings in several words by the label that joins them: "fire truck" by firetruck."""
     wanted = {plain(label).replace(" ", "") for label in entities}
-    return {
-        short: text
-        for text in network.spellings
-        if " " in text and (short := text.replace(" ", "")) in wanted
-    }
+    joined = {}
+    for text in network.spellings:
+        short = text.replace(" ", "")
+        if " " in text and short in wanted:
+            joined[short] = text
+    return joined
 
 
 def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str, str]:
     """Return the method and the network's spelling for a label, or ``none`` and ""."""
     text = plain(label).rstrip("!?. ")
     short = text.replace(" ", "")
-    forms = {"exact": [text], "lemma": [*network.singulars(text), joined.get(short, ""), short]}
-    for method, texts in {**forms, "head word": _heads(text, network)}.items():
+    # The first form that the network has decides, so the surest methods come first.
+    forms = {
+        "exact": [text],
+        "lemma": [*network.singulars(text), joined.get(short, ""), short],
+        "head word": _heads(text, network),
+    }
+    for method, texts in forms.items():
         for form in texts:
             if form in network.spellings:
                 return method, form
@@ -134,25 +179,38 @@ def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str
 
 
 def _heads(text: str, network: Network) -> Iterator[str]:
+    """Yield possible head words of a label, longest first, such as glass for glass of water."""
     match = _HEAD.fullmatch(text)
     words = (match[1] if match else text).split()
+    # Without a preposition, all words together were looked up before.
     for start in range(0 if match else 1, len(words)):
-        yield from (head := " ".join(words[start:]), *network.singulars(head))
+        head = " ".join(words[start:])
+        yield head
+        yield from network.singulars(head)
     if len(words) == 1:
+        # Closed compounds: the first part has to be a word, too.
         for cut in range(_SHORTEST, len(text) - _SHORTEST + 1):
             if text[:cut] in network.spellings:
-                yield from (text[cut:], *network.singulars(text[cut:]))
+                yield text[cut:]
+                yield from network.singulars(text[cut:])
 
 
 def _neighbours(recipes: Ids, spelled: Sequence[tuple[str, str]]) -> sparse.csr_array:
-    """Return means over entities with a shared recipe, (E, E); a head word says nothing about the sense."""
+    """Return weights of means over neighbours (entities with a shared recipe), shape (E, E).
+
+    Entities aligned by a head word do not count: it says nothing about the sense.
+    """
     size = len(spelled)
     a, b, result = recipes.T
-    ends = np.concatenate([a, a, b]), np.concatenate([b, result, result])
-    links = sparse.csr_array((np.ones(len(ends[0])), ends), shape=(size, size))
+    rows = np.concatenate([a, a, b])
+    columns = np.concatenate([b, result, result])
+    ones = np.ones(len(rows))
+    links = sparse.csr_array((ones, (rows, columns)), shape=(size, size))
+    # Each neighbour counts once, however many recipes are shared.
     links = ((links + links.T) > 0).astype(float)
     links.setdiag(0)
-    links = links @ sparse.diags_array([float(method != "head word") for method, _ in spelled])
+    is_whole = [float(method != "head word") for method, _ in spelled]
+    links = links @ sparse.diags_array(is_whole)
     links.eliminate_zeros()
     return _scaled(links, 1 / np.maximum(links.sum(1), 1))
 
@@ -164,37 +222,62 @@ def _sense_chances(
     prior: NDArray[np.float64],
     neighbours: sparse.csr_array,
 ) -> NDArray[np.float64]:
-    """Return the probability of each sense among the senses of its entity."""
-    texts, fields = sense_texts(network, senses), np.array(network.fields)[senses]
-    chances = _shares(np.log(prior), owner)
+    """Return the probability of each sense among the senses of its entity, shape (S,).
+
+    The formula is that of the module; ``owner`` and ``senses``, shape (S,), are the entity and the
+    node of each sense.
+    """
+    texts = sense_texts(network, senses)
+    fields = np.array(network.fields)[senses]
+    log_prior = np.log(prior)
+    chances = _shares(log_prior, owner)
+    every = np.arange(len(owner))
     for _ in range(_ROUNDS):
+        # An entity's text is the mean over its senses, (E, V); its context the mean over
+        # neighbours.
         weights = sparse.csr_array(
-            (chances, (owner, np.arange(len(owner)))), shape=(neighbours.shape[0], len(owner))
+            (chances, (owner, every)), shape=(neighbours.shape[0], len(owner))
         )
         contexts = _units(neighbours @ (weights @ texts))
         overlap = texts.multiply(contexts[owner]).sum(1)
-        in_book, in_all = (1 + np.bincount(fields, share) for share in (chances, None))
+        # One is added to each field, so that none has probability 0.
+        in_book = 1 + np.bincount(fields, chances)
+        in_all = 1 + np.bincount(fields)
         field = np.log(in_book / in_book.sum() * in_all.sum() / in_all)
-        chances = _shares(np.log(prior) + _CONTEXT * overlap + _FIELD * field[fields], owner)
+        chances = _shares(log_prior + _CONTEXT * overlap + _FIELD * field[fields], owner)
     return chances
 
 
 def sense_texts(network: Network, senses: Ids, power: float = 1) -> sparse.csr_array:
-    """Return unit word vectors of senses, (S, V), by log count and idf: own text twice, then neighbours' texts."""
-    words, size = network.word_counts, len(network.nodes)
+    """Return word vectors of senses, by log counts and inverse document frequencies (idf).
+
+    Args:
+        network: the graph from outside the book, with definitions.
+        senses: node ids, shape (S,).
+        power: power of the idf; a larger power favours rare words.
+
+    Returns:
+        unit vectors, shape (S, V): a sense's own text counts twice, the texts of direct neighbours
+        once.
+    """
+    words = network.word_counts
+    size = len(network.nodes)
     links = (network.links() != 0).astype(float)
-    own = sparse.csr_array(
-        (np.ones(len(senses)), (np.arange(len(senses)), senses)), shape=(len(senses), size)
-    )
+    number = len(senses)
+    cells = (np.arange(number), senses)
+    own = sparse.csr_array((np.ones(number), cells), shape=(number, size))
     texts = (2 * own + own @ (links + links.T)) @ words
     texts.data = np.log1p(texts.data)
+    # The matrix has a cell for each word in a node's text, so cells in a column count its
+    # documents.
     idf = np.log(size / (1 + np.bincount(words.indices)))
     texts.data *= idf[texts.indices] ** power
     return _units(texts)
 
 
 def _shares(logs: NDArray[np.float64], owner: Ids) -> NDArray[np.float64]:
-    """Return the softmax over the rows of each owner."""
+    """Return the softmax over the rows of each owner, shape (S,)."""
+    # Without the maximum first, exp would overflow.
     highest = np.full(owner.max() + 1, -np.inf)
     np.maximum.at(highest, owner, logs)
     values = np.exp(logs - highest[owner])
@@ -202,8 +285,11 @@ def _shares(logs: NDArray[np.float64], owner: Ids) -> NDArray[np.float64]:
 
 
 def _units(matrix: sparse.csr_array) -> sparse.csr_array:
-    return _scaled(matrix, 1 / np.maximum(np.sqrt(matrix.multiply(matrix).sum(1)), 1e-12))
+    """Scale rows to length 1; zero rows stay zero."""
+    lengths = np.sqrt(matrix.multiply(matrix).sum(1))
+    return _scaled(matrix, 1 / np.maximum(lengths, 1e-12))
 
 
 def _scaled(matrix: sparse.csr_array, factors: NDArray[np.float64]) -> sparse.csr_array:
+    """Multiply each row by its factor."""
     return sparse.csr_array(sparse.diags_array(factors) @ matrix)

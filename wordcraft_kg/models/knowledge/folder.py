@@ -1,7 +1,8 @@
-"""Knowledge folders: what a source outside the book says about pairs of entities, as tables and triples."""
+"""Knowledge folders: tables and triples from a source outside the book."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import Literal
 
@@ -18,16 +19,29 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import end_run, read_finished_run, start_run
 
-KNOWLEDGE, TABLES, TRIPLES = "knowledge.json", "tables.safetensors", "triples.tsv"
+KNOWLEDGE = "knowledge.json"
+TABLES = "tables.safetensors"
+TRIPLES = "triples.tsv"
+"""Optional file of triples for joint training, from general graphs."""
 FACTS = "facts.tsv"
-"""Optional file for explanations, with a header: entity, relation phrase such as ``is a``, and entity or class."""
+"""Optional file for explanations, with a header.
+
+Columns: entity, relation phrase such as ``is a``, and entity or class.
+"""
 EXPECTED = "a knowledge folder from elicit or import-knowledge"
 Role = Literal["part", "pair"]
-"""``part``: a cell is (ingredient, result); ``pair``: a cell is (ingredient, ingredient), symmetric."""
+"""Cells of ``part`` are (ingredient, result), of ``pair`` (ingredient, ingredient), symmetric."""
 
 
 class TableInfo(Record, frozen=True, kw_only=True):
-    """A table's name, role and phrase, such as ``{result} needs {ingredient}``, or with ``{a}`` and ``{b}``."""
+    """The description of a table.
+
+    Attributes:
+        name: the tensor's name in ``tables.safetensors``.
+        role: what a cell is about, see :data:`Role`.
+        phrase: words for explanations, such as ``{result} needs {ingredient}``, or with ``{a}`` and
+            ``{b}``.
+    """
 
     name: str
     role: Role
@@ -35,7 +49,15 @@ class TableInfo(Record, frozen=True, kw_only=True):
 
 
 class KnowledgeRecord(Record, frozen=True, kw_only=True):
-    """The file ``knowledge.json``: source, labels in row order, table descriptions, number of triples."""
+    """The file ``knowledge.json``.
+
+    Attributes:
+        format: name and version of the file format.
+        source: display name of the source, such as a language model or WordNet.
+        entities: labels of the tables' rows and columns, in order.
+        tables: descriptions of the tables.
+        triples: number of lines in ``triples.tsv`` without the header; 0 without this file.
+    """
 
     format: Literal["wordcraft-kg knowledge 1"] = "wordcraft-kg knowledge 1"
     source: str
@@ -45,103 +67,131 @@ class KnowledgeRecord(Record, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
-    """Tables (E, E) of one source of knowledge outside the book, float16; 0 where the source says nothing."""
+class KnowledgeTables:
+    """Tables of one source of knowledge outside the book.
+
+    Attributes:
+        record: source, labels and descriptions.
+        tables: shape (E, E) each, float16, in the record's order; 0 where the source says nothing.
+    """
 
     record: KnowledgeRecord
     tables: tuple[Tensor, ...]
 
-    def of_entities(self, entities: Sequence[str]) -> "Knowledge":
-        """Return the tables for other labels in another order; rows and columns of missing labels are 0."""
+    def of_entities(self, entities: Sequence[str]) -> "KnowledgeTables":
+        """Return the tables for other labels or another order; missing labels have zeros."""
         if tuple(entities) == self.record.entities:
             return self
         place = {label: row for row, label in enumerate(self.record.entities)}
+        # Rows here, and the same labels' rows in the record.
         known = [row for row, label in enumerate(entities) if label in place]
-        rows, columns = (
-            torch.tensor(known, dtype=torch.int64),
-            torch.tensor([place[entities[row]] for row in known]),
-        )
+        rows = torch.tensor(known, dtype=torch.int64)
+        sources = torch.tensor([place[entities[row]] for row in known])
 
         def moved(table: Tensor) -> Tensor:
             result = torch.zeros(len(entities), len(entities), dtype=torch.half)
             if known:
-                result[rows[:, None], rows] = table[columns[:, None], columns]
+                result[rows[:, None], rows] = table[sources[:, None], sources]
             return result
 
         record = msgspec.structs.replace(self.record, entities=tuple(entities))
-        return Knowledge(record, tuple(map(moved, self.tables)))
+        return KnowledgeTables(record, tuple(map(moved, self.tables)))
 
     def coverage(self, entities: Sequence[str]) -> float:
         """Return the share of labels that the source describes: labels with a cell other than 0."""
-        has_cell = (
-            torch.stack([(table != 0).any(0) | (table != 0).any(1) for table in self.tables])
-            .any(0)
-            .tolist()
-        )
-        known = {
-            label
-            for label, is_known in zip(self.record.entities, has_cell, strict=True)
-            if is_known
-        }
+        has_cell = torch.stack([(table != 0).any(0) | (table != 0).any(1) for table in self.tables])
+        is_known = has_cell.any(0).tolist()
+        known = set(compress(self.record.entities, is_known))
         return sum(label in known for label in entities) / max(len(entities), 1)
 
 
 def write_knowledge(
     out: str | Path,
     command: str,
-    knowledge: Knowledge,
+    knowledge: KnowledgeTables,
     *,
     inputs: Mapping[str, str],
     files: Mapping[str, str | bytes],
     force: bool = False,
 ) -> Path:
-    """Write a knowledge folder, complete or not at all; OutputExistsError if it exists and ``force`` is False.
+    """Write a knowledge folder, complete or not at all.
 
-    ``command`` is the name of the writing command. ``inputs`` are SHA-256 hashes of what the tables were made from,
-    such as graph, weights and prompts; ``files`` are further files by name, such as ``README.md``.
+    Args:
+        out: the folder.
+        command: name of the writing command.
+        knowledge: the tables.
+        inputs: SHA-256 hashes of what the tables were made from, such as graph, weights and
+            prompts.
+        files: contents of further files by name, such as ``README.md``.
+        force: replace the folder.
+
+    Returns:
+        the folder.
+
+    Raises:
+        OutputExistsError: if the folder exists and ``force`` is False.
     """
     folder = with_a_name(Path(out))
-    tensors = {
-        info.name: table
-        for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True)
-    }
+    names = [info.name for info in knowledge.record.tables]
+    tensors = dict(zip(names, knowledge.tables, strict=True))
+    # Written beside the folder and renamed at the end, so readers never see half of it.
     with staged_folder(folder, force=force) as staging:
         write_atomically(staging / KNOWLEDGE, dump_json(as_values(knowledge.record)))
         write_atomically(staging / TABLES, safetensors.torch.save(copied(tensors)))
         for name, content in files.items():
             write_atomically(staging / name, content)
-        end_run(
-            staging, start_run(staging, command, inputs=inputs), "done", (KNOWLEDGE, TABLES, *files)
-        )
+        run = start_run(staging, command, inputs=inputs)
+        end_run(staging, run, "done", (KNOWLEDGE, TABLES, *files))
     return folder
 
 
-def read_knowledge(folder: str | Path) -> Knowledge:
-    """Read a knowledge folder; ArtefactError if unfinished, incomplete, damaged or of another kind."""
+def read_knowledge(folder: str | Path) -> KnowledgeTables:
+    """Read the tables of a knowledge folder.
+
+    Raises:
+        ArtefactError: if the folder is unfinished, incomplete, damaged or of another kind.
+    """
     files = knowledge_files(folder)
-    record, tensors = files.record(KNOWLEDGE, KnowledgeRecord), files.tensors(TABLES)
-    size, names = len(record.entities), [info.name for info in record.tables]
-    if {*names} != {*tensors} or any(tensor.shape != (size, size) for tensor in tensors.values()):
+    record = files.record(KNOWLEDGE, KnowledgeRecord)
+    tensors = files.tensors(TABLES)
+    size = len(record.entities)
+    names = [info.name for info in record.tables]
+    has_shape = all(tensor.shape == (size, size) for tensor in tensors.values())
+    if set(names) != set(tensors) or not has_shape:
         raise ArtefactError(
-            f"{files.folder / TABLES} does not hold the tables in {KNOWLEDGE}, with {size} rows and columns. Make the "
-            "folder again."
+            f"{files.folder / TABLES} does not hold the tables in {KNOWLEDGE}, with {size} rows "
+            "and columns. Make the folder again."
         )
-    return Knowledge(record, tuple(tensors[name].half() for name in names))
+    return KnowledgeTables(record, tuple(tensors[name].half() for name in names))
 
 
 def knowledge_files(folder: str | Path) -> RunFiles:
-    """Return verified access to the files of a knowledge folder; errors as :func:`read_knowledge`."""
-    return RunFiles(Path(folder), read_finished_run(Path(folder), EXPECTED, KNOWLEDGE))
+    """Return access to the files of a knowledge folder, each checked by hash when it is read.
+
+    Raises:
+        ArtefactError: as :func:`read_knowledge`.
+    """
+    folder = Path(folder)
+    return RunFiles(folder, read_finished_run(folder, EXPECTED, KNOWLEDGE))
 
 
 def check_same_split(spec: str, opened: OpenedGraph) -> None:
-    """Raise ConfigError if a knowledge folder was made with the train recipes of another split of the same graph."""
+    """Check that a knowledge folder has not seen test recipes.
+
+    Train recipes of another split of the same graph decided between senses, and may be test recipes
+    here. Folders for another graph, or without a split, have seen none of this graph's recipes.
+
+    Args:
+        spec: the knowledge folder.
+        opened: graph and split of the training.
+
+    Raises:
+        ConfigError: if the folder was made with another split of the same graph.
+    """
     inputs = knowledge_files(spec).run.inputs
-    if (
-        inputs.get("graph") == opened.graph.hash
-        and inputs.get("split", opened.split.hash) != opened.split.hash
-    ):
+    split = inputs.get("split", opened.split.hash)
+    if inputs.get("graph") == opened.graph.hash and split != opened.split.hash:
         raise ConfigError(
-            f"`with` '{spec}' was made with the train recipes of another split, which may be test recipes here. Make "
-            "the folder again from this graph folder."
+            f"`with` '{spec}' was made with the train recipes of another split, which may be test "
+            "recipes here. Make the folder again from this graph folder."
         )

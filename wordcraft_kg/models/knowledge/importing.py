@@ -1,23 +1,25 @@
-"""Import a general graph, such as WordNet or ConceptNet, as a knowledge folder for a recipe graph."""
+"""Import a general graph, such as WordNet, as a knowledge folder for a recipe graph."""
 
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
 import torch
 
 from wordcraft_kg.base.artefacts import read_small_file, sha256_of
 from wordcraft_kg.base.errors import KnowledgeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.knowledge.alignment import Alignment, align, with_overrides
 from wordcraft_kg.models.knowledge.folder import (
     FACTS,
     TRIPLES,
-    Knowledge,
     KnowledgeRecord,
+    KnowledgeTables,
     write_knowledge,
 )
 from wordcraft_kg.models.knowledge.network import Network
@@ -28,19 +30,29 @@ from wordcraft_kg.models.knowledge.wordnet import read_wordnet
 from wordcraft_kg.models.scorers.config import check_dense
 
 COMMAND = "import-knowledge"
+"""Name of the command in ``run.json``."""
 Kind = Literal["wordnet", "conceptnet", "triples"]
 READERS = {"wordnet": read_wordnet, "conceptnet": read_conceptnet, "triples": read_triples}
+"""Readers of graphs, by kind."""
 ALIGNMENT = "alignment.tsv"
+"""File with the node of each label, in the form in which overrides are read."""
 _COLUMNS = ("label", "node", "method", "confidence", "meaning")
 _LICENCES = {
-    "wordnet": "WordNet 3.0 is copyright 2006 by Princeton University; its licence must accompany copies of a folder.",
+    "wordnet": "WordNet 3.0 is copyright 2006 by Princeton University; its licence must accompany "
+    "copies of a folder.",
     "conceptnet": "ConceptNet 5 is available under CC BY-SA 4.0, and so is what is made from it.",
     "triples": "The licence of the imported triples applies.",
 }
 
 
 class Coverage(Record, frozen=True, kw_only=True):
-    """Entities aligned by one method, with their mean confidence."""
+    """Entities aligned by one method.
+
+    Attributes:
+        method: see :class:`~wordcraft_kg.models.knowledge.alignment.Alignment`.
+        entities: number of entities.
+        confidence: their mean confidence.
+    """
 
     method: str
     entities: Count
@@ -48,13 +60,19 @@ class Coverage(Record, frozen=True, kw_only=True):
 
 
 class ImportedKnowledge(Record, frozen=True, kw_only=True):
-    """What was imported, from which ``source``, into the knowledge folder ``out``.
+    """What was imported.
 
     Attributes:
-        entities, aligned: numbers of labels of the recipe graph, and of labels with a node.
-        coverage: labels with a node by method.
-        nodes, edges: size of the imported graph.
-        triples, facts: lines in ``triples.tsv`` and ``facts.tsv`` without the headers.
+        out: the knowledge folder.
+        source: display name of the imported graph.
+        entities: number of labels in the recipe graph.
+        aligned: number of labels with a node.
+        coverage: labels by method, most first.
+        nodes: number of nodes in the imported graph.
+        edges: number of edges in the imported graph, with those from definitions.
+        tables: names of the tables.
+        triples: number of lines in ``triples.tsv`` without the header.
+        facts: number of lines in ``facts.tsv`` without the header.
         reach: distances of ingredients and results in train recipes, beside random triples.
     """
 
@@ -82,13 +100,22 @@ def import_knowledge(
 ) -> ImportedKnowledge:
     """Import a general graph for a recipe graph; test and validation recipes are not read.
 
-    The train recipes in ``opened`` decide between senses. ``path`` is WordNet's folder, ConceptNet's assertions, or a
-    file of triples; ``overrides`` is a file for :func:`read_overrides`.
+    Args:
+        opened: recipe graph and split, whose train recipes decide between senses.
+        kind: kind of the imported graph.
+        path: WordNet's folder, ConceptNet's assertions, or a file of triples.
+        out: the knowledge folder.
+        overrides: file with nodes for some labels, see :func:`read_overrides`; None without.
+        force: replace the folder.
 
-    KnowledgeFileError naming the line, for a damaged file, and if no label has a node; ConfigError if the graph has too
-    many entities; OutputExistsError if ``out`` exists and ``force`` is False.
+    Raises:
+        KnowledgeFileError: for a damaged file (the error names the line), and if no label has a
+            node.
+        ConfigError: if the recipe graph has too many entities for tables of all pairs.
+        OutputExistsError: if ``out`` exists and ``force`` is False.
     """
-    entities, recipes = opened.graph.entities, opened.split.recipes("train")
+    entities = opened.graph.entities
+    recipes = opened.split.recipes("train")
     check_dense("knowledge from outside the book", len(entities))
     chosen = {} if overrides is None else read_overrides(overrides)
     with stage(f"reading {path}"):
@@ -97,8 +124,9 @@ def import_knowledge(
         alignment = with_overrides(align(network, entities, recipes), network, entities, chosen)
         if (alignment.nodes < 0).all():
             raise KnowledgeFileError(
-                f"{path}: none of the {len(entities):,} labels of '{opened.graph.name}', such as '{entities[0]}', is "
-                f"in {network.source}. Expected a graph with English names, or `overrides`."
+                f"{path}: none of the {len(entities):,} labels of '{opened.graph.name}', such as "
+                f"'{entities[0]}', is in {network.source}. Expected a graph with English names, "
+                "or `overrides`."
             )
         if network.glosses:
             network = with_descriptions(network, alignment, entities)
@@ -106,14 +134,16 @@ def import_knowledge(
         walks = hops(network, alignment)
         tables = make_tables(network, alignment, walks)
         surroundings = Surroundings(network, alignment, entities)
-        triples, facts = list(surroundings.triples()), list(surroundings.facts())
+        triples = list(surroundings.triples())
+        facts = list(surroundings.facts())
     record = KnowledgeRecord(
         source=network.source,
         entities=entities,
         tables=tuple(info for info, _ in tables),
         triples=len(triples),
     )
-    knowledge = Knowledge(record, tuple(torch.from_numpy(values).half() for _, values in tables))
+    halves = tuple(torch.from_numpy(values).half() for _, values in tables)
+    knowledge = KnowledgeTables(record, halves)
     view = ImportedKnowledge(
         out=str(out),
         source=network.source,
@@ -141,7 +171,11 @@ def import_knowledge(
 
 
 def read_overrides(path: Path) -> dict[str, str]:
-    """Read nodes by label from lines as in ``alignment.tsv``; KnowledgeFileError names a wrong line."""
+    """Read nodes by label from lines as in ``alignment.tsv``; further columns are ignored.
+
+    Raises:
+        KnowledgeFileError: if the file cannot be read, or has a wrong line, which the error names.
+    """
     if not path.is_file():
         raise KnowledgeFileError(
             f"{path} is not a file; expected lines with a label, a tab and a node."
@@ -153,75 +187,83 @@ def read_overrides(path: Path) -> dict[str, str]:
         raise KnowledgeFileError(f"{path} is not UTF-8. Save the file as UTF-8.") from None
     for number, line in enumerate(lines, 1):
         label, *columns = line.split("\t")
-        if line.strip() and (number, label) != (1, _COLUMNS[0]):
-            if not columns or label in collected:
-                what = "is repeated" if columns else "has no tab"
-                raise KnowledgeFileError(
-                    f"{path}, line {number}: '{label}' {what}; expected a label, a tab and a node."
-                )
-            collected[label] = columns[0].strip()
+        is_header = number == 1 and label == _COLUMNS[0]
+        if is_header or not line.strip():
+            continue
+        if not columns or label in collected:
+            what = "is repeated" if columns else "has no tab"
+            raise KnowledgeFileError(
+                f"{path}, line {number}: '{label}' {what}; expected a label, a tab and a node."
+            )
+        collected[label] = columns[0].strip()
     return collected
 
 
 def coverage_of(alignment: Alignment) -> tuple[Coverage, ...]:
     """Return numbers of entities and mean confidences by method, most entities first."""
-    counts = Counter(alignment.methods)
-    return tuple(
-        Coverage(
-            method=method,
-            entities=count,
-            confidence=float(
-                alignment.confidences[[one == method for one in alignment.methods]].mean()
-            ),
-        )
-        for method, count in counts.most_common()
-    )
+    methods = np.array(alignment.methods)
+    coverage = []
+    for method, count in Counter(alignment.methods).most_common():
+        confidence = float(alignment.confidences[methods == method].mean())
+        coverage.append(Coverage(method=method, entities=count, confidence=confidence))
+    return tuple(coverage)
 
 
 def _alignment_rows(
     network: Network, alignment: Alignment, entities: Sequence[str]
 ) -> list[Sequence[str]]:
+    """Return the lines of ``alignment.tsv``, in columns."""
     rows = list[Sequence[str]]()
-    for label, node, method, confidence in zip(
-        entities, alignment.nodes.tolist(), alignment.methods, alignment.confidences, strict=True
-    ):
-        name = f"{network.prefix}:{network.nodes[node]}" if node >= 0 else ""
-        meaning = (
-            f"{', '.join(network.lemmas[node])}: {network.glosses[node]}"
-            if name and network.glosses
-            else ""
-        )
-        rows.append((label, name, method, f"{confidence:.3f}", meaning))
+    nodes = alignment.nodes.tolist()
+    for entity, label in enumerate(entities):
+        node = nodes[entity]
+        name = ""
+        meaning = ""
+        if node >= 0:
+            name = f"{network.prefix}:{network.nodes[node]}"
+            if network.glosses:
+                meaning = f"{', '.join(network.lemmas[node])}: {network.glosses[node]}"
+        confidence = f"{alignment.confidences[entity]:.3f}"
+        rows.append((label, name, alignment.methods[entity], confidence, meaning))
     return rows
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]] | Sequence[Triple]) -> str:
-    return "".join("\t".join(row) + "\n" for row in (header, *rows))
+    lines = ["\t".join(row) + "\n" for row in (header, *rows)]
+    return "".join(lines)
 
 
 def _hashes(path: Path) -> dict[str, str]:
-    files = [path] if path.is_file() else sorted(one for one in path.iterdir() if one.is_file())
+    files = [path]
+    if path.is_dir():
+        files = sorted(one for one in path.iterdir() if one.is_file())
     return {one.name: sha256_of(one) for one in files}
 
 
 def describe(view: ImportedKnowledge) -> list[tuple[str, ...]]:
-    """Return the rows of a table: labels by method with confidence, and recipes by hops beside random triples."""
+    """Return the rows of a table of three columns, for the terminal and the card.
+
+    Labels by method with confidence, then recipes by number of hops beside random triples.
+    """
     rows: list[tuple[str, ...]] = [("aligned by", "labels", "confidence")]
     rows += [(one.method, f"{one.entities:,}", f"{one.confidence:.2f}") for one in view.coverage]
     rows.append(("ingredients and result within", "train recipes", "random triples"))
     for hop, shares in enumerate(zip(view.reach.recipes, view.reach.random, strict=True), 1):
-        rows.append((f"{hop} hop{'s' * (hop > 1)}", *(f"{share:.1%}" for share in shares)))
+        of_recipes, at_random = shares
+        rows.append((counted(hop, "hop"), f"{of_recipes:.1%}", f"{at_random:.1%}"))
     return rows
 
 
 def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:
-    rows = "\n".join(
-        "| " + " | ".join(row) + " |"
-        for row in [*describe(view)[:1], ("---",) * 3, *describe(view)[1:]]
-    )
+    """Return the folder's ``README.md``."""
+    header, *lines = describe(view)
+    rule = ("---", "---", "---")
+    rows = "\n".join("| " + " | ".join(row) + " |" for row in (header, rule, *lines))
     return (
-        f"# Knowledge from {view.source}\n\nFor graph `{opened.graph.hash[:12]}`, split `{opened.split.hash[:12]}`: "
-        f"{view.aligned:,} of {view.entities:,} labels are aligned with {view.nodes:,} nodes. {view.triples:,} "
-        f"triples, {view.facts:,} facts, tables {', '.join(view.tables)}. No validation or test recipe was read.\n\n"
+        f"# Knowledge from {view.source}\n\n"
+        f"For graph `{opened.graph.hash[:12]}`, split `{opened.split.hash[:12]}`: "
+        f"{view.aligned:,} of {view.entities:,} labels are aligned with {view.nodes:,} nodes. "
+        f"{view.triples:,} triples, {view.facts:,} facts, tables {', '.join(view.tables)}. "
+        "No validation or test recipe was read.\n\n"
         f"{rows}\n\n{_LICENCES[kind]}\n"
     )

@@ -1,4 +1,4 @@
-"""Graphs from outside the recipe book, such as WordNet, in memory: nodes with spellings, and triples."""
+"""Graphs from outside the recipe book, such as WordNet, in memory: nodes, spellings, edges."""
 
 import re
 from array import array
@@ -24,13 +24,16 @@ _ENDINGS = {
     "men": "man",
     "ies": "y",
 }
-"""Endings of plural nouns with their replacements; source: WordNet 3.0 manual, morphy(7)."""
+"""Endings of plural nouns with their replacements, tried in this order.
+
+Source: WordNet 3.0 manual, morphy(7).
+"""
 _WORD = re.compile(r"[a-z0-9]+")
 
 
 @dataclass(frozen=True, eq=False)
 class Network:
-    """A graph from outside the book.
+    """A graph from outside the book, with N nodes and M edges.
 
     Attributes:
         source: display name, such as WordNet.
@@ -41,10 +44,12 @@ class Network:
         weights: shape (M,), positive weights of the edges.
         spellings: nodes by :func:`plain` name, likeliest first.
         exceptions: irregular plurals with their singulars.
-        lemmas: names of each node, as a person would write them; empty if the node's name is all there is.
+        lemmas: names of each node, as a person would write them; empty if the node's name is all
+            there is.
         glosses: definition of each node; empty without definitions.
         fields: broad field of each node by number, such as food or feeling; empty if unknown.
-        counts: occurrences of each pair of spelling and node in sense-tagged text; empty if unknown.
+        counts: occurrences of each pair of spelling and node in sense-tagged text; empty if
+            unknown.
     """
 
     source: str
@@ -61,10 +66,12 @@ class Network:
     counts: Mapping[tuple[str, int], int] = field(default_factory=dict)
 
     def singulars(self, text: str) -> Iterator[str]:
-        """Yield possible base forms of a :func:`plain` text by the last word: exceptions, then detached endings."""
+        """Yield possible base forms of a :func:`plain` text, by its last word: exceptions first."""
         before, blank, last = text.rpartition(" ")
-        yield from (before + blank + single for single in self.exceptions.get(last, ()))
+        for single in self.exceptions.get(last, ()):
+            yield before + blank + single
         for ending, new in _ENDINGS.items():
+            # A stem of one letter is no word: as is no plural of a.
             if last.endswith(ending) and len(last) > len(ending) + 1:
                 yield text.removesuffix(ending) + new
 
@@ -72,72 +79,103 @@ class Network:
         """Return a word's base form, or the word if the network has no spelling for any."""
         if word in self.exceptions:
             return self.exceptions[word][0]
-        return next(
-            (form for form in (word, *self.singulars(word)) if form in self.spellings), word
-        )
+        for form in (word, *self.singulars(word)):
+            if form in self.spellings:
+                return form
+        return word
 
     @cached_property
     def definitions(self) -> list[list[str]]:
         """The words of each gloss, in base forms."""
+        # The same words occur in most definitions.
         base_form = cache(self.base_form)
-        return [[base_form(word) for word in _WORD.findall(plain(gloss))] for gloss in self.glosses]
+        words_of = [_WORD.findall(plain(gloss)) for gloss in self.glosses]
+        return [list(map(base_form, words)) for words in words_of]
 
     @cached_property
     def word_counts(self) -> sparse.csr_array:
         """Numbers of the V different words in each node's definition and names, shape (N, V)."""
         places: dict[str, int] = {}
-        rows, columns, counts = array("i"), array("i"), array("i")
+        # Arrays of C integers: lists of millions of Python integers would take ten times the
+        # memory.
+        rows = array("i")
+        columns = array("i")
+        counts = array("i")
         base_form = cache(self.base_form)
         for node, definition in enumerate(self.definitions):
-            names = (base_form(word) for name in self.lemmas[node] for word in plain(name).split())
-            for word, count in Counter([*definition, *names]).items():
+            words = Counter(definition)
+            for name in self.lemmas[node]:
+                words.update(map(base_form, plain(name).split()))
+            for word, count in words.items():
                 rows.append(node)
                 columns.append(places.setdefault(word, len(places)))
                 counts.append(count)
-        return sparse.csr_array(
-            (counts, (rows, columns)), shape=(len(self.nodes), len(places)), dtype=float
-        )
+        shape = (len(self.nodes), len(places))
+        return sparse.csr_array((counts, (rows, columns)), shape=shape, dtype=float)
 
     def with_edges(self, relation: str, edges: Ids, weights: NDArray[np.float64]) -> "Network":
-        """Add a relation with edges, shape (M, 2): head and tail."""
+        """Return a network with a further relation.
+
+        Args:
+            relation: name of the relation.
+            edges: its edges, shape (M', 2): head and tail.
+            weights: their weights, shape (M',).
+        """
         between = np.full(len(edges), len(self.relations))
+        further = np.column_stack([edges[:, 0], between, edges[:, 1]])
         more = replace(
             self,
             relations=(*self.relations, relation),
-            edges=np.concatenate(
-                [self.edges, np.column_stack([edges[:, 0], between, edges[:, 1]])]
-            ),
+            edges=np.concatenate([self.edges, further]),
             weights=np.concatenate([self.weights, weights]),
         )
-        vars(more).update(vars(self) | vars(more))  # keeps counted words: definitions are the same
+        # Definitions are the same, so words that were counted for this network need no second
+        # count: cached properties lie among the variables.
+        vars(more).update(vars(self) | vars(more))
         return more
 
     def ids_of(self, names: Sequence[str]) -> list[int]:
-        """Return the ids of the relations with these names that the network has."""
+        """Return the ids of relations by name; names that the network lacks are ignored."""
         return [self.relations.index(name) for name in names if name in self.relations]
 
     def links(self, names: Sequence[str] = ()) -> sparse.csr_array:
-        """Return edges as a matrix from heads to tails, shape (N, N), with weights; all relations without ``names``."""
-        wanted = np.isin(self.edges[:, 1], self.ids_of(names))
-        rows = self.edges[wanted] if names else self.edges
-        weights = self.weights[wanted] if names else self.weights
-        return sparse.csr_array((weights, (rows[:, 0], rows[:, 2])), shape=(len(self.nodes),) * 2)
+        """Return weights of edges as a matrix from heads to tails, shape (N, N).
+
+        Weights of several edges between two nodes add up. Without ``names``, all relations count.
+        """
+        edges = self.edges
+        weights = self.weights
+        if names:
+            is_wanted = np.isin(edges[:, 1], self.ids_of(names))
+            edges = edges[is_wanted]
+            weights = weights[is_wanted]
+        size = len(self.nodes)
+        return sparse.csr_array((weights, (edges[:, 0], edges[:, 2])), shape=(size, size))
 
 
 def plain(text: str) -> str:
-    """Return a spelling without differences in case, Unicode form, blanks, hyphens and apostrophes."""
+    """Fold differences in case, Unicode form, blanks, hyphens and apostrophes."""
     return folded(text).replace("'", "")
 
 
 def unique_edges(
     edges: Ids, weights: NDArray[np.float64], sizes: tuple[int, int]
 ) -> tuple[Ids, NDArray[np.float64]]:
-    """Sort edges (M, 3), without loops; weights (M,) of repeated edges add up. Sizes: nodes, relations."""
+    """Sort edges, merge repeated edges, and leave out loops.
+
+    Args:
+        edges: shape (M, 3): head, relation and tail.
+        weights: shape (M,); weights of repeated edges add up.
+        sizes: numbers of nodes and of relations.
+
+    Returns:
+        distinct edges and their weights.
+    """
     nodes, relations = sizes
-    head, relation, tail = edges[edges[:, 0] != edges[:, 2]].T
+    is_link = edges[:, 0] != edges[:, 2]
+    head, relation, tail = edges[is_link].T
+    # One integer for each edge sorts faster than rows of three.
     keys, place = np.unique((head * relations + relation) * nodes + tail, return_inverse=True)
     rest, tails = np.divmod(keys, nodes)
-    merged = np.bincount(place, weights[edges[:, 0] != edges[:, 2]], minlength=len(keys)).astype(
-        np.float64
-    )
+    merged = np.bincount(place, weights[is_link], minlength=len(keys)).astype(np.float64)
     return np.column_stack([rest // relations, rest % relations, tails]), merged

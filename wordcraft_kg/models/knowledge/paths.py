@@ -1,7 +1,9 @@
 """Tables over pairs of entities from an aligned graph: paths, parts and definitions.
 
-Let S, shape (E, N), hold the confidence of each entity's node, and let A, shape (N, N), hold weights of edges from
-heads to tails. All tables have values from 0 to 1, and 0 on the diagonal.
+Let S, shape (E, N), hold the confidence of each entity's node, and let A, shape (N, N), hold
+weights of edges from heads to tails. All tables have values from 0 to 1, and 0 on the diagonal:
+pairs of an entity with itself differ from all others, and would stand out for no reason of the
+source.
 """
 
 from collections import defaultdict
@@ -15,7 +17,10 @@ from wordcraft_kg.models.knowledge.alignment import Alignment, sense_texts
 from wordcraft_kg.models.knowledge.folder import TableInfo
 from wordcraft_kg.models.knowledge.network import Network, plain
 
-IS_A, DESCRIBED_BY = ("isA", "IsA"), "describedBy"
+IS_A = ("isA", "IsA")
+"""Relations from a thing to its class, in the spellings of WordNet and ConceptNet."""
+DESCRIBED_BY = "describedBy"
+"""The relation that :func:`with_descriptions` adds."""
 PART_OF = ("partOf", "substanceOf", "memberOf", "PartOf")
 """Relations from a part to the whole."""
 HAS_PART = ("HasA", "MadeOf")
@@ -23,68 +28,103 @@ HAS_PART = ("HasA", "MadeOf")
 _STEPS = 2
 """Most steps to classes from which parts are inherited."""
 _DAMPING = 1_000.0
+"""Scale of the logarithm: weights below 1 / 1000 stay about proportional."""
 _BLOCK = 32
+"""Entities in a block of dense walks."""
 Floats = NDArray[np.float64]
 Table = tuple[TableInfo, Floats]
 
 
 def with_descriptions(network: Network, alignment: Alignment, entities: Sequence[str]) -> Network:
-    """Add an edge to each entity in a node's definition; weight 1 - log(1 + n) / log(1 + N) if in n of N."""
-    phrases = defaultdict(set)
+    """Add an edge from each node to each entity in its definition.
+
+    An entity in n of N definitions has edges of weight ``1 - log(1 + n) / log(1 + N)``: a word in
+    most definitions says little.
+
+    Args:
+        network: a network with definitions.
+        alignment: the node of each entity.
+        entities: labels in id order.
+    """
+    phrases: dict[str, set[int]] = defaultdict(set)
     for entity, node in enumerate(alignment.nodes.tolist()):
-        if node >= 0:
-            label = [entities[entity]] if alignment.methods[entity] != "head word" else []
-            for name in (*label, *network.lemmas[node]):
-                phrases[" ".join(map(network.base_form, plain(name).split()))].add(node)
+        if node < 0:
+            continue
+        names = list(network.lemmas[node])
+        # The label of an entity that only shares a head word means another thing.
+        if alignment.methods[entity] != "head word":
+            names.append(entities[entity])
+        for name in names:
+            phrase = " ".join(map(network.base_form, plain(name).split()))
+            phrases[phrase].add(node)
     longest = max((phrase.count(" ") + 1 for phrase in phrases), default=0)
-    mentions = []
+    mentions: list[tuple[int, int]] = []
     for head, words in enumerate(network.definitions):
-        spans = (
-            words[start : start + size]
-            for start in range(len(words))
-            for size in range(1, longest + 1)
-        )
-        tails = set().union(*(phrases.get(" ".join(span), ()) for span in spans))
+        tails: set[int] = set()
+        for start in range(len(words)):
+            for size in range(1, longest + 1):
+                phrase = " ".join(words[start : start + size])
+                tails |= phrases.get(phrase, set())
         mentions += [(head, tail) for tail in tails - {head}]
+    # Sorted, because sets have no order that is the same in every process.
     edges = np.array(sorted(mentions), dtype=np.int64).reshape(-1, 2)
-    size = len(network.nodes)
-    counts = np.bincount(edges[:, 1], minlength=size)
-    return network.with_edges(
-        DESCRIBED_BY, edges, 1 - np.log1p(counts[edges[:, 1]]) / np.log1p(size)
-    )
+    num_nodes = len(network.nodes)
+    tail = edges[:, 1]
+    counts = np.bincount(tail, minlength=num_nodes)
+    weights = 1 - np.log1p(counts[tail]) / np.log1p(num_nodes)
+    return network.with_edges(DESCRIBED_BY, edges, weights)
 
 
 def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats]:
-    """Return walks of 1, 2, 3 steps, (E, E) each: ``S W^k S'``, ``W = D^-1/2 (A + A') D^-1/2``, degrees D."""
+    """Return weights of walks with 1, 2 and 3 steps between entities, shape (E, E) each.
+
+    ``S W^k S'`` for k steps, with ``W = D^-1/2 (A + A') D^-1/2`` and the nodes' degrees D: an edge
+    of a node with many edges says less.
+    """
     size = len(network.nodes)
+    # Half the memory of 64 bits; walks are rounded to 16 bits later.
     links = network.links().astype(np.float32)
     links = links + links.T
     links = _divided(links, links.sum(1))
     own = alignment.matrix(size).astype(np.float32)
     first = sparse.csr_array(own @ links)
+    # Walks of three steps between entities have their inner nodes next to entities.
     near = np.unique(first.indices)
-    first, inner = first[:, near], links[near][:, near]
-    starts = range(0, first.shape[0], _BLOCK)
+    first = first[:, near]
+    inner = links[near][:, near]
     # Dense blocks: a third step from all entities at once fills a large matrix, sparse or not.
-    third = np.concatenate(
-        [(first @ (inner @ first[start : start + _BLOCK].T.toarray())).T for start in starts]
-    )
-    return (own @ links @ own.T).toarray(), (first @ first.T).toarray(), third
+    blocks = []
+    for start in range(0, first.shape[0], _BLOCK):
+        block = first[start : start + _BLOCK].T.toarray()
+        blocks.append((first @ (inner @ block)).T)
+    one_step = (own @ links @ own.T).toarray()
+    # W is symmetric, so two steps are the product of one step from both ends.
+    two_steps = (first @ first.T).toarray()
+    return one_step, two_steps, np.concatenate(blocks)
 
 
 def make_tables(network: Network, alignment: Alignment, walks: Sequence[Floats]) -> list[Table]:
-    """Return the tables that a network allows: ``paths`` and ``part``, with definitions ``texts`` and ``mentions``.
+    """Return the tables that a network allows.
 
-    A network without definitions has ``forward`` instead: walks of 1 and 2 steps from the ingredient to the result
-    along the edges' directions. A network with definitions needs edges :data:`DESCRIBED_BY`; ``walks`` come from
-    :func:`hops`.
+    These are ``paths`` and ``part``, and with definitions ``texts`` and ``mentions``. A network
+    without definitions has ``forward`` instead: walks of 1 and 2 steps from the ingredient to the
+    result along the edges' directions.
+
+    Args:
+        network: the network; if it has definitions, also with edges :data:`DESCRIBED_BY`.
+        alignment: the node of each entity.
+        walks: shape (E, E) each, from :func:`hops`.
+
+    Returns:
+        descriptions and values, shape (E, E), from 0 to 1.
     """
     own = alignment.matrix(len(network.nodes))
     tables = [_named("paths", _damped(walks), "{ingredient} is related to {result}")]
-    if set(network.relations) & {*PART_OF, *HAS_PART}:
+    if network.ids_of([*PART_OF, *HAS_PART]):
         tables.append(_named("part", _parts(network, own), "{ingredient} is part of {result}"))
     if network.glosses:
         named = (own @ network.links([DESCRIBED_BY]) @ own.T).toarray()
+        # Entities without a node get the text of node 0, and are masked afterwards.
         is_known = alignment.nodes >= 0
         texts = sense_texts(network, np.maximum(alignment.nodes, 0), power=2)
         alike = (texts @ texts.T).toarray() * is_known * is_known[:, None]
@@ -93,34 +133,45 @@ def make_tables(network: Network, alignment: Alignment, walks: Sequence[Floats])
     else:
         links = network.links()
         links = _divided(links, (links + links.T).sum(1))
-        first, second = own @ links, links @ own.T
-        steps = [(first @ own.T).toarray(), (first @ second).toarray()]
+        first = own @ links
+        one_step = (first @ own.T).toarray()
+        two_steps = (first @ (links @ own.T)).toarray()
+        steps = [one_step, two_steps]
         tables.append(_named("forward", _damped(steps), "{ingredient} leads to {result}"))
     return tables
 
 
 def _divided(links: sparse.csr_array, degrees: Floats) -> sparse.csr_array:
-    roots = sparse.diags_array((1 / np.sqrt(np.maximum(degrees, 1e-12))).astype(links.dtype))
+    """Divide each edge by the roots of its nodes' degrees."""
+    factors = 1 / np.sqrt(np.maximum(degrees, 1e-12))
+    roots = sparse.diags_array(factors.astype(links.dtype))
     return sparse.csr_array(roots @ links @ roots)
 
 
 def _damped(walks: Sequence[Floats]) -> Floats:
-    """Return ``log(1 + 1000 w) / log(1001)`` for the mean walk w, where each step halves the weight."""
+    """Return ``log(1 + 1000 w) / log(1001)`` of the mean walk w; each step halves the weight."""
     weights = [0.5**step for step in range(len(walks))]
-    mean = sum(weight * walk for weight, walk in zip(weights, walks, strict=True)) / sum(weights)
+    total = sum(weight * walk for weight, walk in zip(weights, walks, strict=True))
+    mean = total / sum(weights)
     return np.asarray(np.log1p(_DAMPING * mean) / np.log1p(_DAMPING))
 
 
 def _named(name: str, values: Floats, phrase: str) -> Table:
+    """Return a table of the role ``part``, with values from 0 to 1 and an empty diagonal."""
     values = np.clip(values, 0, 1)
     np.fill_diagonal(values, 0)
     return TableInfo(name=name, role="part", phrase=phrase), values
 
 
 def _parts(network: Network, own: sparse.csr_array) -> Floats:
-    """Return how directly a row is part of a column; with definitions also by classes, half for each step."""
+    """Return how directly a row is part of a column, shape (E, E).
+
+    In a network with definitions, parts are inherited from classes, with half the weight for each
+    step.
+    """
     upward = (network.links(IS_A) != 0).astype(float)
-    reach = step = own
+    reach = own
+    step = own
     for _ in range(_STEPS if network.glosses else 0):
         step = step @ upward / 2
         reach = reach + step

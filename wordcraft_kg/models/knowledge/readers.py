@@ -18,7 +18,7 @@ from wordcraft_kg.base.errors import KnowledgeFileError
 from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
 
 _LONGEST = 2**20
-"""Most bytes in a line; a longer line suggests another kind of file."""
+"""Most bytes in a line; a longer line suggests another kind of file, and could fill the memory."""
 _USELESS = {
     b"/r/ExternalURL",
     b"/r/FormOf",
@@ -27,18 +27,27 @@ _USELESS = {
 }
 """Relations about words or web pages, not about things; also all below /r/dbpedia/."""
 _SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"SimilarTo", b"Synonym"}
+"""Relations whose edges are stored in one direction, so that two assertions are not two edges."""
 _ENGLISH = b"/c/en/"
 _HEAVIEST = 1e30
 """Weights are below: sums must fit into 32-bit numbers."""
 HEADER = ["head", "relation", "tail"]
+"""Optional header of a file of triples."""
 
 
 class _Assertion(msgspec.Struct):
+    """The last column of an assertion, JSON with many more keys, which are skipped."""
+
     weight: Annotated[float, msgspec.Meta(lt=_HEAVIEST)]
 
 
 def read_conceptnet(path: Path) -> Network:
-    """Read assertions about English words, whose senses are one node; KnowledgeFileError names a wrong line."""
+    """Read assertions about English words, whose senses are one node.
+
+    Raises:
+        KnowledgeFileError: if the file cannot be read, has no English assertion, or has a wrong
+            line (the error names the line).
+    """
     decode = msgspec.json.Decoder(_Assertion).decode
     collected = _Collected(path)
     for number, line in _lines(path):
@@ -48,7 +57,9 @@ def read_conceptnet(path: Path) -> Network:
                 path, number, f"{len(columns)} columns; expected uri, relation, start, end and JSON"
             )
         _, relation, start, end, about = columns
-        if not (start.startswith(_ENGLISH) and end.startswith(_ENGLISH)) or relation in _USELESS:
+        # Before the JSON is decoded: most of the 34 million lines are about other languages.
+        is_english = start.startswith(_ENGLISH) and end.startswith(_ENGLISH)
+        if not is_english or relation in _USELESS:
             continue
         try:
             weight = decode(about).weight
@@ -58,34 +69,37 @@ def read_conceptnet(path: Path) -> Network:
             ) from None
         name = relation.removeprefix(b"/r/")
         if weight > 0 and not name.startswith(b"dbpedia/"):
+            # /c/en/word/n/sense: the word alone.
             head, tail = (word[len(_ENGLISH) :].partition(b"/")[0] for word in (start, end))
-            if name in _SYMMETRIC and tail < head:
-                head, tail = tail, head
+            if name in _SYMMETRIC:
+                head, tail = sorted((head, tail))
             collected.add(head, name, tail, weight)
     return collected.network("ConceptNet", "cn")
 
 
 def read_triples(path: Path) -> Network:
-    """Read tab-separated triples, perhaps with weights and a header; KnowledgeFileError names a wrong line."""
+    """Read tab-separated triples, perhaps with weights and a header.
+
+    Raises:
+        KnowledgeFileError: if the file cannot be read, has no triple, or has a wrong line (the
+            error names the line).
+    """
     collected = _Collected(path)
     for number, line in _lines(path):
         columns = line.rstrip(b"\r\n").split(b"\t")
-        if (
-            number == 1
-            and [column.decode(errors="replace").lower() for column in columns[:3]] == HEADER
-        ):
-            continue
+        if number == 1:
+            names = [column.decode(errors="replace").lower() for column in columns[:3]]
+            if names == HEADER:
+                continue
         try:
             weight = float(columns[3]) if len(columns) == 4 else 1.0
         except ValueError:
+            # Refused below, with the line.
             weight = 0.0
         if len(columns) not in (3, 4) or not all(columns) or not 0 < weight < _HEAVIEST:
             shown = line[:80].decode(errors="replace").strip()
-            raise _fault(
-                path,
-                number,
-                f"'{shown}'; expected head, relation, tail and perhaps a positive weight",
-            )
+            problem = f"'{shown}'; expected head, relation, tail and perhaps a positive weight"
+            raise _fault(path, number, problem)
         collected.add(columns[0], columns[1], columns[2], weight)
     return collected.network(path.name.partition(".")[0] or "triples", "other")
 
@@ -97,28 +111,40 @@ class _Collected:
         self.path = path
         self.nodes: dict[bytes, int] = {}
         self.relations: dict[bytes, int] = {}
-        self.ids, self.weights = array("i"), array("f")
+        # C numbers of 32 bits, for the memory that the module promises.
+        self.ids = array("i")
+        self.weights = array("f")
 
     def add(self, head: bytes, relation: bytes, tail: bytes, weight: float) -> None:
-        nodes, relations = self.nodes, self.relations
+        """Add an edge; a new name gets the next number.
+
+        Args:
+            head: name of a node.
+            relation: name of a relation.
+            tail: name of a node.
+            weight: positive weight.
+        """
+        nodes = self.nodes
+        relations = self.relations
         self.ids.append(nodes.setdefault(head, len(nodes)))
         self.ids.append(relations.setdefault(relation, len(relations)))
         self.ids.append(nodes.setdefault(tail, len(nodes)))
         self.weights.append(weight)
 
     def network(self, source: str, prefix: str) -> Network:
+        """Return the edges as a network; w, the sum of an edge's weights, becomes log(1 + w)."""
         if not self.ids:
             raise KnowledgeFileError(
                 f"{self.path} has no triple to use; expected {source}'s triples."
             )
         try:
-            nodes, relations = (
-                [name.decode() for name in names] for names in (self.nodes, self.relations)
-            )
+            nodes = [name.decode() for name in self.nodes]
+            relations = [name.decode() for name in self.relations]
         except UnicodeDecodeError as error:
             raise KnowledgeFileError(
                 f"{self.path} is not UTF-8: {error.object[:80]!r}. Save it as UTF-8."
             ) from None
+        # The names as bytes are no longer needed.
         self.nodes.clear()
         edges, weights = unique_edges(
             np.frombuffer(self.ids, np.int32).reshape(-1, 3).astype(np.int64),
@@ -127,13 +153,15 @@ class _Collected:
         )
         spellings: dict[str, tuple[int, ...]] = {}
         for node, name in enumerate(nodes):
+            # ConceptNet's names are folded already, which :func:`plain` would do again for
+            # millions.
             text = plain(name) if prefix == "other" else name.replace("_", " ").replace("'", "")
             spellings[text] = (*spellings.get(text, ()), node)
         return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield numbered lines that are not blank."""
+    """Yield lines that are not blank, numbered from 1, from a plain or gzipped file."""
     if not path.is_file():
         raise KnowledgeFileError(
             f"{path} is not a file; expected a tab-separated file, plain or .gz."

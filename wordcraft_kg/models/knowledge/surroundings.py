@@ -1,4 +1,4 @@
-"""An aligned graph around the entities: triples for joint training, facts for explanations, and a datasheet."""
+"""An aligned graph around the entities: triples for training, facts, and distances."""
 
 import re
 from collections import defaultdict
@@ -15,15 +15,22 @@ from wordcraft_kg.models.knowledge.network import Network
 from wordcraft_kg.models.knowledge.paths import DESCRIBED_BY, IS_A
 
 MOST_TRIPLES = 200_000
-"""Most edges in ``triples.tsv``; edges between entities, then edges with large weights come first."""
+"""Most edges in ``triples.tsv``: first those between entities, then those with large weights."""
 MOST_FACTS = 5
 """Most facts about an entity."""
+# They explain nothing to a reader, or say what a thing is not.
 _NO_FACTS = ("relatedForm", "antonym", "attribute", "topic", "region", "similar", "pertainsTo")
 Triple = tuple[str, str, str]
+"""Names of head, relation and tail."""
 
 
 class Reach(Record):
-    """Shares of recipes, and of random triples of entities, with both ingredients within 1, 2, 3 hops of the result."""
+    """Shares of recipes with both ingredients within 1, 2 and 3 hops of the result.
+
+    Attributes:
+        recipes: shares of train recipes.
+        random: shares of random triples of entities.
+    """
 
     recipes: tuple[Share, Share, Share]
     random: tuple[Share, Share, Share]
@@ -33,8 +40,20 @@ class Surroundings:
     """Edges with an entity's node at an end; from definitions only those of entities."""
 
     def __init__(self, network: Network, alignment: Alignment, entities: Sequence[str]):
-        """Find the edges around ``entities`` by their nodes in ``alignment``."""
-        self._network, self._labels = network, defaultdict[int, list[str]](list)
+        """Find the edges around entities.
+
+        Args:
+            network: the graph from outside the book.
+            alignment: the node of each entity.
+            entities: labels in id order.
+
+        Raises:
+            KnowledgeFileError: if a label looks like the name of a node, so both would be one node
+                in training.
+        """
+        self._network = network
+        # Several labels can have the same node.
+        self._labels = defaultdict[int, list[str]](list)
         for entity, node in enumerate(alignment.nodes.tolist()):
             if node >= 0:
                 self._labels[node].append(entities[entity])
@@ -45,27 +64,28 @@ class Surroundings:
                 raise KnowledgeFileError(
                     f"the label '{label}' looks like the name of a node. Rename this entity."
                 )
-        heads, _, tails = network.edges.T
-        has_definition = self._is_entity[heads] | ~np.isin(
-            network.edges[:, 1], network.ids_of([DESCRIBED_BY])
-        )
-        (self._rows,) = np.nonzero(
-            (self._is_entity[heads] | self._is_entity[tails]) & has_definition
-        )
+        heads, relations, tails = network.edges.T
+        is_near = self._is_entity[heads] | self._is_entity[tails]
+        # Of definitions only those of entities: each mentions entities, and there are many.
+        is_foreign = np.isin(relations, network.ids_of([DESCRIBED_BY])) & ~self._is_entity[heads]
+        (self._rows,) = np.nonzero(is_near & ~is_foreign)
 
     def triples(self) -> Iterator[Triple]:
-        """Yield triples of names: an entity's label for its node, one triple for each label; else a node with prefix.
+        """Yield triples of names: labels of entities, and names of other nodes with a prefix.
 
-        Nodes with a single edge are left out, as they link no two entities. In a network with definitions, an entity
-        has an edge to each of its classes, also to the indirect ones.
+        An entity's node with several labels has a triple for each. Nodes with a single edge are
+        left out, as they link no two entities. In a network with definitions, an entity has an edge
+        to each of its classes, also to the indirect ones.
         """
         network = self._network
         edges = network.edges[self._rows]
         if network.glosses:
-            edges = np.unique(np.concatenate([edges, [*self._classes()]]), axis=0)
+            classes = list(self._classes())
+            edges = np.unique(np.concatenate([edges, classes]), axis=0)
         else:
             is_inner = self._is_entity[edges[:, ::2]].all(1)
             order = np.lexsort((-network.weights[self._rows], ~is_inner))
+            # Chosen by weight, but in the order of the edges, so that files compare well.
             edges = edges[np.sort(order[:MOST_TRIPLES])]
         for head, relation, tail in self._without_ends(edges).tolist():
             for one in self._names(head):
@@ -73,19 +93,23 @@ class Surroundings:
                     yield one, f"{network.prefix}:{network.relations[relation]}", other
 
     def facts(self) -> Iterator[Triple]:
-        """Yield at most :data:`MOST_FACTS` facts about each entity: classes first, then facts with another entity."""
+        """Yield at most :data:`MOST_FACTS` facts about each entity.
+
+        Classes come first, then facts with another entity, then facts with large weights.
+        """
         network = self._network
-        edges, weights = network.edges[self._rows], network.weights[self._rows]
-        is_class, is_left_out = (
-            np.isin(edges[:, 1], network.ids_of(names)) for names in (IS_A, _NO_FACTS)
-        )
-        order = np.lexsort((-weights, ~self._is_entity[edges[:, 2]], ~is_class))
+        edges = network.edges[self._rows]
+        weights = network.weights[self._rows]
+        is_class = np.isin(edges[:, 1], network.ids_of(IS_A))
+        is_left_out = np.isin(edges[:, 1], network.ids_of(_NO_FACTS))
+        # The last key sorts first.
+        is_about_entity = self._is_entity[edges[:, 2]]
+        order = np.lexsort((-weights, ~is_about_entity, ~is_class))
         facts = defaultdict[int, list[tuple[str, str]]](list)
         for head, relation, tail in edges[order[~is_left_out[order]]].tolist():
-            names = self._labels.get(tail) or [
-                network.lemmas[tail][0] if network.lemmas else network.nodes[tail]
-            ]
-            facts[head] += [(_phrase(network.relations[relation]), name) for name in names]
+            name = network.lemmas[tail][0] if network.lemmas else network.nodes[tail]
+            phrase = _phrase(network.relations[relation])
+            facts[head] += [(phrase, label) for label in self._labels.get(tail, [name])]
         for node, labels in self._labels.items():
             for label in labels:
                 yield from ((label, *fact) for fact in facts[node][:MOST_FACTS])
@@ -94,46 +118,61 @@ class Surroundings:
         """Yield an edge from each entity's node to each direct or indirect class."""
         (relation,) = self._network.ids_of(IS_A)
         above = defaultdict[int, list[int]](list)
-        for head, _, tail in self._network.edges[self._network.edges[:, 1] == relation].tolist():
+        edges = self._network.edges
+        for head, _, tail in edges[edges[:, 1] == relation].tolist():
             above[head].append(tail)
         for node in self._labels:
+            # The list grows while it is read: breadth first, each class once.
             classes = list(above[node])
             for one in classes:
                 classes += [tail for tail in above[one] if tail not in classes]
             yield from ((node, relation, tail) for tail in classes)
 
     def _names(self, node: int) -> Iterable[str]:
-        return self._labels.get(node) or (f"{self._network.prefix}:{self._network.nodes[node]}",)
+        if node in self._labels:
+            return self._labels[node]
+        network = self._network
+        return (f"{network.prefix}:{network.nodes[node]}",)
 
     def _without_ends(self, edges: Ids) -> Ids:
+        """Leave out nodes with a single edge, until none is left; entities stay."""
         while True:
-            degrees = np.bincount(edges[:, ::2].ravel(), minlength=len(self._is_entity))
-            is_kept = (self._is_entity | (degrees > 1))[edges[:, ::2]].all(1)
+            ends = edges[:, ::2]
+            degrees = np.bincount(ends.ravel(), minlength=len(self._is_entity))
+            stays = self._is_entity | (degrees > 1)
+            is_kept = stays[ends].all(1)
             if is_kept.all():
                 return edges
             edges = edges[is_kept]
 
 
 def _phrase(relation: str) -> str:
+    """Return a relation's name in words with a verb, such as ``is part of`` for partOf."""
     words = re.sub("(?<=[a-z])(?=[A-Z])|[_-]+", " ", relation).lower().strip()
-    return (
-        words if re.match(r"\w*[^s]s\b", words) else f"is {words}"
-    )  # "makes dough" has a verb, "part of dough" none
+    # "makes dough" has a verb, "part of dough" none.
+    has_verb = re.match(r"\w*[^s]s\b", words)
+    return words if has_verb else f"is {words}"
 
 
 def reach_of(walks: Sequence[NDArray[np.floating]], recipes: Ids, seed: int = 0) -> Reach:
-    """Return the shares of recipes, shape (n, 3), and of as many random triples, at least 10,000, by number of hops."""
-    random = np.random.default_rng(seed).integers(
-        len(walks[0]), size=(max(len(recipes), 10_000), 3)
-    )
+    """Return how near recipes are in a graph, beside random triples of entities.
+
+    Args:
+        walks: weights of walks with 1, 2 and 3 steps, shape (E, E) each.
+        recipes: ids of shape (n, 3).
+        seed: seed of the random triples, of which there are n, and at least 10,000.
+    """
+    number = max(len(recipes), 10_000)
+    rng = np.random.default_rng(seed)
+    random = rng.integers(len(walks[0]), size=(number, 3))
+    # Within k hops: a walk of k steps or fewer.
     reached = np.cumsum([walk > 0 for walk in walks], axis=0) > 0
 
     def shares(rows: Ids) -> tuple[float, float, float]:
+        if not len(rows):
+            return 0.0, 0.0, 0.0
         a, b, result = rows.T
-        one, two, three = (
-            float((near[a, result] & near[b, result]).mean()) if len(rows) else 0.0
-            for near in reached
-        )
-        return one, two, three
+        one, two, three = ((near[a, result] & near[b, result]).mean() for near in reached)
+        return float(one), float(two), float(three)
 
     return Reach(shares(recipes), shares(random))

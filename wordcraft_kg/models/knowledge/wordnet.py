@@ -1,8 +1,10 @@
-"""Read WordNet's database files: a folder with ``data.noun``, ``index.noun``, ``noun.exc`` and others.
+"""Read WordNet's database files, such as ``data.noun``, ``index.noun`` and ``noun.exc``.
 
-Only nouns have spellings; verbs, adjectives and adverbs link nouns, as *bake* links *baker* and *bakery*.
+Only nouns have spellings; verbs, adjectives and adverbs link nouns, as *bake* links *baker* and
+*bakery*.
 
-Source: WordNet 3.0 manual, wndb(5) for the formats and senseidx(5) for the sense keys in ``cntlist.rev``.
+Source: WordNet 3.0 manual, wndb(5) for the formats and senseidx(5) for the sense keys in
+``cntlist.rev``.
 """
 
 from collections.abc import Iterator
@@ -15,6 +17,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.knowledge.network import Network, plain, unique_edges
 
 _PARTS = {"noun": "n", "verb": "v", "adj": "a", "adv": "r"}
+"""Parts of speech by the ending of a file's name."""
 _POINTERS = {
     "@": "isA",
     "@i": "isA",
@@ -31,20 +34,30 @@ _POINTERS = {
     "&": "similar",
     "\\": "pertainsTo",
 }
-"""Relations by pointer symbol; the rest are inverses, which would be duplicates, or say nothing about things."""
+"""Relations by pointer symbol.
+
+The rest are inverses, which would be duplicates, or say nothing about things.
+"""
 _RELATIONS = tuple(dict.fromkeys(_POINTERS.values()))
 _SYMMETRIC = {_RELATIONS.index(name) for name in ("relatedForm", "antonym", "attribute", "similar")}
 _FIELDS = [f"{number:02d}" for number in range(45)]
+"""Numbers of the lexicographer files: broad fields, such as food or feeling."""
 NEEDED = ("data.noun", "index.noun")
+"""Files without which a folder is refused; the others add verbs, irregular plurals and counts."""
 
 
 def read_wordnet(folder: Path) -> Network:
-    """Read WordNet's database files; KnowledgeFileError if one is missing, cut, or names a missing offset."""
+    """Read WordNet's database files.
+
+    Raises:
+        KnowledgeFileError: if a needed file is missing, or a file is cut or names a synset that
+            does not exist.
+    """
     for name in NEEDED:
         if not (folder / name).is_file():
             raise KnowledgeFileError(
-                f"{folder / name} is not a file; expected a folder with WordNet's database files, {', '.join(NEEDED)} "
-                "and others (Debian: package wordnet-base)."
+                f"{folder / name} is not a file; expected a folder with WordNet's database files, "
+                f"{', '.join(NEEDED)} and others (Debian: package wordnet-base)."
             )
     reader = _Reader(folder)
     for part in _PARTS:
@@ -52,7 +65,8 @@ def read_wordnet(folder: Path) -> Network:
     edges = reader.edges()
     senses = reader.read_index()
     spellings: dict[str, list[int]] = {}
-    for lemma, nodes in senses.items():  # such as x-ray and x_ray
+    for lemma, nodes in senses.items():
+        # Several lemmas may have one plain spelling, such as x-ray and x_ray.
         before = spellings.setdefault(plain(lemma), [])
         before += [node for node in nodes if node not in before]
     return Network(
@@ -72,6 +86,8 @@ def read_wordnet(folder: Path) -> Network:
 
 
 class _Reader:
+    """Synsets and pointers read so far; a synset is a node, by part of speech and offset."""
+
     def __init__(self, folder: Path):
         self.folder = folder
         self.places: dict[tuple[str, str], int] = {}
@@ -81,7 +97,7 @@ class _Reader:
         self.pointers: list[tuple[int, int, tuple[str, str], str, int]] = []
 
     def lines(self, name: str) -> Iterator[tuple[int, str]]:
-        """Yield numbered lines below the licence, which begins with blanks; nothing if the file is missing."""
+        """Yield numbered lines below the licence, which begins with blanks, if the file exists."""
         path = self.folder / name
         if path.is_file():
             with path.open(encoding="utf-8", errors="replace") as file:
@@ -91,11 +107,17 @@ class _Reader:
 
     def fault(self, name: str, line: int, problem: str) -> KnowledgeFileError:
         return KnowledgeFileError(
-            f"{self.folder / name}, line {line}: {problem}. The file is damaged or cut; install WordNet again."
+            f"{self.folder / name}, line {line}: {problem}. The file is damaged or cut; install "
+            "WordNet again."
         )
 
     def read_data(self, part: str) -> None:
-        """Add the synsets of a part of speech, and their pointers to synsets that may come later."""
+        """Add the synsets of a part of speech, and pointers, also to synsets that come later.
+
+        A line has offset, field, type, number of words (hexadecimal), words with ids, number of
+        pointers, pointers of four columns each (symbol, offset, part of speech, words), and the
+        gloss behind a bar.
+        """
         name = f"data.{part}"
         for number, line in self.lines(name):
             synset, bar, gloss = line.partition("|")
@@ -104,25 +126,29 @@ class _Reader:
                     raise IndexError
                 fields = synset.split()
                 end = 4 + 2 * int(fields[3], 16)
-                words, field = fields[4:end:2], _FIELDS.index(fields[1])
+                words = fields[4:end:2]
+                field = _FIELDS.index(fields[1])
                 node = self.places.setdefault((_PARTS[part], fields[0]), len(self.lemmas))
-                first, last = end + 1, end + 1 + 4 * int(fields[end])
+                first = end + 1
+                last = first + 4 * int(fields[end])
+                # Cut lines lack columns; a repeated offset has an earlier node.
                 if last > len(fields) or node < len(self.lemmas) or not words:
                     raise IndexError
                 for place in range(first, last, 4):
-                    if fields[place] in _POINTERS:
-                        target = (
-                            "a" if fields[place + 2] == "s" else fields[place + 2],
-                            fields[place + 1],
-                        )
-                        relation = _RELATIONS.index(_POINTERS[fields[place]])
+                    symbol, offset, kind = fields[place : place + 3]
+                    if symbol in _POINTERS:
+                        # Satellite adjectives, s, lie in the file of adjectives.
+                        target = ("a" if kind == "s" else kind, offset)
+                        relation = _RELATIONS.index(_POINTERS[symbol])
                         self.pointers.append((node, relation, target, name, number))
             except (IndexError, ValueError):
                 raise self.fault(
                     name, number, f"'{line.strip()[:60]}' is not a complete synset"
                 ) from None
+            # Some adjectives end with a mark for their position, such as (p).
             self.lemmas.append([word.partition("(")[0].replace("_", " ") for word in words])
-            self.glosses.append(gloss.partition('; "')[0].strip())  # without examples
+            # The definition without the examples, which begin with quotes.
+            self.glosses.append(gloss.partition('; "')[0].strip())
             self.fields.append(field)
 
     def edges(self) -> Ids:
@@ -132,29 +158,34 @@ class _Reader:
         for head, relation, target, name, number in self.pointers:
             tail = self.places.get(target)
             if tail is None:
-                if target[0] in parts:
-                    raise self.fault(name, number, f"synset {target[1]}-{target[0]} does not exist")
-                continue  # the folder lacks this part of speech
-            rows.append(
-                (tail, relation, head)
-                if relation in _SYMMETRIC and tail < head
-                else (head, relation, tail)
-            )
+                part, offset = target
+                if part in parts:
+                    raise self.fault(name, number, f"synset {offset}-{part} does not exist")
+                # The folder lacks this part of speech.
+                continue
+            if relation in _SYMMETRIC:
+                head, tail = sorted((head, tail))
+            rows.append((head, relation, tail))
         edges = np.array(rows, dtype=np.int64).reshape(-1, 3)
-        return unique_edges(edges, np.ones(len(edges)), (len(self.places), len(_RELATIONS)))[0]
+        sizes = (len(self.places), len(_RELATIONS))
+        # Weights do not matter: equal pointers are one edge of weight 1.
+        unique, _ = unique_edges(edges, np.ones(len(edges)), sizes)
+        return unique
 
     def read_index(self) -> dict[str, list[int]]:
         """Return the noun senses of each lemma (with underscores), most frequent first."""
-        senses, name, number = {}, "index.noun", 0
+        senses = {}
+        name = "index.noun"
+        number = 0
         for number, line in self.lines(name):
             try:
+                # After the number of senses: number of pointer symbols, the symbols, numbers of
+                # senses and of tagged senses, and an offset for each sense.
                 lemma, _, count, *fields = line.split()
-                offsets = fields[len(fields) - int(count) :]
-                if (
-                    not line.endswith("\n")
-                    or len(fields) < int(count) + 3
-                    or int(fields[0]) + 3 + int(count) != len(fields)
-                ):
+                num_senses = int(count)
+                offsets = fields[len(fields) - num_senses :]
+                is_cut = not line.endswith("\n") or len(fields) < num_senses + 3
+                if is_cut or int(fields[0]) + 3 + num_senses != len(fields):
                     raise ValueError
             except ValueError:
                 raise self.fault(
@@ -166,8 +197,11 @@ class _Reader:
                         name, number, f"synset {offset} of '{lemma}' does not exist in data.noun"
                     )
             senses[lemma] = [self.places["n", offset] for offset in offsets]
+        # An index that was cut between two lines would hide nouns without an error.
         for (part, offset), node in self.places.items():
-            for lemma in self.lemmas[node] if part == "n" else ():
+            if part != "n":
+                continue
+            for lemma in self.lemmas[node]:
                 if lemma.lower().replace(" ", "_") not in senses:
                     raise self.fault(name, number + 1, f"no entry for '{lemma}' of synset {offset}")
         return senses
@@ -183,14 +217,16 @@ class _Reader:
         return exceptions
 
     def read_counts(self, senses: dict[str, list[int]]) -> dict[tuple[str, int], int]:
-        """Return how often each sense occurs in sense-tagged text, from ``cntlist.rev`` if it is there."""
+        """Return counts of noun senses in sense-tagged text; empty without ``cntlist.rev``."""
         counts = {}
         for number, line in self.lines("cntlist.rev"):
             try:
                 key, sense, count = line.split()
                 lemma, kind = key.split("%")
+                # A sense key begins with the part of speech: 1 for nouns.
                 nodes = senses.get(lemma, ()) if kind[0] == "1" else ()
-                if int(sense) <= len(nodes):  # Debian's file names a few senses of old versions
+                # Debian's file names a few senses of old versions, which are skipped.
+                if int(sense) <= len(nodes):
                     counts[plain(lemma), nodes[int(sense) - 1]] = int(count)
             except (ValueError, IndexError):
                 raise self.fault(

@@ -1,4 +1,7 @@
-"""Build PyKEEN models and training loops from settings, and extract scorer tensors."""
+"""Build PyKEEN models and training loops from settings, and extract scorer tensors.
+
+A new kind of link predictor is a class of settings in ``config.py`` and two functions here.
+"""
 
 from contextlib import suppress
 from typing import Any
@@ -28,25 +31,45 @@ from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 def make_training_loop(
     config: LinkSettings, factory: TriplesFactory, num_entities: int | None = None
 ) -> TrainingLoop:
-    """Build a PyKEEN loop with its model, or raise ConfigError; the first ``num_entities`` are the graph's."""
+    """Build the PyKEEN model for some settings and the loop that trains it.
+
+    Args:
+        config: model and training settings.
+        factory: training triples.
+        num_entities: number of the graph's entities, which have the first ids; needed only for
+            joint training with triples from outside the book, whose nodes follow.
+
+    Raises:
+        ConfigError: if PyKEEN has no such model, or cannot build it with these settings.
+    """
     if isinstance(config, ComplExConfig):
         return _complex_loop(config, factory, num_entities)
     return _pykeen_loop(config, factory)
 
 
 def check_table_fits(model: str, num_entities: int) -> None:
-    """Raise ConfigError for an unknown PyKEEN model, or one without embeddings and with too large a table."""
+    """Check that a PyKEEN model can be stored for so many entities.
+
+    DistMult is stored as embeddings; all other models become a score table.
+
+    Raises:
+        ConfigError: if PyKEEN has no such model, or its table would be too large.
+    """
     needed = table_bytes(num_entities)
     if not issubclass(model_class(model), (ComplExN3, DistMult)) and needed > TABLE_LIMIT:
         raise ConfigError(
-            f"`model` {model!r} needs a score table, {needed / 2**30:,.1f} GiB for {num_entities:,} entities; "
-            f"expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models that need no table: distmult, and ComplEx "
-            "(wordcraft-kg train-complex)."
+            f"`model` {model!r} needs a score table, {needed / 2**30:,.1f} GiB for "
+            f"{num_entities:,} entities; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Models "
+            "that need no table: distmult, and ComplEx (wordcraft-kg train-complex)."
         )
 
 
 def scorer_kind(config: LinkSettings, num_entities: int) -> str:
-    """Return ``complex`` (embeddings) or ``table`` (scores); errors as :func:`check_table_fits`."""
+    """Return the scorer kind that a model becomes: ``complex`` (embeddings) or ``table`` (scores).
+
+    Raises:
+        ConfigError: as :func:`check_table_fits`.
+    """
     if isinstance(config, ComplExConfig):
         return ComplExScorer.kind
     check_table_fits(config.model, num_entities)
@@ -56,21 +79,37 @@ def scorer_kind(config: LinkSettings, num_entities: int) -> str:
 def scorer_tensors(
     config: LinkSettings, model: Model, triples: Ids, num_entities: int | None = None
 ) -> tuple[str, dict[str, torch.Tensor]]:
-    """Return the kind and tensors of a scorer: the graph's embeddings with popularity, or a score table."""
+    """Return the kind and tensors of the scorer that a trained model becomes.
+
+    ComplEx becomes its embeddings, popularity included; any other model becomes a table of all
+    triples' scores, beside the model's own parameters. If the table would be too large, DistMult
+    becomes embeddings too.
+
+    Args:
+        config: settings of the model.
+        model: the trained PyKEEN model.
+        triples: training triples, ids of shape (T, 3), counted for popularity.
+        num_entities: number of the graph's entities, which have the first ids; None for all.
+
+    Raises:
+        ConfigError: as :func:`check_table_fits`.
+    """
     kind = scorer_kind(config, model.num_entities)
     if kind == TableScorer.kind:
-        scores = all_scores(model, torch.arange(model.num_entities), range(len(RELATIONS)))
-        return kind, {"scores": scores} | {
-            f"pykeen.{name}": value.cpu() for name, value in model.state_dict().items()
+        tensors = {
+            "scores": all_scores(model, torch.arange(model.num_entities), range(len(RELATIONS)))
         }
-    return kind, with_popularity(
-        _embeddings(model, num_entities), triples, getattr(config, "popularity", None) or 0.0
-    )
+        for name, value in model.state_dict().items():
+            tensors[f"pykeen.{name}"] = value.cpu()
+        return kind, tensors
+    popularity = getattr(config, "popularity", None) or 0.0
+    return kind, with_popularity(_embeddings(model, num_entities), triples, popularity)
 
 
 def _complex_loop(
     config: ComplExConfig, factory: TriplesFactory, num_entities: int | None
 ) -> TrainingLoop:
+    # A model that is built without a training has no chosen weights.
     config = config.fixed()
     model = ComplExN3(
         triples_factory=factory,
@@ -82,10 +121,13 @@ def _complex_loop(
     ).to(config.device)
     settings: dict[str, Any] = {
         "triples_factory": factory,
+        # Without PyKEEN's search for batches that fit into memory: it takes time, and results must
+        # not depend on the machine.
         "automatic_memory_optimization": False,
         "optimizer": "Adagrad",
         "optimizer_kwargs": {"lr": config.learning_rate},
     }
+    # More relations than the game's two: joint training with triples from outside the book.
     if factory.num_relations > len(RELATIONS):
         settings |= {"num_own": num_entities, "outside_weight": config.outside_weight}
     negatives = config.for_size(factory.num_entities).negatives
@@ -95,27 +137,34 @@ def _complex_loop(
 
 
 def _embeddings(model: Model, num_entities: int | None) -> dict[str, torch.Tensor]:
+    """Return the embeddings of the graph's entities and relations, without outside nodes."""
     tensors: dict[str, torch.Tensor] = {}
     for name, (representation,), size in (
         ("entity", model.entity_representations, num_entities),
         ("relation", model.relation_representations, len(RELATIONS)),
     ):
         embedding = representation()[:size].detach().cpu()
-        if not embedding.is_complex():  # DistMult is ComplEx without imaginary parts
+        # DistMult is ComplEx without imaginary parts.
+        if not embedding.is_complex():
             embedding = torch.complex(embedding, torch.zeros_like(embedding))
-        tensors |= {
-            f"{name}_real": embedding.real.contiguous(),
-            f"{name}_imag": embedding.imag.contiguous(),
-        }
+        tensors[f"{name}_real"] = embedding.real.contiguous()
+        tensors[f"{name}_imag"] = embedding.imag.contiguous()
     return tensors
 
 
 def model_class(name: str) -> type[Model]:
-    """Return the PyKEEN model class with a given name; ConfigError for ComplEx, which has its own training command."""
+    """Return the PyKEEN model class with a given name, in any case of letters.
+
+    Raises:
+        ConfigError: for an unknown model (the error names the nearest), a model without embeddings,
+            or ComplEx, which means the paper's model and has its own training command.
+    """
     if name.lower() == "complex":
         raise ConfigError(
-            f"`model` {name!r}: ComplEx is trained with the paper's objective, by `wordcraft-kg train-complex`. For "
-            'PyKEEN\'s ComplEx with sampled negatives, use pipeline(dataset="wordcraft", model="ComplEx").'
+            f"`model` {name!r}: ComplEx is trained with the paper's objective, by `wordcraft-kg "
+            "train-complex`. For "
+            "PyKEEN's ComplEx with sampled negatives, use "
+            'pipeline(dataset="wordcraft", model="ComplEx").'
         )
     if name.lower() not in model_resolver.lookup_dict:
         raise refuse(
@@ -124,18 +173,23 @@ def model_class(name: str) -> type[Model]:
     kind: type[Model] = model_resolver.lookup_dict[name.lower()]
     if not issubclass(kind, ERModel):
         raise ConfigError(
-            f"`model` {name!r} learns no embeddings; expected a PyKEEN embedding model, as 'rotate'."
+            f"`model` {name!r} learns no embeddings; expected a PyKEEN embedding model, as "
+            "'rotate'."
         )
     return kind
 
 
 def trainable_models() -> list[type[Model]]:
-    """Return all PyKEEN embedding model classes that need only triples for training, by name."""
+    """Return all PyKEEN embedding model classes that need only triples for training, by name.
+
+    Whether a model does so is found by building it for three triples.
+    """
     three = torch.tensor([[0, 0, 1], [1, 0, 0], [0, 1, 2]])
     factory = TriplesFactory(
         three, {"a": 0, "b": 1, "c": 2}, {name: i for i, name in enumerate(RELATIONS)}
     )
     trainable = []
+    # Building a model draws random numbers, from global generators.
     with pykeen_guard(0, threads=1), quiet_pykeen():
         for name, kind in sorted(model_resolver.lookup_dict.items()):
             with suppress(ConfigError):
@@ -145,6 +199,7 @@ def trainable_models() -> list[type[Model]]:
 
 
 def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLoop:
+    """Build any PyKEEN model but ComplEx, with its objective: softmax, or sampled negatives."""
     is_softmax = config.loop == "symmetric"
     kind = model_class(config.model)
     try:
@@ -157,18 +212,19 @@ def _pykeen_loop(config: LinkModelConfig, factory: TriplesFactory) -> TrainingLo
     except (TypeError, ValueError, NotImplementedError, AttributeError, AssertionError) as error:
         # Raised by models that need more than triples (literals, inverse triples).
         raise ConfigError(
-            f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph ({error!r})."
+            f"`model` {config.model!r}: PyKEEN cannot build this model for a recipe graph "
+            f"({error!r})."
         ) from None
+    settings: dict[str, Any] = {}
+    if not is_softmax:
+        settings["negative_sampler_kwargs"] = {"num_negs_per_pos": config.negatives}
     return training_loop_resolver.lookup("symmetriclcwa" if is_softmax else "slcwa")(
         model=model,
         triples_factory=factory,
-        # PyKEEN searches the largest batch for GPUs; on a CPU the search would only waste two batches.
+        # PyKEEN searches the largest batch for GPUs; on a CPU the search would only waste two
+        # batches.
         automatic_memory_optimization=model.device.type == "cuda",
         optimizer="Adam",
         optimizer_kwargs={"lr": config.learning_rate},
-        **(
-            {}
-            if is_softmax
-            else {"negative_sampler_kwargs": {"num_negs_per_pos": config.negatives}}
-        ),
+        **settings,
     )

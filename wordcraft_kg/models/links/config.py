@@ -1,4 +1,8 @@
-"""Link predictor settings: defaults, units and allowed ranges; imports neither torch nor PyKEEN."""
+"""Link predictor settings: defaults, units and allowed ranges; imports neither torch nor PyKEEN.
+
+The fields' descriptions are the help of the command line as well. A default that a measurement
+chose says where.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +25,7 @@ from wordcraft_kg.graphs.train_samples import check_train_sample
 from wordcraft_kg.runs.config_file import RunConfig
 
 PAPER_DIM = 128
+"""Complex dimensions in the paper."""
 MAX_SEED = 2**32 - 1
 """PyKEEN's largest seed."""
 N3_PARTIAL = 0.1
@@ -35,24 +40,27 @@ FOLDS = 5
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """Training settings shared by all link predictors.
+    """Training settings shared by all link predictors; ``command`` names the training command.
 
     Attributes:
-        kg: training triples: partial (from the train recipes) or full (from all recipes, test recipes included).
-        train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for equal seeds.
+        kg: training triples: partial (from the train recipes) or full (from all recipes, test
+            recipes included).
+        train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for
+            equal seeds.
         label_noise: fraction of these recipes with the result replaced by another recipe's result.
         epochs: passes over the triples.
         batch_size: triples per step.
         eval_every: epochs between validations on the validation triples; 0 never validates.
-        patience: validations without a better MRR before training stops and returns to the best epoch; 0 never stops
-            early.
+        patience: validations without a better MRR before training stops and returns to the best
+            epoch; 0 never stops early.
         checkpoint_every: epochs between checkpoints.
-        folds: number of folds for cross-fitting: for each fold, another model is trained on all other train recipes, so
-            that agents learn from out-of-sample scores; 0 disables cross-fitting. Default: 5 on the partial graph if
-            large enough, 0 on the full graph.
+        folds: number of folds for cross-fitting: for each fold, another model is trained on all
+            other train recipes, so that agents learn from out-of-sample scores; 0 disables
+            cross-fitting. Default: 5 on the partial graph if large enough, 0 on the full graph.
         seed: root seed for initial parameters, batches, `train_fraction` and `label_noise`.
         device: torch device, such as cpu or cuda.
-        threads: CPU threads; 1 is rarely slower for such small models, and much faster on a busy machine.
+        threads: CPU threads; 1 is rarely slower for such small models, and much faster on a busy
+            machine.
     """
 
     command: ClassVar[str]
@@ -73,6 +81,7 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(KG))
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
+        # Upper limits keep a mistyped number from filling the memory or the machine.
         limits = {
             "epochs": None,
             "checkpoint_every": None,
@@ -86,10 +95,12 @@ class TrainingConfig:
         whole("seed", self.seed, 0, MAX_SEED)
         if self.folds is not None:
             whole("folds", self.folds, 0, MAX_SIZE)
+            # With a single fold, nothing would be left to train on.
             require(self, "folds", self.folds != 1, "0 to disable, or 2 or more")
         if self.kg == "full" and self.folds:
             raise ConfigError(
-                f"`folds` {self.folds} needs `kg` partial: models trained on all recipes have no out-of-sample scores."
+                f"`folds` {self.folds} needs `kg` partial: models trained on all recipes have no "
+                "out-of-sample scores."
             )
         if self.kg == "full" and self.eval_every:
             raise ConfigError(
@@ -105,21 +116,27 @@ class TrainingConfig:
 
 @dataclass(frozen=True)
 class ComplExConfig(TrainingConfig):
-    """ComplEx with the paper's objective.
+    """ComplEx with the paper's objective, trained by the ``command`` train-complex.
 
     Attributes:
         dim: complex dimensions; 128 as in the paper.
-        learning_rate: Adagrad learning rate; 0.2 was tuned on validation parts, see docs/link-prediction.md.
-        n3: weight of the N3 regulariser. Default: 0 on the full graph; on the partial graph, chosen together with
-            `popularity` for a small book (2,000 train recipes at most), otherwise 0.1.
-        popularity: weight of log(1 + number of training triples) for head and tail, added to the scores. Default:
-            chosen if `n3` is not given and the book is small, or large (`negatives` above 0), else 0.
-        init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released code.
-        negatives: sampled entities per batch in place of all other entities in the softmax; 0 for the full softmax.
-            Default: 0 up to 10,000 entities and outside nodes, 512 above, where the full softmax would take too long.
-        with_: knowledge folders with triples (import-knowledge), for joint training on the graph's triples and these.
-        outside_weight: weight of an outside triple in the loss, relative to a triple of the graph; chosen on validation
-            parts, see docs/outside-knowledge.md.
+        learning_rate: Adagrad learning rate; 0.2 was tuned on validation parts, see
+            docs/link-prediction.md.
+        n3: weight of the N3 regulariser. Default: 0 on the full graph; on the partial graph, chosen
+            together with `popularity` for a small book (2,000 train recipes at most), otherwise
+            0.1.
+        popularity: weight of log(1 + number of training triples) for head and tail, added to the
+            scores. Default: chosen if `n3` is not given and the book is small, or large
+            (`negatives` above 0), else 0.
+        init_scale: standard deviation of the initial embeddings; 0.001 as in the paper's released
+            code.
+        negatives: sampled entities per batch in place of all other entities in the softmax; 0 for
+            the full softmax. Default: 0 up to 10,000 entities and outside nodes, 512 above, where
+            the full softmax would take too long.
+        with_: knowledge folders with triples (import-knowledge), for joint training on the graph's
+            triples and these.
+        outside_weight: weight of an outside triple in the loss, relative to a triple of the graph;
+            chosen on validation parts, see docs/outside-knowledge.md.
 
     Example:
         >>> ComplExConfig(kg="full").n3
@@ -142,8 +159,11 @@ class ComplExConfig(TrainingConfig):
         whole("dim", self.dim, 1, MAX_DIM)
         for name in ("learning_rate", "init_scale", "outside_weight"):
             positive(name, getattr(self, name))
+        # A given weight fixes the other one too: both are chosen together, or neither.
         if self.n3 is None and (self.kg == "full" or self.popularity is not None):
             object.__setattr__(self, "n3", N3_PARTIAL if self.kg == "partial" else 0.0)
+        # The dataclass is frozen, hence object.__setattr__ for defaults that depend on other
+        # fields.
         if self.popularity is None and self.n3 is not None:
             object.__setattr__(self, "popularity", 0.0)
         for name in ("n3", "popularity"):
@@ -155,11 +175,11 @@ class ComplExConfig(TrainingConfig):
 
     @property
     def is_open(self) -> bool:
-        """Whether N3 weight and popularity are still to be chosen."""
+        """Whether N3 weight and popularity, both or neither None, are still to be chosen."""
         return self.n3 is None
 
     def fixed(self) -> Self:
-        """Return the settings with a default N3 weight if the weight is still None, so without a search."""
+        """Return the settings without a search: the default N3 weight in place of None."""
         return replace(self, n3=N3_PARTIAL) if self.is_open else self
 
     def for_size(self, num_entities: int) -> Self:  # noqa: D102 - inherited
@@ -169,14 +189,17 @@ class ComplExConfig(TrainingConfig):
 
 @dataclass(frozen=True)
 class LinkModelConfig(TrainingConfig):
-    """Any other PyKEEN model; the paper's method works with any link predictor.
+    """Any other PyKEEN model, trained by the ``command`` train-links.
+
+    The paper's method works with any link predictor.
 
     Attributes:
-        model: PyKEEN name, such as rotate, transe, distmult, tucker; see `train-links --list-models`.
+        model: PyKEEN name, such as rotate, transe, distmult, tucker; see `train-links
+            --list-models`.
         dim: embedding dimensions.
         learning_rate: Adam learning rate.
-        loop: training objective: slcwa (sampled negatives) or symmetric (softmax over all heads and all tails, the
-            paper's objective; slow for models with large score tensors).
+        loop: training objective: slcwa (sampled negatives) or symmetric (softmax over all heads and
+            all tails, the paper's objective; slow for models with large score tensors).
         negatives: sampled negatives per triple, with slcwa.
 
     Example:
@@ -210,9 +233,10 @@ CONFIGS: dict[str, type[ComplExConfig] | type[LinkModelConfig]] = {
 
 @dataclass(frozen=True)
 class LinksConfig(RunConfig):
-    """All settings for a link predictor.
+    """All settings for a link predictor, as ``config.toml`` holds them.
 
     Attributes:
+        commands: the training commands, by kind of model.
         settings: model and training settings.
 
     Example:
@@ -229,7 +253,7 @@ class LinksConfig(RunConfig):
         return self.settings.command
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
-        kind = (
-            f"{self.settings.model.lower()}-" if isinstance(self.settings, LinkModelConfig) else ""
-        )
-        return Path("models") / f"{graph_name}-{kind}{self.settings.kg}"
+        parts = [graph_name, self.settings.kg]
+        if isinstance(self.settings, LinkModelConfig):
+            parts.insert(1, self.settings.model.lower())
+        return Path("models") / "-".join(parts)

@@ -1,7 +1,8 @@
-"""Cross-fitting: train a model for each fold of the train recipes on all remaining folds, in parallel if possible.
+"""Cross-fitting: train a model for each fold of the train recipes on all remaining folds.
 
-Finished models are saved among the run's checkpoints, so a resumed run trains only missing models. A fold's model
-depends on settings and triples alone, not on process or order.
+Folds are trained in parallel if cores allow it. Finished models are saved among the run's
+checkpoints, so a resumed run trains only missing models. A fold's model depends on settings and
+triples alone, not on process or order, so it has the same bits with one process or with many.
 """
 
 import logging
@@ -32,16 +33,25 @@ from wordcraft_kg.runs.checkpoints import Checkpoints
 from wordcraft_kg.runs.parallel import not_done, train_jobs
 
 LONG = 10.0
-"""Shortest training, in seconds, whose folds are trained in parallel: a process takes seconds to start."""
+"""Shortest training, in seconds, with parallel folds: a process takes seconds to start."""
 
 AfterEpoch = Callable[[int], None]
+"""Called with the number of finished epochs; may raise to end the training."""
 
 
 def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
-    """Return the settings with a number of folds: as given (ConfigError if impossible), or by the graph."""
-    given, kind = settings.folds, opened.split.config.kind
+    """Return the settings with a number of folds.
+
+    A given number is kept; otherwise it is :data:`~wordcraft_kg.models.links.config.FOLDS`, or 0 if
+    the graph allows no folds or their tables would be too large.
+
+    Raises:
+        ConfigError: if a given number of folds is impossible.
+    """
+    given = settings.folds
     count = FOLDS if given is None else given
-    if settings.kg == "full" or not count or (given is None and kind == "none"):
+    has_no_test_part = opened.split.config.kind == "none"
+    if settings.kg == "full" or not count or (given is None and has_no_test_part):
         return replace(settings, folds=0)
     try:
         make_folds(opened.split, count)
@@ -55,16 +65,20 @@ def decided_folds(settings: LinkSettings, opened: OpenedGraph) -> LinkSettings:
 
 
 def _check_size(settings: LinkSettings, count: int, num_entities: int) -> None:
+    # ComplEx stores embeddings, which are small.
     needed = count * table_bytes(num_entities)
     if not isinstance(settings, ComplExConfig) and needed > TABLE_LIMIT:
         raise ConfigError(
-            f"`folds` {count}: a score table for each fold takes {needed / 2**20:,.0f} MiB; expected at most "
-            f"{TABLE_LIMIT / 2**20:.0f} MiB. Use fewer folds or 0, or ComplEx (wordcraft-kg train-complex)."
+            f"`folds` {count}: a score table for each fold takes {needed / 2**20:,.0f} MiB; "
+            f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Use fewer folds or 0, or ComplEx "
+            "(wordcraft-kg train-complex)."
         )
 
 
 @dataclass(frozen=True)
 class _Job:
+    """All that a process needs to train a fold's model; a value that can be sent to a process."""
+
     folder: Path
     fold: int
     settings: LinkSettings
@@ -73,10 +87,9 @@ class _Job:
     outside: OutsideTriples | None
 
     def train(self, after_epoch: AfterEpoch) -> None:
-        factory, size = (
-            triples_factory(self.graph, self.triples, self.outside),
-            self.graph.num_entities,
-        )
+        """Train the model, and keep its tensors among the run's checkpoints."""
+        size = self.graph.num_entities
+        factory = triples_factory(self.graph, self.triples, self.outside)
         model = fit(self.settings, factory, after_epoch, size)
         _, tensors = scorer_tensors(self.settings, model, self.triples, size)
         # A table needs no model parameters.
@@ -87,10 +100,12 @@ class _Job:
 
     @property
     def done(self) -> FoldDone:
+        """The record of a finished model; a model with another record is trained again."""
         return FoldDone(trained_on=triples_hash(self.triples), epochs=self.settings.epochs)
 
 
 def _kept(folder: Path) -> Checkpoints[FoldDone]:
+    # All are kept, not only the last: each belongs to another fold.
     return Checkpoints(folder, "fold", FoldDone, kept=None)
 
 
@@ -103,27 +118,41 @@ def train_folds(
     seconds: float,
     after_epoch: Callable[[int, int], None],
 ) -> None:
-    """Train all missing fold models (for each fold, a model trained on the remaining train recipes).
+    """Train all missing fold models: for each fold, a model of the remaining train recipes.
 
-    ``settings`` are the main model's, with the final number of ``epochs``. ``outside`` triples are in
-    every fold's training. ``seconds``, the duration of the main
-    training, decides on parallel processes. ``after_epoch`` is called with the finished and total epochs over all
-    folds; may raise to end the training. Raises TrainingError if a loss is not finite, or a process dies.
+    Args:
+        folder: folder of the run.
+        folds: the folds and the training recipes.
+        settings: settings of the main model, with the number of ``epochs`` that it was trained for.
+        outside: triples from outside the book, in every fold's training; None without.
+        seconds: duration of the main training, which decides whether more processes are worth their
+            start.
+        after_epoch: called with the finished and the total epochs over all folds, regularly, also
+            while no epoch ends; may raise to end the training.
+
+    Raises:
+        TrainingError: if a loss is not finite, or a process dies.
     """
+    # The number of epochs is decided; validation triples belong to the main model.
     settings = replace(settings, eval_every=0, patience=0, folds=0)
     graph = folds.split.graph
     jobs = [
         _Job(folder, fold, settings, graph, folds.triples([fold]), outside)
         for fold in range(folds.count)
     ]
+    # Models that an interrupted run has finished, with the same triples and epochs, are not trained
+    # again.
     waiting = not_done(jobs, _kept(folder))
-    epochs = {job.fold: 0 if job in waiting else settings.epochs for job in jobs}
+    epochs = {job.fold: settings.epochs for job in jobs}
+    epochs.update({job.fold: 0 for job in waiting})
 
     def note(fold: int | None = None, epoch: int = 0) -> None:
+        # Without a fold, only to let the caller interrupt the training.
         if fold is not None:
             epochs[fold] = epoch
         after_epoch(sum(epochs.values()), settings.epochs * len(jobs))
 
+    # On a GPU, several processes would share one device.
     is_long = seconds >= LONG and torch.device(settings.device).type == "cpu"
     train_jobs(waiting, settings.threads, note, is_long=is_long)
 
@@ -131,7 +160,17 @@ def train_folds(
 def write_link_folds(
     folder: Path, folds: Folds, whole: Scorer, settings: LinkSettings
 ) -> FoldsRecord:
-    """Write the scorers of all folds; return metrics, compared with ``whole``, trained on all folds."""
+    """Write the scorers of all folds into the model folder.
+
+    Args:
+        folder: folder of the run, which holds the finished models of all folds.
+        folds: the folds and the training recipes.
+        whole: the scorer trained on all folds.
+        settings: settings of the models.
+
+    Returns:
+        metrics of the folds' models, compared with ``whole``.
+    """
     kept = _kept(folder)
 
     def part(fold: int) -> tuple[str, dict[str, torch.Tensor]]:

@@ -1,5 +1,11 @@
-"""Train a PyKEEN model: in a run folder with validation, trace (metrics per epoch) and checkpoints, or without."""
+"""Train a PyKEEN model: in a run folder with validation, trace and checkpoints, or without folder.
 
+PyKEEN draws from global generators. They are seeded for each epoch by (seed, epoch), so a resumed
+training draws the same numbers as an uninterrupted one, and a checkpoint needs no state of a
+generator.
+"""
+
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -36,7 +42,18 @@ def train_epochs(
     *,
     is_resumed: bool = False,
 ) -> None:
-    """Train to the last epoch, or until the callback stops the loop; TrainingError if the loss is not finite."""
+    """Train to the last epoch, or until the callback stops the loop.
+
+    Args:
+        loop: PyKEEN's loop with the model.
+        factory: training triples.
+        settings: model and training settings.
+        callback: called by PyKEEN after each batch and epoch.
+        is_resumed: go on after the loop's epoch, with the loop's optimiser.
+
+    Raises:
+        TrainingError: if the loss is not finite.
+    """
     try:
         loop.train(
             factory,
@@ -60,9 +77,21 @@ def fit(
     after_epoch: Callable[[int], None],
     num_entities: int | None = None,
 ) -> Model:
-    """Return a model as from a run, without a folder; ``after_epoch`` gets each epoch, and may raise to end."""
+    """Train a model without a run folder; equal settings and triples give the model of a run.
+
+    Args:
+        settings: model and training settings.
+        factory: training triples.
+        after_epoch: called with the number of each epoch; may raise to end the training.
+        num_entities: number of the graph's entities, for joint training with outside triples.
+
+    Raises:
+        ConfigError: if PyKEEN cannot build the model.
+        TrainingError: if the loss is not finite.
+    """
     with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
         loop = make_training_loop(settings, factory, num_entities)
+        # Building a model may draw any number of values; epoch 1 begins as in a run.
         seed_everything(settings.seed, 1)
         train_epochs(loop, factory, settings, _Epochs(settings.seed, after_epoch))
     loop.model.eval()
@@ -70,9 +99,12 @@ def fit(
 
 
 class _Epochs(TrainingCallback):
+    """PyKEEN callback for a training without folder: seeds the next epoch."""
+
     def __init__(self, seed: int, after_epoch: Callable[[int], None]):
         super().__init__()
-        self.seed, self.after_epoch = seed, after_epoch
+        self.seed = seed
+        self.after_epoch = after_epoch
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
         self.after_epoch(epoch)
@@ -84,10 +116,10 @@ QUIET = 20.0
 
 
 class Epochs(TrainingCallback):
-    """PyKEEN callback for a training in a run folder: validates, logs, saves checkpoints and stops the training.
+    """PyKEEN callback for a training in a run folder: validates, logs, saves and stops.
 
-    Random numbers in epoch ``n`` depend on (seed, n) alone, so a checkpoint needs no generator state. ``so_far`` is the
-    progress: trace (metrics per epoch), seconds and best epoch.
+    Attributes:
+        so_far: progress: trace (metrics per epoch), seconds and best epoch.
     """
 
     def __init__(
@@ -100,23 +132,37 @@ class Epochs(TrainingCallback):
         progress: Progress | None,
         log: Log,
     ):
-        """Start before the first epoch; ``triples``, shape (T, 3), are the graph's, of ``num_triples`` in all."""
+        """Start before the first epoch.
+
+        Args:
+            run: run folder for checkpoints; its interruption ends the training after the epoch.
+            opened: graph, and split with validation triples.
+            triples: the graph's training triples, ids of shape (T, 3).
+            num_triples: number of all training triples, also those from outside the book.
+            settings: model and training settings.
+            progress: called with epoch, total and metrics; None for no reports.
+            log: writes an epoch's metrics to ``metrics.jsonl`` and trackers.
+        """
         super().__init__()
-        self.run, self.opened, self.triples, self.settings = run, opened, triples, settings
-        self.report, self.log = progress, log
+        self.run = run
+        self.opened = opened
+        self.triples = triples
+        self.settings = settings
+        self.report = progress
+        self.log = log
         self.so_far = LinkProgress(
             seconds=0.0, best_mrr=None, best_epoch=None, has_stopped=False, trace=()
         )
-        self._valid = (
-            sampled_for(opened.graph, opened.split.held_out("valid"))
-            if settings.eval_every
-            else None
-        )
-        self._batches = -(-num_triples // settings.batch_size)
+        self._valid = triples[:0]
+        if settings.eval_every:
+            self._valid = sampled_for(opened.graph, opened.split.held_out("valid"))
+        self._batches = math.ceil(num_triples / settings.batch_size)
         self._batch = 0
+        # Epochs of the main model and of each fold's model.
         self._total = settings.epochs * (1 + (settings.folds or 0))
         self._best: dict[str, Tensor] = {}
-        self._clock = self._reported = time.perf_counter()
+        self._clock = time.perf_counter()
+        self._reported = self._clock
 
     def post_batch(self, epoch: int, batch: Any, **kwargs: Any) -> None:
         """Report progress in a long epoch, with the estimated remaining time."""
@@ -131,56 +177,50 @@ class Epochs(TrainingCallback):
             self.report(epoch - 1, self._total, figures)
 
     def post_epoch(self, epoch: int, epoch_loss: float, **kwargs: Any) -> None:
-        """Validate, save, log and report after an epoch, if due; stop the training after the last epoch."""
+        """Validate, save, log and report after an epoch, if due; stop after the last epoch."""
         settings = self.settings
-        is_ranked = self._valid is not None and (
-            epoch % settings.eval_every == 0 or epoch == settings.epochs
-        )
-        row = TraceRow(
-            epoch=epoch,
-            loss=epoch_loss,
-            valid_mrr=self._validate() if is_ranked else None,
-            seconds=0.0,
-        )
+        is_end = epoch == settings.epochs
+        valid_mrr = None
+        if settings.eval_every and (is_end or epoch % settings.eval_every == 0):
+            valid_mrr = self._validate()
+        # The epoch's time includes its validation, but not checkpoints and trackers.
         now = time.perf_counter()
-        row = replace(row, seconds=round(now - self._clock, 4))
-        seconds, self._clock = now - self._clock, now
+        seconds = now - self._clock
+        self._clock = now
+        row = TraceRow(epoch=epoch, loss=epoch_loss, valid_mrr=valid_mrr, seconds=round(seconds, 4))
         self._note(row, seconds)
-        is_last = (
-            self.so_far.has_stopped or self.run.interrupted.is_set() or epoch == settings.epochs
-        )
+        is_last = self.so_far.has_stopped or self.run.interrupted.is_set() or is_end
         if is_last or epoch % settings.checkpoint_every == 0:
             self.run.checkpoints.save(epoch, self._tensors(), self.so_far)
-        self._batch, self._reported = 0, now
+        self._batch = 0
+        self._reported = now
+        metrics = {"loss": epoch_loss, "valid_mrr": valid_mrr, "seconds": row.seconds}
         begun = time.perf_counter()
-        self.log(epoch, {"loss": epoch_loss, "valid_mrr": row.valid_mrr, "seconds": row.seconds})
-        self._clock += time.perf_counter() - begun  # exclude tracker time from the epoch
+        self.log(epoch, metrics)
+        # Trackers may wait for a network; the next epoch begins after them.
+        self._clock += time.perf_counter() - begun
         if self.report:
-            figures = {
-                "epoch": epoch,
-                "loss": epoch_loss,
-                "valid_mrr": row.valid_mrr,
-                "seconds": row.seconds,
-            }
-            self.report(
-                epoch,
-                self._total,
-                {name: value for name, value in figures.items() if value is not None},
-            )
+            known = {name: value for name, value in metrics.items() if value is not None}
+            self.report(epoch, self._total, {"epoch": epoch, **known})
         if is_last:
+            # PyKEEN offers callbacks no public way to stop a loop.
             self.training_loop._should_stop = True
         seed_everything(settings.seed, epoch + 1)
 
     def restore(self, loop: TrainingLoop, checkpoint: Checkpoint[LinkProgress]) -> None:
-        """Load a checkpoint into a new loop; ValueError, KeyError or RuntimeError if anything does not fit."""
-        if [row.epoch for row in checkpoint.progress.trace] != list(
-            range(1, checkpoint.number + 1)
-        ):
+        """Load a checkpoint into a new loop.
+
+        Raises:
+            ValueError, KeyError, RuntimeError: if tensors or trace do not fit the model and its
+                epochs.
+        """
+        epochs = [row.epoch for row in checkpoint.progress.trace]
+        if epochs != list(range(1, checkpoint.number + 1)):
             raise ValueError("trace and epochs differ")
         loop.model.load_state_dict(with_prefix(checkpoint.tensors, "model."))
         self._best = with_prefix(checkpoint.tensors, "best.")
         state = _optimizer_state(checkpoint.tensors, loop.optimizer.param_groups[0]["params"])
-        # Keep the new optimiser's settings.
+        # The new optimiser keeps its settings; the checkpoint holds only its tensors.
         loop.optimizer.load_state_dict({**loop.optimizer.state_dict(), "state": state})
         loop._epoch = checkpoint.number
         loop.losses_per_epochs = [row.loss for row in checkpoint.progress.trace]
@@ -192,6 +232,7 @@ class Epochs(TrainingCallback):
             loop.model.load_state_dict(self._best)
 
     def _note(self, row: TraceRow, seconds: float) -> None:
+        """Add an epoch to the progress; stop early if the best validation was too long ago."""
         before = self.so_far
         now = replace(before, seconds=before.seconds + seconds, trace=(*before.trace, row))
         if row.valid_mrr is not None:
@@ -199,36 +240,39 @@ class Epochs(TrainingCallback):
                 now = replace(now, best_mrr=row.valid_mrr, best_epoch=row.epoch)
                 self._best = copied(self.model.state_dict())
             rankings = [line.valid_mrr for line in now.trace if line.valid_mrr is not None]
+            # Of equal validations the first is the best.
             since_best = len(rankings) - 1 - int(np.argmax(rankings))
-            now = replace(
-                now,
-                has_stopped=bool(self.settings.patience) and since_best >= self.settings.patience,
-            )
+            patience = self.settings.patience
+            now = replace(now, has_stopped=bool(patience) and since_best >= patience)
         self.so_far = now
 
     def _validate(self) -> float:
+        """Return the filtered MRR of the validation triples."""
         self.model.eval()
         graph = self.opened.graph
         tensors = scorer_tensors(self.settings, self.model, self.triples, graph.num_entities)
         scorer = make_scorer(*tensors, graph.entities, graph.hash)
-        ranks = rank_triples(scorer, self._valid, graph.triples)  # type: ignore[arg-type]
+        ranks = rank_triples(scorer, self._valid, graph.triples)
         self.model.train()
         return mean_reciprocal_rank(ranks)
 
     def _tensors(self) -> dict[str, Tensor]:
+        """Return a checkpoint's tensors: the model's, the best epoch's and the optimiser's."""
         tensors = {f"model.{name}": value for name, value in self.model.state_dict().items()}
         tensors |= {f"best.{name}": value for name, value in self._best.items()}
         for index, values in self.optimizer.state_dict()["state"].items():
-            tensors |= {
-                f"optimizer.{index}.{key}": torch.as_tensor(value) for key, value in values.items()
-            }
+            for key, value in values.items():
+                tensors[f"optimizer.{index}.{key}"] = torch.as_tensor(value)
         return copied(tensors)
 
 
 def _optimizer_state(
     tensors: dict[str, Tensor], parameters: Sequence[Tensor]
 ) -> dict[int, dict[str, Tensor]]:
-    """Return the optimiser tensors; PyKEEN would check shapes an epoch later."""
+    """Return the optimiser's tensors by parameter and name.
+
+    Checked here: the optimiser would notice a missing or misshapen tensor only in the next epoch.
+    """
     state: dict[int, dict[str, Tensor]] = {index: {} for index in range(len(parameters))}
     for name, value in with_prefix(tensors, "optimizer.").items():
         index, _, key = name.partition(".")

@@ -1,7 +1,7 @@
 """Triples from outside the book for joint training, from knowledge folders.
 
-Ids extend the graph's: further nodes follow the E entities, and their relations follow the game's two. So
-the first E embeddings are the entities', and the saved model holds these alone.
+Ids extend the graph's: further nodes follow the E entities, and their relations follow the game's
+two. So the first E embeddings are the entities', and the saved model holds these alone.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,14 @@ _COLUMNS = ("head", "relation", "tail")
 
 @dataclass(frozen=True, eq=False)
 class OutsideTriples:
-    """Triples over a graph's E entities and further nodes (ids from E) and relations (ids from 2), with coverage."""
+    """Triples over a graph's E entities and further nodes and relations.
+
+    Attributes:
+        nodes: names of the further nodes, with ids from E.
+        relations: names of the further relations, with ids from 2.
+        triples: ids of shape (T, 3), distinct, sorted.
+        summary: numbers for reports, with the share of entities in the triples.
+    """
 
     nodes: tuple[str, ...]
     relations: tuple[str, ...]
@@ -34,7 +41,12 @@ class OutsideTriples:
 
 
 def outside_hashes(folders: Sequence[str]) -> dict[str, str]:
-    """Return the hash of each folder's triples; ConfigError without any, ArtefactError if incomplete."""
+    """Return the hash of each folder's triples, for the run record.
+
+    Raises:
+        ConfigError: if a folder holds no triples.
+        ArtefactError: if a folder is incomplete or damaged.
+    """
     return {f"outside graph {number}": _hash(folder) for number, folder in enumerate(folders, 1)}
 
 
@@ -42,17 +54,24 @@ def _hash(folder: str) -> str:
     outputs = knowledge_files(folder).run.outputs
     if TRIPLES not in outputs:
         raise ConfigError(
-            f"`with` '{folder}' holds tables and no triples. Expected a folder from import-knowledge; `train-recipes` "
-            "uses tables."
+            f"`with` '{folder}' holds tables and no triples. Expected a folder from "
+            "import-knowledge; `train-recipes` uses tables."
         )
     return outputs[TRIPLES]
 
 
 def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTriples | None:
-    """Read the triples of knowledge folders, with ids for a graph's ``entities``; None without folders.
+    """Read the triples of knowledge folders, with ids for a graph's ``entities``.
 
-    Equal nodes and relations of several folders are one. ConfigError if a folder has no triples or none with an entity,
-    or names a relation of the game, ArtefactError if a folder is incomplete or damaged.
+    Equal names in several folders are one node or relation.
+
+    Returns:
+        the triples; None without folders.
+
+    Raises:
+        ConfigError: if a folder has no triples, none with an entity, or a relation with the name of
+            a recipe relation.
+        ArtefactError: if a folder is incomplete or damaged.
     """
     if not folders:
         return None
@@ -62,22 +81,27 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
     for folder in folders:
         before = len(rows)
         for head, relation, tail in _lines(folder):
+            # Such triples would count as recipes, also as those of the test part.
             if relation in RELATIONS:
                 raise ConfigError(
-                    f"`with` '{folder}': '{relation}' is a relation of recipes. Rename this relation, and "
-                    "import the triples again."
+                    f"`with` '{folder}': '{relation}' is a relation of recipes. Rename this "
+                    "relation, and import the triples again."
                 )
-            place = relations.setdefault(relation, len(relations))
-            rows.append(
-                (places.setdefault(head, len(places)), place, places.setdefault(tail, len(places)))
-            )
-        ends = {row[side] for row in rows[before:] for side in (0, 2)}
+            # A new name gets the next id.
+            head_id = places.setdefault(head, len(places))
+            relation_id = relations.setdefault(relation, len(relations))
+            tail_id = places.setdefault(tail, len(places))
+            rows.append((head_id, relation_id, tail_id))
+        own = rows[before:]
+        ends = {head for head, _, _ in own} | {tail for _, _, tail in own}
         if not any(end < len(entities) for end in ends):
             raise ConfigError(
-                f"`with` '{folder}': none of the {len(ends):,} nodes in {TRIPLES} is one of the {len(entities):,} "
-                f"entities, such as '{entities[0]}'. Make the folder for this graph."
+                f"`with` '{folder}': none of the {len(ends):,} nodes in {TRIPLES} is one of the "
+                f"{len(entities):,} entities, such as '{entities[0]}'. Make the folder for this "
+                "graph."
             )
     triples = frozen(np.unique(np.array(rows, dtype=np.int64), axis=0))
+    # Triples of several folders may be equal, so ends are counted after merging.
     known = np.unique(triples[:, [0, 2]])
     summary = OutsideSummary(
         triples=len(triples),
@@ -85,27 +109,22 @@ def read_outside(folders: Sequence[str], entities: Sequence[str]) -> OutsideTrip
         relations=len(relations) - len(RELATIONS),
         coverage=int((known < len(entities)).sum()) / len(entities),
     )
-    return OutsideTriples(
-        tuple(places)[len(entities) :], tuple(relations)[len(RELATIONS) :], triples, summary
-    )
+    nodes = tuple(places)[len(entities) :]
+    return OutsideTriples(nodes, tuple(relations)[len(RELATIONS) :], triples, summary)
 
 
 def _lines(folder: str) -> list[list[str]]:
     """Return head, relation and tail of each line."""
+    # Raises ConfigError if the folder has no triples.
     _hash(folder)
     files = knowledge_files(folder)
     number = files.record(KNOWLEDGE, KnowledgeRecord).triples
-    header, *lines = [
-        line.split("\t")
-        for line in files.bytes(TRIPLES).decode(errors="replace").removesuffix("\n").split("\n")
-    ]
-    if (
-        tuple(header) != _COLUMNS
-        or len(lines) != number
-        or any(len(line) != len(_COLUMNS) for line in lines)
-    ):
+    text = files.bytes(TRIPLES).decode(errors="replace").removesuffix("\n")
+    header, *lines = [line.split("\t") for line in text.split("\n")]
+    has_three_columns = all(len(line) == len(_COLUMNS) for line in lines)
+    if tuple(header) != _COLUMNS or len(lines) != number or not has_three_columns:
         raise ArtefactError(
-            f"{files.folder / TRIPLES} is damaged: expected the header {' '.join(_COLUMNS)} and {number:,} lines of "
-            "three columns, separated by tabs. Make the folder again."
+            f"{files.folder / TRIPLES} is damaged: expected the header {' '.join(_COLUMNS)} and "
+            f"{number:,} lines of three columns, separated by tabs. Make the folder again."
         )
     return lines

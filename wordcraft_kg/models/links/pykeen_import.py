@@ -13,17 +13,26 @@ from wordcraft_kg.models.scorers.factors import TableScorer
 
 
 def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> TableScorer:
-    """Return a table scorer (a scorer with a table of all triple scores) for a trained PyKEEN model.
+    """Return a scorer for a trained PyKEEN model, with a table of all triples' scores.
 
-    The model may have inverse triples. ``factory`` holds the model's training triples; labels must match the graph in
-    ``opened``, ids may differ. GraphMismatchError if model and graph have different entities or relations, ConfigError
-    if the graph is too large for a score table.
+    Args:
+        model: a trained PyKEEN model on any device, perhaps with inverse triples.
+        factory: the model's training triples. Labels must match the graph; ids may differ.
+        opened: the recipe graph.
+
+    Raises:
+        GraphMismatchError: if model and graph have different entities or relations.
+        ConfigError: if the graph is too large for a score table.
 
     Example:
         >>> from pykeen.pipeline import pipeline
         >>> data, quietly = {"graph": "kitchen"}, {"use_tqdm": False}
         >>> result = pipeline(
-        ...     dataset="wordcraft", dataset_kwargs=data, model="DistMult", epochs=1, training_kwargs=quietly
+        ...     dataset="wordcraft",
+        ...     dataset_kwargs=data,
+        ...     model="DistMult",
+        ...     epochs=1,
+        ...     training_kwargs=quietly,
         ... )
         >>> opened = open_graph("kitchen")
         >>> scorer = from_pykeen(result.model, result.training, opened)
@@ -35,21 +44,21 @@ def from_pykeen(model: Model, factory: TriplesFactory, opened: OpenedGraph) -> T
         ("entities", factory.entity_to_id, graph.entities),
         ("relations", factory.relation_to_id, RELATIONS),
     ):
-        missing, unknown = (
-            [label for label in expected if label not in ids],
-            sorted(set(ids) - set(expected)),
-        )
-        if missing or unknown:
-            problems = [
-                f"{len(labels)} {problem} ({', '.join(labels[:3])})"
-                for labels, problem in ((missing, "are missing"), (unknown, "are unknown"))
-                if labels
-            ]
+        missing = [label for label in expected if label not in ids]
+        unknown = sorted(set(ids) - set(expected))
+        problems = []
+        if missing:
+            problems.append(f"{len(missing)} are missing ({', '.join(missing[:3])})")
+        if unknown:
+            problems.append(f"{len(unknown)} are unknown ({', '.join(unknown[:3])})")
+        if problems:
             raise GraphMismatchError(
-                f"the model's {name} do not match '{graph.name}': {', '.join(problems)}. Train the model on "
-                f"dataset='wordcraft', dataset_kwargs={{'graph': {opened.source!r}}}."
+                f"the model's {name} do not match '{graph.name}': {', '.join(problems)}. Train "
+                f"the model on dataset='wordcraft', dataset_kwargs={{'graph': {opened.source!r}}}."
             )
+    # Before scoring, which would take long on a graph that is refused.
     check_table("a PyKEEN model", graph.num_entities)
+    # A factory made from labelled triples sorts the labels, so its ids may differ from the graph's.
     entities = torch.tensor([factory.entity_to_id[label] for label in graph.entities])
     scores = all_scores(model, entities, [factory.relation_to_id[name] for name in RELATIONS])
     return TableScorer(scores, graph.entities, graph.hash, name=type(model).__name__)

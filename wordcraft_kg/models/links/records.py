@@ -9,7 +9,15 @@ from wordcraft_kg.runs.files import RunFiles
 
 
 class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """A line of ``trace.jsonl`` after an epoch: mean loss, validation MRR if any, and seconds with validation."""
+    """A line of ``trace.jsonl``: the metrics of an epoch.
+
+    Attributes:
+        epoch: number of the epoch, from 1.
+        loss: mean loss over the epoch's batches.
+        valid_mrr: filtered MRR on the validation triples; None if they were not ranked after this
+            epoch.
+        seconds: duration with validation, without checkpoints and trackers.
+    """
 
     epoch: int
     loss: float
@@ -18,7 +26,13 @@ class TraceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Candidate(Record, frozen=True, kw_only=True):
-    """A candidate regularisation: N3 weight and popularity weight, with the MRR on held-out train recipes."""
+    """A candidate regularisation.
+
+    Attributes:
+        n3: N3 weight.
+        popularity: weight of the training counts of entities in the scores.
+        mrr: MRR on held-out train recipes.
+    """
 
     n3: float
     popularity: float
@@ -32,7 +46,9 @@ class Choice(Record, frozen=True, kw_only=True):
         n3: chosen N3 weight.
         popularity: chosen weight of the training counts of entities in the scores.
         mrr: MRR on the held-out triples with these weights.
-        frequency_mrr: MRR on the same triples with the frequency rule, which ranks entities by training counts.
+        frequency_mrr: MRR on the same triples with the frequency rule, which ranks entities by
+            training counts.
+        candidates: all candidates, also those not chosen.
         folds: number of random samples of held-out recipes.
         epochs: epochs per training.
         queries: number of held-out queries over all folds.
@@ -54,16 +70,23 @@ class Choice(Record, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         """Return the chosen weights and the metrics in a line."""
-        without = max(candidate.mrr for candidate in self.candidates if not candidate.popularity)
+        without = max(each.mrr for each in self.candidates if not each.popularity)
         return (
-            f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on {self.queries:,} held-out train "
-            f"queries in {counted(self.folds, 'fold')} (frequency rule {self.frequency_mrr:.3f}, without popularity "
-            f"{without:.3f})"
+            f"n3 {self.n3:g}, popularity {self.popularity:g}: MRR {self.mrr:.3f} on "
+            f"{self.queries:,} held-out train queries in {counted(self.folds, 'fold')} (frequency "
+            f"rule {self.frequency_mrr:.3f}, without popularity {without:.3f})"
         )
 
 
 class OutsideSummary(Record, frozen=True, kw_only=True):
-    """Numbers of outside triples, further nodes and relations, and the share of entities in the triples."""
+    """Numbers of triples from outside the book.
+
+    Attributes:
+        triples: number of triples.
+        nodes: number of nodes besides the graph's entities.
+        relations: number of relations besides the game's two.
+        coverage: share of the graph's entities in the triples.
+    """
 
     triples: Count
     nodes: Count
@@ -72,24 +95,37 @@ class OutsideSummary(Record, frozen=True, kw_only=True):
 
     def __str__(self) -> str:
         """Return the numbers in a line."""
-        relations, nodes = counted(self.relations, "relation"), counted(self.nodes, "node")
-        return f"{self.triples:,} outside triples, {relations}, {nodes} besides {self.coverage:.0%} of the entities"
+        relations = counted(self.relations, "relation")
+        nodes = counted(self.nodes, "node")
+        return (
+            f"{self.triples:,} outside triples, {relations}, {nodes} besides {self.coverage:.0%} "
+            "of the entities"
+        )
 
 
 class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
-    """Content of ``metrics.json``: metrics from the training of a link predictor; settings, counts and MRRs.
+    """Content of ``metrics.json``: metrics from the training of a link predictor.
 
     Attributes:
-        best_epoch: best epoch by validation MRR, ``valid_mrr``, if validated.
+        kg: training triples: partial (train recipes) or full (all recipes).
+        train_fraction: fraction of the train recipes used in training.
+        label_noise: fraction of these recipes with a wrong result.
+        triples: number of the graph's training triples.
+        epochs: number of finished epochs.
+        best_epoch: best epoch by validation MRR; None if nothing was validated.
         seconds: duration of all epochs.
+        seconds_per_epoch: mean duration of an epoch.
+        parameters: number of the model's parameters, as PyKEEN stores them.
         loss: last epoch's loss.
+        valid_mrr: validation MRR in the best epoch; None if nothing was validated.
         train_mrr: filtered MRR on the training triples, or a sample: memory, not prediction.
         train_mrr_triples: number of triples ranked for ``train_mrr``.
-        outside: numbers of triples from outside the book, if any.
-        choice: chosen regularisation, if any.
-        folds: number of cross-fitting folds.
-        fold_mrr: out-of-sample MRR on train triples, by the fold models, if any.
-        fold_in_sample_mrr: in-sample MRR on the same triples, by the main model.
+        outside: numbers of triples from outside the book; None without.
+        choice: chosen regularisation; None if the weights were given or fixed.
+        folds: number of cross-fitting folds, 0 without.
+        fold_mrr: out-of-sample MRR on train triples, by the fold models; None without folds.
+        fold_in_sample_mrr: in-sample MRR on the same triples, by the main model; None without
+            folds.
     """
 
     kg: KG
@@ -113,14 +149,27 @@ class LinkMetrics(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class FoldDone(Record, frozen=True, kw_only=True):
-    """Record saved with a finished fold model in an unfinished run: hash of the training triples, and epochs."""
+    """Record saved with a finished fold model in an unfinished run.
+
+    Attributes:
+        trained_on: hash of the model's training triples.
+        epochs: number of epochs that the model was trained for.
+    """
 
     trained_on: Hash
     epochs: Count
 
 
 class LinkProgress(Record, frozen=True, kw_only=True):
-    """Training progress in a checkpoint: duration, best epoch, early stop, and trace (metrics per epoch)."""
+    """Training progress in a checkpoint.
+
+    Attributes:
+        seconds: duration of all epochs so far.
+        best_mrr: best validation MRR; None before the first validation.
+        best_epoch: epoch with the best validation MRR; None before the first validation.
+        has_stopped: whether the training stopped early.
+        trace: metrics of each epoch, in order.
+    """
 
     seconds: float
     best_mrr: float | None
@@ -130,16 +179,18 @@ class LinkProgress(Record, frozen=True, kw_only=True):
 
 
 def links_history(files: RunFiles) -> History:
-    """Return a link predictor's training history, from the files of a run: settings and metrics, also per epoch."""
-    config, metrics = LinksConfig.read(files.folder), files.record("metrics.json", LinkMetrics)
+    """Return a link predictor's training history, from the files of a run."""
+    config = LinksConfig.read(files.folder)
+    metrics = files.record("metrics.json", LinkMetrics)
+    settings = vars(config.settings).items()
     facts = {
         "trained by": " ".join(files.run.argv),
-        "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, {metrics.parameters:,} parameters",
+        "training": f"{metrics.epochs} epochs, {metrics.seconds:.1f} s, "
+        f"{metrics.parameters:,} parameters",
         "on training triples": f"MRR {metrics.train_mrr:.3f}",
-        "settings": ", ".join(
-            f"{name} {value}" for name, value in vars(config.settings).items() if value != ()
-        ),
+        "settings": ", ".join(f"{name} {value}" for name, value in settings if value != ()),
     }
+    # Only facts that the training has: a report shows no empty rows.
     if metrics.outside:
         facts["outside knowledge"] = str(metrics.outside)
     if metrics.folds:
@@ -148,5 +199,6 @@ def links_history(files: RunFiles) -> History:
         )
     if metrics.choice:
         facts["regularisation chosen"] = str(metrics.choice)
+    # Each seed chooses for itself, so comparisons of seeds leave these settings out.
     chosen = ("n3", "popularity") if metrics.choice else ()
     return History(config, facts, metrics, files.lines("trace.jsonl", TraceRow), chosen)

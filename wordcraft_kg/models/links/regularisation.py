@@ -1,8 +1,9 @@
-"""Choose the regularisation for ComplEx on small and large recipe books, with held-out train recipes.
+"""Choose the regularisation for ComplEx on small and large recipe books, by train recipes alone.
 
-No single weight suits hundreds and thousands of recipes, and on tens of thousands of entities a few epochs learn less
-than the frequency rule. So short trainings hold out and rank train recipes, as the split does. Each training covers all
-popularity weights, which change scores only.
+No single weight suits hundreds and thousands of recipes, and on tens of thousands of entities a few
+epochs learn less than the frequency rule. So short trainings hold out and rank train recipes, as
+the split holds out test recipes. Each training covers all popularity weights, which change scores
+only. Validation and test recipes are not read.
 """
 
 from collections.abc import Callable, Iterator
@@ -25,23 +26,34 @@ from wordcraft_kg.models.links.records import Candidate, Choice
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.folder import make_scorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampled
+from wordcraft_kg.models.scorers.scorer import Scorer
 
 SMALL = 2_000
 """Largest number of train recipes in a small book; larger books use the fixed default."""
 FOLDS = 4
 """Number of held-out samples for a small book; a large book needs only one sample."""
 HELD_OUT = 0.2
+"""Share of the pairs (goals) of train recipes that a sample holds out."""
 RANKED = 2_000
 """Largest number of ranked triples per fold; fewer above 30,000 entities."""
 SHARE_OF_EPOCHS = 0.1
-"""Epochs per fold as a fraction of all epochs: with two N3 weights and four folds, about one more training."""
+"""Epochs per fold as a fraction of all epochs.
+
+With two N3 weights and four folds, the choice takes about as long as another training.
+"""
 N3 = (0.01, 0.1)
 """Candidate N3 weights for a small book."""
 POPULARITY = (0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
-"""Candidate weights for the log counts. At 16 the counts nearly decide the order, and the embeddings break ties."""
+"""Candidate weights for the log counts.
+
+At 16 the counts nearly decide the order, and the embeddings break ties.
+"""
 
 CAUTION = 0.05
-"""Share of the best MRR to trade for more popularity: short trainings overfit less than the full training."""
+"""Share of the best MRR to trade for more popularity.
+
+Short trainings overfit less than the full training, so they favour the embeddings too much.
+"""
 
 
 def choose(
@@ -52,16 +64,24 @@ def choose(
     recipes: Ids | None = None,
     outside: OutsideTriples | None = None,
 ) -> Choice | None:
-    """Choose the N3 weight and the weight of training counts in the scores (popularity), by MRR on held-out recipes.
+    """Choose the N3 weight and the weight of training counts in the scores (popularity), if open.
 
-    On a large book, N3 is fixed, and only popularity is chosen, if the settings use a sampled softmax.
+    On a large book, N3 is fixed, and only popularity is chosen, if the settings use a sampled
+    softmax.
 
-    ``recipes`` (n, 3) are by default all train recipes; ``outside`` triples are in every training. ``after_epoch`` is
-    called with the finished and total epochs; may raise to end the choice. The result has all candidates and the
-    choice, most popularity among all candidates with nearly the best MRR; None without open weights, or with too few
-    held-out triples.
+    Args:
+        opened: graph and split; only the train recipes are read.
+        settings: settings of the training.
+        after_epoch: called with the finished and the total epochs; may raise to end the choice.
+        recipes: training recipes, ids of shape (n, 3); None for all train recipes.
+        outside: triples from outside the book, in every training; None without.
+
+    Returns:
+        the candidate with most popularity among all candidates with nearly the best MRR on held-out
+        recipes, and all candidates; None without open weights, or with too few held-out triples.
     """
     split = opened.split
+    # Other models have neither weight, and given weights are kept.
     if not isinstance(settings, ComplExConfig) or not settings.is_open:
         return None
     recipes = split.recipes("train") if recipes is None else recipes
@@ -69,25 +89,28 @@ def choose(
     if not is_small and not settings.negatives:
         return None
     weights = N3 if is_small else (N3_PARTIAL,)
-    folds = list(_folds(split, recipes, settings.seed, FOLDS if is_small else 1))
+    num_folds = FOLDS if is_small else 1
+    folds = list(_folds(split, recipes, settings.seed, num_folds))
     queries = 2 * sum(len(_queries(fold)) for fold in folds)
     if queries < 2 * MIN_TRIPLES:
         return None
     epochs = max(round(SHARE_OF_EPOCHS * settings.epochs), 1)
-    total, done = len(weights) * len(folds) * epochs, count(1)
+    total = len(weights) * len(folds) * epochs
+    done = count(1)
+    # By N3 weight, and by popularity with the frequency rule last.
     sums = np.zeros((len(weights), len(POPULARITY) + 1))
     for row, n3 in zip(sums, weights, strict=True):
         for fold in folds:
+            # Without popularity: it changes scores only, so one training serves all weights.
             short = replace(
                 settings, n3=n3, popularity=0.0, epochs=epochs, eval_every=0, patience=0
             )
             row += _reciprocal_ranks(fold, short, outside, lambda _: after_epoch(next(done), total))
     means = sums / queries
-    candidates = [
-        Candidate(n3=n3, popularity=popularity, mrr=float(mrr))
-        for n3, row in zip(weights, means, strict=True)
-        for popularity, mrr in zip(POPULARITY, row, strict=False)
-    ]
+    candidates = []
+    for n3, row in zip(weights, means[:, :-1].tolist(), strict=True):
+        for popularity, mrr in zip(POPULARITY, row, strict=True):
+            candidates.append(Candidate(n3=n3, popularity=popularity, mrr=mrr))
     chosen = _best(candidates)
     return Choice(
         n3=chosen.n3,
@@ -102,22 +125,26 @@ def choose(
 
 
 def _best(candidates: list[Candidate]) -> Candidate:
+    # Most popularity first; the MRR decides between N3 weights.
     enough = (1 - CAUTION) * max(candidate.mrr for candidate in candidates)
-    good = (candidate for candidate in candidates if candidate.mrr >= enough)
+    good = [candidate for candidate in candidates if candidate.mrr >= enough]
     return max(good, key=lambda candidate: (candidate.popularity, candidate.mrr))
 
 
 def _folds(split: Split, recipes: Ids, seed: int, number: int) -> Iterator[Split]:
+    """Yield the splits of train recipes that leave something to rank, at most ``number``."""
     for fold_seed in range(seed, seed + number):
         try:
             fold = split_of_train(split, HELD_OUT, fold_seed, recipes)
-        except SplitError:  # raised if most entities occur only once
+        except SplitError:
+            # Happens in small books if most entities occur only once.
             continue
         if len(fold.held_out("test")):
             yield fold
 
 
 def _queries(fold: Split) -> Ids:
+    # Each query scores all entities for each popularity weight.
     return sampled(fold.held_out("test"), min(RANKED, 2**26 // fold.graph.num_entities))
 
 
@@ -127,24 +154,45 @@ def _reciprocal_ranks(
     outside: OutsideTriples | None,
     after_epoch: Callable[[int], None],
 ) -> np.ndarray:
-    graph, seen = fold.graph, fold.partial
+    """Train on a fold and rank what it holds out.
+
+    Returns:
+        shape (P + 1,): sums of reciprocal ranks for the P weights in :data:`POPULARITY`, and for
+        counts alone.
+    """
+    graph = fold.graph
+    seen = fold.partial
+    queries = _queries(fold)
     model = fit(settings, triples_factory(graph, seen, outside), after_epoch, graph.num_entities)
-    popular = (replace(settings, popularity=weight) for weight in POPULARITY)
-    tensors = (scorer_tensors(each, model, seen, graph.num_entities) for each in popular)
-    scorers = (make_scorer(*each, graph.entities, graph.hash) for each in tensors)
-    ranks = [
-        rank_triples(scorer, _queries(fold), graph.triples)
-        for scorer in (*scorers, FrequencyScorer(graph, seen))
-    ]
-    return np.array([(1 / table["rank"]).sum() for table in ranks])
+    sums = []
+    for weight in POPULARITY:
+        popular = replace(settings, popularity=weight)
+        tensors = scorer_tensors(popular, model, seen, graph.num_entities)
+        scorer = make_scorer(*tensors, graph.entities, graph.hash)
+        sums.append(_sum_of_reciprocal_ranks(scorer, queries, graph))
+    sums.append(_sum_of_reciprocal_ranks(FrequencyScorer(graph, seen), queries, graph))
+    return np.array(sums)
+
+
+def _sum_of_reciprocal_ranks(scorer: Scorer, queries: Ids, graph: RecipeGraph) -> float:
+    ranks = rank_triples(scorer, queries, graph.triples)
+    return float((1 / ranks["rank"]).sum())
 
 
 def split_of_train(split: Split, held_out: float, seed: int, recipes: Ids | None = None) -> Split:
     """Split the train recipes again into a train and a test part, with the same kind of split.
 
-    ``held_out`` is the share of pairs, or goals, in the new test part; ``recipes`` (n, 3) are by default all train
-    recipes. The new split's graph contains only these recipes, with the same entity ids. Raises SplitError if a part is
-    empty.
+    Args:
+        split: split whose train recipes are split again.
+        held_out: share of their pairs, or goals, in the new test part.
+        seed: seed of the draw.
+        recipes: recipes to split, ids of shape (n, 3); None for all train recipes.
+
+    Returns:
+        a split of a graph with these recipes and all entities, with the same entity ids.
+
+    Raises:
+        SplitError: if a part is empty, because there are too few train recipes.
     """
     recipes = split.recipes("train") if recipes is None else recipes
     graph = RecipeGraph(split.graph.entities, recipes, split.graph.base_ids, split.graph.name)

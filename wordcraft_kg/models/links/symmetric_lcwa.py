@@ -1,12 +1,15 @@
-"""The paper's training objective as PyKEEN training loops: softmax over all heads plus softmax over all tails.
+"""The paper's training objective as PyKEEN training loops: a softmax over heads and over tails.
 
-PyKEEN's ``SymmetricLCWATrainingLoop`` computes the same loss, but looks up all factors twice, regularises the
-candidates as well as the batch, and builds dense one-hot targets. The first loop reads the entity table once per batch
-and uses target indices. For many entities the second loop samples S entities per batch in place of all entities; the
-gradients are sparse, which Adagrad treats like dense gradients.
+PyKEEN's ``SymmetricLCWATrainingLoop`` computes the same loss, but looks up all factors twice,
+regularises the candidates as well as the batch, and builds dense one-hot targets. The first loop
+reads the entity table once per batch and uses target indices. For many entities the second loop
+samples S entities per batch in place of all entities; the gradients are sparse, which Adagrad
+treats like dense gradients.
 
-PyKEEN's minor version is pinned because private parts are used: two methods overridden and ``_plain_forward`` here,
-``_epoch`` and ``_should_stop`` in ``fitting.py`` and ``training.py``.
+PyKEEN's minor version is pinned because private parts are used: two methods overridden and
+``_plain_forward`` here, ``_epoch`` and ``_should_stop`` in ``fitting.py`` and ``training.py``.
+
+Shapes: B triples in a batch, E entities, S sampled entities, d complex dimensions.
 """
 
 from collections.abc import Iterator
@@ -30,13 +33,13 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
 
     The loop is for models with a single embedding per entity and per relation:
 
-    ``loss = mean_b [ -log p(t | h, r) - log p(h | r, t) ] + regularisation(h) + (r) + (t)``, with the softmax over all
-    entities and each looked-up factor regularised once.
+    ``loss = mean_b [ -log p(t | h, r) - log p(h | r, t) ] + regularisation(h) + (r) + (t)``, with
+    the softmax over all entities and each looked-up factor regularised once.
 
-    In joint training on a recipe graph and outside triples, ``num_own`` counts the graph's entities, which have the
-    first ids. The softmax for a triple of the graph is over these entities alone, as without outside triples; for an
-    outside triple it is over all nodes. The loss of an outside triple, with its regularisation, is multiplied by
-    ``outside_weight``.
+    In joint training on a recipe graph and outside triples, ``num_own`` counts the graph's
+    entities, which have the first ids. The softmax for a triple of the graph is over these entities
+    alone, as without outside triples; for an outside triple it is over all nodes. The loss of an
+    outside triple, with its regularisation, is multiplied by ``outside_weight``.
 
     Source: Jiang et al. 2020, Eq. 2; Lacroix et al. 2018.
     """
@@ -49,20 +52,36 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         outside_weight: float = 1.0,
         **kwargs: Any,
     ) -> None:
+        """Check that the model suits this loop, then set it up as PyKEEN does.
+
+        Args:
+            model: a model with one embedding per entity and per relation.
+            args: as in PyKEEN's loop.
+            num_own: number of the graph's entities in joint training; None without outside triples.
+            outside_weight: factor of an outside triple's loss.
+            kwargs: as in PyKEEN's loop.
+
+        Raises:
+            ConfigError: if the model has another loss than cross entropy, or no single embedding
+                per entity.
+        """
         if not isinstance(model.loss, CrossEntropyLoss):
             raise ConfigError(
                 f"this loop computes a cross entropy; the model has {type(model.loss).__name__}. "
-                'PyKEEN\'s pipeline gives every model its own default loss; pass loss="crossentropy".'
+                "PyKEEN's pipeline gives every model its own default loss; pass "
+                'loss="crossentropy".'
             )
         if not isinstance(model, ERModel) or any(
             len(parts) != 1
             for parts in (model.entity_representations, model.relation_representations)
         ):
             raise ConfigError(
-                f"{type(model).__name__} has no single embedding per entity; train with 'SymmetricLCWA'."
+                f"{type(model).__name__} has no single embedding per entity; train with "
+                "'SymmetricLCWA'."
             )
         super().__init__(model, *args, **kwargs)
-        self.num_own, self.outside_weight = num_own, outside_weight
+        self.num_own = num_own
+        self.outside_weight = outside_weight
 
     def _create_training_data_loader(
         self, triples_factory: CoreTriplesFactory, sampler: str | None, **kwargs: Any
@@ -85,47 +104,54 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
         triples = batch[0][start:stop].to(self.model.device)
         if self.num_own is None:
             return self._loss(triples, label_smoothing, None)
+        # The graph's triples compete with its entities alone, outside triples with all nodes. Each
+        # part's mean counts by its share of the batch, so a triple weighs the same in any batch.
         is_own = _is_own(triples)
-        parts = (triples[is_own], 1.0, self.num_own), (triples[~is_own], self.outside_weight, None)
-        losses = [
-            weight * len(rows) / len(triples) * self._loss(rows, label_smoothing, candidates)
-            for rows, weight, candidates in parts
-            if len(rows)
-        ]
+        own = triples[is_own]
+        outside = triples[~is_own]
+        losses = []
+        if len(own):
+            loss = self._loss(own, label_smoothing, self.num_own)
+            losses.append(len(own) / len(triples) * loss)
+        if len(outside):
+            loss = self._loss(outside, label_smoothing, None)
+            losses.append(self.outside_weight * len(outside) / len(triples) * loss)
         return torch.stack(losses).sum()
 
     def _loss(
         self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None
     ) -> torch.Tensor:
+        # In this order: the lookups within the entropies fill the regularisation term, and
+        # collecting the term empties it.
         loss = self._entropies(triples, label_smoothing, num_candidates)
         return loss + self.model.collect_regularization_term()
 
     def _vectors(self, triples: torch.Tensor) -> Iterator[torch.Tensor]:
-        (entity,), (relation,) = (
-            self.model.entity_representations,
-            self.model.relation_representations,
-        )
-        return (
-            of(ids).unsqueeze(dim=1)
-            for of, ids in zip((entity, relation, entity), triples.T, strict=True)
-        )
+        """Yield the embeddings of heads, relations and tails, shape (B, 1, d) each."""
+        (entity,) = self.model.entity_representations
+        (relation,) = self.model.relation_representations
+        for representation, ids in zip((entity, relation, entity), triples.T, strict=True):
+            yield representation(ids).unsqueeze(dim=1)
 
     def _entropies(
         self, triples: torch.Tensor, label_smoothing: float, num_candidates: int | None
     ) -> torch.Tensor:
+        """Return the cross entropies of tails and of heads among the first ``num_candidates``."""
         (entity,) = self.model.entity_representations
         h, r, t = self._vectors(triples)
-        # The public call would regularise the candidates, hence the private call.
+        # The public call would regularise the candidates, hence the private call. The candidates
+        # have shape (1, E, d), for which the interaction costs one matrix product.
         everything = entity._plain_forward()[:num_candidates].unsqueeze(dim=0)
         heads, _, tails = triples.unbind(dim=1)
-        return cross_entropy(
-            self.model.interaction(h, r, everything), tails, label_smoothing=label_smoothing
-        ) + cross_entropy(
-            self.model.interaction(everything, r, t), heads, label_smoothing=label_smoothing
-        )
+        tail_scores = self.model.interaction(h, r, everything)
+        of_tails = cross_entropy(tail_scores, tails, label_smoothing=label_smoothing)
+        head_scores = self.model.interaction(everything, r, t)
+        of_heads = cross_entropy(head_scores, heads, label_smoothing=label_smoothing)
+        return of_tails + of_heads
 
 
 def _is_own(triples: torch.Tensor) -> torch.Tensor:
+    """Return which triples (B, 3) are of the recipe graph: its relations have the first ids."""
     return triples[:, 1] < len(RELATIONS)
 
 
@@ -135,27 +161,36 @@ training_loop_resolver.register(IndexedSymmetricLCWATrainingLoop, raise_on_confl
 def sampled_cross_entropy(
     true: torch.Tensor, sampled: torch.Tensor, log_expected: torch.Tensor, is_true: torch.Tensor
 ) -> torch.Tensor:
-    """Return the mean cross entropy over B queries, with a softmax over the true entity and S sampled entities.
+    """Return the mean cross entropy over B queries, with a softmax over a sample of entities.
 
-    ``mean_b [ log( exp s_b + Σ_j exp(s_bj - log m_j) ) - s_b ]``, summed over all sampled j except the true entity. If
-    every entity is sampled once and expected once (``m_j = 1``), the result is the cross entropy over all entities.
+    ``mean_b [ log( exp s_b + Σ_j exp(s_bj - log m_j) ) - s_b ]``, summed over all sampled j except
+    the true entity. If every entity is sampled once and expected once (``m_j = 1``), the result is
+    the cross entropy over all entities.
 
-    ``true`` and ``sampled`` are the entities' scores, shapes (B,) and (B, S); ``log_expected``, shape (S,), is the log
-    of each sampled entity's expected count in the sample; ``is_true``, shape (B, S), marks the true entity in the
-    sample.
+    Args:
+        true: scores of the true entities, shape (B,).
+        sampled: scores of the S sampled entities, shape (B, S).
+        log_expected: log of each sampled entity's expected count in the sample, shape (S,).
+        is_true: shape (B, S), bool: whether a sampled entity is the query's true entity.
 
-    Source: Bengio and Senecal 2008, importance sampling; Jean et al. 2015, one sample for many queries.
+    Returns:
+        shape (), in nats.
+
+    Source: Bengio and Senecal 2008, importance sampling; Jean et al. 2015, one sample for many
+    queries.
     """
+    # The true entity is in the softmax already, so its copies in the sample do not count.
     others = (sampled - log_expected).masked_fill(is_true, -torch.inf)
-    return (torch.logsumexp(torch.cat([true[:, None], others], dim=1), dim=1) - true).mean()
+    together = torch.cat([true[:, None], others], dim=1)
+    return (torch.logsumexp(together, dim=1) - true).mean()
 
 
 class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
-    """PyKEEN training loop: softmax cross entropy for heads and for tails over entities sampled for each batch.
+    """PyKEEN training loop: cross entropies over entities sampled for each batch.
 
-    Entity j is drawn with probability ``q_j = (1 / E + c_j / 2 T) / 2``, where c_j counts j among the 2 T heads and
-    tails: the uniform half gives every entity negative examples, and the other half follows the frequencies, which a
-    recipe model has to learn first.
+    Entity j is drawn with probability ``q_j = (1 / E + c_j / 2 T) / 2``, where c_j counts j among
+    the 2 T heads and tails: the uniform half gives every entity negative examples, and the other
+    half follows the frequencies, which a recipe model has to learn first.
     """
 
     def __init__(
@@ -166,21 +201,34 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
         num_sampled: int,
         **kwargs: Any,
     ) -> None:
+        """Set up the loop, and the probabilities of entities in the sample.
+
+        Args:
+            model: a model with one embedding per entity and per relation.
+            triples_factory: training triples.
+            args: as in PyKEEN's loop.
+            num_sampled: number S of entities sampled for each batch, with replacement.
+            kwargs: as in :class:`IndexedSymmetricLCWATrainingLoop`.
+
+        Raises:
+            ConfigError: as :class:`IndexedSymmetricLCWATrainingLoop`.
+        """
         super().__init__(model, triples_factory, *args, **kwargs)
         self.num_sampled = num_sampled
         (entity,) = model.entity_representations
         if isinstance(entity, Embedding):
+            # A batch changes few of the entities, so dense gradients would be mostly zeros.
             entity._embeddings.sparse = True
-        triples, size = triples_factory.mapped_triples, self.num_own or entity.max_id
-        self.probabilities = self._probabilities(
-            triples[_is_own(triples)] if self.num_own else triples, size
-        )
-        if self.num_own:
-            self.outside_probabilities = self._probabilities(
-                triples[~_is_own(triples)], entity.max_id
-            )
+        triples = triples_factory.mapped_triples
+        if self.num_own is None:
+            self.probabilities = self._probabilities(triples, entity.max_id)
+        else:
+            is_own = _is_own(triples)
+            self.probabilities = self._probabilities(triples[is_own], self.num_own)
+            self.outside_probabilities = self._probabilities(triples[~is_own], entity.max_id)
 
     def _probabilities(self, triples: torch.Tensor, size: int) -> torch.Tensor:
+        """Return the probability of each entity in a draw, shape (size,)."""
         counts = torch.bincount(triples[:, [0, 2]].flatten(), minlength=size)
         return ((1 / size + counts / counts.sum()) / 2).to(self.model.device)
 
@@ -193,13 +241,16 @@ class SampledSymmetricLCWATrainingLoop(IndexedSymmetricLCWATrainingLoop):
         h, r, t = self._vectors(triples)
         is_own = num_candidates == self.num_own
         probabilities = self.probabilities if is_own else self.outside_probabilities
+        # One sample for all queries of the batch, so their scores are one matrix product.
         drawn = torch.multinomial(probabilities, self.num_sampled, replacement=True)
         log_expected = torch.log(self.num_sampled * probabilities[drawn])
         sample = entity._plain_forward(drawn)[None]
         true = self.model.interaction(h, r, t)[:, 0]
         heads, _, tails = triples.unbind(dim=1)
-        return sampled_cross_entropy(
-            true, self.model.interaction(h, r, sample), log_expected, drawn == tails[:, None]
-        ) + sampled_cross_entropy(
-            true, self.model.interaction(sample, r, t), log_expected, drawn == heads[:, None]
-        )
+        tail_scores = self.model.interaction(h, r, sample)
+        is_tail = drawn == tails[:, None]
+        of_tails = sampled_cross_entropy(true, tail_scores, log_expected, is_tail)
+        head_scores = self.model.interaction(sample, r, t)
+        is_head = drawn == heads[:, None]
+        of_heads = sampled_cross_entropy(true, head_scores, log_expected, is_head)
+        return of_tails + of_heads

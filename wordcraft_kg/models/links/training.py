@@ -1,6 +1,7 @@
 """Train a link predictor on the full or partial knowledge graph, into a model folder.
 
-On a CPU, with equal torch versions and threads, a resumed run is bit-identical to an uninterrupted run.
+On a CPU, with equal torch versions and threads, a resumed run is bit-identical to an uninterrupted
+run.
 """
 
 import logging
@@ -56,14 +57,20 @@ from wordcraft_kg.runs.trackers import Log, Tracker
 from wordcraft_kg.runs.training import Training, train
 
 CHOICE = "choice.json"
+"""The chosen regularisation, written before the training begins."""
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json", "trace.jsonl")
+"""Files of a model folder without folds."""
 
 
 @dataclass(frozen=True)
 class TrainedLinks:
-    """Outcome of :func:`train_links`: model folder, last trained epoch, and the content of ``metrics.json``.
+    """Outcome of :func:`train_links`.
 
-    ``metrics`` are None if interrupted; then the epoch has a checkpoint, and the same call resumes the run.
+    Attributes:
+        folder: the model folder.
+        epoch: the last trained epoch; if interrupted, a checkpoint holds it.
+        metrics: content of ``metrics.json``; None if interrupted, and then the same call resumes
+            the run.
     """
 
     folder: Path
@@ -84,13 +91,28 @@ def train_links(
     trackers: Iterable[Tracker | str] = (),
     progress: Progress | bool | None = None,
 ) -> TrainedLinks:
-    """Train a link predictor into a model folder, or resume an interrupted run with the same settings.
+    """Train a link predictor into a model folder, or resume an interrupted run with equal settings.
 
-    ``out`` is by default ``models/<graph name>-<kg>``, or ``-<model>-<kg>`` except for ComplEx. ``progress`` is called
-    after each epoch. Further arguments and errors are those of :func:`~wordcraft_kg.runs.training.train`.
+    Args:
+        config: graph, and settings of the model and its training.
+        out: the model folder. Default: ``models/<graph name>-<kg>``, or ``-<model>-<kg>`` except
+            for ComplEx.
+        force: replace the folder if it exists.
+        trackers: further places for each epoch's metrics: tensorboard, wandb, mlflow, or a
+            :class:`~wordcraft_kg.runs.trackers.Tracker` of your own.
+        progress: called after each epoch; True shows a bar.
+
+    Raises:
+        OutputExistsError: if ``out`` holds other files or a finished run, and ``force`` is False.
+        ConfigError: if the settings do not fit the graph or the machine.
+        MissingExtraError: if a tracker's library is not installed.
+        GraphMismatchError: if an input belongs to another graph.
+        ArtefactError: if an interrupted run is damaged, or another process trains in the folder.
+        TrainingError: if the loss is not finite, or a process of a fold dies.
 
     Example:
-        >>> trained = train_links(LinksConfig("kitchen", ComplExConfig(dim=8, epochs=2)), "models/kitchen")
+        >>> config = LinksConfig("kitchen", ComplExConfig(dim=8, epochs=2))
+        >>> trained = train_links(config, "models/kitchen")
         >>> trained.folder.name
         'kitchen'
     """
@@ -98,7 +120,11 @@ def train_links(
 
 
 class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
-    """Trainer for link predictors, with folds that are equal for all models on a split, and outside triples."""
+    """Trainer for link predictors; folds are equal for all models on a split.
+
+    Attributes:
+        kind: commands, file formats and units of these runs.
+    """
 
     kind: ClassVar[RunKind[Any]] = RunKind(
         LinksConfig.commands, "links", unit="epoch", progress=LinkProgress
@@ -107,12 +133,21 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     decided = ("folds", "n3", "popularity", "negatives")
 
     def __init__(self, config: LinksConfig, opened: OpenedGraph):
-        """Decide all settings that depend on the graph, and draw the training recipes."""
+        """Decide all settings that depend on the graph, and draw the training recipes.
+
+        Raises:
+            ConfigError: if the settings do not fit the graph or the machine.
+            ArtefactError: if a knowledge folder is incomplete or damaged.
+        """
         folders = getattr(config.settings, "with_", ())
         for folder in folders:
             check_same_split(folder, opened)
         self.outside = read_outside(folders, opened.graph.entities)
-        num_nodes = opened.graph.num_entities + (self.outside.summary.nodes if self.outside else 0)
+        num_nodes = opened.graph.num_entities
+        if self.outside:
+            num_nodes += self.outside.summary.nodes
+        # Decided now and stored with the run: a default that changes later must not change a
+        # resumed training.
         settings = decided_folds(_for_size(config.settings, num_nodes), opened)
         super().__init__(replace(config, settings=settings), opened)
         _check_fit(opened, settings, num_nodes)
@@ -128,27 +163,34 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 settings.seed,
                 of_recipe=of_recipe,
             )
+        # All models for a split share the folds, also with a sample of the train recipes.
         self.folds = folds.with_train_sample(self.train_sample) if folds else None
 
     @classmethod
     def input_hashes(cls, config: LinksConfig) -> Mapping[str, str]:  # noqa: D102 - inherited
         return outside_hashes(getattr(config.settings, "with_", ()))
 
-    def begin(self, run: RunFolder[LinkProgress], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
+    def begin(  # noqa: D102 - inherited
+        self, run: RunFolder[LinkProgress], report: Progress | None
+    ) -> Mapping[str, Any]:
         self._decide_regularisation(run, report)
-        settings, inputs = self.config.settings, dict(self.input_hashes(self.config))
+        settings = self.config.settings
+        inputs = dict(self.input_hashes(self.config))
         if is_subsample(settings.train_fraction, settings.label_noise):
             inputs["train_sample"] = self.train_sample.hash
         if self.folds:
             inputs["folds"] = self.folds.hash
+        # The choice is an input by its hash: a resumed run must train with the same weights.
         return {"inputs": inputs, "files": [CHOICE] if (run.path / CHOICE).exists() else []}
 
     def _decide_regularisation(self, run: RunFolder[LinkProgress], report: Progress | None) -> None:
+        """Choose open weights, and write the choice before the first checkpoint."""
         settings = self.config.settings
         if not isinstance(settings, ComplExConfig):
             return
 
         def after_epoch(done: int, total: int) -> None:
+            # Ctrl-C only sets the flag; here nothing is half-written, so the run may end.
             if run.interrupted.is_set():
                 raise KeyboardInterrupt
             if report:
@@ -163,6 +205,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
             outside=self.outside,
         )
         if choice:
+            # Durable, because the choice took a training's time and a checkpoint may follow at
+            # once.
             write_atomically(run.path / CHOICE, dump_json(as_values(choice)), durable=True)
             settings = replace(settings, n3=choice.n3, popularity=choice.popularity)
         self.config = replace(self.config, settings=settings.fixed())
@@ -174,7 +218,8 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
         log: Log,
         checkpoint: Checkpoint[Any] | None,
     ) -> TrainedLinks:
-        settings, files = self.config.settings, RunFiles(run.path, run.record)
+        settings = self.config.settings
+        files = RunFiles(run.path, run.record)
         choice = files.record(CHOICE, Choice) if CHOICE in run.record.inputs else None
         factory = triples_factory(self.opened.graph, self.train_sample.triples, self.outside)
         with pykeen_guard(settings.seed, settings.threads), quiet_pykeen():
@@ -192,33 +237,44 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
                 with run.restoring():
                     epochs.restore(loop, checkpoint)
                 run.resume(self.config)
+            # A run that was killed after its last epoch has nothing left to train.
             if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
                 seed_everything(settings.seed, loop._epoch + 1)
                 train_epochs(loop, factory, settings, epochs, is_resumed=checkpoint is not None)
+            # Epochs are left, and no early stop: the user has interrupted the run.
             if loop._epoch < settings.epochs and not epochs.so_far.has_stopped:
                 run.interrupt()
                 return TrainedLinks(run.path, loop._epoch, None)
             epochs.restore_best(loop)
-            trained = run.path, loop.model, self.train_sample, settings, epochs.so_far
             scorer, metrics = _write_results(
-                *trained, choice, self.outside.summary if self.outside else None
+                run.path,
+                loop.model,
+                self.train_sample,
+                settings,
+                epochs.so_far,
+                choice,
+                self.outside.summary if self.outside else None,
             )
         outputs: tuple[str, ...] = OUTPUTS
         if self.folds:
+            # Finished folds stay among the checkpoints, so the same command trains the missing
+            # ones.
             try:
                 self._cross_fit(run, metrics, report)
             except KeyboardInterrupt:
+                # Raised by something else than this run's Ctrl-C.
                 if not run.interrupted.is_set():
                     raise
                 run.interrupt()
                 return TrainedLinks(run.path, metrics.epochs, None)
             record = write_link_folds(run.path, self.folds, scorer, settings)
-            of_folds = {
-                "folds": record.count,
-                "fold_mrr": record.mrr,
-                "fold_in_sample_mrr": record.in_sample_mrr,
-            }
-            metrics = msgspec.structs.replace(metrics, **of_folds)
+            metrics = msgspec.structs.replace(
+                metrics,
+                folds=record.count,
+                fold_mrr=record.mrr,
+                fold_in_sample_mrr=record.in_sample_mrr,
+            )
+            # The folds' metrics were not known when the file was first written.
             write_atomically(run.path / "metrics.json", dump_json(as_values(metrics)))
             outputs += FOLD_OUTPUTS
         run.finish(outputs, _model_card(self.opened, settings, metrics))
@@ -227,25 +283,28 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
     def _cross_fit(
         self, run: RunFolder[LinkProgress], metrics: LinkMetrics, report: Progress | None
     ) -> None:
+        """Train the models of all folds, and report their epochs as epochs of the run."""
         assert self.folds is not None
         settings = self.config.settings
+        num_folds = self.folds.count
+        # Folds are trained without validation, for as many epochs as suited the main model.
         ended = metrics.best_epoch if settings.patience and metrics.best_epoch else metrics.epochs
-        everything, reported = settings.epochs * (1 + self.folds.count), set[int]()
+        everything = settings.epochs * (1 + num_folds)
+        reported = set[int]()
 
         def after_epoch(done: int, total: int) -> None:
             if run.interrupted.is_set():
                 raise KeyboardInterrupt
+            # Called while no epoch ends, too; each number is reported once.
             if report and done not in reported:
                 reported.add(done)
-                count = self.folds.count if self.folds else 0
-                fold = min(1 + done * count // total, count)
-                report(everything - total + done, everything, {"fold": fold, "folds": count})
+                fold = min(1 + done * num_folds // total, num_folds)
+                report(everything - total + done, everything, {"fold": fold, "folds": num_folds})
 
-        settings = replace(settings, epochs=ended)
         train_folds(
             run.path,
             self.folds,
-            settings,
+            replace(settings, epochs=ended),
             self.outside,
             seconds=metrics.seconds,
             after_epoch=after_epoch,
@@ -258,50 +317,49 @@ class LinksTraining(Training[LinksConfig, LinkProgress, TrainedLinks]):
 
 
 def _for_size(settings: LinkSettings, num_nodes: int) -> LinkSettings:
+    """Decide the defaults that depend on the number of nodes; warn of another objective."""
     decided = settings.for_size(num_nodes)
     if isinstance(decided, ComplExConfig) and decided != settings and decided.negatives:
         nodes = "entities and outside nodes" if decided.with_ else "entities"
         logging.getLogger(__name__).warning(
-            f"{num_nodes:,} {nodes}: the softmax samples {decided.negatives:,} entities per batch, because the "
-            "full softmax would take too long (negatives = 0 for the full softmax)."
+            f"{num_nodes:,} {nodes}: the softmax samples {decided.negatives:,} entities per "
+            "batch, because the full softmax would take too long (negatives = 0 for the full "
+            "softmax)."
         )
     return decided
 
 
 def _check_fit(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> None:
+    """Raise ConfigError if the settings do not fit the graph, its split or the machine."""
     if isinstance(settings, LinkModelConfig):
         check_table_fits(settings.model, opened.graph.num_entities)
     if settings.kg == "partial" and opened.split.config.kind == "none":
         raise ConfigError(
-            "the graph has no test part and therefore no partial graph. Use `kg` full, or build the graph with "
-            "another split, such as by-recipe."
+            "the graph has no test part and therefore no partial graph. Use `kg` full, or build "
+            "the graph with another split, such as by-recipe."
         )
     if settings.eval_every and not len(opened.split.held_out("valid")):
         raise ConfigError(
-            "`eval_every` needs validation triples, and the split has no validation part. Build the graph with such a "
-            "part, for example `train_ratio` 0.8 and `valid_ratio` 0.1."
+            "`eval_every` needs validation triples, and the split has no validation part. Build "
+            "the graph with such a part, for example `train_ratio` 0.8 and `valid_ratio` 0.1."
         )
     check_device(settings.device)
     _check_memory(opened, settings, num_nodes)
 
 
 def _check_memory(opened: OpenedGraph, settings: LinkSettings, num_nodes: int) -> None:
-    parameters = (
-        4 * settings.dim * (num_nodes + len(RELATIONS)) * (1 + isinstance(settings, ComplExConfig))
-    )
+    """Raise ConfigError for dimensions or negatives that cannot fit; models may need more."""
+    # 4 bytes a number; complex dimensions have two.
+    numbers = settings.dim * (2 if isinstance(settings, ComplExConfig) else 1)
+    parameters = 4 * numbers * (num_nodes + len(RELATIONS))
     # Parameters, gradients and optimiser state.
-    check_memory(
-        "dim", settings.dim, f"training vectors for {num_nodes:,} entities", 3 * parameters
-    )
+    what = f"training vectors for {num_nodes:,} entities"
+    check_memory("dim", settings.dim, what, 3 * parameters)
     if isinstance(settings, LinkModelConfig) and settings.loop == "slcwa":
         triples = min(settings.batch_size, len(opened.triples(settings.kg)))
         needed = 4 * settings.dim * settings.negatives * triples
-        check_memory(
-            "negatives",
-            settings.negatives,
-            f"the negatives' vectors for {triples:,} triples",
-            needed,
-        )
+        what = f"the negatives' vectors for {triples:,} triples"
+        check_memory("negatives", settings.negatives, what, needed)
 
 
 def _write_results(
@@ -313,11 +371,13 @@ def _write_results(
     choice: Choice | None,
     outside: OutsideSummary | None,
 ) -> tuple[Scorer, LinkMetrics]:
-    """Write a trained model's scorer, metrics (also per epoch) and chosen weights; return scorer and metrics."""
+    """Write a trained model's scorer and metrics, also per epoch; return scorer and metrics."""
     model.eval()
-    graph, triples = train_sample.graph, train_sample.triples
+    graph = train_sample.graph
+    triples = train_sample.triples
     kind, tensors = scorer_tensors(settings, model, triples, graph.num_entities)
-    sample = sampled_for(graph, triples)  # on large graphs a fixed sample is enough
+    # Ranking all training triples of a large graph would take longer than an epoch.
+    sample = sampled_for(graph, triples)
     scorer = make_scorer(kind, tensors, graph.entities, graph.hash)
     ranks = rank_triples(scorer, sample, triples)
     metrics = LinkMetrics(
@@ -345,12 +405,11 @@ def _write_results(
 
 def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetrics) -> str:
     name = "ComplEx" if isinstance(settings, ComplExConfig) else settings.model
-    sample = (
-        describe_train_sample(settings.train_fraction, settings.label_noise) or "the train recipes"
-    )
-    seen = f"the triples of {sample} only."
     if settings.kg == "full":
         seen = "all triples, test recipes included: the scores show memory, not prediction."
+    else:
+        sample = describe_train_sample(settings.train_fraction, settings.label_noise)
+        seen = f"the triples of {sample or 'the train recipes'} only."
     fitted = f"{metrics.epochs} epochs, {metrics.parameters:,} parameters, MRR on training triples "
     points = [f"{metrics.triples:,} training triples", fitted + f"{metrics.train_mrr:.3f}"]
     if metrics.outside and isinstance(settings, ComplExConfig):
@@ -358,24 +417,34 @@ def _model_card(opened: OpenedGraph, settings: LinkSettings, metrics: LinkMetric
     if metrics.choice:
         points.append(f"regularisation chosen: {metrics.choice}")
     if isinstance(settings, ComplExConfig) and settings.negatives:
-        sample = f"softmax over {settings.negatives:,} entities sampled for each batch"
-        points.append(f"objective: {sample}, in place of all entities")
+        points.append(
+            f"objective: softmax over {settings.negatives:,} entities sampled for each batch, in "
+            "place of all entities"
+        )
     if metrics.folds:
-        folds = f"cross-fitted: {metrics.folds} more models, each trained without one fold of the train recipes"
+        folds = (
+            f"cross-fitted: {metrics.folds} more models, each trained without one fold of the "
+            "train recipes"
+        )
         if metrics.fold_mrr is not None:
-            folds += f": MRR {metrics.fold_mrr:.3f} out-of-sample, {metrics.fold_in_sample_mrr:.3f} in-sample"
+            folds += (
+                f": MRR {metrics.fold_mrr:.3f} out-of-sample, "
+                f"{metrics.fold_in_sample_mrr:.3f} in-sample"
+            )
         points.append(folds)
-    more = (
-        "; `scorer.probability` returns probabilities for triples outside training"
-        if metrics.folds
-        else ""
-    )
+    more = ""
+    if metrics.folds:
+        more = "; `scorer.probability` returns probabilities for triples outside training"
     return scorer_card(
         opened,
         f"{name} on the {settings.kg} knowledge graph of {opened.graph.name}",
-        f"Scores triples (head, relation, tail) with the relations `combinesWith` and `componentOf`. Trained on {seen}",
+        "Scores triples (head, relation, tail) with the relations `combinesWith` and "
+        f"`componentOf`. Trained on {seen}",
         points,
-        "`config.toml` reproduces the training; `run.json` records all versions. For the quality on unseen triples, "
-        f"run\n`wordcraft-kg evaluate-links`; the MRR above shows memory. Scores are not probabilities{more}.",
+        "`config.toml` reproduces the training; `run.json` records all versions. For the quality "
+        "on unseen triples, "
+        "run\n"
+        "`wordcraft-kg evaluate-links`; the MRR above shows memory. Scores are not "
+        f"probabilities{more}.",
         [f'scorer.top(None, "componentOf", {opened.graph.entities[0]!r})'],
     )

@@ -24,6 +24,7 @@ from wordcraft_kg.models.recipes.base import Base
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import Ranker, knowledge_from, scorer_tensors
 from wordcraft_kg.models.scorers.config import check_dense
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, make_features, named
 from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.pair_features import RANKER
@@ -44,7 +45,7 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
     ConfigError if the scorer has another kind, a label is invalid or known, or there are too many entities;
     ArtefactError if the link rankers do not fit the link features.
     """
-    whole = scorer.whole
+    whole = whole_of(scorer)
     if not isinstance(whole, RecipeScorer):
         raise ConfigError(
             f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`."
@@ -90,7 +91,7 @@ class LabelledScorer(NamedTuple):
 
 def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> LabelledScorer:
     """Return a copy of a model's scorer for ``labels``, by zeros without vector; errors as :func:`with_words`."""
-    whole = scorer.whole
+    whole = whole_of(scorer)
     index = LabelIndex(whole.entities)
     rows = [index.find(label) for label in labels]
     new = [label for label, row in zip(labels, rows, strict=True) if row is None]

@@ -25,7 +25,7 @@ from wordcraft_kg.models.knowledge.folder import (
     FACTS,
     KNOWLEDGE,
     TABLES,
-    Knowledge,
+    KnowledgeTables,
     TableInfo,
     knowledge_files,
     read_knowledge,
@@ -179,7 +179,7 @@ class OutsideEvidenceFinder:
 class _Tables:
     """A knowledge folder's tables with phrases; cells are compared with all cells off the table's diagonal."""
 
-    def __init__(self, knowledge: Knowledge):
+    def __init__(self, knowledge: KnowledgeTables):
         self.source, self._entities = knowledge.record.source, knowledge.record.entities
         self._tables = list[tuple[TableInfo, Tensor, float, float]]()
         for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):

@@ -1,10 +1,18 @@
-"""Scorers rate how plausible triples (head, relation, tail) are: models, facts, counts, neighbours or kernels.
+"""Scorers rate how plausible triples (head, relation, tail) are, learned or not.
 
-Read ``protocol`` first (the interface), then ``scorer`` (the base class: labels to ids) and the kinds: ``factors``
-(score tables, and ComplEx embeddings), ``baselines``, ``kernel`` (closed form), ``recipes`` (scores for whole recipes).
-``folder`` loads and writes trained scorers, ``queries`` parses queries, ``scales`` maps scores to a common scale,
-``calibration`` to probabilities, ``ranking`` evaluates test triples, ``features`` provides entity vectors,
-``near_synonyms`` finds test recipes that reword a train recipe::
+Read ``protocol`` first (the interface), then ``scorer`` (the base class: labels to ids). The kinds
+are ``factors`` (score tables, and ComplEx embeddings), ``baselines`` (facts, counts, neighbours and
+votes, nothing learned), ``kernel`` (closed form) and ``recipes`` (scores for whole recipes, with
+``pair_features`` and ``recipe_curve``). ``cross_fitting`` joins models of all folds, ``folder``
+loads and writes trained scorers, ``scales`` maps scores to a common scale, ``calibration`` to
+probabilities, ``ranking`` evaluates test triples, ``roles`` and ``link_evidence`` explain scores by
+similar entities and links, ``features`` provides entity vectors, and ``near_synonyms`` finds test
+recipes that reword a train recipe. ``config`` holds limits and settings, without torch.
+
+A new scorer is a subclass of ``Scorer`` with ``_score``; it needs no line elsewhere. Change
+anything inside a file freely, but not the formats that ``folder`` and the records write (old
+folders must open), nor the rule of ``cross_fitting`` that assigns models to tasks (it keeps test
+recipes out of training)::
 
     scorer = load_scorer("models/mine")
     scorer.score("water", "combinesWith", ["earth", "fire"])

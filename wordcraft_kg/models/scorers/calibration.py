@@ -1,19 +1,24 @@
 """Calibration: probabilities for triples, fitted to scores by models trained without these triples.
 
-Train recipes are cut into folds; each fold has a model trained without the fold. A score enters as its percentile
-rank's log-odds t among all pairs of different entities outside the train triples, so models with different scales are
-comparable. Each relation has a :class:`Curve` for pairs of different entities and one for self pairs (equal entities).
-Slopes are ``β_i >= 0``, so probabilities never decrease with the score.
+Train recipes are cut into folds; each fold has a model trained without the fold. A triple that this
+model was not trained on may be true: a recipe of the fold gives it, or a recipe outside train. How
+often that is so depends on the score. Models of different folds have different scales, so a score
+enters as its rank log-odds t, the log-odds of its percentile rank among all pairs of different
+entities outside the train triples. Each relation has a :class:`Curve` for pairs of different
+entities and one for self pairs (equal entities). Slopes are ``β_i >= 0``, so probabilities never
+decrease with the score.
 
-A fold's model has not seen the fold's triples, which are a share c of all true unseen triples. Recipes outside train
-look like negatives, so the fit maximises the likelihood of ``P(known | t) = c P(true | t)``. The whole model has seen
-the folds' triples; by Bayes' rule ``α`` falls by ``-log(1 - c)`` for the remaining triples.
+A fold's model has not seen the fold's triples, which are a share c of all true unseen triples. The
+others belong to recipes outside train, which nothing here reads, and look like negatives. So the
+fit maximises the likelihood of ``P(known | t) = c P(true | t)``. The main model has seen the folds'
+triples, which therefore no longer are among its candidates; by Bayes' rule ``α`` falls by ``-log(1
+- c)`` for the remaining triples.
 
-A softmax turns recipe scores into a distribution over results, given that the pair makes something; the temperature
-maximises the likelihood of the folds' recipes (Guo et al. 2017).
+A softmax turns recipe scores into a distribution over results, given that the pair makes something;
+the temperature maximises the likelihood of the folds' recipes (Guo et al. 2017).
 
-Source: Platt 1999 (the sigmoid); Elkan and Noto 2008 (partially labelled positives); Saerens, Latinne and Decaestecker
-2002 (change of base rate).
+Source: Platt 1999 (the sigmoid); Elkan and Noto 2008 (partially labelled positives); Saerens,
+Latinne and Decaestecker 2002 (change of base rate).
 """
 
 import math
@@ -42,16 +47,17 @@ SEGMENTS = (3.0, 6.0)
 MAX_CELLS = 2**20
 """Pairs of different entities scored per relation; more pairs are sampled uniformly."""
 _MIN_TRUE = 10
-"""Minimum number of true and of false triples for a curve; otherwise only the base rate is fitted."""
+"""Fewest true and fewest false triples for a curve; below, only the base rate is fitted."""
 _MIN_GAIN = 3.0
 """Minimum gain over the base rate on held-out folds, in nats."""
 END = 16.0
-"""Largest log-odds; larger values are clipped."""
+"""Largest log-odds; larger values are clipped. :data:`MAX_CELLS` pairs reach 14.6."""
 WIDTH = 0.01
 """Bin width of log-odds."""
 _KNOTS = 257
 """Stored scores that map a model's scores to log-odds."""
 _RIDGE = 1e-3
+"""Weight of squared slopes in the loss: a segment without true triples keeps a finite slope."""
 _PAIRS = 2**15
 """Recipes scored per fold to fit the temperature."""
 
@@ -59,10 +65,11 @@ _Floats = NDArray[np.float64]
 
 
 class Curve(Record, frozen=True, kw_only=True):
-    """The probability that a triple is true, from a score's rank log-odds t: ``σ(α + Σ_i β_i s_i(t))``.
+    """The probability that a triple is true, by rank log-odds t: ``σ(α + Σ_i β_i s_i(t))``.
 
-    With q the percentile rank among entity pairs, ``t = log(q / (1 - q))``; ``s_i`` is the part of t in the i-th
-    segment, an interval between :data:`SEGMENTS`. The curve is for the model trained on all folds.
+    With q the percentile rank among entity pairs, ``t = log(q / (1 - q))``; ``s_i`` is the part of
+    t in the i-th segment, an interval between :data:`SEGMENTS`. The curve is for the model trained
+    on all folds.
 
     Attributes:
         intercept: α, for triples outside the train triples.
@@ -85,10 +92,9 @@ class Curve(Record, frozen=True, kw_only=True):
             raise ValueError(f"{len(self.slopes)} `slopes`")
 
     def probability(self, log_odds: _Floats) -> _Floats:
-        """Return probabilities, same shape as ``log_odds``: rank log-odds from :func:`rank_log_odds`."""
-        return np.asarray(
-            expit(self.intercept + _segments(log_odds, len(self.slopes)) @ np.array(self.slopes))
-        )
+        """Return probabilities, with the shape of ``log_odds`` (from :func:`rank_log_odds`)."""
+        parts = _segments(log_odds, len(self.slopes))
+        return np.asarray(expit(self.intercept + parts @ np.array(self.slopes)))
 
 
 class RelationCurves(Record, frozen=True, kw_only=True):
@@ -98,7 +104,8 @@ class RelationCurves(Record, frozen=True, kw_only=True):
         known_share: c, the known share among all true triples that a fold's model has not seen.
         scores: score quantiles for the model trained on all folds, ascending.
         rank_log_odds: each quantile's percentile rank, as log-odds.
-        distinct: curve for pairs of different entities; ``itself``: curve for self pairs.
+        distinct: curve for pairs of different entities.
+        itself: curve for self pairs (head and tail are equal).
     """
 
     known_share: Share
@@ -115,11 +122,13 @@ class RelationCurves(Record, frozen=True, kw_only=True):
 
 
 class Probabilities(Record, frozen=True, kw_only=True):
-    """The file ``calibration.json``: maps scores to probabilities for triples outside the training data.
+    """The file ``calibration.json``: from scores to probabilities for triples outside training.
 
     Attributes:
+        format: name and version of the file format.
         relations: curves for combinesWith and componentOf, by relation id.
-        temperature: recipe scores are divided by this number before the softmax; None without recipe scores.
+        temperature: recipe scores are divided by this number before the softmax over results; None
+            without recipe scores.
         recipes: curve for recipes; None without recipe scores, and in folders from older versions.
     """
 
@@ -132,19 +141,31 @@ class Probabilities(Record, frozen=True, kw_only=True):
     def fit(
         cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0
     ) -> "Probabilities":
-        """Fit probability curves for ``whole`` to the :class:`Seen` of each fold; ``seed`` samples pairs for ranks."""
-        size, train = len(whole.entities), folds.triples()
-        true, others = (
-            np.stack([part.true for part in seen]),
-            np.stack([part.others for part in seen]),
-        )
+        """Fit probability curves for the model trained on all folds.
+
+        Args:
+            whole: the model trained on all folds.
+            folds: the folds; recipes outside train are only counted, never read.
+            seen: scores by each fold's model on triples that it has not seen, from
+                :func:`predictions`.
+            seed: seed of the sampled pairs, among which scores are ranked.
+        """
+        size = len(whole.entities)
+        train = folds.triples()
+        # By fold, relation, self pair or not, and bin: shape (K, 2, 2, B).
+        true = np.stack([part.true for part in seen])
+        others = np.stack([part.others for part in seen])
         curves: list[RelationCurves] = []
         for relation in range(len(RELATIONS)):
             share = known_share(folds, relation)
             cells, _ = _cells(size, relation, seed)
-            cells = cells[~is_in(cells, train, size) & (cells[:, 0] != cells[:, 2])]
+            # Self pairs do not count in ranks: most scorers set them apart from all other pairs.
+            is_unknown = ~is_in(cells, train, size)
+            is_distinct = cells[:, 0] != cells[:, 2]
+            cells = cells[is_unknown & is_distinct]
             scores, log_odds = _score_map(_scores(whole, cells))
             distinct = fit_curve(true[:, relation, 0], others[:, relation, 0], share)
+            # There are only E self pairs, too few for a slope in each segment.
             itself = fit_curve(true[:, relation, 1], others[:, relation, 1], share, slopes=1)
             curves.append(
                 RelationCurves(
@@ -163,30 +184,44 @@ class Probabilities(Record, frozen=True, kw_only=True):
         )
 
     def predict(self, scores: Tensor, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        """Return probabilities, float32, for triples and the whole model's ``scores``; arguments broadcast."""
+        """Return the probabilities of triples outside the training data.
+
+        Args:
+            scores: scores by the model trained on all folds.
+            heads: entity ids.
+            relations: relation ids.
+            tails: entity ids; the four arguments broadcast against each other.
+
+        Returns:
+            float32, with the broadcast shape, on the scores' device.
+        """
         together = torch.broadcast_tensors(scores, heads, relations, tails)
         values, one, kinds, other = (part.cpu().numpy() for part in together)
         probabilities = np.empty(values.shape)
         for relation, curves in enumerate(self.relations):
+            # Linear between the stored quantiles, constant beyond the first and the last.
             log_odds = np.interp(values, curves.scores, curves.rank_log_odds)
-            for curve, chosen in ((curves.itself, one == other), (curves.distinct, one != other)):
-                mask = chosen & (kinds == relation)
-                probabilities[mask] = curve.probability(log_odds[mask])
+            is_own = kinds == relation
+            itself = is_own & (one == other)
+            probabilities[itself] = curves.itself.probability(log_odds[itself])
+            distinct = is_own & (one != other)
+            probabilities[distinct] = curves.distinct.probability(log_odds[distinct])
         return torch.from_numpy(probabilities.astype(np.float32)).to(scores.device)
 
 
 @dataclass(frozen=True)
 class Seen:
-    """Score histograms by a fold model (trained without one fold), for triples outside the training data.
+    """Score histograms by a fold's model, for triples outside this model's training data.
 
     Attributes:
-        true: shape (2, 2, B): the fold's triples, counted by relation, self pair (0 or 1) and bin, an interval of rank
-            log-odds, see :class:`Curve`.
+        true: shape (2, 2, B): the fold's triples, counted by relation, self pair (0 or 1) and bin,
+            an interval of rank log-odds, see :class:`Curve`.
         others: as ``true``, for triples outside the train triples; weighted if sampled.
-        results: shape (N, E): scores for all E entities as results, for N pairs sampled from the fold; None without
+        results: shape (N, E): scores for all E entities as results, for N pairs sampled from the
+            fold; None without recipe scores.
+        right: shape (N, E), bool: whether the pair makes the entity; None without recipe scores.
+        recipes: see :func:`~wordcraft_kg.models.scorers.recipe_curve.score_histogram`; None without
             recipe scores.
-        right: shape (N, E), bool: whether the pair makes the entity.
-        recipes: see :func:`~wordcraft_kg.models.scorers.recipe_curve.score_histogram`; None without recipe scores.
     """
 
     true: _Floats
@@ -197,64 +232,82 @@ class Seen:
 
 
 def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) -> Seen:
-    """Return score histograms without ``fold``: of its triples, and of unknown triples or a sample of these."""
+    """Count a fold's triples and unknown triples by the scores of the model without the fold.
+
+    Triples of the remaining folds are left out, because the model remembers them.
+
+    Args:
+        scorer: the model trained without the fold.
+        folds: the folds; recipes outside train are not read.
+        fold: number of the fold, from 0.
+        seed: seed of the sample of pairs, if there are more than :data:`MAX_CELLS`.
+    """
     size = len(scorer.entities)
-    train, trained_on = folds.triples(), folds.triples([fold])
+    train = folds.triples()
+    trained_on = folds.triples([fold])
     own = train[~is_in(train, trained_on, size)]
     bins = len(_centres())
-    true, others = np.zeros((2, 2, bins)), np.zeros((2, 2, bins))
+    true = np.zeros((2, 2, bins))
+    others = np.zeros((2, 2, bins))
     for relation in range(len(RELATIONS)):
         cells, weights = _cells(size, relation, seed)
-        kept = ~is_in(cells, trained_on, size)
-        cells, weights = cells[kept], weights[kept]
-        scores, is_self = _scores(scorer, cells), cells[:, 0] == cells[:, 2]
-        unknown = ~is_in(cells, train, size)
-        # Ranks exclude fold triples, because the whole model has seen these triples and is not calibrated on them.
-        among = scores[unknown & ~is_self]
+        is_new = ~is_in(cells, trained_on, size)
+        cells = cells[is_new]
+        weights = weights[is_new]
+        scores = _scores(scorer, cells)
+        is_self = cells[:, 0] == cells[:, 2]
+        is_unknown = ~is_in(cells, train, size)
+        # Ranks exclude the fold's triples, because the main model, whose scores are calibrated, has
+        # seen these triples.
+        among = scores[is_unknown & ~is_self]
         log_odds = rank_log_odds(scores, among)
-        mine = own[own[:, 1] == relation]
-        own_log_odds, own_self = (
-            rank_log_odds(_scores(scorer, mine), among),
-            mine[:, 0] == mine[:, 2],
-        )
+        own_cells = own[own[:, 1] == relation]
+        own_log_odds = rank_log_odds(_scores(scorer, own_cells), among)
+        own_is_self = own_cells[:, 0] == own_cells[:, 2]
         for itself in (0, 1):
             true[relation, itself] = np.bincount(
-                _bin(own_log_odds[own_self == itself]), minlength=bins
+                _bin(own_log_odds[own_is_self == itself]), minlength=bins
             )
-            chosen = unknown & (is_self == itself)
+            chosen = is_unknown & (is_self == itself)
             others[relation, itself] = np.bincount(
                 _bin(log_odds[chosen]), weights[chosen], minlength=bins
             )
     results, right = _results(scorer, folds, fold, seed)
-    recipes = (
-        score_histogram(scorer, folds, fold, seed=seed)
-        if isinstance(scorer, RecipeScorer)
-        else None
-    )
+    recipes = None
+    if isinstance(scorer, RecipeScorer):
+        recipes = score_histogram(scorer, folds, fold, seed=seed)
     return Seen(true, others, results, right, recipes)
 
 
 def known_share(folds: Folds, relation: int) -> float:
-    """Return c, a fold's share among all true triples that the model trained without the fold has not seen.
+    """Return c, a fold's share among all true triples that are new to the model without the fold.
 
-    ``c = m / (m + m')``: a fold has m new triples on average; the recipes outside train have an estimated ``m' = m
-    (outside / n_fold) (K / (K - 1))^-p``, for K folds with ``n_fold`` recipes each and ``outside`` recipes outside
-    train. The power p says how fast new triples fall with more training recipes, from leaving out one and two folds.
+    The recipes outside train are expected to give new triples as a fold's recipes do, but fewer for
+    each recipe, because more triples are known already. ``c = m / (m + m')``: a fold has m new
+    triples on average; the recipes outside train have an estimated ``m' = m (outside / n_fold) (K /
+    (K - 1))^-p``, for K folds with ``n_fold`` recipes each and ``outside`` recipes outside train.
+    The power p says how fast the number of new triples falls with more training recipes; it comes
+    from leaving out one and two folds. Recipes outside train are counted, not read.
     """
-    graph, count = folds.split.graph, folds.count
-    train = folds.seen()
-    outside, of_fold = float(np.sum(~train)), float(np.sum(train)) / count
+    graph = folds.split.graph
+    count = folds.count
+    is_train = folds.seen()
+    outside = float(np.sum(~is_train))
+    of_fold = float(np.sum(is_train)) / count
 
     def new(fold: int, *others: int) -> float:
+        """Count the fold's triples that are new to a model without this fold and ``others``."""
         own = recipe_triples(folds.recipes_of(fold))
         own = own[own[:, 1] == relation]
-        return float(np.sum(~is_in(own, folds.triples([fold, *others]), graph.num_entities)))
+        seen = folds.triples([fold, *others])
+        return float(np.sum(~is_in(own, seen, graph.num_entities)))
 
-    one = sum(new(fold) for fold in range(count))
+    without_one = sum(new(fold) for fold in range(count))
     falling = 1.0
-    if count > 2 and one:
-        two = sum(new(fold, (fold + 1) % count) for fold in range(count))
-        power = math.log(two / one) / math.log((count - 1) / (count - 2))
+    # Two folds leave no recipes after leaving out two, so p is 0 and nothing falls.
+    if count > 2 and without_one:
+        without_two = sum(new(fold, (fold + 1) % count) for fold in range(count))
+        power = math.log(without_two / without_one) / math.log((count - 1) / (count - 2))
         falling = (count / (count - 1)) ** -power
     return 1 / (1 + outside / of_fold * falling)
 
@@ -262,17 +315,32 @@ def known_share(folds: Folds, relation: int) -> float:
 def fit_curve(
     true: _Floats, others: _Floats, share: float, slopes: int = len(SEGMENTS) + 1
 ) -> Curve:
-    """Fit a probability curve to score histograms, or only the base rate if the scores are uninformative.
+    """Fit a probability curve to score histograms, or only the base rate if scores say nothing.
 
-    ``true`` and ``others``, shape (K, B), are true and remaining triples (which include unknown true triples), counted
-    by fold and bin of rank log-odds, see :class:`Curve`. ``share`` is the share of ``true`` among all true triples,
-    from :func:`known_share`; ``slopes`` is the number of segments with separate slopes.
+    Scores count as informative if a curve fitted to all other folds predicts each fold better than
+    the base rate, by :data:`_MIN_GAIN` nats in all.
+
+    Args:
+        true: shape (K, B): true triples by fold and bin of rank log-odds, see :class:`Curve`.
+        others: shape (K, B): the remaining triples, which include unknown true triples.
+        share: share of ``true`` among all true triples, from :func:`known_share`.
+        slopes: number of segments with separate slopes.
+
+    Returns:
+        the curve for the model trained on all folds.
     """
-    known, total = float(true.sum()), float(true.sum() + others.sum())
+    known = float(true.sum())
+    total = float(true.sum() + others.sum())
+    # The main model has seen the folds' triples, so only the share 1 - c of the true triples is
+    # left.
     shift = math.log1p(-share)
     start = _base(true, others, share) + shift
     base = Curve(
-        intercept=start, slopes=(), rate=float(expit(start)), true=round(known), cells=round(total)
+        intercept=start,
+        slopes=(),
+        rate=float(expit(start)),
+        true=round(known),
+        cells=round(total),
     )
     if min(known, total - known) < _MIN_TRUE:
         reason = (
@@ -281,14 +349,16 @@ def fit_curve(
         return msgspec.structs.replace(base, reason=reason)
     gain = 0.0
     for fold in range(len(true)):
-        rest = np.arange(len(true)) != fold
-        plain, curve = (
-            _loss(_fit(true[rest], others[rest], share, number), true[fold], others[fold], share)[0]
-            for number in (0, slopes)
-        )
-        gain += plain - curve
+        is_other = np.arange(len(true)) != fold
+        plain = _fit(true[is_other], others[is_other], share, 0)
+        curve = _fit(true[is_other], others[is_other], share, slopes)
+        held_out = true[fold], others[fold], share
+        gain += _loss(plain, *held_out)[0] - _loss(curve, *held_out)[0]
     if gain < _MIN_GAIN:
-        reason = f"scores do not separate the {known:,.0f} true triples of left-out folds from false triples"
+        reason = (
+            f"scores do not separate the {known:,.0f} true triples of left-out folds from false "
+            "triples"
+        )
         return msgspec.structs.replace(base, reason=reason)
     values = _fit(true, others, share, slopes)
     return msgspec.structs.replace(
@@ -297,11 +367,14 @@ def fit_curve(
 
 
 def _base(true: _Floats, others: _Floats, share: float) -> float:
-    rate = min((true.sum() + 0.5) / (true.sum() + others.sum() + 1) / share, 0.5)
+    """Return the log-odds of the base rate, with half a triple added: nothing is impossible."""
+    known = (true.sum() + 0.5) / (true.sum() + others.sum() + 1)
+    rate = min(known / share, 0.5)
     return math.log(rate / (1 - rate))
 
 
 def _fit(true: _Floats, others: _Floats, share: float, slopes: int) -> _Floats:
+    """Return intercept and slopes of P(true | t), shape (1 + slopes,), from counts (K, B)."""
     start = np.array([_base(true, others, share)] + [0.1] * slopes)
     if not slopes:
         return start
@@ -313,27 +386,36 @@ def _fit(true: _Floats, others: _Floats, share: float, slopes: int) -> _Floats:
 
 
 def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tuple[float, _Floats]:
-    inputs = _segments(_centres(), len(values) - 1)
-    chance = expit(values[0] + inputs @ values[1:])
+    """Return the negative log-likelihood of counts by bin, (B,), in nats, and its gradient."""
+    slopes = values[1:]
+    inputs = _segments(_centres(), len(slopes))
+    chance = expit(values[0] + inputs @ slopes)
+    # Away from 0 and 1, where the logarithms below would be infinite.
     labelled = np.clip(share * chance, 1e-300, 1 - 1e-12)
-    loss = -(true @ np.log(labelled) + others @ np.log1p(-labelled)) + _RIDGE / 2 * (
-        values[1:] @ values[1:]
-    )
+    likelihood = true @ np.log(labelled) + others @ np.log1p(-labelled)
+    loss = -likelihood + _RIDGE / 2 * (slopes @ slopes)
+    # d likelihood / d logit, with d labelled / d logit = labelled (1 - chance).
     slope = -(true - others * labelled / (1 - labelled)) * (1 - chance)
-    return float(loss), np.concatenate([[slope.sum()], inputs.T @ slope + _RIDGE * values[1:]])
+    of_slopes = inputs.T @ slope + _RIDGE * slopes
+    return float(loss), np.concatenate([[slope.sum()], of_slopes])
 
 
 def _results(
     scorer: TripleScorer, folds: Folds, fold: int, seed: int
 ) -> tuple[_Floats, NDArray[np.bool_]] | tuple[None, None]:
+    """Return scores of all results for sampled pairs of a fold, (N, E), and which are right."""
     if not isinstance(scorer, RecipeScores):
         return None, None
     size = len(scorer.entities)
     own = folds.recipes_of(fold)
     pairs, of_recipe = np.unique(own[:, :2], axis=0, return_inverse=True)
-    chosen = np.random.default_rng([seed, fold]).permutation(len(pairs))[: max(_PAIRS // size, 1)]
+    # A pair has a score for each entity, so there are fewer pairs in larger graphs.
+    number = max(_PAIRS // size, 1)
+    rng = np.random.default_rng([seed, fold])
+    chosen = rng.permutation(len(pairs))[:number]
     right = np.zeros((len(pairs), size), dtype=bool)
     right[of_recipe, own[:, 2]] = True
+    # Shape (N, 1) each, against which all results broadcast.
     a, b = torch.from_numpy(pairs[chosen].copy()).T[..., None]
     with torch.no_grad():
         scores = scorer.score_recipes(a, b, torch.arange(size)[None])
@@ -341,6 +423,7 @@ def _results(
 
 
 def _temperature(seen: Sequence[Seen]) -> float | None:
+    """Return the temperature whose softmax gives a right result the highest likelihood."""
     known = [
         (part.results, part.right)
         for part in seen
@@ -352,29 +435,40 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
 
     def loss(log_temperature: float) -> float:
         scaled = scores * math.exp(-log_temperature)
-        return float(
-            np.mean(logsumexp(scaled, axis=1) - logsumexp(np.where(right, scaled, -np.inf), axis=1))
-        )
+        # A pair may have several results: the probability that one of them is drawn.
+        of_right = logsumexp(np.where(right, scaled, -np.inf), axis=1)
+        return float(np.mean(logsumexp(scaled, axis=1) - of_right))
 
-    return float(math.exp(minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded").x))
+    best = minimize_scalar(loss, bounds=(-4.0, 4.0), method="bounded")
+    return float(math.exp(best.x))
 
 
 def rank_log_odds(scores: _Floats, among: _Floats) -> _Floats:
-    """Return ``log(q / (1 - q))`` for the scores' percentile ranks q within ``among``; ties count half."""
-    ordered, count = np.sort(among), len(among)
-    above = (
-        count
-        - (np.searchsorted(ordered, scores, "left") + np.searchsorted(ordered, scores, "right")) / 2
-    )
-    rank = np.clip((above + 0.5) / (count + 1), 0.5 / (count + 1), 1 - 0.5 / (count + 1))
+    """Return ``log(q / (1 - q))`` for percentile ranks q within ``among``; ties count half.
+
+    The result has the shape of ``scores`` and is finite, also beyond the best and the worst of
+    ``among``.
+    """
+    ordered = np.sort(among)
+    count = len(among)
+    below = np.searchsorted(ordered, scores, "left")
+    not_above = np.searchsorted(ordered, scores, "right")
+    above = count - (below + not_above) / 2
+    # Half a pair away from 0 and 1, whose log-odds are infinite.
+    least = 0.5 / (count + 1)
+    rank = np.clip((above + 0.5) / (count + 1), least, 1 - least)
     return np.asarray(np.log1p(-rank) - np.log(rank))
 
 
 def _score_map(scores: _Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return quantiles of scores, ascending, and their rank log-odds: the map of a relation."""
     if not len(scores):
         return (0.0,), (0.0,)
+    # Quantiles at equal distances in log-odds, because true triples are among the very highest
+    # scores.
     end = math.log(2 * len(scores) + 1)
-    knots = np.unique(np.quantile(scores, expit(np.linspace(-end, end, _KNOTS)), method="nearest"))
+    levels = expit(np.linspace(-end, end, _KNOTS))
+    knots = np.unique(np.quantile(scores, levels, method="nearest"))
     return tuple(knots.tolist()), tuple(rank_log_odds(knots, scores).tolist())
 
 
@@ -382,14 +476,11 @@ def _segments(log_odds: _Floats, slopes: int) -> _Floats:
     """Return the part of log-odds within each segment, shape (..., slopes)."""
     if slopes <= 1:
         return np.repeat(log_odds[..., None], slopes, axis=-1)
-    low, high = (-math.inf, *SEGMENTS), (*SEGMENTS, math.inf)
-    return np.stack(
-        [
-            np.clip(log_odds, a, b) - (a if math.isfinite(a) else 0.0)
-            for a, b in zip(low, high, strict=True)
-        ],
-        axis=-1,
-    )
+    # The first segment holds the negative log-odds; the parts sum to the log-odds.
+    parts = [np.clip(log_odds, -math.inf, SEGMENTS[0])]
+    for low, high in zip(SEGMENTS, (*SEGMENTS[1:], math.inf), strict=True):
+        parts.append(np.clip(log_odds, low, high) - low)
+    return np.stack(parts, axis=-1)
 
 
 def _centres() -> _Floats:
@@ -397,7 +488,8 @@ def _centres() -> _Floats:
 
 
 def _bin(log_odds: _Floats) -> Ids:
-    return np.rint((np.clip(log_odds, -END, END) + END) / WIDTH).astype(np.int64)
+    from_start = np.clip(log_odds, -END, END) + END
+    return np.rint(from_start / WIDTH).astype(np.int64)
 
 
 def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
@@ -407,16 +499,26 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
     if pairs <= MAX_CELLS:
         number = np.arange(pairs)
     else:
-        number = np.unique(np.random.default_rng([seed, relation]).integers(pairs, size=MAX_CELLS))
+        rng = np.random.default_rng([seed, relation])
+        number = np.unique(rng.integers(pairs, size=MAX_CELLS))
+    # Pair numbers count through a table without its diagonal, E - 1 columns wide.
     heads, column = np.divmod(number, max(size - 1, 1))
-    tails = column + (column >= heads)  # skips the diagonal
-    heads, tails = np.concatenate([heads, everything]), np.concatenate([tails, everything])
-    weights = np.concatenate([np.full(len(number), pairs / max(len(number), 1)), np.ones(size)])
-    return np.column_stack([heads, np.full(len(heads), relation), tails]), weights
+    tails = column + (column >= heads)
+    heads = np.concatenate([heads, everything])
+    tails = np.concatenate([tails, everything])
+    # A sampled pair stands for several pairs, a self pair for itself.
+    weight = pairs / max(len(number), 1)
+    weights = np.concatenate([np.full(len(number), weight), np.ones(size)])
+    relations = np.full(len(heads), relation)
+    return np.column_stack([heads, relations, tails]), weights
 
 
 def _scores(scorer: TripleScorer, triples: Ids) -> _Floats:
+    """Score triples, (T, 3), in blocks, so that memory does not grow with T."""
     blocks = np.array_split(triples, max(1, len(triples) // 2**18))
+    parts = []
     with torch.no_grad():
-        parts = [scorer.score(*torch.from_numpy(block.copy()).T).cpu().numpy() for block in blocks]
+        for block in blocks:
+            heads, relations, tails = torch.from_numpy(block.copy()).T
+            parts.append(scorer.score(heads, relations, tails).cpu().numpy())
     return np.concatenate(parts).astype(np.float64)

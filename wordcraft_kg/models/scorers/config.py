@@ -1,4 +1,4 @@
-"""Score table limits and score settings; this module imports no torch."""
+"""Settings of scores, and limits on memory; this module imports no torch."""
 
 from typing import Literal
 
@@ -18,17 +18,20 @@ TABLE_LIMIT = 2**28
 
 
 def table_bytes(num_entities: int) -> int:
-    """Return the number of bytes in a score table, all entity pairs in both relations."""
+    """Return the bytes in a score table: all entity pairs in both relations, 32 bits each."""
     return len(RELATIONS) * num_entities**2 * 4
 
 
 def check_table(what: str, num_entities: int) -> None:
-    """Raise ConfigError if a score table for so many entities is too large; ``what`` names the scorer."""
+    """Raise ConfigError, which gives the size, if a score table for so many entities is too large.
+
+    ``what`` names the scorer in the error.
+    """
     needed = table_bytes(num_entities)
     if needed > TABLE_LIMIT:
         raise ConfigError(
-            f"{what} needs a score table for {num_entities:,} entities, {needed / 2**30:,.1f} GiB; expected at most "
-            f"{TABLE_LIMIT / 2**30:.2f} GiB. Use a smaller graph."
+            f"{what} needs a score table for {num_entities:,} entities, {needed / 2**30:,.1f} "
+            f"GiB; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Use a smaller graph."
         )
 
 
@@ -42,12 +45,16 @@ def dense_bytes(num_entities: int) -> int:
 
 
 def check_dense(what: str, num_entities: int) -> None:
-    """Raise ConfigError if dense kernels for so many entities do not fit into memory; ``what`` names the scorer."""
-    needed, available = (
-        f"{size / 2**30:,.0f} GiB" for size in (dense_bytes(num_entities), memory())
-    )
-    if dense_bytes(num_entities) > memory():
+    """Raise ConfigError if dense kernels for so many entities do not fit into memory.
+
+    ``what`` names the scorer in the error.
+    """
+    needed = dense_bytes(num_entities)
+    available = memory()
+    if needed > available:
         raise ConfigError(
-            f"{what} compares all pairs of {num_entities:,} entities, which takes {needed}, and {available} are there. "
-            "Use ComplEx (wordcraft-kg train-complex), whose scores u and v need no such tables, or a smaller graph."
+            f"{what} compares all pairs of {num_entities:,} entities, which takes "
+            f"{needed / 2**30:,.0f} GiB, and {available / 2**30:,.0f} GiB are there. Use ComplEx "
+            "(wordcraft-kg train-complex), whose scores u and v need no such tables, or a "
+            "smaller graph."
         )

@@ -1,14 +1,19 @@
 """Cross-fitting: scores for train recipes by models trained without these recipes.
 
-Scorers remember their training recipes, so agents that learn from these scores overrate the scorer. The train recipes
-are cut into folds (:mod:`wordcraft_kg.graphs.folds`); each fold has a model trained on the remaining folds.
+A scorer answers queries about its training recipes from memory, so agents that learn from these
+scores trust the scorer more than it deserves on test recipes. The train recipes are cut into folds
+(:mod:`wordcraft_kg.graphs.folds`); for each fold there is a model trained on the remaining folds. A
+fold's model is to the fold's recipes what the main model is to the test recipes.
 
-Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 2007; Chernozhukov et al. 2018.
+:func:`models_of_tasks` is the only place that assigns models to tasks, and refuses leaks.
+
+Source: Wolpert 1992 (stacking); Breiman 1996; van der Laan, Polley and Hubbard 2007; Chernozhukov
+et al. 2018.
 """
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Literal
+from typing import Literal, overload
 
 import numpy as np
 import torch
@@ -30,7 +35,18 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 
 
 class Fold(Record, frozen=True, kw_only=True):
-    """A model without one fold: hash of its triples, and MRR on the fold's queries, also in sample."""
+    """A model trained without one fold, and its metrics on that fold.
+
+    Attributes:
+        trained_on: hash of the model's training triples, see
+            :func:`~wordcraft_kg.graphs.triples.triples_hash`.
+        triples: number of the model's training triples.
+        queries: number of ranking queries (two for each triple) for the fold's triples that the
+            model has not seen; all of them, or a sample on large graphs.
+        mrr: the model's filtered MRR on these queries, out of sample; None without queries.
+        in_sample_mrr: filtered MRR on the same queries by the model trained on all folds, which has
+            seen the triples; None without queries.
+    """
 
     trained_on: Hash
     triples: Count
@@ -40,7 +56,14 @@ class Fold(Record, frozen=True, kw_only=True):
 
 
 class FoldsRecord(Record, frozen=True, kw_only=True):
-    """The file ``folds.json``: the seed and hash of the folds, and the model trained without each fold."""
+    """The file ``folds.json``: how the folds were drawn, and the model trained without each fold.
+
+    Attributes:
+        format: name and version of the file format.
+        seed: seed of the draw.
+        hash: hash of split and folds, see :attr:`wordcraft_kg.graphs.folds.Folds.hash`.
+        folds: a record for each fold, in the folds' order.
+    """
 
     format: Literal["wordcraft-kg folds 1"] = "wordcraft-kg folds 1"
     seed: Count
@@ -59,15 +82,22 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
     @property
     def mrr(self) -> float | None:
-        """Mean reciprocal rank on train triples by models without the triple's fold; no forecast of the test MRR."""
+        """Mean reciprocal rank on train triples by models trained without the triple's fold.
+
+        None without queries. The value is no forecast of the test MRR.
+        """
         return self._mean([fold.mrr for fold in self.folds])
 
     @property
     def in_sample_mrr(self) -> float | None:
-        """Mean reciprocal rank on the triples of :attr:`mrr` by the model trained on all folds."""
+        """Mean reciprocal rank on the triples of :attr:`mrr` by the model trained on all folds.
+
+        None without queries.
+        """
         return self._mean([fold.in_sample_mrr for fold in self.folds])
 
     def _mean(self, values: Sequence[float | None]) -> float | None:
+        # Folds count by their queries, so the mean is over queries, not over folds.
         sums = [
             value * fold.queries
             for value, fold in zip(values, self.folds, strict=True)
@@ -77,21 +107,23 @@ class FoldsRecord(Record, frozen=True, kw_only=True):
 
 
 class CrossFitted(Scorer):
-    """A scorer trained on all train recipes, with K fold scorers: one trained without each of K folds.
+    """A scorer trained on all train recipes, with K fold scorers, each trained without one fold.
 
-    Scores and tables come from ``whole``; if ``whole`` is a recipe scorer, so do ``score_recipes``,
+    Scores and tables come from :attr:`whole`; if it is a recipe scorer, so do ``score_recipes``,
     ``supporting_recipes`` and ``recipes``. Agents that learn on train tasks need :meth:`left_out`;
-    :func:`~wordcraft_kg.models.policies.sources.registry.make_sources` chooses the fold to leave out.
-
-    Made from ``whole`` and ``folds``: a function per fold that returns the scorer trained without this fold.
+    :func:`~wordcraft_kg.models.policies.sources.registry.make_sources` chooses the fold to leave
+    out.
 
     Attributes:
+        whole: the scorer trained on all folds.
         record: fold seed, hash and metrics.
-        of_recipe: each recipe's fold, shape (num_recipes,); :data:`~wordcraft_kg.graphs.folds.OUTSIDE` for recipes
-            outside train.
-        probabilities: maps scores to probabilities; None before a model folder is written, or if it has none.
+        of_recipe: each recipe's fold, shape (num_recipes,), int64, read-only;
+            :data:`~wordcraft_kg.graphs.folds.OUTSIDE` for recipes outside train.
+        probabilities: maps scores to probabilities; None before a model folder is written, or if
+            the folder has none.
         train_results: training results if some recipes were left out or made wrong, see
-            :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; None for unchanged train recipes.
+            :class:`~wordcraft_kg.graphs.train_samples.TrainSample`; None for unchanged train
+            recipes.
     """
 
     def __init__(
@@ -103,27 +135,35 @@ class CrossFitted(Scorer):
         probabilities: Probabilities | None = None,
         train_results: Ids | None = None,
     ):
+        """Join the main scorer and its fold scorers, which are made when they are first needed.
+
+        Args:
+            whole: the scorer trained on all folds.
+            folds: a function for each fold that returns the scorer trained without this fold.
+            of_recipe: each recipe's fold, shape (num_recipes,).
+            record: fold seed, hash and metrics.
+            probabilities: calibration of the scores; None without.
+            train_results: results used in training, shape (num_recipes,); None for unchanged train
+                recipes.
+        """
         super().__init__(whole.entities, whole.graph_hash, whole.device, whole.name)
-        self._whole, self.record, self.probabilities = whole, record, probabilities
+        self.whole = whole
+        self.record = record
+        self.probabilities = probabilities
         self.of_recipe = frozen(np.asarray(of_recipe, dtype=np.int64))
         self.train_results = (
             None if train_results is None else frozen(np.asarray(train_results, dtype=np.int64))
         )
         self._makers = tuple(folds)
         self._made: dict[int, Scorer] = {}
-        if isinstance(whole, FactoredScorer):  # makes this scorer a FactoredScorer
+        # Runtime protocols look for attributes, so this scorer has the main scorer's further
+        # methods as its own exactly if the main scorer has them.
+        if isinstance(whole, FactoredScorer):
             self.factors = whole.factors
-        if isinstance(whole, RecipeScores):  # likewise
-            self.recipes, self.score_recipes = whole.recipes, whole.score_recipes
+        if isinstance(whole, RecipeScores):
+            self.recipes = whole.recipes
+            self.score_recipes = whole.score_recipes
             self.supporting_recipes = whole.supporting_recipes
-
-    @property
-    def whole(self) -> Scorer:  # noqa: D102 - inherited
-        return self._whole
-
-    @property
-    def folds(self) -> "CrossFitted":  # noqa: D102 - inherited
-        return self
 
     @property
     def count(self) -> int:
@@ -141,57 +181,98 @@ class CrossFitted(Scorer):
     def probability(
         self, heads: EntityIds, relations: RelationIds, tails: EntityIds
     ) -> torch.Tensor:
-        """Return P(a recipe outside train gives the triple) as :meth:`score`; ConfigError without calibration."""
+        """Return calibrated probabilities for triples outside the training data.
+
+        The model has memorised its training triples, so their probabilities mean nothing.
+
+        Args:
+            heads: one entity, a sequence, or an array or tensor of ids of any shape.
+            relations: one relation, or a tensor of ids.
+            tails: as ``heads``; the three arguments broadcast against each other.
+
+        Returns:
+            float32, with the broadcast shape: the probability that a recipe outside train gives the
+            triple, see :mod:`~wordcraft_kg.models.scorers.calibration`.
+
+        Raises:
+            ConfigError: if the model has no calibration.
+            UnknownEntityError: for a label or id that the scorer does not know.
+        """
         if self.probabilities is None:
             raise ConfigError(f"{self.name} has no calibration. Train the model again, with folds.")
         ids = self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails)
         return self.probabilities.predict(self._score(*ids), *ids)
 
     def result_probabilities(self, ingredients: EntityIds, others: EntityIds) -> torch.Tensor:
-        """Return pairs' distributions over results, on a new axis E; ConfigError without recipes or calibration."""
+        """Return distributions over results for ingredient pairs, given that they make something.
+
+        Args:
+            ingredients: one entity, a sequence, or an array or tensor of ids of any shape.
+            others: the second ingredients; both arguments broadcast against each other.
+
+        Returns:
+            float32, shape (..., E): the broadcast shape and an axis for the E results, which sums
+            to 1.
+
+        Raises:
+            ConfigError: if the model scores no recipes or has no calibration.
+            UnknownEntityError: for a label or id that the scorer does not know.
+        """
         temperature = self.probabilities.temperature if self.probabilities else None
         if temperature is None or not isinstance(self.whole, RecipeScores):
             raise ConfigError(
-                f"{self.name} cannot predict results. Use a wordcraft-kg train-recipes model with folds."
+                f"{self.name} cannot predict results. Use a wordcraft-kg train-recipes model with "
+                "folds."
             )
+        # A last axis for the results, against which the pairs broadcast.
         a, b = (self.entity_ids(part)[..., None] for part in (ingredients, others))
-        scores = self.whole.score_recipes(
-            a, b, torch.arange(len(self.entities), device=self.device)
-        )
+        everything = torch.arange(len(self.entities), device=self.device)
+        scores = self.whole.score_recipes(a, b, everything)
         return torch.softmax(scores / temperature, dim=-1)
 
     def left_out(self, fold: int) -> Scorer:
-        """Return the scorer trained without the given fold, a number from 0."""
+        """Return the scorer trained without a fold, a number from 0; made at the first call."""
         if fold not in self._made:
             self._made[fold] = self._makers[fold]()
         return self._made[fold]
 
     def train_sample(self, graph: RecipeGraph) -> TrainSample:
-        """Return the training recipes for :attr:`whole`, trained on all folds; GraphMismatchError for another graph."""
+        """Return the training recipes of :attr:`whole`.
+
+        Raises:
+            GraphMismatchError: if ``graph`` has another number of recipes than the training graph.
+        """
         if len(self.of_recipe) != graph.num_recipes:
             raise GraphMismatchError(
                 f"{self.name} has folds for {len(self.of_recipe):,} recipes but '{graph.name}' has "
                 f"{graph.num_recipes:,}. Train on this graph, or use the training graph."
             )
+        # Recipes with wrong results have other triples than the graph's recipes.
         if self.train_results is None:
             return TrainSample.of(graph, self.of_recipe != OUTSIDE)
         return TrainSample(graph, self.train_results)
 
     def trained_on(self, fold: int, graph: RecipeGraph) -> Ids:
-        """Return the training triples for the model without a given fold, shape (T, 3).
+        """Return the training triples of the model without a fold, ids of shape (T, 3).
 
-        Raises LeakError if the fold's model was not trained on the recipes outside the fold.
+        Raises:
+            LeakError: if the fold's model was trained on other triples than those of the recipes
+                outside the fold; its scores for the fold may then come from memory.
+            GraphMismatchError: if ``graph`` has another number of recipes than the training graph.
         """
+        # Row 0 of the masks belongs to the main model.
         recipes = self.train_sample(graph).among(seen_by_models(self.of_recipe)[1 + fold])
         triples = recipe_triples(recipes)
         left_out = self.left_out(fold)
-        is_other = isinstance(left_out, RecipeScores) and not np.array_equal(
+        # A recipe scorer also stores its training recipes; different recipes can give equal
+        # triples.
+        has_other_recipes = isinstance(left_out, RecipeScores) and not np.array_equal(
             left_out.recipes.cpu().numpy(), recipes
         )
-        if is_other or triples_hash(triples) != self.record.folds[fold].trained_on:
+        if has_other_recipes or triples_hash(triples) != self.record.folds[fold].trained_on:
             raise LeakError(
-                f"{self.name} without fold {fold} was not trained on the recipes outside this fold, so the model may "
-                "have seen recipes to be scored. Train again."
+                f"{self.name} without fold {fold} was not trained on the recipes outside this "
+                "fold, so the model may have seen recipes to be scored. Train again."
             )
         return triples
 
@@ -199,22 +280,34 @@ class CrossFitted(Scorer):
         """Raise GraphMismatchError unless the folds were made from the given split."""
         if len(self.of_recipe) == split.graph.num_recipes:
             folds_hash = Folds(split, self.count, self.record.seed, self.of_recipe).hash
-            if (
-                folds_hash == self.record.hash
-                and ((self.of_recipe != OUTSIDE) == split.is_in("train")).all()
-            ):
+            # The hash proves that the folds are those of the record; they must also cover the train
+            # recipes exactly.
+            has_same_train = np.array_equal(self.of_recipe != OUTSIDE, split.is_in("train"))
+            if folds_hash == self.record.hash and has_same_train:
                 return
         raise GraphMismatchError(
-            f"the folds of {self.name} do not belong to split {split.hash[:12]} of '{split.graph.name}'. Train on "
-            "this split, or use the training split."
+            f"the folds of {self.name} do not belong to split {split.hash[:12]} of "
+            f"'{split.graph.name}'. Train on this split, or use the training split."
         )
 
 
 def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) -> CrossFitted:
     """Train a scorer on a split's train recipes, and one scorer for each left-out fold.
 
-    ``make`` returns a scorer for the split's graph from training recipes, ids (n, 3), without further information.
-    ConfigError for fewer than two or too many folds, or a split without test part.
+    Args:
+        split: split whose train recipes are used.
+        make: returns a scorer for the split's graph from training recipes, ids of shape (n, 3),
+            without further information about the recipes.
+        folds: number of folds.
+
+    Returns:
+        a scorer without calibration and without metrics of the folds, which
+        :func:`~wordcraft_kg.models.saving.save_scorer` computes. The fold scorers are made on
+        demand.
+
+    Raises:
+        ConfigError: for fewer than two folds, more folds than groups of recipes, or a split without
+            test part.
 
     Example:
         >>> from wordcraft_kg.models.scorers.kernel import KernelScorer
@@ -224,10 +317,12 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
     """
     if split.config.kind == "none":
         raise ConfigError(
-            "split kind 'none' has no test recipes, so cross-fitting is not needed. Use another split, such as "
-            "by-recipe."
+            "split kind 'none' has no test recipes, so cross-fitting is not needed. Use another "
+            "split, such as by-recipe."
         )
+    # The same folds as in trainings of link predictors, whose models can then be compared.
     cut = make_folds(split, folds)
+    triples_of_folds = [cut.triples([fold]) for fold in range(folds)]
     of_folds = [
         Fold(
             trained_on=triples_hash(triples),
@@ -236,7 +331,7 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
             mrr=None,
             in_sample_mrr=None,
         )
-        for triples in (cut.triples([fold]) for fold in range(folds))
+        for triples in triples_of_folds
     ]
     return CrossFitted(
         make(cut.recipes()),
@@ -246,41 +341,68 @@ def cross_fit(split: Split, make: Callable[[Ids], Scorer], *, folds: int = 5) ->
     )
 
 
+@overload
+def whole_of(scorer: Scorer) -> Scorer: ...
+
+
+@overload
+def whole_of(scorer: TripleScorer) -> TripleScorer: ...
+
+
 def whole_of(scorer: TripleScorer) -> TripleScorer:
-    """Return the scorer trained on all train recipes; scorers without folds are returned unchanged."""
+    """Return the scorer trained on all train recipes: ``scorer`` itself if it has no folds."""
     folded = folds_of(scorer)
     return scorer if folded is None else folded.whole
 
 
 def folds_of(scorer: TripleScorer) -> CrossFitted | None:
-    """Return the scorer if cross-fitted (a model per left-out fold), otherwise None."""
+    """Return the scorer if it is cross-fitted (a model for each left-out fold), otherwise None."""
     return scorer if isinstance(scorer, CrossFitted) else None
 
 
 def seen_by_models(of_recipe: Ids) -> NDArray[np.bool_]:
-    """Return masks of training recipes, (K + 2, num_recipes): all folds, without each fold, and none."""
+    """Return which model was trained on which recipe, from each recipe's fold (num_recipes,).
+
+    Returns:
+        shape (K + 2, num_recipes): the main model (all folds), the model without each of the K
+        folds, and an empty model that has seen no recipe.
+    """
     train = of_recipe != OUTSIDE
-    folds = range(int(of_recipe.max(initial=OUTSIDE)) + 1)
-    return np.stack([train, *(train & (of_recipe != fold) for fold in folds), np.zeros_like(train)])
+    count = int(of_recipe.max(initial=OUTSIDE)) + 1
+    without_each = [train & (of_recipe != fold) for fold in range(count)]
+    return np.stack([train, *without_each, np.zeros_like(train)])
 
 
 def models_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return, for each of N tasks, a model number: a model that has not seen all recipes of any plan; shape (N,).
+    """Return, for each of N tasks, a model that has not seen all recipes of any plan.
 
-    A plan lists the recipes that make the task's goal; at depth 1 it has one recipe, which the model has not seen.
-    Numbers are rows of :func:`seen_by_models`: 0 if each plan has a recipe outside train, otherwise 1 + the fold from
-    :func:`~wordcraft_kg.graphs.folds.fold_of_tasks`, or K + 1 (the empty model) without such a fold. ``of_recipe``
-    contains each recipe's fold. LeakError if a model has seen all recipes of a plan, GraphMismatchError if the folds
-    belong to another split.
+    A plan lists the recipes that make the task's goal; at depth 1 it is one recipe, which the model
+    has not seen.
+
+    Args:
+        of_recipe: each recipe's fold, shape (num_recipes,).
+        tasks: N tasks with their plans.
+
+    Returns:
+        shape (N,), int64: rows of :func:`seen_by_models`. 0, the main model, if each plan has a
+        recipe outside train; otherwise 1 + the fold from
+        :func:`~wordcraft_kg.graphs.folds.fold_of_tasks`; or K + 1, the empty model, if no single
+        fold has a recipe of each plan.
+
+    Raises:
+        LeakError: if a model has seen all recipes of a plan.
+        GraphMismatchError: if the folds belong to another split.
     """
     seen = seen_by_models(of_recipe)
+    empty = len(seen) - 1
     fold = fold_of_tasks(of_recipe, tasks)
-    models = np.select([fold == OUTSIDE, fold == SEVERAL], [0, len(seen) - 1], 1 + fold)
+    models = np.select([fold == OUTSIDE, fold == SEVERAL], [0, empty], 1 + fold)
+    # Checked again for each plan, independently of the rule above: a leak would be invisible later.
     for task, (model, plans) in enumerate(zip(models.tolist(), tasks.plans, strict=True)):
         for plan in plans:
             if seen[model, list(plan)].all():
                 raise LeakError(
-                    f"{tasks.part} task {task:,} would be scored by a model trained on all recipes of a plan. Nothing "
-                    "was scored."
+                    f"{tasks.part} task {task:,} would be scored by a model trained on all "
+                    "recipes of a plan. Nothing was scored."
                 )
     return models

@@ -1,4 +1,7 @@
-"""Scorers for storage: score tables, and ComplEx embeddings for graphs too large for a table."""
+"""Scorers for storage: score tables, and ComplEx embeddings for graphs too large for a table.
+
+A table serves any link predictor: all triples are scored once and then looked up.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
@@ -11,11 +14,24 @@ from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer, check_shape
 
 
 class TableScorer(StoredScorer):
-    """A scorer with a score table, shape (R, E, E): by relation, head and tail, for E entities."""
+    """A scorer with a score table, shape (R, E, E): by relation, head and tail, for E entities.
+
+    Attributes:
+        kind: ``table``, the scorer kind in ``vocabulary.json``.
+        scores: shape (R, E, E), float32.
+    """
 
     kind: ClassVar[str] = "table"
 
     def __init__(self, scores: Tensor, entities: Sequence[str], graph_hash: str, **kwargs: Any):
+        """Keep a table of scores.
+
+        Args:
+            scores: shape (R, E, E): by relation, head and tail.
+            entities: labels in id order.
+            graph_hash: content hash of the recipe graph that the ids belong to.
+            kwargs: ``device`` and ``name``, as in :class:`Scorer`.
+        """
         super().__init__(entities, graph_hash, **kwargs)
         self.scores = scores.to(self.device, torch.float32).contiguous()
 
@@ -38,13 +54,14 @@ class TableScorer(StoredScorer):
 
     @classmethod
     def of(cls, scorer: Scorer) -> "TableScorer":
-        """Tabulate all scores by another scorer."""
+        """Tabulate all scores of another scorer, on its device and with its name."""
         scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
         return TableScorer(
             scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name
         )
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
+        # One index into the flat table takes less time than three indices into three axes.
         size = len(self.entities)
         return self.scores.view(-1)[(relations * size + heads) * size + tails]
 
@@ -53,7 +70,15 @@ class TableScorer(StoredScorer):
 
 
 class ComplExScorer(StoredScorer):
-    """ComplEx (Trouillon et al. 2016) by embeddings ``{entity,relation}_{real,imag}``, (E, d) and (R, d)."""
+    """ComplEx, ``Re<h, r, conj(t)>``, by embeddings with d complex dimensions.
+
+    Attributes:
+        kind: ``complex``, the scorer kind in ``vocabulary.json``.
+        entity: complex embeddings of entities, shape (E, d).
+        relation: complex embeddings of relations, shape (R, d).
+
+    Source: Trouillon et al. 2016.
+    """
 
     kind: ClassVar[str] = "complex"
 
@@ -64,6 +89,15 @@ class ComplExScorer(StoredScorer):
         graph_hash: str,
         **kwargs: Any,
     ):
+        """Keep embeddings.
+
+        Args:
+            embeddings: ``entity_real`` and ``entity_imag``, shape (E, d), ``relation_real`` and
+                ``relation_imag``, shape (R, d), float.
+            entities: labels in id order.
+            graph_hash: content hash of the recipe graph that the ids belong to.
+            kwargs: ``device`` and ``name``, as in :class:`Scorer`.
+        """
         super().__init__(entities, graph_hash, **kwargs)
         tensors = {
             name: tensor.to(self.device, torch.float32) for name, tensor in embeddings.items()
@@ -72,12 +106,12 @@ class ComplExScorer(StoredScorer):
         self.relation = torch.complex(tensors["relation_real"], tensors["relation_imag"])
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
+        # Grids of queries and candidates are one matrix product; the plain formula would build a
+        # (B, E, d) tensor.
         is_grid, is_turned = _grids(heads, relations, tails)
         if is_grid:
-            return real_dot(
-                self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)],
-                self.entity[tails[0]],
-            )
+            known = self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)]
+            return real_dot(known, self.entity[tails[0]])
         if is_turned:
             known = self.relation[relations.reshape(-1)].conj() * self.entity[tails[:, 0]]
             return real_dot(known, self.entity[heads[0]])
@@ -85,10 +119,11 @@ class ComplExScorer(StoredScorer):
         return product.real.sum(dim=-1)
 
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:  # noqa: D102 - inherited
-        left = torch.view_as_real(self.entity * self.relation[self.relation_ids(relation)]).flatten(
-            1
-        )
-        return left, torch.view_as_real(self.entity).flatten(1)
+        # Re(x conj(y)) is the dot product of (real, imaginary) parts, here shape (E, 2 d).
+        known = self.entity * self.relation[self.relation_ids(relation)]
+        left = torch.view_as_real(known)
+        right = torch.view_as_real(self.entity)
+        return left.flatten(1), right.flatten(1)
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
         left, right = self.factors(relation)
@@ -96,31 +131,46 @@ class ComplExScorer(StoredScorer):
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
-        dim, rows = tensors["entity_real"].shape[-1], {"entity": size, "relation": len(RELATIONS)}
-        check_shapes(
-            tensors,
-            {f"{what}_{part}": (rows[what], dim) for what in rows for part in ("real", "imag")},
-        )
+        dim = tensors["entity_real"].shape[-1]
+        expected = {
+            "entity_real": (size, dim),
+            "entity_imag": (size, dim),
+            "relation_real": (len(RELATIONS), dim),
+            "relation_imag": (len(RELATIONS), dim),
+        }
+        check_shapes(tensors, expected)
 
     def tensors(self) -> dict[str, Tensor]:  # noqa: D102 - inherited
-        parts = {"entity": self.entity, "relation": self.relation}
         return {
-            f"{name}_{part}": getattr(parts[name], part)
-            for name in parts
-            for part in ("real", "imag")
+            "entity_real": self.entity.real,
+            "entity_imag": self.entity.imag,
+            "relation_real": self.relation.real,
+            "relation_imag": self.relation.imag,
         }
 
 
 def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:
-    by_row = relations.ndim == 0 or (relations.ndim == 2 and relations.shape[1] == 1)
-    if not by_row or not heads.ndim == tails.ndim == 2:
+    """Return whether (B, 1) heads meet (1, N) tails, and whether (1, N) heads meet (B, 1) tails."""
+    is_column = relations.ndim == 2 and relations.shape[1] == 1
+    if heads.ndim != 2 or tails.ndim != 2 or not (is_column or relations.ndim == 0):
         return False, False
-    return {heads.shape[1], tails.shape[0]} == {1}, {heads.shape[0], tails.shape[1]} == {1}
+    is_grid = heads.shape[1] == 1 and tails.shape[0] == 1
+    is_turned = heads.shape[0] == 1 and tails.shape[1] == 1
+    return is_grid, is_turned
 
 
 def real_dot(queries: Tensor, candidates: Tensor) -> Tensor:
-    """Return ``Re<query, conj(candidate)>``, shape (B, N), for complex rows (B, d) and (N, d), by a real product."""
-    return (
-        torch.view_as_real(queries.resolve_conj()).flatten(1)
-        @ torch.view_as_real(candidates.resolve_conj()).flatten(1).T
-    )
+    """Return ``Re<query, conj(candidate)>`` for all queries and candidates, by one real product.
+
+    Args:
+        queries: complex, shape (B, d).
+        candidates: complex, shape (N, d).
+
+    Returns:
+        float, shape (B, N): a product of (B, 2 d) and (2 d, N), half the work of the complex
+        product.
+    """
+    # torch conjugates lazily; the real view needs the conjugated numbers in memory.
+    left = torch.view_as_real(queries.resolve_conj()).flatten(1)
+    right = torch.view_as_real(candidates.resolve_conj()).flatten(1)
+    return left @ right.T

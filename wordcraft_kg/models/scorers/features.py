@@ -1,4 +1,8 @@
-"""Entity features, the models' input vectors: word vectors, one-hot or random."""
+"""Entity features, the models' input vectors: word vectors, one-hot or random.
+
+Files of vectors come from anywhere: every number is checked, nothing is unpickled, and errors name
+the line.
+"""
 
 import codecs
 import gzip
@@ -23,23 +27,26 @@ from wordcraft_kg.base.feature_spec import SHUFFLED, VECTORS, FeatureSpec
 from wordcraft_kg.base.settings import nearest, one_of, refuse, whole
 
 _VOCABULARY_BATCH = 20_000
-"""Words of GloVe's vocabulary per batch."""
+"""Words of GloVe's vocabulary per batch, which bounds memory."""
 _RANDOM_DIMENSIONS = 300
+"""As in the paper's released code."""
 _RANDOM_STD = 0.4
-"""As :data:`_RANDOM_DIMENSIONS`, from the paper's released code."""
+"""As in the paper's released code."""
 _MAX_MISSING_SHARE = 0.1
-"""Largest share of entities without a vector that :func:`make_features` fills with zeros by default."""
+"""Largest share of entities without a vector that :func:`make_features` fills with zeros."""
 ONE_HOT_LIMIT = 2**28
-"""Bytes; 8,192 entities."""
+"""Largest one-hot matrix in bytes, reached with 8,192 entities."""
 Pooling = Literal["mean", "max"]
 _POOLINGS: dict[str, Callable[..., Any]] = {"mean": np.mean, "max": np.max}
 _LISTED = 20
+"""Most unknown words in an error."""
 _GZIP_MAGIC = b"\x1f\x8b"
 ENCODED = "vectors.npy"
-"""Vectors of a sentence encoder, in a folder from ``encode`` or built in; labels are in ``vectors.labels.txt``."""
+"""Vectors of a sentence encoder, from ``encode`` or built in; ``vectors.labels.txt`` has labels."""
 ENCODE = "wordcraft-kg encode GRAPH --encoder sentence-transformers/all-MiniLM-L6-v2"
 BUILT_IN = Path(__file__).parent / "minilm" / ENCODED
 _HEADER = re.compile(rb"(\d{1,12})\s+([1-9]\d{0,5})")
+"""Optional first line of a text file: numbers of vectors and of dimensions, both bounded."""
 _MAX_FLOAT = float(np.finfo(np.float32).max)
 
 
@@ -48,12 +55,14 @@ class EntityFeatures:
     """Feature vectors, one per entity: E vectors with D numbers each.
 
     Attributes:
-        source: where the vectors come from.
+        source: where the vectors come from, in words for reports.
         vectors: shape (E, D), float32, read-only; zeros for unknown entities.
         known: shape (E,), bool: True if the label, or a word in the label, has a vector.
-        words: distinct lower-case words in all labels, sorted; empty for sources without words.
-        missing_words: words without a vector, sorted, except in labels that have a vector as a whole.
-        is_one_hot: row i is the i-th unit vector, so models may look rows up.
+        words: distinct lower-case words in all labels, sorted; empty for sources that ignore words.
+        missing_words: words without a vector, sorted, except in labels that have a vector as a
+            whole.
+        is_one_hot: row i is the i-th unit vector, so models may look rows up instead of
+            multiplying.
     """
 
     source: str
@@ -70,6 +79,7 @@ class EntityFeatures:
     def unit_vectors(self) -> NDArray[np.float32]:
         """Vectors scaled to length 1, for cosines by dot product; zeros stay zero."""
         norms = np.linalg.norm(self.vectors, axis=1, keepdims=True)
+        # The smallest normal number instead of 0 leaves zero vectors zero.
         unit: NDArray[np.float32] = self.vectors / np.maximum(norms, np.finfo(np.float32).tiny)
         unit.flags.writeable = False
         return unit
@@ -90,34 +100,53 @@ def make_features(
     allow_missing: bool = False,
     seed: int = 0,
 ) -> EntityFeatures:
-    """Return a feature vector for each entity label; ``spec`` names built-in features or a file of vectors.
+    """Return a feature vector for each entity label.
+
+    ``spec`` names built-in features or a file of vectors:
 
     - ``auto``: ``minilm`` if all labels have such a vector, else ``glove``;
-    - ``minilm``: built-in vectors from the sentence encoder all-MiniLM-L6-v2, D = 384, for the built-in books' labels;
+    - ``minilm``: built-in vectors from the sentence encoder all-MiniLM-L6-v2, D = 384, for the
+      built-in books' labels;
     - ``glove``: built-in word vectors, see :func:`glove_features`;
     - ``one-hot``: row i is the i-th unit vector, D = E;
-    - ``random``: Laplace noise, mean 0, standard deviation .4, D = 300; row i depends only on the seed and i;
-    - ``shuffled:<any spec>``: rows in random order: distinct vectors that do not fit the labels' meanings;
-    - a text file, optionally gzipped, with lines ``word v1 ... vD`` (GloVe) and an optional header ``count D``
-      (word2vec; a first line with two whole numbers always counts as header); words may contain spaces;
-    - an ``.npy`` file, float array, shape (N, D), with N labels, a label per line, in ``<same stem>.labels.txt`` or
-      ``<same stem>.txt``;
+    - ``random``: Laplace noise, mean 0, standard deviation .4, D = 300; row i depends only on the
+      seed and i;
+    - ``shuffled:<any spec>``: rows in random order: distinct vectors that do not fit the labels'
+      meanings;
+    - a text file, optionally gzipped, with lines ``word v1 ... vD`` (GloVe) and an optional header
+      ``count D`` (word2vec; a first line with two whole numbers always counts as header); words may
+      contain spaces;
+    - an ``.npy`` file, float array, shape (N, D), with N labels, a label per line, in ``<same
+      stem>.labels.txt`` or ``<same stem>.txt``;
     - a folder from ``wordcraft-kg encode``, with a vector for each label of its graph.
 
-    Names take precedence over files; write ``./glove`` for the file. In a file, the whole label is looked up first: as
-    written, in lower case, then both with ``_`` for spaces; otherwise the words are pooled, each as written or in lower
-    case. If a word has several vectors, the first is used. A sentence encoder's vectors are for whole labels only.
+    Names take precedence over files; write ``./glove`` for the file. In a file, the whole label is
+    looked up first: as written, in lower case, then both with ``_`` for spaces; otherwise the words
+    are pooled, each as written or in lower case. If a word has several vectors, the first is used.
+    In a text file, a whole number right before the vector belongs to the word (``route 66``). A
+    sentence encoder's vectors are for whole labels only. Only the vectors of looked-up words stay
+    in memory.
 
-    ``pooling`` is the mean, or element-wise maximum, over a label's word vectors. ``allow_missing`` uses zeros even if
-    more than a tenth of the entities lack a vector. ``seed`` is for ``random`` and ``shuffled:``, 0 or more.
-    ConfigError for an invalid argument, a damaged file (with the line), too large one-hot vectors, or too few entities
-    with a vector. ArtefactError for a folder that is damaged, or was not written by ``encode``.
+    Args:
+        spec: the features, as above.
+        labels: labels of the E entities, in id order.
+        pooling: mean, or element-wise maximum, over a label's word vectors.
+        allow_missing: use zeros even if more than a tenth of the entities lack a vector.
+        seed: seed for ``random`` and ``shuffled:``, 0 or more.
 
-    Source: Jiang et al. 2020; ``random``, ``shuffled`` and the maximum follow the paper's released code.
+    Raises:
+        ConfigError: for an argument out of range, a ``spec`` that is neither a name nor a file, a
+            damaged file (the error names the line), one-hot vectors above 256 MiB, or too few
+            entities with a vector.
+        ArtefactError: for a folder that is damaged, or was not written by ``encode``.
+
+    Source: Jiang et al. 2020; ``random``, ``shuffled`` and the maximum follow the paper's released
+    code.
     """
     one_of("pooling", pooling, tuple(_POOLINGS))
     whole("seed", seed, 0)
     parsed = FeatureSpec.parse(spec)
+    # Each prefix shuffles once more, so that ``shuffled:`` stands before any other specification.
     if parsed.prefix:
         features = make_features(
             parsed.source, labels, pooling=pooling, allow_missing=allow_missing, seed=seed
@@ -126,8 +155,10 @@ def make_features(
             features = _shuffled(features, seed)
         return features
     spec = named(spec, labels)
-    if spec in ("one-hot", "random"):
-        return _one_hot(len(labels)) if spec == "one-hot" else _random(len(labels), seed)
+    if spec == "one-hot":
+        return _one_hot(len(labels))
+    if spec == "random":
+        return _random(len(labels), seed)
     if spec == "glove":
         features = glove_features(labels, pooling)
     elif spec == "minilm":
@@ -135,9 +166,8 @@ def make_features(
     elif parsed.is_path and os.path.isfile(spec):
         features = _from_file(Path(spec), labels, pooling)
     elif parsed.is_path and os.path.isdir(spec):
-        features = _from_file(
-            _checked_folder(Path(spec)) / ENCODED, labels, None, Path(spec).resolve().name
-        )
+        folder = _checked_folder(Path(spec))
+        features = _from_file(folder / ENCODED, labels, None, folder.resolve().name)
     else:
         names = (*VECTORS, *(SHUFFLED + name for name in VECTORS))
         expected = (
@@ -149,85 +179,120 @@ def make_features(
 
 
 def named(spec: str, labels: Sequence[str]) -> str:
-    """Return a specification in which ``minilm`` or ``glove`` replaces ``auto``, see :func:`make_features`."""
+    """Return a specification in which ``minilm`` or ``glove`` replaces ``auto``."""
     parsed = FeatureSpec.parse(spec)
     if parsed.source != "auto":
         return spec
-    built_in = {*BUILT_IN.with_suffix(".labels.txt").read_text(encoding="utf-8").splitlines()}
+    built_in = set(BUILT_IN.with_suffix(".labels.txt").read_text(encoding="utf-8").splitlines())
     is_built_in = all(not built_in.isdisjoint(_spellings(label)) for label in labels)
     return parsed.prefix + ("minilm" if is_built_in else "glove")
 
 
 def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFeatures:
-    """Return GloVe vectors (Pennington et al. 2014; 6B tokens, 50 d, public domain), pooled over known words."""
+    """Return built-in GloVe vectors (6B tokens, 50 d, public domain), pooled over known words.
+
+    Words are split at blanks and looked up in lower case, as GloVe's vocabulary is.
+
+    Args:
+        labels: labels of the E entities, in id order.
+        pooling: mean, or element-wise maximum, over a label's word vectors.
+
+    Source: Pennington et al. 2014, "GloVe: Global vectors for word representation".
+    """
     words = _words(labels)
     rows = _glove_rows(words)
+    is_known = rows >= 0
+    # Mapped into memory, so only the pages with wanted rows are read.
     matrix = np.load(_glove_folder() / "glove_6B_50d_emb.npy", mmap_mode="r")
-    vectors = _WordVectors(tuple(compress(words, rows >= 0)), matrix[rows[rows >= 0]])
+    vectors = _WordVectors(tuple(compress(words, is_known)), matrix[rows[is_known]])
     return _of_labels("GloVe 6B", labels, vectors, pooling)
 
 
 def _one_hot(size: int) -> EntityFeatures:
     if size * size * 4 > ONE_HOT_LIMIT:
         raise ConfigError(
-            f"one-hot features for {size:,} entities take {size * size * 4:,} bytes; expected at most "
-            f"{ONE_HOT_LIMIT:,}. Use 'random', which separates entities in {_RANDOM_DIMENSIONS} dimensions."
+            f"one-hot features for {size:,} entities take {size * size * 4:,} bytes; expected at "
+            f"most {ONE_HOT_LIMIT:,}. Use 'random', which separates entities in "
+            f"{_RANDOM_DIMENSIONS} dimensions."
         )
     known = np.ones(size, dtype=bool)
     return EntityFeatures("one-hot", np.eye(size, dtype=np.float32), known, (), (), is_one_hot=True)
 
 
 def _random(size: int, seed: int) -> EntityFeatures:
-    drawn = np.random.default_rng(seed).laplace(
-        0, _RANDOM_STD / np.sqrt(2), (size, _RANDOM_DIMENSIONS)
-    )
+    # The standard deviation of a Laplace distribution is sqrt(2) times its scale.
+    scale = _RANDOM_STD / np.sqrt(2)
+    drawn = np.random.default_rng(seed).laplace(0, scale, (size, _RANDOM_DIMENSIONS))
     source = f"random (Laplace), {_RANDOM_DIMENSIONS}-d, seed {seed}"
-    return EntityFeatures(source, drawn.astype(np.float32), np.ones(size, dtype=bool), (), ())
+    known = np.ones(size, dtype=bool)
+    return EntityFeatures(source, drawn.astype(np.float32), known, (), ())
 
 
 def _shuffled(features: EntityFeatures, seed: int) -> EntityFeatures:
-    # A separate random stream: the order must not depend on the bits that random vectors were drawn from.
+    # A separate random stream: the order must not depend on the bits that random vectors were drawn
+    # from.
     order = np.random.default_rng([seed, 1]).permutation(len(features.known))
-    source = f"{features.source}, shuffled with seed {seed}"
-    vectors, known = features.vectors[order], features.known[order]
-    return replace(features, source=source, vectors=vectors, known=known, is_one_hot=False)
+    return replace(
+        features,
+        source=f"{features.source}, shuffled with seed {seed}",
+        vectors=features.vectors[order],
+        known=features.known[order],
+        is_one_hot=False,
+    )
 
 
 def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> None:
+    """Raise ConfigError if too many entities lack a vector, or all of them."""
     size = len(features.known)
     missing = size - int(features.known.sum())
-    if not missing or (missing < size and (allow_missing or missing <= _MAX_MISSING_SHARE * size)):
+    is_allowed = allow_missing or missing <= _MAX_MISSING_SHARE * size
+    # Without a single vector, zeros would train a model that sees nothing.
+    if not missing or (missing < size and is_allowed):
         return
     words = ", ".join(features.missing_words[:_LISTED])
     more = len(features.missing_words) - _LISTED
-    remedy = (
-        f"At most {_MAX_MISSING_SHARE:.0%} may be missing: use different vectors, or `allow_missing` for zeros."
-        if missing < size
-        else "Use vectors for the labels' language, or one-hot, without words."
-    )
+    if more > 0:
+        words += f" and {more:,} more"
     if spec == "minilm" or os.path.isdir(spec):
         whose = "the built-in books' labels" if spec == "minilm" else "another book"
-        remedy = f"These are vectors of {whose}; encode this graph and any books in `with`: `{ENCODE}`, or use glove."
+        remedy = (
+            f"These are vectors of {whose}; encode this graph and any books in `with`: `{ENCODE}`, "
+            "or use glove."
+        )
+    elif missing < size:
+        remedy = (
+            f"At most {_MAX_MISSING_SHARE:.0%} may be missing: use different vectors, or "
+            "`allow_missing` for zeros."
+        )
+    else:
+        remedy = "Use vectors for the labels' language, or one-hot, without words."
     raise ConfigError(
-        f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. Unknown words: {words}"
-        + (f" and {more:,} more. {remedy}" if more > 0 else f". {remedy}")
+        f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. "
+        f"Unknown words: {words}. {remedy}"
     )
 
 
-# --- from words to labels --------------------------------------------------------------------------------------------
+# --- from words to labels -------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class _WordVectors:
+    """Wanted words that a source has, N of them, and their vectors, shape (N, D), float32."""
+
     words: tuple[str, ...]
     vectors: NDArray[np.float32]
 
 
 def _words(labels: Sequence[str]) -> list[str]:
-    return sorted({word for label in labels for word in label.lower().split()})
+    """Return the distinct lower-case words in all labels, sorted."""
+    words: set[str] = set()
+    for label in labels:
+        words.update(label.lower().split())
+    return sorted(words)
 
 
 def _spellings(text: str) -> tuple[str, ...]:
+    """Return the spellings under which a label or word is looked up, in order."""
     joined = "_".join(text.split())
     return text, text.lower(), joined, joined.lower()
 
@@ -235,11 +300,12 @@ def _spellings(text: str) -> tuple[str, ...]:
 def _of_labels(
     source: str, labels: Sequence[str], by_word: _WordVectors, pooling: Pooling | None
 ) -> EntityFeatures:
+    """Give each label its own vector, or else the pooled vectors of its words (if pooled)."""
     rows = {word: row for row, word in enumerate(by_word.words)}
 
-    def look_up(*texts: str) -> list[int]:
-        spelt = [next((rows[s] for s in _spellings(text) if s in rows), -1) for text in texts]
-        return [row for row in spelt if row >= 0]
+    def look_up(text: str) -> list[int]:
+        """Return the row of the text's first known spelling, or nothing."""
+        return [rows[spelling] for spelling in _spellings(text) if spelling in rows][:1]
 
     dimensions = by_word.vectors.shape[1]
     vectors = np.zeros((len(labels), dimensions), dtype=np.float32)
@@ -248,17 +314,21 @@ def _of_labels(
     for i, label in enumerate(labels):
         taken = look_up(label)
         if not taken:
-            words = label.split() if pooling else [label]
-            taken = look_up(*words)
-            missing.update(word.lower() for word in words if not look_up(word))
+            for word in label.split() if pooling else [label]:
+                row_of_word = look_up(word)
+                taken += row_of_word
+                if not row_of_word:
+                    missing.add(word.lower())
         if taken:
             vectors[i] = _POOLINGS[pooling or "mean"](by_word.vectors[taken], axis=0)
             known[i] = True
-    source = f"{source}, {dimensions}-d" + (f", {pooling} of words" if pooling else "")
+    source = f"{source}, {dimensions}-d"
+    if pooling:
+        source += f", {pooling} of words"
     return EntityFeatures(source, vectors, known, tuple(_words(labels)), tuple(sorted(missing)))
 
 
-# --- built in --------------------------------------------------------------------------------------------------------
+# --- built in -------------------------------------------------------------------------------------
 
 
 def _glove_folder() -> Path:
@@ -268,6 +338,7 @@ def _glove_folder() -> Path:
 
 
 def _glove_rows(words: list[str]) -> NDArray[np.int64]:
+    """Return the row of each word in GloVe's matrix, -1 for unknown words."""
     from pyarrow import parquet
 
     rows = dict.fromkeys(words, -1)
@@ -275,20 +346,18 @@ def _glove_rows(words: list[str]) -> NDArray[np.int64]:
         first = 0
         # Batches without Arrow's search take a quarter of the time, and 90 MB less at the peak.
         for batch in file.iter_batches(_VOCABULARY_BATCH, use_threads=False):
-            rows.update(
-                (word, row)
-                for row, word in enumerate(batch.column(0).to_pylist(), first)
-                if word in rows
-            )
+            for row, word in enumerate(batch.column(0).to_pylist(), first):
+                if word in rows:
+                    rows[word] = row
             first += len(batch)
     return np.array([rows[word] for word in words], dtype=np.int64)
 
 
-# --- from a file -----------------------------------------------------------------------------------------------------
+# --- from a file ----------------------------------------------------------------------------------
 
 
 def _checked_folder(folder: Path) -> Path:
-    """Return a folder from ``encode`` after a SHA-256 check."""
+    """Return a folder from ``encode`` after a check of all its files by SHA-256."""
     from wordcraft_kg.runs.files import RunFiles
     from wordcraft_kg.runs.record import read_finished_run
 
@@ -301,9 +370,11 @@ def _checked_folder(folder: Path) -> Path:
 def _from_file(
     path: Path, labels: Sequence[str], pooling: Pooling | None, source: str = ""
 ) -> EntityFeatures:
-    wanted = {
-        spelt for label in labels for text in (label, *label.split()) for spelt in _spellings(text)
-    }
+    """Read vectors of labels and their words from a text file, or from an array with labels."""
+    wanted: set[str] = set()
+    for label in labels:
+        for text in (label, *label.split()):
+            wanted.update(_spellings(text))
     read = _read_array if path.suffix.lower() == ".npy" else _parse
     try:
         vectors = read(path, wanted)
@@ -315,50 +386,60 @@ def _from_file(
 
 
 def _parse(path: Path, wanted: Set[str]) -> _WordVectors:
+    """Read the vectors of wanted words line by line; of other lines only the length is checked."""
     rows: dict[str, tuple[int, list[float]]] = {}
     spelt = {word.encode() for word in wanted}
     announced = None
     count = dimensions = 0
     for number, line in filter(lambda row: row[1], _lines(path)):
         if not dimensions:
-            if header := _HEADER.fullmatch(line):
+            header = _HEADER.fullmatch(line)
+            if header:
                 announced, dimensions = map(int, header.groups())
                 continue
-            dimensions = len(list(takewhile(_is_number, reversed(line.split()[1:]))))
+            # As many numbers as the first line ends with; its word may contain blanks.
+            columns = line.split()[1:]
+            dimensions = len(list(takewhile(_is_number, reversed(columns))))
             if not dimensions:
                 raise ConfigError(
                     f"{path}, line {number}: no numbers at the end; expected a word and a vector."
                 )
         count += 1
-        # Most lines contain unwanted words, and counting spaces takes a fifth of the time that splitting takes.
+        # Most lines contain unwanted words, and counting spaces takes a fifth of the time that
+        # splitting takes.
         text = line.partition(b" ")[0]
         if text.isascii() and text not in spelt and line.count(b" ") == dimensions:
             continue
         word, values = _divided(line, dimensions, path, number)
+        # As documented, the first of several vectors counts.
         if word in wanted and word not in rows:
             rows[word] = number, _numbers(values, f"{path}, line {number}", word)
     if not dimensions:
         raise ConfigError(f"{path} is empty; expected a word and a vector per line.")
     if announced not in (None, count):
         raise ConfigError(
-            f"{path}: the first line announces {announced:,} vectors, but {count:,} follow. Download the file again, "
-            "or correct this line."
+            f"{path}: the first line announces {announced:,} vectors, but {count:,} follow. "
+            "Download the file again, or correct this line."
         )
     words = sorted(rows)
     lines = [f"line {rows[word][0]}" for word in words]
-    return _checked(
-        path, lines, words, np.array([rows[word][1] for word in words]).reshape(-1, dimensions)
-    )
+    # The shape is needed if no word was found: an empty array has one dimension.
+    vectors = np.array([rows[word][1] for word in words]).reshape(-1, dimensions)
+    return _checked(path, lines, words, vectors)
 
 
 def _divided(line: bytes, dimensions: int, path: Path, number: int) -> tuple[str, list[bytes]]:
+    """Divide a line into its word, which may contain blanks, and ``dimensions`` numbers."""
     text, *values = line.rsplit(None, dimensions)
     before = text.split()[1:]
-    if len(values) < dimensions or (before and _is_number(before[-1]) and not before[-1].isdigit()):
-        _decoded(line, path, number)  # binary vectors look like lines with a wrong length
+    # A number before the vector is one too many, but a whole number belongs to the word: route 66.
+    has_another = bool(before) and _is_number(before[-1]) and not before[-1].isdigit()
+    if len(values) < dimensions or has_another:
+        # Binary vectors look like lines with a wrong length; the error about UTF-8 is clearer.
+        _decoded(line, path, number)
         raise ConfigError(
-            f"{path}, line {number}: {len(line.split()) - 1} columns after the word, expected {dimensions} as at "
-            "the file's start. Correct the line, or download the file again."
+            f"{path}, line {number}: {len(line.split()) - 1} columns after the word, expected "
+            f"{dimensions} as at the file's start. Correct the line, or download the file again."
         )
     return _decoded(text, path, number), values
 
@@ -367,29 +448,33 @@ def _numbers(values: Sequence[bytes], where: str, word: str) -> list[float]:
     wrong = next((value for value in values if not _is_number(value)), None)
     if wrong is not None:
         raise ConfigError(
-            f"{where}: '{wrong.decode(errors='replace')}' in the vector for '{word}' is not a number. Correct the "
-            "line, or download the file again."
+            f"{where}: '{wrong.decode(errors='replace')}' in the vector for '{word}' is not a "
+            "number. Correct the line, or download the file again."
         )
     return [float(value) for value in values]
 
 
 def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
+    """Read the rows of an array whose labels, in a file beside it, are wanted words."""
     label_files = [path.with_suffix(ending) for ending in (".labels.txt", ".txt")]
     labels = next((file for file in label_files if file.is_file()), None)
     if labels is None:
         raise ConfigError(
-            f"{path} has no labels: expected a label per line in {label_files[0]} or {label_files[1]}."
+            f"{path} has no labels: expected a label per line in {label_files[0]} or "
+            f"{label_files[1]}."
         )
     try:
-        matrix = np.lib.format.open_memmap(path, mode="r")  # never unpickles
+        # Unlike numpy.load, this never unpickles: a pickle from elsewhere can run any code.
+        matrix = np.lib.format.open_memmap(path, mode="r")
     except ValueError as error:
         raise ConfigError(
-            f"{path} is truncated, or not a numeric array written by numpy.save: {error}. Save the array again."
+            f"{path} is truncated, or not a numeric array written by numpy.save: {error}. Save "
+            "the array again."
         ) from None
     if matrix.ndim != 2 or matrix.dtype.kind != "f" or not matrix.size:
         raise ConfigError(
-            f"{path} contains {matrix.dtype}, shape {matrix.shape}; expected floats, shape (N, D), a row per label. "
-            "Save such an array."
+            f"{path} contains {matrix.dtype}, shape {matrix.shape}; expected floats, shape (N, "
+            "D), a row per label. Save such an array."
         )
     rows: dict[str, int] = {}
     count = 0
@@ -399,21 +484,23 @@ def _read_array(path: Path, wanted: Set[str]) -> _WordVectors:
             rows.setdefault(word, count - 1)
     if count != len(matrix):
         raise ConfigError(
-            f"{path} has {len(matrix):,} rows but {labels} has {count:,} labels; expected a label per row. Save both "
-            "files again."
+            f"{path} has {len(matrix):,} rows but {labels} has {count:,} labels; expected a label "
+            "per row. Save both files again."
         )
     values = np.asarray(matrix[list(rows.values())], dtype=np.float64)
-    return _checked(
-        path, [f"row {row} (the first is 0)" for row in rows.values()], list(rows), values
-    )
+    origins = [f"row {row} (the first is 0)" for row in rows.values()]
+    return _checked(path, origins, list(rows), values)
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield stripped lines of a file, gzipped or not, numbered from 1."""
     with path.open("rb") as raw:
-        is_packed = raw.peek(2)[:2] == _GZIP_MAGIC  # no UTF-8 text starts like this
+        # By content, not by name; no UTF-8 text starts with these bytes.
+        is_packed = raw.peek(2)[:2] == _GZIP_MAGIC
         file = io.BufferedReader(gzip.GzipFile(fileobj=raw)) if is_packed else raw
         for number, line in enumerate(file, 1):
-            yield number, (line.removeprefix(codecs.BOM_UTF8) if number == 1 else line).strip()
+            text = line.removeprefix(codecs.BOM_UTF8) if number == 1 else line
+            yield number, text.strip()
 
 
 def _decoded(text: bytes, path: Path, number: int) -> str:
@@ -421,8 +508,8 @@ def _decoded(text: bytes, path: Path, number: int) -> str:
         return text.decode()
     except UnicodeDecodeError as error:
         raise ConfigError(
-            f"{path}, line {number}: not UTF-8 ({error.reason}); expected text. Convert the file; binary vectors can "
-            "be saved as text or .npy."
+            f"{path}, line {number}: not UTF-8 ({error.reason}); expected text. Convert the file; "
+            "binary vectors can be saved as text or .npy."
         ) from None
 
 
@@ -437,11 +524,14 @@ def _is_number(text: bytes) -> bool:
 def _checked(
     path: Path, origins: Sequence[str], words: Sequence[str], values: NDArray[np.float64]
 ) -> _WordVectors:
+    """Return vectors as float32, or raise ConfigError for a value that float32 cannot hold."""
+    # A comparison with NaN is False, so this refuses NaN as well.
     is_finite = (np.abs(values) <= _MAX_FLOAT).all(axis=1)
     if not is_finite.all():
         first = int(np.argmin(is_finite))
         raise ConfigError(
-            f"{path}, {origins[first]}: the vector for '{words[first]}' has a value that is NaN, infinite or beyond "
-            "float32; expected finite numbers. Correct the value, or remove the word."
+            f"{path}, {origins[first]}: the vector for '{words[first]}' has a value that is NaN, "
+            "infinite or beyond float32; expected finite numbers. Correct the value, or remove "
+            "the word."
         )
     return _WordVectors(tuple(words), values.astype(np.float32))

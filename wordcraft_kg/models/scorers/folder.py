@@ -1,4 +1,9 @@
-"""Load scorers from model folders, and write scorers."""
+"""Load scorers from model folders, and write scorers and their folds.
+
+A folder is data, not code: tensors are read by safetensors, records by their types, and both are
+checked before a scorer is made, so a damaged or forged folder is an error instead of a wrong
+answer.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -13,6 +18,7 @@ from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchEr
 from wordcraft_kg.base.records import Record, as_values
 from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.base.tensors import copied, with_prefix
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
@@ -27,14 +33,18 @@ from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import read_finished_run
 
-WEIGHTS, VOCABULARY = "model.safetensors", "vocabulary.json"
-FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION = "folds.json", "folds.safetensors", "calibration.json"
-"""Files in a cross-fitted model: fold record, tensors ``fold0.entity_real``, ..., and calibration."""
+WEIGHTS = "model.safetensors"
+VOCABULARY = "vocabulary.json"
+FOLDS_RECORD = "folds.json"
+FOLDS_TENSORS = "folds.safetensors"
+"""Tensors of a cross-fitted model's folds, by names such as ``fold0.entity_real``."""
+CALIBRATION = "calibration.json"
 FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
+"""Further files of a cross-fitted model."""
 OF_RECIPE = "of_recipe"
-"""Tensor with folds by recipe."""
+"""Name of the tensor with each recipe's fold."""
 TRAIN_RESULTS = "train_results"
-"""Tensor with the train sample's results; absent for unchanged train recipes."""
+"""Name of the tensor with the train sample's results; absent for unchanged train recipes."""
 MODEL = "a model folder from train-complex, train-links or train-recipes"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
@@ -44,7 +54,15 @@ SCORERS: Registry[type[StoredScorer]] = Registry(
 
 
 class Vocabulary(Record, frozen=True, kw_only=True):
-    """The file ``vocabulary.json``: scorer kind, graph hash, and labels of the tensors' rows in id order."""
+    """The file ``vocabulary.json``: the meaning of the rows of the tensors.
+
+    Attributes:
+        format: name and version of the file format.
+        scorer: scorer kind, a key in :data:`SCORERS`.
+        graph: content hash of the recipe graph that the ids belong to.
+        entities: labels of entities, in id order.
+        relations: labels of relations, in id order.
+    """
 
     format: Literal["wordcraft-kg vocabulary 1"] = "wordcraft-kg vocabulary 1"
     scorer: str
@@ -58,10 +76,19 @@ def load_scorer(
 ) -> Scorer:
     """Load a scorer from a model folder.
 
-    A training command or ``save_scorer`` writes the folder. If given, ``graph`` must be the scorer's graph. The result
-    is a :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` scorer if the folder has folds. ArtefactError
-    if the folder is unfinished, incomplete or damaged, GraphMismatchError if the scorer belongs to another graph, or
-    the folds to another split.
+    Args:
+        folder: folder from a training command or ``save_scorer``.
+        graph: if given, the scorer must belong to this graph.
+        device: torch device for scores.
+
+    Returns:
+        the scorer; a :class:`~wordcraft_kg.models.scorers.cross_fitting.CrossFitted` scorer if the
+        folder has folds.
+
+    Raises:
+        ArtefactError: if the folder is unfinished, incomplete or damaged.
+        GraphMismatchError: if the scorer belongs to another graph, or the folds to another
+            training.
 
     Example:
         >>> scorer = load_scorer("models/kitchen")
@@ -70,12 +97,15 @@ def load_scorer(
     """
     folder = Path(folder)
     files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
-    tensors, vocabulary = files.tensors(WEIGHTS), files.record(VOCABULARY, Vocabulary)
+    tensors = files.tensors(WEIGHTS)
+    vocabulary = files.record(VOCABULARY, Vocabulary)
     if vocabulary.scorer not in SCORERS:
         raise ArtefactError(
-            f"{folder / VOCABULARY} names scorer kind {vocabulary.scorer[:100]!r}; expected {' or '.join(SCORERS)}. "
-            "Install the package that provides this kind, or restore a copy."
+            f"{folder / VOCABULARY} names scorer kind {vocabulary.scorer[:100]!r}; expected "
+            f"{' or '.join(SCORERS)}. Install the package that provides this kind, or restore a "
+            "copy."
         )
+    # RuntimeError is torch's, for tensors whose shapes do not fit together.
     try:
         SCORERS[vocabulary.scorer].check(tensors, len(vocabulary.entities))
         scorer = make_scorer(
@@ -98,16 +128,21 @@ def load_scorer(
 
 
 def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> CrossFitted:
-    path, inputs = files.folder / FOLDS_TENSORS, files.run.inputs
-    record, tensors = files.record(FOLDS_RECORD, FoldsRecord), files.tensors(FOLDS_TENSORS)
+    """Add the models of the folds; each becomes a scorer when it is first needed."""
+    path = files.folder / FOLDS_TENSORS
+    inputs = files.run.inputs
+    record = files.record(FOLDS_RECORD, FoldsRecord)
+    tensors = files.tensors(FOLDS_TENSORS)
+    # Scores of another training's folds would leak the recipes that they were trained on.
     if record.hash != inputs.get("folds"):
         raise GraphMismatchError(
-            f"{files.folder / FOLDS_RECORD} describes folds {record.hash[:12]}, but the model was trained with "
-            f"{inputs.get('folds', 'none')[:12]}. Train again, or restore a copy."
+            f"{files.folder / FOLDS_RECORD} describes folds {record.hash[:12]}, but the model was "
+            f"trained with {inputs.get('folds', 'none')[:12]}. Train again, or restore a copy."
         )
     makers = []
     for fold in range(record.count):
         part = with_prefix(tensors, f"fold{fold}.")
+        # Checked now, because the scorer is made in the middle of a training.
         try:
             SCORERS[vocabulary.scorer].check(part, len(vocabulary.entities))
         except (KeyError, ValueError, IndexError) as error:
@@ -115,31 +150,35 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
                 f"fold {fold} of {record.count} is missing or damaged in {path} ({reason(error)}). "
                 "Train again, or restore a copy."
             ) from None
-        settings = {"device": scorer.device, "name": f"{scorer.name}, without fold {fold}"}
-        makers.append(
-            partial(
-                make_scorer,
-                vocabulary.scorer,
-                part,
-                vocabulary.entities,
-                vocabulary.graph,
-                **settings,
-            )
+        make = partial(
+            make_scorer,
+            vocabulary.scorer,
+            part,
+            vocabulary.entities,
+            vocabulary.graph,
+            device=scorer.device,
+            name=f"{scorer.name}, without fold {fold}",
         )
+        makers.append(make)
     if OF_RECIPE not in tensors or tensors[OF_RECIPE].ndim != 1:
         raise ArtefactError(
             f"{path} has no assignment from recipes to folds. Train again, or restore a copy."
         )
-    train_results = tensors.get(TRAIN_RESULTS)
-    if train_results is not None and (
-        train_results.shape != tensors[OF_RECIPE].shape or train_results.is_floating_point()
-    ):
+    of_recipe = tensors[OF_RECIPE]
+    results = tensors.get(TRAIN_RESULTS)
+    if results is not None and (results.shape != of_recipe.shape or results.is_floating_point()):
         raise ArtefactError(f"{path} has damaged train results. Train again, or restore a copy.")
-    probabilities = (
-        files.record(CALIBRATION, Probabilities) if CALIBRATION in files.run.outputs else None
+    probabilities = None
+    if CALIBRATION in files.run.outputs:
+        probabilities = files.record(CALIBRATION, Probabilities)
+    return CrossFitted(
+        scorer,
+        makers,
+        of_recipe.numpy(),
+        record,
+        probabilities,
+        train_results=None if results is None else results.numpy(),
     )
-    results = None if train_results is None else train_results.numpy()
-    return CrossFitted(scorer, makers, tensors[OF_RECIPE].numpy(), record, probabilities, results)
 
 
 def make_scorer(
@@ -149,19 +188,44 @@ def make_scorer(
     graph_hash: str,
     **settings: Any,
 ) -> Scorer:
-    """Make a scorer of a kind in :data:`SCORERS`; KeyError for a missing, ValueError for a wrong tensor."""
+    """Make a scorer from a trained model's tensors.
+
+    A scorer with factors becomes a table where the table fits :data:`TABLE_LIMIT`: scores are then
+    looked up instead of computed, many times in a training.
+
+    Args:
+        kind: a key in :data:`SCORERS`.
+        tensors: the tensors of this kind, by name.
+        entities: labels in id order.
+        graph_hash: content hash of the recipe graph that the ids belong to.
+        settings: ``device`` and ``name``.
+
+    Raises:
+        KeyError: if a tensor is missing.
+        ValueError: if a tensor does not fit the entities.
+    """
     scorer = SCORERS[kind].restored(tensors, entities, graph_hash, **settings)
-    is_small = table_bytes(len(entities)) <= TABLE_LIMIT
-    return TableScorer.of(scorer) if is_small and isinstance(scorer, FactoredScorer) else scorer
+    if isinstance(scorer, FactoredScorer) and table_bytes(len(entities)) <= TABLE_LIMIT:
+        return TableScorer.of(scorer)
+    return scorer
 
 
 Tensors = Mapping[str, torch.Tensor]
 
 
 def stored(scorer: TripleScorer) -> StoredScorer:
-    """Return an equal scorer that can be stored, perhaps as a table; ConfigError if too large or not finite."""
-    scorer, size = whole_of(scorer), len(scorer.entities)
+    """Return an equal scorer that can be stored: the scorer itself, or its score table.
+
+    Of a cross-fitted scorer, this is the scorer trained on all folds.
+
+    Raises:
+        ConfigError: if a table would be too large, has the wrong shape, or a score is not a finite
+            number.
+    """
+    scorer = whole_of(scorer)
+    size = len(scorer.entities)
     result: StoredScorer
+    # A table is made again, even from a table: its shape and type were never checked.
     if isinstance(scorer, StoredScorer) and not isinstance(scorer, TableScorer):
         result = scorer
     elif table_bytes(size) <= TABLE_LIMIT:
@@ -171,25 +235,35 @@ def stored(scorer: TripleScorer) -> StoredScorer:
         for relation, table in zip(RELATIONS, tables, strict=True):
             if table.shape != (size, size):
                 raise ConfigError(
-                    f"the scorer's {relation} table has shape {tuple(table.shape)}; expected {(size, size)}, by "
-                    "head and tail."
+                    f"the scorer's {relation} table has shape {tuple(table.shape)}; expected "
+                    f"{(size, size)}, by head and tail."
                 )
         result = TableScorer(torch.stack(tables), scorer.entities, scorer.graph_hash)
     else:
         raise ConfigError(
-            f"a score table for {size:,} entities takes {len(RELATIONS) * size**2 * 4 / 2**20:,.0f} MiB; expected at "
-            f"most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer can be saved without a table."
+            f"a score table for {size:,} entities takes {table_bytes(size) / 2**20:,.0f} MiB; "
+            f"expected at most {TABLE_LIMIT / 2**20:.0f} MiB. Only a ComplExScorer can be saved "
+            "without a table."
         )
+    # A NaN would make every rank wrong, and no error would say so.
     if not all(torch.isfinite(tensor).all() for tensor in result.tensors().values()):
         raise ConfigError("some scores are not finite numbers. Nothing was written.")
     return result
 
 
 def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) -> None:
-    """Write a scorer's tensors and vocabulary (kind, graph hash, labels) into a folder."""
+    """Write a scorer's tensors and vocabulary into a folder.
+
+    Args:
+        folder: existing folder.
+        kind: a key in :data:`SCORERS`.
+        tensors: tensors by name, on any device.
+        graph: the recipe graph, whose hash and labels go into the vocabulary.
+    """
     vocabulary = Vocabulary(
         scorer=kind, graph=graph.hash, entities=graph.entities, relations=RELATIONS
     )
+    # Copies, because safetensors refuses tensors that share memory, such as views.
     write_atomically(folder / WEIGHTS, safetensors.torch.save(copied(dict(tensors))))
     write_atomically(folder / VOCABULARY, dump_json(as_values(vocabulary)))
 
@@ -199,41 +273,48 @@ def write_folds(
 ) -> FoldsRecord:
     """Write the models trained without each fold, and return the fold record.
 
-    ``part`` returns the training triples' hash and the tensors for the model without a given fold; ``whole`` is the
-    scorer trained on all train recipes, ``kind`` the kind of the fold scorers.
+    Args:
+        folder: existing folder.
+        folds: the folds and the training recipes.
+        whole: the scorer trained on all folds.
+        kind: kind of the fold scorers, a key in :data:`SCORERS`.
+        part: returns, for a fold's number, the hash of the training triples and the tensors of the
+            model trained without this fold.
     """
     graph = folds.split.graph
     tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
     if folds.is_subsample:
         tensors[TRAIN_RESULTS] = torch.from_numpy(folds.train_sample.results.copy())
-    records, histograms = [], []
+    records = []
+    histograms = []
     for number in range(folds.count):
         trained_on, own_tensors = part(number)
         tensors |= {f"fold{number}.{name}": tensor for name, tensor in own_tensors.items()}
         seen = folds.triples([number])
+        # Other folds' recipes give some of the fold's triples too; these are not out of sample.
         own = recipe_triples(folds.recipes_of(number))
         queries = sampled_for(graph, own[~is_in(own, seen, graph.num_entities)])
         left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
         histograms.append(predictions(left_out, folds, number))
-        mrr, in_sample = (
-            mean_reciprocal_rank(rank_triples(scorer, queries, folds.triples()))
-            if len(queries)
-            else None
-            for scorer in (left_out, whole)
+        # Filtered by all train triples: test recipes must not leak into a model folder.
+        known = folds.triples()
+        fold = Fold(
+            trained_on=trained_on,
+            triples=len(seen),
+            queries=2 * len(queries),
+            mrr=_mrr(left_out, queries, known),
+            in_sample_mrr=_mrr(whole, queries, known),
         )
-        records.append(
-            Fold(
-                trained_on=trained_on,
-                triples=len(seen),
-                queries=2 * len(queries),
-                mrr=mrr,
-                in_sample_mrr=in_sample,
-            )
-        )
+        records.append(fold)
     record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(records))
-    write_atomically(
-        folder / CALIBRATION, dump_json(as_values(Probabilities.fit(whole, folds, histograms)))
-    )
+    probabilities = Probabilities.fit(whole, folds, histograms)
+    write_atomically(folder / CALIBRATION, dump_json(as_values(probabilities)))
     write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(tensors))
     write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))
     return record
+
+
+def _mrr(scorer: Scorer, queries: Ids, known: Ids) -> float | None:
+    if not len(queries):
+        return None
+    return mean_reciprocal_rank(rank_triples(scorer, queries, known))

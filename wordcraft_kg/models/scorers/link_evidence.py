@@ -1,14 +1,18 @@
 """Evidence for a link: the most similar training links, with their recipes.
 
-Links (h', r, t) with a head similar to h, and links (h, r, t') with a tail similar to t, support (h, r, t)::
+Links (h', r, t) with a head similar to h, and links (h, r, t') with a tail similar to t, support
+(h, r, t)::
 
     evidence(h, r, t) = Σ_h' cos₊(h, h')³ + Σ_t' cos₊(t, t')³
 
-over the training links, with non-negative cosines from :class:`~wordcraft_kg.models.scorers.roles.EntityRoles`.
-docs/link-prediction.md measures faithfulness to the scores.
+over the training links, with cosines from :class:`~wordcraft_kg.models.scorers.roles.EntityRoles`,
+0 where they are negative. So evidence needs nothing but scores. Its rank correlation with scores,
+and the fall of a score after a training without the recipes that are named, are measured in
+docs/link-prediction.md (``benchmarks/link_evidence.py``).
 
-Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest neighbors"; Hanawa et al.
-2021, "Evaluation of similarity-based explanations"), restricted to links that share the head or the tail.
+Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest
+neighbors"; Hanawa et al. 2021, "Evaluation of similarity-based explanations"), restricted to links
+that share the head or the tail.
 """
 
 import numpy as np
@@ -28,11 +32,16 @@ RECIPES = 3
 
 
 class LinkWitness(Record):
-    """A training link that supports a scored link: same relation, and the same head or the same tail.
+    """A training link that supports a scored link: same relation, and same head or same tail.
 
-    ``weight`` is the similarity to the scored link, 1 for equality; ``share`` the weight relative to the sum over all
-    supporting links. ``recipes`` are training recipes with this link, at most :data:`RECIPES`, and ``more`` counts the
-    rest.
+    Attributes:
+        head: the link's head.
+        relation: the relation of both links.
+        tail: the link's tail.
+        weight: similarity to the scored link, 1 for equality.
+        share: the weight relative to the sum over all supporting links.
+        recipes: training recipes with this link, at most :data:`RECIPES`.
+        more: number of further training recipes with this link.
     """
 
     head: str
@@ -47,9 +56,12 @@ class LinkWitness(Record):
 class LinkReason(Record):
     """The evidence for a scored link: training recipes with the link, and similar training links.
 
-    ``learned_from`` are training recipes with this link, at most :data:`RECIPES`, and ``more`` counts the rest; if any,
-    the scorer was trained on the link. ``evidence`` is the total weight over all supporting links, listed among the
-    ``witnesses`` (largest weight first) or not.
+    Attributes:
+        learned_from: training recipes with the link, at most :data:`RECIPES`; if any, the scorer
+            was trained on it.
+        more: number of further training recipes with the link.
+        evidence: total weight over all supporting links, also those not listed.
+        witnesses: supporting links, largest weight first.
     """
 
     learned_from: tuple[Recipe, ...]
@@ -64,9 +76,12 @@ class LinkReason(Record):
 
 
 class LinkEvidence:
-    """Finds the training links, with their training recipes (n, 3), that support a scored link.
+    """Finds the training links, with their training recipes, that support a scored link.
 
-    The scorer needs factors, or a small enough table; otherwise a ConfigError.
+    Attributes:
+        roles: similarities between entities, by the scorer's scores.
+        recipes: training recipes, ids of shape (n, 3).
+        entities: labels in id order.
 
     Example:
         >>> model = open_model("models/kitchen")
@@ -77,62 +92,127 @@ class LinkEvidence:
     """
 
     def __init__(self, scorer: TripleScorer, recipes: Ids):
-        self.roles, self.recipes = EntityRoles.of(scorer), recipes
+        """Compare all entities by their scores.
+
+        Args:
+            scorer: any scorer of links.
+            recipes: its training recipes, ids of shape (n, 3).
+
+        Raises:
+            ConfigError: if the scorer has no factors and the graph is too large for a score table.
+        """
+        self.roles = EntityRoles.of(scorer)
+        self.recipes = recipes
         self.entities = scorer.entities
 
     def weights(self, head: int, relation: int, tail: int) -> tuple[Ids, NDArray[np.float64]]:
-        """Return training links that support a link, (n, 3), without itself or mirrors, and their weights, (n,)."""
-        triples, weights = [], []
-        sides: tuple[Side, ...] = (
-            ("head",) if relation == COMBINES_WITH and head == tail else ("head", "tail")
-        )
+        """Return the training links that support a link of ids, and their weights.
+
+        Args:
+            head: entity id.
+            relation: relation id.
+            tail: entity id.
+
+        Returns:
+            links, ids of shape (n, 3), without the link itself, and weights from 0 to 1, shape
+            (n,). A combinesWith link of an entity with itself has each supporting link once, not in
+            both directions.
+        """
+        # Both sides of a symmetric self link would list the same links, mirrored.
+        is_self_pair = relation == COMBINES_WITH and head == tail
+        sides: tuple[Side, ...] = ("head",) if is_self_pair else ("head", "tail")
+        triples = []
+        weights = []
         for side in sides:
             entity, end = (head, tail) if side == "head" else (tail, head)
             others = self.ends(end, relation, side)
             others = others[others != entity]
             ends = np.full(len(others), end)
-            columns = (others, ends) if side == "head" else (ends, others)
-            triples.append(
-                np.column_stack([columns[0], np.full(len(others), relation), columns[1]])
-            )
+            heads, tails = (others, ends) if side == "head" else (ends, others)
+            relations = np.full(len(others), relation)
+            triples.append(np.column_stack([heads, relations, tails]))
             units = self.roles.units[relation][side == "tail"]
             cosines = (units[others] @ units[entity]).astype(np.float64)
+            # Rounding can lift the cosine of equal vectors above 1.
             weights.append(np.minimum(np.maximum(cosines, 0), 1) ** POWER)
         return np.concatenate(triples), np.concatenate(weights)
 
     def ends(self, entity: int, relation: int, side: Side) -> Ids:
-        """Return the entities, ascending, on a side of training links with ``entity`` on the opposite side."""
+        """Return the entities on one side of training links.
+
+        Args:
+            entity: id of the entity on the opposite side of the links.
+            relation: relation id of the links.
+            side: the side of the returned entities.
+
+        Returns:
+            distinct ids, ascending.
+        """
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
-            return np.unique(np.concatenate([b[a == entity], a[b == entity]]))
+            partners = [b[a == entity], a[b == entity]]
+            return np.unique(np.concatenate(partners))
         if side == "head":
             return np.unique(self.recipes[result == entity, :2])
         return np.unique(result[(a == entity) | (b == entity)])
 
     def reason(self, head: int, relation: int, tail: int, limit: int = 5) -> LinkReason:
-        """Return the evidence for a link: at most ``limit`` supporting links, and recipes with the link."""
+        """Return the evidence for a link of ids.
+
+        Args:
+            head: entity id.
+            relation: relation id.
+            tail: entity id.
+            limit: maximum number of supporting links; links with weight 0 are never listed.
+        """
         triples, weights = self.weights(head, relation, tail)
+        # Over all supporting links, so that shares do not depend on the limit.
         total = float(weights.sum())
         witnesses = []
         for row in np.argsort(-weights, kind="stable")[:limit].tolist():
-            if weights[row] > 0:
-                (h, _, t), weight = triples[row].tolist(), float(weights[row])
-                labels = self.entities[h], RELATIONS[relation], self.entities[t]
-                recipes = self._listed(h, relation, t)
-                witnesses.append(LinkWitness(*labels, weight, min(weight / total, 1.0), *recipes))
-        return LinkReason(*self._listed(head, relation, tail), total, tuple(witnesses))
+            weight = float(weights[row])
+            if weight > 0:
+                h, _, t = triples[row].tolist()
+                recipes, more = self._listed(h, relation, t)
+                witness = LinkWitness(
+                    head=self.entities[h],
+                    relation=RELATIONS[relation],
+                    tail=self.entities[t],
+                    weight=weight,
+                    # A single witness can exceed the rounded sum.
+                    share=min(weight / total, 1.0),
+                    recipes=recipes,
+                    more=more,
+                )
+                witnesses.append(witness)
+        learned_from, more = self._listed(head, relation, tail)
+        return LinkReason(learned_from, more, total, tuple(witnesses))
 
     def recipes_of(self, head: int, relation: int, tail: int) -> Ids:
-        """Return the training recipes with a link: row numbers in :attr:`recipes`, ascending."""
+        """Return the training recipes with a link.
+
+        Args:
+            head: entity id.
+            relation: relation id.
+            tail: entity id.
+
+        Returns:
+            row numbers in :attr:`recipes`, ascending.
+        """
+        # combinesWith links both ingredients in either direction.
         a, b, result = self.recipes.T
         if relation == COMBINES_WITH:
-            return np.flatnonzero(((a == head) & (b == tail)) | ((a == tail) & (b == head)))
-        return np.flatnonzero(((a == head) | (b == head)) & (result == tail))
+            is_pair = (a == head) & (b == tail)
+            is_mirrored = (a == tail) & (b == head)
+            return np.flatnonzero(is_pair | is_mirrored)
+        is_ingredient = (a == head) | (b == head)
+        return np.flatnonzero(is_ingredient & (result == tail))
 
     def _listed(self, head: int, relation: int, tail: int) -> tuple[tuple[Recipe, ...], int]:
+        """Return the first recipes with a link, and the number of further recipes."""
         rows = self.recipes_of(head, relation, tail)
         recipes = [
-            [self.entities[entity] for entity in row]
-            for row in self.recipes[rows[:RECIPES]].tolist()
+            Recipe.of(self.entities[a], self.entities[b], self.entities[result])
+            for a, b, result in self.recipes[rows[:RECIPES]].tolist()
         ]
-        return tuple(Recipe.of(*labels) for labels in recipes), max(len(rows) - RECIPES, 0)
+        return tuple(recipes), max(len(rows) - RECIPES, 0)

@@ -1,4 +1,7 @@
-"""The interface through which environments, policies and reports use any scorer."""
+"""The interface through which environments, policies and reports use any scorer.
+
+This module imports no torch, so commands can name the interface without the cost of that import.
+"""
 
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
@@ -13,9 +16,11 @@ if TYPE_CHECKING:
 
 @runtime_checkable
 class TripleScorer(Protocol):
-    """Interface for scorers, which score triples in a recipe graph; higher means more plausible, on any scale.
+    """Interface for scorers of triples in a recipe graph: higher is more plausible, on any scale.
 
-    ``graph_hash`` is the recipe graph's content hash; ``entities`` are its labels in id order.
+    Attributes:
+        graph_hash: the recipe graph's content hash.
+        entities: the graph's labels in id order.
     """
 
     graph_hash: str
@@ -24,28 +29,46 @@ class TripleScorer(Protocol):
     def score(
         self, heads: "EntityIds", relations: "RelationIds", tails: "EntityIds"
     ) -> "torch.Tensor":
-        """Score triples by ids or labels, which broadcast. Returns float32 on the scorer's device."""
+        """Score triples by ids or labels.
+
+        Args:
+            heads: one entity, a sequence, or an array or tensor of ids of any shape.
+            relations: one relation, or a tensor of ids.
+            tails: as ``heads``; the three arguments broadcast against each other.
+
+        Returns:
+            float32 scores with the broadcast shape, on the scorer's device.
+        """
         ...
 
     def table(self, relation: "int | str") -> "torch.Tensor":
-        """Return the scores for all pairs in a relation: shape (E, E), float32, row = head, column = tail."""
+        """Return scores for all pairs in a relation: (E, E), float32, row = head, column = tail."""
         ...
 
 
 @runtime_checkable
 class FactoredScorer(TripleScorer, Protocol):
-    """Interface for scorers that compute all pair scores as a product of two matrices, without a table."""
+    """Interface for scorers whose pair scores are a product of two matrices, without a table.
+
+    Attributes:
+        graph_hash: the recipe graph's content hash.
+        entities: the graph's labels in id order.
+    """
 
     def factors(self, relation: "int | str") -> "tuple[torch.Tensor, torch.Tensor]":
-        """Return ``left`` and ``right``, shape (E, m), float32: a pair scores ``left[head] · right[tail]``."""
+        """Return float32 matrices ``left`` and ``right``, (E, m).
+
+        A pair scores ``left[head] · right[tail]``.
+        """
         ...
 
 
 def check_scorer(scorer: TripleScorer, graph: RecipeGraph) -> None:
-    """Raise GraphMismatchError if a scorer was made for a different graph."""
+    """Raise GraphMismatchError, which names both graphs, if a scorer belongs to another graph."""
     if scorer.graph_hash != graph.hash:
         raise GraphMismatchError(
-            f"{getattr(scorer, 'name', 'the scorer')} was trained on graph {scorer.graph_hash[:12]} "
-            f"({len(scorer.entities)} entities) but '{graph.name}' is {graph.hash[:12]} ({graph.num_entities}). "
-            "Train on this graph, or use the training graph."
+            f"{getattr(scorer, 'name', 'the scorer')} was trained on graph "
+            f"{scorer.graph_hash[:12]} ({len(scorer.entities)} entities) but '{graph.name}' is "
+            f"{graph.hash[:12]} ({graph.num_entities}). Train on this graph, or use the training "
+            "graph."
         )

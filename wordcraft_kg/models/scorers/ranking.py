@@ -1,4 +1,8 @@
-"""Ranking the true answers to test triples: metrics with intervals, by relation."""
+"""Ranking the true answers to test triples: metrics with intervals, by relation.
+
+Ranks are filtered (other known answers do not compete) and realistic (ties get the mean rank), as
+in Berrendorf et al. 2020, "On the ambiguity of rank-based evaluation".
+"""
 
 from typing import Annotated
 
@@ -14,16 +18,20 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 MIN_TRIPLES = 30
-"""Minimum number of test triples for meaningful figures."""
+"""Minimum number of test triples for meaningful metrics."""
 _FEWEST_CLUSTERS = 5
+"""Fewest ingredient pairs for a bootstrap interval; fewer repeat the same few samples."""
 BATCH = 1_024
 """Maximum number of queries scored at once: (BATCH, E) floats."""
 CELLS = 2**23
-"""Maximum number of scores in memory, up to 8 bytes each with a few copies; limits queries above 8,192 entities."""
+"""Maximum number of scores in memory, up to 8 bytes each with a few copies.
+
+Above 8,192 entities this limits the number of queries scored at once.
+"""
 
 
 class RankingMetrics(Record, omit_defaults=True):
@@ -32,10 +40,13 @@ class RankingMetrics(Record, omit_defaults=True):
     Attributes:
         queries: number of queries (triples with an open head or tail).
         mrr: mean reciprocal rank.
-        hits_at_1, hits_at_3, hits_at_10: share of queries with rank <= k.
+        hits_at_1: share of queries with rank 1.
+        hits_at_3: share of queries with rank 3 or better.
+        hits_at_10: share of queries with rank 10 or better.
         mean_rank: mean rank, from 1.
-        amri: adjusted mean rank index, 0 for a random order and 1 for a perfect order (Berrendorf et al. 2020).
-        mrr_ci: 95 % interval of ``mrr``, if computed.
+        amri: adjusted mean rank index, 0 for a random order and 1 for a perfect order (Berrendorf
+            et al. 2020).
+        mrr_ci: 95 % bootstrap interval of ``mrr``; None if not computed, or for too few recipes.
     """
 
     queries: Count
@@ -49,46 +60,67 @@ class RankingMetrics(Record, omit_defaults=True):
 
 
 def sampled(triples: Ids, size: int, seed: int = 0) -> Ids:
-    """Return a sample of triples without replacement, in the given order; all triples if at most ``size``."""
+    """Return a sample of triples without replacement.
+
+    Args:
+        triples: shape (T, 3).
+        size: number of triples to keep.
+        seed: seed of the draw.
+
+    Returns:
+        at most ``size`` triples, in the given order; all of them if there are no more.
+    """
     if len(triples) <= size:
         return triples
-    return triples[np.sort(np.random.default_rng(seed).permutation(len(triples))[:size])]
+    chosen = np.random.default_rng(seed).permutation(len(triples))[:size]
+    return triples[np.sort(chosen)]
 
 
 def sampled_for(graph: RecipeGraph, triples: Ids) -> Ids:
-    """Return the sample of triples to rank after training: at most 20,000, fewer above 26,000 entities."""
+    """Return a sample of triples to rank after training: at most 20,000.
+
+    Each query scores all entities, so 2 ** 29 scores bound the time above 26,000 entities; 1,000
+    triples are ranked in any case.
+    """
     return sampled(triples, min(20_000, max(1_000, 2**29 // graph.num_entities)))
 
 
 def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame:
     """Rank each triple's true head and true tail among all entities.
 
-    Filtered: further true answers in ``known`` do not compete. Ties get the realistic rank (mean of best and worst), so
-    a constant scorer ranks like chance.
+    Filtered: further true answers in ``known`` do not compete. Ties get the realistic rank (mean of
+    best and worst), so a constant scorer ranks like chance.
 
-    ``triples`` (T, 3) are ranked; ``known`` (K, 3) are all true triples from train and test recipes. A score that is
-    not finite raises an ArtefactError.
+    Args:
+        scorer: scorer for the graph that the ids belong to.
+        triples: the triples to rank, ids of shape (T, 3).
+        known: all true triples, from train and test recipes, shape (K, 3).
 
     Returns:
-        2 T rows, first all tail queries, then all head queries, in the given order. Columns: head, relation, tail
-        (ids), side, rank (realistic), optimistic, pessimistic, raw_rank (realistic, unfiltered), candidates (number of
-        competing entities, including the true entity), score (for the true entity) and top (best candidate).
+        2 T rows, first all tail queries, then all head queries, in the given order. Columns: head,
+        relation, tail (ids), side, rank (realistic), optimistic, pessimistic, raw_rank (realistic,
+        unfiltered), candidates (number of competing entities, including the true entity), score
+        (for the true entity) and top (best candidate).
+
+    Raises:
+        ArtefactError: if a score is not a finite number.
     """
     num_entities = len(scorer.entities)
     parts: list[pd.DataFrame] = []
     block = min(BATCH, max(1, CELLS // num_entities))
     for side, fixed, target in (("tail", 0, 2), ("head", 2, 0)):
-        # Known answers by query (relation, fixed entity), as a sorted list with binary search.
+        # Known answers by query (relation, fixed entity), sorted, so that binary search finds the
+        # answers of many queries at once.
         known_keys = known[:, 1] * num_entities + known[:, fixed]
         order = np.argsort(known_keys, kind="stable")
-        known_keys, answers = known_keys[order], known[order, target]
+        known_keys = known_keys[order]
+        answers = known[order, target]
         for start in steps(f"ranking {side}s", range(0, len(triples), block)):
             batch = triples[start : start + block]
             keys = batch[:, 1] * num_entities + batch[:, fixed]
-            left, right = (
-                np.searchsorted(known_keys, keys, "left"),
-                np.searchsorted(known_keys, keys, "right"),
-            )
+            left = np.searchsorted(known_keys, keys, "left")
+            right = np.searchsorted(known_keys, keys, "right")
+            # Cells (row, column) of the score block that hold known answers.
             rows = np.repeat(np.arange(len(batch)), right - left)
             columns = answers[_ranges(left, right)]
             parts.append(_rank_batch(scorer, batch, side, rows, columns))
@@ -100,13 +132,13 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
 def _rank_batch(
     scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns: Ids
 ) -> pd.DataFrame:
+    """Rank true answers to a block of B queries; known answers are cells of the (B, E) scores."""
     everything = torch.arange(len(scorer.entities))[None, :]
-    head, relation, tail = (torch.from_numpy(batch[:, i].copy())[:, None] for i in range(3))
+    # Shape (B, 1) each, against which all entities broadcast.
+    head, relation, tail = torch.from_numpy(batch.T[:, :, None].copy())
+    query = (head, relation, everything) if side == "tail" else (everything, relation, tail)
     with torch.no_grad():
-        scores = scorer.score(
-            *((head, relation, everything) if side == "tail" else (everything, relation, tail))
-        )
-    scores = scores.cpu().double()
+        scores = scorer.score(*query).cpu().double()
     # The sum of 32-bit scores is finite in 64 bits if all scores are finite.
     if not bool(torch.isfinite(scores.sum())):
         raise ArtefactError(
@@ -115,12 +147,15 @@ def _rank_batch(
     target = (tail if side == "tail" else head)[:, 0]
     index = torch.arange(len(batch))
     true = scores[index, target][:, None]
+    # Unfiltered; the true entity is equal to itself, so (1 + equal) / 2 counts it once.
     raw = _count(scores > true) + (1 + _count(scores == true)) / 2
     # The true entity is excluded as well, so only competitors are counted.
     scores[torch.from_numpy(rows), torch.from_numpy(columns)] = -torch.inf
     scores[index, target] = -torch.inf
-    better, equal = _count(scores > true), _count(scores == true)
+    better = _count(scores > true)
+    equal = _count(scores == true)
     candidates = _count(scores > -torch.inf) + 1
+    # The true entity competes again for the best candidate.
     scores[index, target] = true[:, 0]
     return pd.DataFrame(
         {
@@ -148,7 +183,10 @@ def _ranges(left: Ids, right: Ids) -> Ids:
     """Concatenate ``arange(left[i], right[i])`` for all i."""
     lengths = right - left
     ends = np.cumsum(lengths)
-    return np.arange(ends[-1] if len(ends) else 0) + np.repeat(left - (ends - lengths), lengths)
+    starts = ends - lengths
+    total = ends[-1] if len(ends) else 0
+    # Counting through all ranges, each shifted from its place in the result to its own start.
+    return np.arange(total) + np.repeat(left - starts, lengths)
 
 
 def mean_reciprocal_rank(ranks: pd.DataFrame) -> float:
@@ -157,10 +195,11 @@ def mean_reciprocal_rank(ranks: pd.DataFrame) -> float:
 
 
 def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics:
-    """Return metrics over rows of :func:`rank_triples`, from a rank column."""
+    """Return metrics over rows of :func:`rank_triples`, from the column ``column`` with ranks."""
     rank = ranks[column].to_numpy(dtype=float)
     if not len(rank):
         return RankingMetrics(0)
+    # Expected sum of rank - 1 in random order; 0 if no query has a competitor.
     chance = float(np.sum(ranks["candidates"] - 1)) / 2
     return RankingMetrics(
         queries=len(rank),
@@ -174,14 +213,16 @@ def ranking_metrics(ranks: pd.DataFrame, column: str = "rank") -> RankingMetrics
 
 
 def random_reciprocal_ranks(ranks: pd.DataFrame) -> NDArray[np.float64]:
-    """Return each query's expected reciprocal rank if its n candidates are in random order, ``H_n / n``."""
+    """Return each query's expected reciprocal rank in random order, ``H_n / n`` of n candidates."""
     n = ranks["candidates"].to_numpy(dtype=np.int64)
-    harmonic = np.concatenate([[0], np.cumsum(1 / np.arange(1, n.max(initial=1) + 1))])
+    # H_0 .. H_max, one table for all queries.
+    parts = 1 / np.arange(1, n.max(initial=1) + 1)
+    harmonic = np.concatenate([[0], np.cumsum(parts)])
     return np.asarray(harmonic[n] / n)
 
 
 def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
-    """Return the exact expected metrics if the candidates are in random order."""
+    """Return the expected metrics if the candidates are in random order: computed, not sampled."""
     n = ranks["candidates"].to_numpy(dtype=float)
     if not len(n):
         return RankingMetrics(0)
@@ -197,29 +238,54 @@ def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
 
 
 def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
-    """Return, for each triple (T, 3), the index of the first ingredient pair with a recipe that gives the triple; (T,).
+    """Return, for each triple, the first ingredient pair with a recipe that gives the triple.
 
-    Queries from the same pair are dependent (mirrored combinesWith triples most), so intervals resample pairs. Only
-    recipes in the mask ``recipes``, shape (num_recipes,), count.
+    Queries from the same pair are dependent (mirrored combinesWith triples most), so intervals
+    resample pairs, the unit of the split, instead of queries.
+
+    Args:
+        graph: the graph that the ids belong to.
+        recipes: shape (num_recipes,), bool: the recipes that count, such as those of the test part.
+        triples: shape (T, 3); a recipe that counts gives each of them.
+
+    Returns:
+        shape (T,): pair numbers, as in ``graph.pair_of_recipe``.
     """
     a, b, result = graph.recipes[recipes].T
     pair = graph.pair_of_recipe[recipes]
+    # Each recipe gives four triples: combinesWith in both directions, and componentOf twice.
+    combines = np.full(len(pair), COMBINES_WITH)
+    component = np.full(len(pair), COMPONENT_OF)
     given = np.concatenate(
         [
-            np.column_stack([head, np.full(len(head), relation), tail])
-            for head, relation, tail in ((a, 0, b), (b, 0, a), (a, 1, result), (b, 1, result))
+            np.column_stack([a, combines, b]),
+            np.column_stack([b, combines, a]),
+            np.column_stack([a, component, result]),
+            np.column_stack([b, component, result]),
         ]
     )
-    keys, pairs = triple_keys(given, graph.num_entities), np.tile(pair, 4)
+    keys = triple_keys(given, graph.num_entities)
+    pairs = np.tile(pair, 4)
+    # Sorted by triple and then by pair, so that the search finds the first pair of each triple.
     order = np.lexsort((pairs, keys))
-    keys, pairs = keys[order], pairs[order]
-    return pairs[np.searchsorted(keys, triple_keys(triples, graph.num_entities))]
+    place = np.searchsorted(keys[order], triple_keys(triples, graph.num_entities))
+    return pairs[order][place]
 
 
 def with_interval(
     ranks: pd.DataFrame, clusters: Ids, *, resamples: int = RESAMPLES, seed: int = 0
 ) -> RankingMetrics:
-    """Return :func:`ranking_metrics` with a 95 % bootstrap interval over ``clusters``, None for fewer than 5."""
+    """Return :func:`ranking_metrics` with a 95 % bootstrap interval of the MRR.
+
+    Args:
+        ranks: rows of :func:`rank_triples`.
+        clusters: shape (rows,): clusters of dependent queries, from :func:`recipe_clusters`.
+        resamples: number of bootstrap samples.
+        seed: seed of the samples.
+
+    Returns:
+        the metrics; ``mrr_ci`` is None for fewer than 5 clusters.
+    """
     metrics = ranking_metrics(ranks)
     if len(np.unique(clusters)) < _FEWEST_CLUSTERS:
         return metrics
@@ -230,13 +296,12 @@ def with_interval(
 
 
 def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
-    """Return row masks for metrics by relation: all, each relation, each relation with each side."""
-    relation, side = ranks["relation"].to_numpy(), ranks["side"].to_numpy()
+    """Return row masks for metrics: all, each relation, and each relation with each side."""
+    relation = ranks["relation"].to_numpy()
+    side = ranks["side"].to_numpy()
     masks = {"all": np.ones(len(ranks), dtype=bool)}
     masks |= {name: relation == i for i, name in enumerate(RELATIONS)}
     for i, name in enumerate(RELATIONS):
-        masks |= {
-            f"{name}, predict {which}": (relation == i) & (side == which)
-            for which in ("head", "tail")
-        }
+        for which in ("head", "tail"):
+            masks[f"{name}, predict {which}"] = (relation == i) & (side == which)
     return masks

@@ -1,4 +1,7 @@
-"""Similarities between entities, by a model's scores for each entity as head and as tail."""
+"""Similarities between entities, by a model's scores for each entity as head and as tail.
+
+Evidence for links, and the explorer's list of similar entities, use them.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
 from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 
@@ -19,13 +22,16 @@ _Rows = NDArray[np.float32]
 class EntityRoles:
     """Similarities between entities by role; the four roles are head and tail in each relation.
 
-    In a role, an entity is represented by its scores with all entities (row as head, column as tail), centred by row
-    and column; uncentred rows mainly show which entities score high overall. Only row products matter, so factors can
-    replace tables: :attr:`units` are then different coordinates for the same vectors.
+    In a role, an entity is represented by its scores with all entities (row as head, column as
+    tail), centred by row and column; uncentred rows mainly show which entities score high overall.
+    Only row products matter, so factors can replace tables: :attr:`units` are then different
+    coordinates for the same vectors.
 
     Attributes:
-        units: unit vectors by relation and side (head, tail), shape (E, m); 0 for entities without scores.
-        lengths: shape (E, 4), float32: vector lengths by entity and role, relative to the role's root mean square.
+        units: unit vectors by relation and side (head, tail), shape (E, m); 0 for entities without
+            scores.
+        lengths: shape (E, 4), float32: vector lengths by entity and role, relative to the role's
+            root mean square.
 
     Example:
         >>> scorer = load_scorer("models/kitchen")
@@ -39,46 +45,77 @@ class EntityRoles:
 
     @classmethod
     def of(cls, scorer: TripleScorer) -> "EntityRoles":
-        """Compute each entity's vectors from a scorer's factors, or from the table; ConfigError for a large graph."""
+        """Compute each entity's vectors from a scorer's factors, or else from its table.
+
+        Raises:
+            ConfigError: if the scorer has no factors and the graph is too large for a score table.
+        """
         size = len(scorer.entities)
-        units, lengths = [], []
+        units = []
+        lengths = []
         for relation in range(len(RELATIONS)):
             if isinstance(scorer, FactoredScorer):
-                roles = _of_factors(*(part.cpu().numpy() for part in scorer.factors(relation)))
+                left, right = scorer.factors(relation)
+                roles = _of_factors(left.cpu().numpy(), right.cpu().numpy())
             else:
                 check_table("comparing entities by scores", size)
                 roles = _of_table(scorer.table(relation).cpu().numpy())
-            norms = [np.linalg.norm(rows, axis=1) for rows in roles]
-            units.append(tuple(_unit(rows, norm) for rows, norm in zip(roles, norms, strict=True)))
-            lengths += [norm / (np.sqrt(np.mean(norm**2)) or 1.0) for norm in norms]
-        return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))  # type: ignore[arg-type]
+            of_sides = []
+            for rows in roles:
+                norms = np.linalg.norm(rows, axis=1)
+                of_sides.append(_unit(rows, norms))
+                # Relative lengths: each role counts alike, whatever the scale of its scores.
+                root_mean_square = np.sqrt(np.mean(norms**2))
+                lengths.append(norms / (root_mean_square or 1.0))
+            units.append((of_sides[0], of_sides[1]))
+        return cls(tuple(units), np.stack(lengths, axis=1).astype(np.float32))
 
     def alike(self, entity: int, relation: int, side: Side) -> _Rows:
-        """Return cosines between an entity's and all entities' vectors in a role (relation and side), shape (E,)."""
+        """Return cosines between an entity's vector in a role and those of all entities.
+
+        Args:
+            entity: entity id.
+            relation: relation id of the role.
+            side: side of the role.
+
+        Returns:
+            shape (E,), float32.
+        """
         rows = self.units[relation][side == "tail"]
         return np.asarray(rows @ rows[entity])
 
     def nearest(self, entity: int, limit: int = 5) -> list[tuple[int, float]]:
-        """Return the most similar entity ids with cosines, nearest first, for vectors joined over the four roles."""
-        weights = (
-            self.lengths
-            * self.lengths[entity]
-            / np.maximum(self._total * self._total[entity], 1e-12)[:, None]
-        )
-        cosines = np.stack([self.alike(entity, relation, side) for relation, side in ROLES], axis=1)
+        """Return the most similar entities by vectors joined over the four roles.
+
+        Args:
+            entity: entity id.
+            limit: maximum number of entities.
+
+        Returns:
+            ids and cosines, nearest first, without the entity itself; ties are in id order.
+        """
+        # The cosine of joined vectors is the mean of the roles' cosines, weighted by lengths.
+        products = np.maximum(self._total * self._total[entity], 1e-12)
+        weights = self.lengths * self.lengths[entity] / products[:, None]
+        of_roles = [self.alike(entity, relation, side) for relation, side in ROLES]
+        cosines = np.stack(of_roles, axis=1)
         means = (weights * cosines).sum(axis=1)
-        order = np.argsort(-means, kind="stable")
-        return [
-            (other, float(means[other])) for other in order[: limit + 1].tolist() if other != entity
-        ][:limit]
+        # One more than the limit, because the entity is usually nearest to itself.
+        order = np.argsort(-means, kind="stable")[: limit + 1].tolist()
+        others = [(other, float(means[other])) for other in order if other != entity]
+        return others[:limit]
 
     @cached_property
     def _total(self) -> _Rows:
+        """Lengths of the joined vectors, shape (E,)."""
         return np.asarray(np.linalg.norm(self.lengths, axis=1))
 
 
-ROLES: tuple[tuple[int, Side], ...] = tuple(
-    (relation, side) for relation in (0, 1) for side in ("head", "tail")
+ROLES: tuple[tuple[int, Side], ...] = (
+    (COMBINES_WITH, "head"),
+    (COMBINES_WITH, "tail"),
+    (COMPONENT_OF, "head"),
+    (COMPONENT_OF, "tail"),
 )
 """Relations and sides, in the order of :attr:`EntityRoles.lengths`."""
 
@@ -90,27 +127,29 @@ def centred(scores: NDArray[Any]) -> NDArray[Any]:
 
 
 def _of_table(scores: _Rows) -> tuple[_Rows, _Rows]:
+    """Return vectors of heads and of tails, (E, E) each: rows and columns of the centred table."""
     whole = centred(scores)
     return whole, np.ascontiguousarray(whole.T)
 
 
 def _of_factors(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
     """Return vectors with the same products as rows and columns in the centred ``left rightᵀ``."""
-    heads, tails = (
-        side.astype(np.float64) - side.mean(axis=0, dtype=np.float64) for side in (left, right)
-    )
+    # Centred factors have a centred product. 64 bits, because squares of small differences follow.
+    heads = left.astype(np.float64) - left.mean(axis=0, dtype=np.float64)
+    tails = right.astype(np.float64) - right.mean(axis=0, dtype=np.float64)
     return _turned(heads, tails), _turned(tails, heads)
 
 
 def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> _Rows:
     """Return X with ``X Xᵀ = rows (othersᵀ others) rowsᵀ``, shape (E, m)."""
+    # A root of the small (m, m) matrix; rounding can make its least eigenvalues negative.
     values, vectors = np.linalg.eigh(others.T @ others)
-    return np.asarray(rows @ (vectors * np.sqrt(values.clip(min=0))), dtype=np.float32)
+    root = vectors * np.sqrt(values.clip(min=0))
+    return np.asarray(rows @ root, dtype=np.float32)
 
 
 def _unit(rows: _Rows, lengths: _Rows) -> _Rows:
+    """Scale rows to length 1; rows that are zero up to rounding become zeros."""
     least = 1e-6 * float(np.max(lengths, initial=0)) or 1.0
-    return np.asarray(
-        np.where(lengths > least, 1 / np.maximum(lengths, least), 0)[:, None] * rows,
-        dtype=np.float32,
-    )
+    factors = np.where(lengths > least, 1 / np.maximum(lengths, least), 0)
+    return np.asarray(factors[:, None] * rows, dtype=np.float32)

@@ -1,8 +1,11 @@
-"""The base class for scorers; a new scorer implements ``_score``."""
+"""The base class for scorers: labels, ids and rankings; a new scorer implements ``_score``.
+
+Each scorer follows the interface :class:`~wordcraft_kg.models.scorers.protocol.TripleScorer`.
+"""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -12,9 +15,6 @@ from wordcraft_kg.base.errors import UnknownEntityError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.triples import RELATIONS
 
-if TYPE_CHECKING:
-    from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
-
 EntityIds = int | str | Sequence[int] | Sequence[str] | np.ndarray | Tensor
 """Entities by id or label: one, a sequence, or an array or tensor of ids of any shape."""
 RelationIds = int | str | Tensor
@@ -22,7 +22,14 @@ RelationIds = int | str | Tensor
 
 
 class Scorer(ABC):
-    """Base class for scorers of triples on a torch ``device``; ``entities`` are the labels in id order."""
+    """Base class for scorers of triples; it converts labels to ids and checks their range.
+
+    Attributes:
+        entities: labels in id order.
+        graph_hash: content hash of the recipe graph that the ids belong to.
+        device: torch device on which scores are computed and returned.
+        name: the scorer's name in reports and errors.
+    """
 
     def __init__(
         self,
@@ -31,49 +38,60 @@ class Scorer(ABC):
         device: str | torch.device = "cpu",
         name: str = "",
     ):
+        """Store the vocabulary; a subclass stores the data that it scores with.
+
+        Args:
+            entities: labels in id order.
+            graph_hash: content hash of the recipe graph that the ids belong to.
+            device: torch device for computation and results.
+            name: name in reports and errors; empty for the name of the class.
+        """
         self.entities = tuple(entities)
         self.graph_hash = graph_hash
         self.device = torch.device(device)
         self.name = name or type(self).__name__
         self._index = {label: i for i, label in enumerate(self.entities)}
 
-    @property
-    def whole(self) -> "Scorer":
-        """The scorer trained on all train recipes: ``self`` unless cross-fitted (a model per left-out fold)."""
-        return self
-
-    @property
-    def folds(self) -> "CrossFitted | None":
-        """``self`` if cross-fitted (a model per left-out fold), else None."""
-        return None
-
     @abstractmethod
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        """Score broadcastable int64 ids within range; float32."""
+        """Score broadcastable int64 ids within range; return float32 of the broadcast shape."""
 
     def score(self, heads: EntityIds, relations: RelationIds, tails: EntityIds) -> Tensor:
-        """Score triples, float32; ids or labels broadcast. Raises UnknownEntityError for an unknown label or id."""
+        """Score triples by ids or labels; a higher score means more plausible, on any scale.
+
+        Args:
+            heads: one entity, a sequence, or an array or tensor of ids of any shape.
+            relations: one relation, or a tensor of ids.
+            tails: as ``heads``; the three arguments broadcast against each other.
+
+        Returns:
+            float32 scores with the broadcast shape, on :attr:`device`.
+
+        Raises:
+            UnknownEntityError: for a label or id that the scorer does not know.
+        """
         return self._score(
             self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails)
         )
 
     def table(self, relation: int | str) -> Tensor:
-        """Return scores for all pairs in a relation, (E, E), row = head; 1.5 GiB for 20,000 entities."""
+        """Return scores of all pairs in a relation, (E, E), row = head; 1.5 GiB for E = 20,000."""
+        # A column of heads and a row of tails broadcast to all pairs.
         everything = torch.arange(len(self.entities), device=self.device)
         return self._score(everything[:, None], self.relation_ids(relation), everything[None, :])
 
     def entity_ids(self, entities: EntityIds) -> Tensor:
-        """Convert labels or ids to int64 ids on the device; UnknownEntityError names the nearest labels."""
+        """Convert labels or ids to int64 ids on the device, with the shape of the argument.
+
+        Raises:
+            UnknownEntityError: for an unknown label (the error names the nearest labels), an id out
+                of range, or numbers that are not integers.
+        """
         if not isinstance(entities, torch.Tensor):
             values = np.asarray(entities)
             if values.dtype.kind == "U":
-                unknown = [str(label) for label in values.flat if str(label) not in self._index]
-                if unknown:
-                    hint = nearest(unknown[0], self.entities)
-                    raise UnknownEntityError(f"no entity '{unknown[0]}' in {self.name}.{hint}")
-                values = np.array([self._index[str(label)] for label in values.flat]).reshape(
-                    values.shape
-                )
+                values = self._ids_of_labels(values)
+            # NumPy makes an empty list an array of floats, which are refused below.
             entities = torch.tensor(values if values.size else values.astype(np.int64))
         if entities.is_floating_point() or entities.is_complex():
             raise UnknownEntityError(
@@ -83,8 +101,20 @@ class Scorer(ABC):
         _check_range(ids, len(self.entities), "entity")
         return ids
 
+    def _ids_of_labels(self, labels: np.ndarray) -> np.ndarray:
+        names = [str(label) for label in labels.flat]
+        unknown = [name for name in names if name not in self._index]
+        if unknown:
+            hint = nearest(unknown[0], self.entities)
+            raise UnknownEntityError(f"no entity '{unknown[0]}' in {self.name}.{hint}")
+        return np.array([self._index[name] for name in names]).reshape(labels.shape)
+
     def relation_ids(self, relations: RelationIds) -> Tensor:
-        """Convert relation names or ids to int64 ids; UnknownEntityError names the relations."""
+        """Convert relation names or ids to int64 ids on the device.
+
+        Raises:
+            UnknownEntityError: for an unknown relation; the error names the known relations.
+        """
         if isinstance(relations, str):
             if relations not in RELATIONS:
                 hint = nearest(relations, RELATIONS)
@@ -92,6 +122,7 @@ class Scorer(ABC):
                     f"no relation '{relations}'; expected {' or '.join(RELATIONS)}.{hint}"
                 )
             relations = RELATIONS.index(relations)
+        # As tensors, so that subclasses need not distinguish one relation from many.
         ids = torch.as_tensor(relations, dtype=torch.int64, device=self.device)
         _check_range(ids, len(RELATIONS), "relation")
         return ids
@@ -103,19 +134,40 @@ class Scorer(ABC):
         tail: EntityIds | None,
         limit: int | None = 10,
     ) -> list[tuple[str, float]]:
-        """Rank entities for the head or tail that is None: labels and scores, best first; all without ``limit``."""
+        """Rank all entities for the open slot of a triple, known answers included.
+
+        Args:
+            head: the head, as id or label; None to rank heads.
+            relation: the relation, as id or label.
+            tail: the tail, as id or label; None to rank tails.
+            limit: maximum number of entities; None for all.
+
+        Returns:
+            labels and scores, best first; ties are in id order.
+
+        Raises:
+            ValueError: unless exactly one of ``head`` and ``tail`` is None.
+            UnknownEntityError: for a label or id that the scorer does not know.
+        """
         if (head is None) == (tail is None):
             raise ValueError("either head or tail must be None, not both.")
+        # All entities in the open slot, against which the known one broadcasts.
         everything = torch.arange(len(self.entities), device=self.device)
         scores = self.score(
             everything if head is None else head, relation, everything if tail is None else tail
         )
+        # A stable sort keeps ties in id order, so equal scorers list equal answers.
         order = torch.sort(scores, descending=True, stable=True).indices[:limit]
         return [(self.entities[i], float(scores[i])) for i in order.tolist()]
 
 
 class StoredScorer(Scorer):
-    """A scorer that a model folder can store as named tensors; ``kind`` is a key in ``SCORERS``."""
+    """A scorer that a model folder can store as named tensors.
+
+    Attributes:
+        kind: the key of the class in :data:`~wordcraft_kg.models.scorers.folder.SCORERS`, and the
+            scorer kind in ``vocabulary.json``.
+    """
 
     kind: ClassVar[str]
 
@@ -126,7 +178,16 @@ class StoredScorer(Scorer):
     @staticmethod
     @abstractmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:
-        """Check tensors for E = ``size`` entities: KeyError if missing, ValueError if shape, type or value is wrong."""
+        """Check tensors from a file before a scorer is made from them.
+
+        Args:
+            tensors: tensors by name.
+            size: number of entities E in the vocabulary.
+
+        Raises:
+            KeyError: if a tensor is missing.
+            ValueError: if a tensor has the wrong shape, type or value.
+        """
 
     @classmethod
     def restored(
@@ -136,7 +197,14 @@ class StoredScorer(Scorer):
         graph_hash: str,
         **settings: Any,
     ) -> Scorer:
-        """Make the scorer from its tensors, labels and graph hash; ``settings`` are ``device`` and ``name``."""
+        """Make the scorer from the tensors that :meth:`tensors` returned.
+
+        Args:
+            tensors: tensors by name, which have passed :meth:`check`.
+            entities: labels in id order.
+            graph_hash: content hash of the recipe graph that the ids belong to.
+            settings: ``device`` and ``name``, as in :class:`Scorer`.
+        """
         return cls(tensors, entities, graph_hash, **settings)  # type: ignore[arg-type]
 
 
@@ -145,24 +213,50 @@ def check_shapes(
     expected: Mapping[str, tuple[int, ...]],
     dtypes: Mapping[str, torch.dtype] = {},
 ) -> None:
-    """Raise KeyError for a missing tensor, ValueError for a wrong shape or type (float32 unless in ``dtypes``)."""
+    """Check that tensors from a file have the shapes and types that the vocabulary needs.
+
+    Args:
+        tensors: tensors by name; further tensors are ignored.
+        expected: shapes of the needed tensors, by name.
+        dtypes: types by name; float32 for all others.
+
+    Raises:
+        KeyError: if a tensor is missing.
+        ValueError: if a tensor has another shape or type.
+    """
     for name, shape in expected.items():
-        if tensors[name].dtype != (kind := dtypes.get(name, torch.float32)):
-            raise ValueError(f"{name} has type {tensors[name].dtype}, not {kind}")
-        if tensors[name].shape != shape:
+        tensor = tensors[name]
+        dtype = dtypes.get(name, torch.float32)
+        if tensor.dtype != dtype:
+            raise ValueError(f"{name} has type {tensor.dtype}, not {dtype}")
+        if tensor.shape != shape:
             raise ValueError(
-                f"{name} has shape {tuple(tensors[name].shape)}, the vocabulary needs {shape}"
+                f"{name} has shape {tuple(tensor.shape)}, the vocabulary needs {shape}"
             )
 
 
 def check_ids(name: str, ids: Tensor, high: int) -> None:
-    """Raise ValueError if an id is outside 0 .. ``high``; ``name`` is for the error."""
-    if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) <= high:
+    """Check that ids from a file can index something.
+
+    Args:
+        name: the tensor's name, for the error.
+        ids: integers of any shape; an empty tensor passes.
+        high: largest valid id; the smallest is 0.
+
+    Raises:
+        ValueError: if an id is outside 0 .. ``high``.
+    """
+    if not _are_within(ids, high):
         raise ValueError(f"{name} contains numbers outside 0 .. {high}")
 
 
 def _check_range(ids: Tensor, size: int, what: str) -> None:
-    if ids.numel() and not 0 <= int(ids.min()) <= int(ids.max()) < size:
+    if not _are_within(ids, size - 1):
         raise UnknownEntityError(
             f"{what} ids must be 0 .. {size - 1}; found {int(ids.min())} .. {int(ids.max())}."
         )
+
+
+def _are_within(ids: Tensor, high: int) -> bool:
+    # Negative ids are refused too: they would index from the end without an error.
+    return not ids.numel() or 0 <= int(ids.min()) <= int(ids.max()) <= high

@@ -9,6 +9,7 @@ from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.graphs.audit import SplitSummary, split_summary
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.models.scorers.cross_fitting import folds_of
 
 EXAMPLES = 12
 
@@ -71,7 +72,8 @@ def _view(explored: Explored, _: Home) -> Overview:
 
 def _line(predictor: LinkPredictor) -> ModelLine:
     model = predictor.model
-    folds = 0 if model.scorer.folds is None else model.scorer.folds.count
+    cross_fitted = folds_of(model.scorer)
+    folds = cross_fitted.count if cross_fitted else 0
     kind, train_sample = model.run.kind, model.learned_from
     return ModelLine(predictor.name, kind, model.kg, train_sample, folds, predictor.scores_recipes)
 

@@ -12,9 +12,9 @@ from wordcraft_kg.apps.explorer.predictor import (
 )
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Record
+from wordcraft_kg.evaluation.queries import RecipeQuery
 from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipe, view_open_recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH
-from wordcraft_kg.models.scorers.queries import RecipeQuery
 
 RESULTS = 10
 EXAMPLES = 4

@@ -35,6 +35,8 @@ _POINTERS = {
 _RELATIONS = tuple(dict.fromkeys(_POINTERS.values()))
 _SYMMETRIC = {_RELATIONS.index(name) for name in ("relatedForm", "antonym", "attribute", "similar")}
 _FIELDS = [f"{number:02d}" for number in range(45)]
+_MOST_OCCURRENCES = 10**9
+"""More than any sense-tagged corpus has words; sums of counts stay exact."""
 NEEDED = ("data.noun", "index.noun")
 
 
@@ -190,8 +192,11 @@ class _Reader:
                 key, sense, count = line.split()
                 lemma, kind = key.split("%")
                 nodes = senses.get(lemma, ()) if kind[0] == "1" else ()
-                if int(sense) <= len(nodes):  # Debian's file names a few senses of old versions
-                    counts[plain(lemma), nodes[int(sense) - 1]] = int(count)
+                place, occurrences = int(sense) - 1, int(count)
+                if place < 0 or not 0 <= occurrences <= _MOST_OCCURRENCES:
+                    raise ValueError
+                if place < len(nodes):  # Debian's file names a few senses of old versions
+                    counts[plain(lemma), nodes[place]] = occurrences
             except (ValueError, IndexError):
                 raise self.fault(
                     "cntlist.rev", number, f"'{line.strip()[:60]}' is not a sense with its count"

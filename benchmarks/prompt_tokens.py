@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from transformers import AutoTokenizer
 
+from wordcraft_kg.apps.elicitation.foreign_code import check_model_files
 from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
 from wordcraft_kg.cli.console import aligned
 
@@ -27,8 +28,9 @@ def main() -> None:
     )
     parser.add_argument("model", type=Path, help="model folder or .gguf file")
     path = parser.parse_args().model
+    check_model_files(path)
     where, options = (path.parent, {"gguf_file": path.name}) if path.is_file() else (path, {})
-    tokenizer = AutoTokenizer.from_pretrained(where, **options)
+    tokenizer = AutoTokenizer.from_pretrained(where, trust_remote_code=False, **options)
     rows = [("track", "look-ups", "prompts", "input", "output", "input, last message alone")]
     for name in (track + lite for track in read_manifest()[0].tracks for lite in ("", "-lite")):
         for look_ups in ("none", "partial"):

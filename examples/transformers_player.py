@@ -13,6 +13,7 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import torch
 from transformers import AutoModelForCausalLM, AutoTokenizer, DynamicCache
@@ -31,13 +32,15 @@ class Reader:
 
     def __init__(self, name: str):
         """Load a model folder, a .gguf file, or a model on the hub."""
-        path = Path(name)
-        where, options = (
-            (str(path.parent), {"gguf_file": path.name}) if path.is_file() else (name, {})
-        )
+        path, where = Path(name), name
+        # Without False, the library asks on stdin, where the games come from, whether to run the model's own code.
+        options: dict[str, Any] = {"trust_remote_code": False}
+        if path.is_file():
+            where, options["gguf_file"] = str(path.parent), path.name
         self.tokenizer = AutoTokenizer.from_pretrained(where, **options)
+        # A pickle can run code; a .gguf file is none.
         self.model = AutoModelForCausalLM.from_pretrained(
-            where, dtype=torch.float32, **options
+            where, dtype=torch.float32, use_safetensors=not path.is_file(), **options
         ).eval()
         self.end: int = self.tokenizer.eos_token_id
         self.ids: list[int] = []

@@ -1,14 +1,29 @@
-"""Reading files: what has no end is not begun, and what is not finite is not a weight."""
+"""Files: what has no end is not read, what is not finite is not a weight, and no device is replaced."""
 
 import os
+import socket
+import stat
 from pathlib import Path
 
 import pytest
 import safetensors.torch
 import torch
 
-from wordcraft_kg.base.artefacts import LARGE_FILE, SMALL_FILE, read_large_file, read_small_file
-from wordcraft_kg.base.errors import ArtefactError, ConfigError, RecipeFileError
+from wordcraft_kg.base.artefacts import (
+    LARGE_FILE,
+    SMALL_FILE,
+    read_large_file,
+    read_small_file,
+    staged_file,
+    staged_folder,
+    write_atomically,
+)
+from wordcraft_kg.base.errors import (
+    ArtefactError,
+    ConfigError,
+    OutputExistsError,
+    RecipeFileError,
+)
 from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.book_files import MAX_BOOK_SIZE, read_book
 from wordcraft_kg.models.scorers.features import make_features
@@ -73,3 +88,100 @@ def test_weights_that_are_not_finite_are_refused_by_name(value):
     assert list(read_tensors(Path("model.safetensors"), safetensors.torch.save(tensors))) == [
         "sound"
     ]
+
+
+def shape(path):
+    """A path's kind, and its content or its target: what a refused write must leave as it was."""
+    mode = path.lstat().st_mode
+    return stat.S_IFMT(mode), os.readlink(path) if path.is_symlink() else path.lstat().st_rdev
+
+
+def char_device(path):
+    try:
+        os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    except OSError:
+        pytest.skip("needs the right to make devices")
+
+
+def socket_file(path):
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind(str(path))
+
+
+def link_to_a_pipe(path):
+    os.mkfifo(path.with_name("pipe"))
+    path.symlink_to("pipe")
+
+
+def dangling(path):
+    path.symlink_to("missing")
+
+
+def looping(path):
+    path.symlink_to(path.name)
+
+
+def to_a_folder(out):
+    with staged_folder(out, force=True) as folder:
+        (folder / "graph.json").write_text("new")
+
+
+def to_a_file(out):
+    with staged_file(out, force=True) as file:
+        file.write_text("new")
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (pipe, "device, a pipe or a socket"),
+        (char_device, "device, a pipe or a socket"),
+        (socket_file, "device, a pipe or a socket"),
+        (link_to_a_pipe, "device, a pipe or a socket"),
+        (dangling, r"'.*out' is a link to '.*missing', which does not exist"),
+        (looping, "loop of links"),
+    ],
+)
+@pytest.mark.parametrize("write", [to_a_folder, to_a_file])
+def test_an_output_never_replaces_a_device_a_pipe_or_a_link_that_leads_nowhere(
+    tmp_path, monkeypatch, make, says, write
+):
+    monkeypatch.chdir(tmp_path)  # the name of a socket is short
+    make(Path("out"))
+    before = {path.name: shape(path) for path in Path().iterdir()}
+    with pytest.raises(OutputExistsError, match=says):
+        write(Path("out").absolute())
+    assert {path.name: shape(path) for path in Path().iterdir()} == before
+
+
+@pytest.mark.parametrize("make", [pipe, char_device])
+def test_an_atomic_write_never_replaces_a_device_or_a_pipe(tmp_path, make):
+    make(tmp_path / "out")
+    before = shape(tmp_path / "out")
+    with pytest.raises(OutputExistsError, match="device, a pipe or a socket"):
+        write_atomically(tmp_path / "out", "new")
+    assert shape(tmp_path / "out") == before
+    assert list(tmp_path.iterdir()) == [tmp_path / "out"]
+
+
+@pytest.mark.parametrize("write", [to_a_folder, to_a_file])
+def test_an_output_through_links_replaces_the_end_and_keeps_the_links(tmp_path, write):
+    far = tmp_path / "disk" / "far"
+    write(far)
+    (tmp_path / "near").symlink_to("disk/far")
+    (tmp_path / "out").symlink_to(tmp_path / "near")
+    end = far / "graph.json" if far.is_dir() else far
+    end.write_text("old")
+    write(tmp_path / "out")
+    assert end.read_text() == "new"
+    assert (os.readlink(tmp_path / "near"), (tmp_path / "out").is_symlink()) == ("disk/far", True)
+    assert [path.name for path in (tmp_path / "disk").iterdir()] == ["far"]
+
+
+def test_a_link_inside_a_folder_is_replaced_not_followed(tmp_path):
+    """A run folder of somebody else may hold a link to any file of the user's."""
+    (tmp_path / "private").write_text("private")
+    (tmp_path / "metrics.json").symlink_to("private")
+    write_atomically(tmp_path / "metrics.json", "new")
+    assert (tmp_path / "private").read_text() == "private"
+    assert (tmp_path / "metrics.json").read_text() == "new"

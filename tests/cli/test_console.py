@@ -690,3 +690,67 @@ def test_a_disk_that_takes_no_more_files_is_one_line_and_the_same_command_goes_o
     assert error.count("\n") == 1
     assert ("Nothing was changed" in error) == (list(home.iterdir()) == [])
     assert run(*command).code == 0
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="a device of Linux")
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_a_result_that_stdout_does_not_take_fails_and_the_message_is_true(tmp_path, options):
+    command = [sys.executable, "-m", "wordcraft_kg", "build-graph", "kitchen", "--out", "graph"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [*command, *options],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            cwd=tmp_path,
+            text=True,
+            check=False,
+        )
+    assert (done.returncode, done.stderr.count("\n")) == (1, 1)
+    assert "could not be printed on stdout (No space left on device)" in done.stderr
+    assert "Nothing was changed" not in done.stderr
+    assert (tmp_path / "graph" / "graph.json").is_file()
+
+
+def test_a_working_folder_that_was_deleted_is_named(tmp_path):
+    """Some libraries end the process when they are imported there, so the check comes first."""
+    code = """
+import os, sys
+from wordcraft_kg.cli import main
+os.mkdir("gone")
+os.chdir("gone")
+os.rmdir("../gone")
+sys.exit(main(["train-complex", "kitchen", "--out", "model"]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, cwd=tmp_path, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("error: the working folder does not exist any more")
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_folder_that_pykeen_cannot_make_is_named_with_the_variable_that_moves_it(tmp_path):
+    (tmp_path / "home").touch()  # a file where the folder would be
+    command = [sys.executable, "-m", "wordcraft_kg", "train-complex", "kitchen", "--out", "model"]
+    variables = {name: value for name, value in os.environ.items() if name != "PYSTOW_HOME"}
+    done = subprocess.run(
+        command,
+        env={**variables, "HOME": str(tmp_path / "home")},
+        capture_output=True,
+        cwd=tmp_path,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert f"PyKEEN cannot make its folder, {tmp_path / 'home' / '.data'} (" in done.stderr
+    assert "Set PYSTOW_HOME" in done.stderr
+    assert not (tmp_path / "model").exists()
+
+
+def test_a_user_without_a_home_folder_is_told_to_set_one(refused, monkeypatch):
+    def home():
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.setattr(Path, "home", home)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    refused("describe", "kitchen", kind="RuntimeError", says="no home folder. Set HOME")

@@ -359,7 +359,11 @@ def test_an_output_that_exists_is_kept_until_it_is_forced(refused, run, out):
         ("file", [], "file' is a file, but the output is a folder. Choose another --out."),
         ("file", ["--force"], "file' is a file, but the output is a folder. Choose another --out."),
         ("file/below/kitchen", [], "below': Not a directory. Nothing was changed."),
-        ("loop", [], "Not a directory. Nothing was changed."),
+        (
+            "loop",
+            [],
+            "loop' is a link in a loop of links. Remove the link, or choose another --out.",
+        ),
     ],
 )
 def test_an_output_that_is_not_ours_or_a_file_is_never_replaced(refused, out, path, options, says):

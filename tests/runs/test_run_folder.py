@@ -448,3 +448,28 @@ def test_a_run_killed_at_random_moments_ends_with_the_bits_of_an_undisturbed_one
         assert code == 0 or f"'{folder}' exists" in said, said
         assert learned(folder) == learned(whole)
         assert {path.name for path in folder.iterdir()} == {path.name for path in whole.iterdir()}
+
+
+def test_a_training_through_a_link_fills_the_folder_at_its_end_and_the_link_stays(tmp_path):
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "out").symlink_to("disk")
+    plain_run.train(tmp_path / "out", "first")
+    plain_run.train(tmp_path / "out", "second", force=True)
+    with pytest.raises(RuntimeError, match="no more"):
+        plain_run.train(tmp_path / "out", "", force=True)
+    assert (tmp_path / "disk" / "result").read_text() == "second"
+    assert os.readlink(tmp_path / "out") == "disk"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "out"]
+
+
+def test_a_training_into_a_link_that_leads_nowhere_is_refused_before_it_begins(tmp_path):
+    (tmp_path / "out").symlink_to("missing")
+    for check in (
+        lambda out: check_run_output(out, force=True),
+        lambda out: plain_run.train(out, "x"),
+    ):
+        with pytest.raises(
+            OutputExistsError, match=r"out' is a link to '.*missing', which does not"
+        ):
+            check(tmp_path / "out")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

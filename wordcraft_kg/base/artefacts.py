@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -100,10 +101,59 @@ def what_is(path: Path) -> str:
     return f"has none of {', '.join(_OWN_FILES)}" if any(path.iterdir()) else "is an empty folder"
 
 
+def output_target(out: Path) -> Path:
+    """Return the path that an output replaces: the end of a link, so that the link stays; otherwise ``out`` itself.
+
+    Only outputs that a user names are followed through links. Files in a folder are not: a folder that somebody else
+    made may hold links to any file of the user's.
+
+    Raises:
+        OutputExistsError: if ``out`` is a device, a pipe or a socket, or a link that leads nowhere.
+    """
+    _refuse_special(out)
+    if not out.is_symlink():
+        return out
+    target = Path(os.path.realpath(out))
+    if not os.path.lexists(target):
+        raise OutputExistsError(
+            f"'{out}' is a link to '{target}', which does not exist. Remove the link, or choose another `out`."
+        )
+    if target.is_symlink():
+        raise OutputExistsError(
+            f"'{out}' is a link in a loop of links. Remove the link, or choose another `out`."
+        )
+    return target
+
+
+def _refuse_special(path: Path) -> None:
+    """Raise OutputExistsError for a device, a pipe or a socket, which a rename would replace by a file."""
+    try:
+        mode = path.stat().st_mode
+    except OSError:  # missing, or a link that leads nowhere
+        return
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise OutputExistsError(
+            f"'{path}' is a device, a pipe or a socket; expected a file or a folder. Choose another `out`."
+        )
+
+
 def write_atomically(
     path: Path, content: str | bytes | Iterable[str], *, durable: bool = False
 ) -> None:
-    """Write through a temporary file and a rename; a ``durable`` file is flushed first, for power failures."""
+    """Write a file through a temporary file and a rename.
+
+    A link at ``path`` is replaced, not followed, see :func:`output_target`.
+
+    Args:
+        path: file to write; its folder exists.
+        content: bytes, or text written as UTF-8, perhaps in parts.
+        durable: flush the file to the disk before the rename, for power failures.
+
+    Raises:
+        OutputExistsError: if ``path`` is a device, a pipe or a socket.
+    """
+    if not path.is_symlink():
+        _refuse_special(path)
     descriptor, temporary = tempfile.mkstemp(
         dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY
     )
@@ -138,9 +188,10 @@ def drop_temporary(folder: Path) -> None:
 def check_output(out: Path, *, force: bool) -> None:
     """Check, before any work, that an output may be written to ``out``.
 
-    OutputExistsError if ``out`` exists and ``force`` is False. A file, or a non-empty folder that this package did not
-    write, is never replaced.
+    OutputExistsError if ``out`` exists and ``force`` is False. A file, a device, or a non-empty folder that this
+    package did not write, is never replaced; a link must lead to a folder.
     """
+    output_target(out)
     if out.is_file():
         raise OutputExistsError(
             f"'{out}' is a file, but the output is a folder. Choose another `out`."
@@ -160,25 +211,35 @@ def check_output(out: Path, *, force: bool) -> None:
 
 @contextmanager
 def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary folder, renamed to ``out`` if the block succeeds, else removed; ``out`` stays until then."""
+    """Yield a temporary folder, renamed to ``out`` if the block succeeds, else removed; ``out`` stays until then.
+
+    If ``out`` is a link, the folder at its end is replaced, and the link stays.
+    """
     check_output(out, force=force)
-    with _staging(out) as staging:
+    target = output_target(out)
+    with _staging(target) as staging:
         os.chmod(staging, 0o777 & ~_umask())
         yield staging
-        _replace_folder(staging, out)
+        _replace_folder(staging, target)
 
 
 @contextmanager
 def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yield a path in a temporary folder; the file written there becomes ``out`` if the ``with`` block succeeds."""
+    """Yield a path in a temporary folder; the file written there becomes ``out`` if the ``with`` block succeeds.
+
+    If ``out`` is a link, the file at its end is replaced, and the link stays.
+    """
     check_output_file(out, force=force)
-    with _staging(out) as staging:
+    target = output_target(out)
+    with _staging(target) as staging:
+        # The name as given: formats and titles come from it.
         yield staging / out.name
-        os.replace(staging / out.name, out)
+        os.replace(staging / out.name, target)
 
 
 def check_output_file(out: Path, *, force: bool) -> None:
-    """Raise an OutputExistsError if the file ``out`` is a folder, or exists and ``force`` is False."""
+    """Raise an OutputExistsError if the file ``out`` is a folder or device, or exists and ``force`` is False."""
+    output_target(out)
     if out.is_dir():
         raise OutputExistsError(
             f"'{out}' is a folder, but the output is a file. Choose another `out`."

@@ -90,6 +90,10 @@ class OutputExistsError(WordCraftKGError, FileExistsError):
     """The output file or folder exists, and overwriting (``force``) was not requested."""
 
 
+class StdoutError(WordCraftKGError, OSError):
+    """A result could not be printed on stdout, for example on a full disk; files written before remain."""
+
+
 class PlayerError(WordCraftKGError, RuntimeError):
     """An external program that plays games did not start, ended early, timed out, or wrote an invalid answer."""
 

@@ -30,10 +30,10 @@ from cyclopts.help import DefaultFormatter, InlineText
 
 from wordcraft_kg import __version__
 from wordcraft_kg.base.artefacts import read_small_file
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, StdoutError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.cli.console import OUTPUT_GROUP, Output
-from wordcraft_kg.cli.failures import Manual, failure_of
+from wordcraft_kg.cli.failures import Failure, Manual, failure_of
 
 CORE = {
     "Recipe books and graphs": ["build-graph", "describe", "check-book", "books", "export"],
@@ -240,19 +240,39 @@ def main(arguments: Sequence[str] | None = None) -> int:
             app.config = [*app.config, _refuse_on_command_line(name, manual.module.FILE_ONLY)]
         command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
         output = bound.arguments.get("output", output)
+        _check_working_folder()
         with output.session():
             return int(command(*bound.args, **bound.kwargs) or 0)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 1
     except BrokenPipeError:
-        # The reader has closed the pipe, as `| head` does: not an error, but Python must not flush at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader has closed the pipe, as `| head` does: not an error.
+        _close_stdout()
         return 0
+    except StdoutError as error:
+        _close_stdout()
+        return Failure(error.kind, str(error)).show(output)
     except (Exception, KeyboardInterrupt) as error:
         failure = failure_of(error, manual)
         if failure is None:
             raise
         return failure.show(output)
+
+
+def _close_stdout() -> None:
+    """Discard the text that stdout did not take: Python would flush it at exit, and fail again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _check_working_folder() -> None:
+    """Raise ConfigError if the working folder was deleted: libraries then end the process, or fail without a reason."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise ConfigError(
+            "the working folder does not exist any more; another process has deleted or replaced it. Change to an "
+            "existing folder with cd."
+        ) from None
 
 
 def _check_text(value: Any, where: str) -> None:

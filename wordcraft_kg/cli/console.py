@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from wordcraft_kg.base.artefacts import check_output_file, staged_file, write_atomically
-from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.errors import ConfigError, StdoutError
 from wordcraft_kg.base.escaping import for_json, for_terminal
 from wordcraft_kg.base.progress import listening
 from wordcraft_kg.cli.progress import Progress, Stages
@@ -48,15 +48,31 @@ class Output:
     config: Path | None = None
 
     def result(self, view: "Record | dict[str, Any]", text: Iterable[str]) -> None:
-        """Print a command's result: ``view`` as a JSON object with --json, otherwise the lines of ``text``."""
+        """Print a command's result: ``view`` as a JSON object with --json, otherwise the lines of ``text``.
+
+        Raises:
+            StdoutError: if stdout takes no more; a command writes its files before its result, so they remain.
+            BrokenPipeError: if the reader of stdout has closed it, as `| head` does.
+        """
         Progress.close_current()  # training may end before the last epoch
         if self.json:
             from wordcraft_kg.base.records import as_values
 
-            print(for_json(json.dumps(as_values(view), ensure_ascii=False)))
+            lines = [for_json(json.dumps(as_values(view), ensure_ascii=False))]
         else:
-            for line in text:
-                print(for_terminal(line))
+            lines = [for_terminal(line) for line in text]
+        try:
+            for line in lines:
+                print(line)
+            # At the exit of Python, an error would have no message.
+            print(end="", flush=True)
+        except BrokenPipeError:
+            raise
+        except OSError as error:
+            raise StdoutError(
+                f"the result could not be printed on stdout ({error.strerror or error}). Files that the command has "
+                "written remain. Redirect stdout to another place."
+            ) from None
 
     def progress(self, what: str, unit: str = "epoch") -> Progress:
         """Return a reporter that shows progress of the work ``what`` on stderr, in epochs or another unit."""

@@ -11,6 +11,7 @@ from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.extras import CPU_TORCH, NOT_INSTALLED, pip_install, requirements, unmet
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.failures import pykeen_folder
 from wordcraft_kg.graphs.library import (
     DATA_VARIABLE,
     FETCHABLE,
@@ -111,10 +112,9 @@ def _extras() -> Iterator[Finding]:
 
 
 def _folders() -> Iterator[Finding]:
-    pystow = Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data")
     for check, folder, variable in (
         ("books", cache_folder(), "XDG_CACHE_HOME"),
-        ("PyKEEN", pystow, "PYSTOW_HOME"),
+        ("PyKEEN", pykeen_folder(), "PYSTOW_HOME"),
     ):
         existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         if existing.is_dir() and os.access(existing, os.W_OK):

@@ -1,11 +1,13 @@
 """Failed commands: conversion of errors into messages, hints and exit codes."""
 
 import json
+import os
 import re
 import traceback
 from collections.abc import Callable, Container
 from dataclasses import dataclass
 from inspect import signature
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -20,6 +22,8 @@ OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track
 """Option names by Python setting name, where the two differ."""
 INTERRUPTED = 130
 _NO_MEMORY = re.compile("not enough memory|can't allocate memory|out of memory")
+_NO_HOME = "Could not determine home directory"
+"""Python's message, for a user without HOME and without an entry in the list of users, as in containers."""
 
 
 @dataclass(frozen=True)
@@ -100,9 +104,20 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, ModuleNotFoundError):
         missing = missing_package("this command", error)
         return None if missing is error else Failure(kind, str(missing))
+    if isinstance(error, OSError) and _is_raised_in(error, "pystow"):
+        return Failure(
+            kind,
+            f"PyKEEN cannot make its folder, {pykeen_folder()} ({error.strerror or error}). Set PYSTOW_HOME to a "
+            "folder with write permission. Nothing was changed.",
+        )
     if isinstance(error, OSError):
         where = f"'{error.filename}': " if error.filename else ""
         return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.")
+    if isinstance(error, RuntimeError) and str(error).startswith(_NO_HOME):
+        return Failure(
+            kind,
+            "this user has no home folder. Set HOME to a folder with write permission. Nothing was changed.",
+        )
     # The RuntimeError comes from torch, for tensors.
     if isinstance(error, MemoryError) or (
         isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))
@@ -111,6 +126,17 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
             "MemoryError", "this machine does not have enough memory. Nothing was changed."
         )
     return None
+
+
+def pykeen_folder() -> Path:
+    """Return the folder that PyKEEN's library of folders, pystow, makes when PyKEEN is imported."""
+    return Path(os.environ.get("PYSTOW_HOME") or Path.home() / ".data")
+
+
+def _is_raised_in(error: BaseException, package: str) -> bool:
+    """Return whether a function of ``package`` is on the way from the command to the error."""
+    frames = (frame for frame, _ in traceback.walk_tb(error.__traceback__))
+    return any(frame.f_globals.get("__name__", "").partition(".")[0] == package for frame in frames)
 
 
 def _hints(error: CycloptsError, manual: Manual | None) -> tuple[str, ...]:

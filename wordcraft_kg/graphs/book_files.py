@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from wordcraft_kg.base.artefacts import what_is, write_atomically
+from wordcraft_kg.base.artefacts import output_target, what_is, write_atomically
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest
@@ -465,15 +465,16 @@ def _known(label: Any, known: set[str], where: str) -> str:
 def write_book(book: RecipeBook, path: Path) -> None:
     """Write a recipe book as ``.csv``, ``.tsv`` or ``.json``; reading the file restores an equal book."""
     ending = path.suffix.lower()
+    target = output_target(path)
     if ending == ".json":
-        write_atomically(path, book_json(book))
+        write_atomically(target, book_json(book))
     elif ending in (".csv", ".tsv"):
         directives = [("base", book.base), ("entities", book.idle or None)]
         head = [
             f"# {key}: {_csv_line(labels, ',')}" for key, labels in directives if labels is not None
         ]
         write_atomically(
-            path,
+            target,
             [*head, *recipe_table(book.recipes, "," if ending == ".csv" else "\t", book.kinds)],
         )
     else:

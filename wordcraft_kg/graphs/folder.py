@@ -1,14 +1,16 @@
 """Write graph folders (a recipe graph and a split as files), and open graphs by folder, book file or book name."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from wordcraft_kg.base.artefacts import (
     dump_json,
     read_json,
+    read_large_file,
     staged_folder,
     what_is,
     write_atomically,
@@ -22,7 +24,7 @@ from wordcraft_kg.graphs.book_files import book_json, read_book, recipe_table
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import RecipeBook
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
 
 KG = Literal["partial", "full"]
 """Knowledge graph: triples from the train recipes, or from all recipes."""
+_DROPPED = ("dropped_self_results", "merged_duplicates")
+"""Numbers of lines of a book that became no recipe."""
 TrainedOn = Literal["partial", "full", "none"]
 """A scorer's training recipes: train, all, or none (a scorer of entity names only)."""
 
@@ -74,6 +78,54 @@ def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
     )
 
 
+def _derived_files(split: Split, kinds: Mapping[Recipe, str]) -> dict[str, Iterable[str]]:
+    """Return the lines of all tables in a graph folder by file name; they follow from graph, split and kinds alone."""
+    graph = split.graph
+    frame = entities_frame(graph)
+    frame.insert(0, "id", range(len(frame)))
+    files: dict[str, Iterable[str]] = {
+        "recipes.csv": recipe_table(graph.recipe_labels(), kinds=kinds),
+        "entities.tsv": [frame.to_csv(sep="\t", index=False, lineterminator="\n")],
+    }
+    parts = {"full": graph.triples, "partial": split.partial, "unseen": split.unseen}
+    for name, triples in parts.items():
+        files[f"triples/{name}.tsv"] = triple_lines(triples, graph.entities)
+    return files
+
+
+def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
+    """Check that all files of a graph folder agree with its ``graph.json`` and ``split.json``.
+
+    Commands read only these two, but people read the tables: a folder from elsewhere may hold other recipes there.
+
+    Raises:
+        ArtefactError: if a table differs from the table of this graph and split, or a figure in ``audit.json`` from
+            the figure computed here. Figures that this version does not know are not compared.
+    """
+    book = read_book(folder / "graph.json", keep_self_results=True)
+    for name, lines in _derived_files(opened.split, book.kinds).items():
+        if read_large_file(folder / name) != "".join(lines).encode():
+            raise ArtefactError(
+                f"{folder / name} does not agree with graph.json and split.json. Build the graph again, or restore a "
+                "copy."
+            )
+    source = read_json(folder / "graph.json").get("source")
+    counts = {name: source.get(name, 0) for name in _DROPPED} if isinstance(source, dict) else {}
+    figures = as_values(audit(opened.graph, opened.split, replace(book, **counts)))
+    if not _agree(read_json(folder / "audit.json"), figures):
+        raise ArtefactError(
+            f"{folder / 'audit.json'} does not agree with graph.json and split.json. Build the graph again, or restore "
+            "a copy."
+        )
+
+
+def _agree(recorded: Any, expected: Any) -> bool:
+    """Return whether values are equal, in objects the values of the names that both have."""
+    if isinstance(recorded, dict) and isinstance(expected, dict):
+        return all(_agree(recorded[name], expected[name]) for name in recorded.keys() & expected)
+    return bool(recorded == expected)
+
+
 @stage("writing the graph folder")
 def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool = False) -> Audit:
     """Write a recipe graph and a split to a folder, complete or not at all; return statistics.
@@ -84,10 +136,7 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
     """
     graph = split.graph
     with staged_folder(out, force=force) as folder:
-        source = {
-            name: getattr(book, name)
-            for name in ("sha256", "dropped_self_results", "merged_duplicates")
-        }
+        source = {name: getattr(book, name) for name in ("sha256", *_DROPPED)}
         if graph.base_is_inferred:
             source["base_is_inferred"] = True
         of_graph = RecipeBook(
@@ -95,21 +144,9 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
         )
         write_atomically(folder / "graph.json", book_json(of_graph, hash=graph.hash, source=source))
         write_atomically(folder / "split.json", split.to_json())
-        write_atomically(folder / "recipes.csv", recipe_table(of_graph.recipes, kinds=book.kinds))
-        frame = entities_frame(graph)
-        frame.insert(0, "id", range(len(frame)))
-        write_atomically(
-            folder / "entities.tsv", frame.to_csv(sep="\t", index=False, lineterminator="\n")
-        )
         (folder / "triples").mkdir()
-        for name, triples in (
-            ("full", graph.triples),
-            ("partial", split.partial),
-            ("unseen", split.unseen),
-        ):
-            write_atomically(
-                folder / "triples" / f"{name}.tsv", triple_lines(triples, graph.entities)
-            )
+        for name, lines in _derived_files(split, book.kinds).items():
+            write_atomically(folder / name, lines)
         record = audit(graph, split, book)
         write_atomically(folder / "audit.json", dump_json(as_values(record)))
     return record

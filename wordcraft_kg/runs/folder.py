@@ -15,6 +15,7 @@ from wordcraft_kg.base.artefacts import (
     check_output,
     drop_temporary,
     has_only_temporary,
+    output_target,
     sha256_of,
     what_is,
     with_a_name,
@@ -189,8 +190,8 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
     An old folder at ``out`` is moved aside first, and restored if the new run ends without checkpoint and result.
     OutputExistsError if ``out`` exists and ``force`` is False, ArtefactError if another process is training in ``out``.
     """
-    out = with_a_name(out)
     check_new_run(out, force=force)
+    out = output_target(with_a_name(out))
     with locked(out) if out.exists() else nullcontext():
         _put_aside(out)
         try:
@@ -217,7 +218,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
 @contextmanager
 def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
     """Lock and yield the folder of an unfinished run; ArtefactError if done, damaged, another kind or in use."""
-    folder = with_a_name(folder)
+    folder = output_target(with_a_name(folder))
     kind.read_record(folder)
     with locked(folder):
         record = kind.read_record(folder)  # under the lock, the record cannot change
@@ -249,7 +250,8 @@ def check_run_output(out: Path, *, force: bool) -> None:
 
 def check_new_run(out: Path, *, force: bool) -> None:
     """Raise OutputExistsError unless ``out`` is missing, empty, or left by a run killed at the start, or ``force``."""
-    if not _is_beginning(out) or (_aside(out).exists() and not force):
+    target = output_target(with_a_name(out))
+    if not _is_beginning(target) or (_aside(target).exists() and not force):
         check_output(out, force=force)
 
 

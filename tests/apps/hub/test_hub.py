@@ -11,7 +11,14 @@ from pathlib import Path
 import pytest
 from huggingface_hub import constants
 
+import wordcraft_kg.agents.training as agents
+import wordcraft_kg.models.links.training as links
+import wordcraft_kg.models.recipes.training as recipes
 from wordcraft_kg import open_model
+from wordcraft_kg.agents.agent_folder import INPUTS
+from wordcraft_kg.apps.hub import folders
+from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS
+from wordcraft_kg.runs.config_file import CONFIG_FILE
 
 
 class Hub(BaseHTTPRequestHandler):
@@ -148,3 +155,111 @@ def test_failures_name_the_remedy_and_never_the_token(hub, run, parted_folder, m
         True,
     )
     assert "hf_wrong" not in outcome.err
+
+
+def push_and_change(hub, run, folder, change):
+    """Push a folder, let an attacker change the pushed files by name, and mend the list of hashes."""
+    kind = "datasets" if (folder / "graph.json").exists() else "models"
+    assert run("hub", "push", folder, "me/mine").code == 0
+    files = hub.files[kind, "me/mine", "main"]
+    change(files)
+    shared = set(files) - {"", "README.md", "SHA256SUMS"}
+    sums = (f"{hashlib.sha256(files[name]).hexdigest()}  {name}\n" for name in sorted(shared))
+    files["SHA256SUMS"] = "".join(sums).encode()
+    return run("hub", "pull", "me/mine", "--out", "new")
+
+
+@pytest.mark.parametrize("name", ["evil.pkl", "setup.py", "run.sh", "a.exe", "triples/more.tsv"])
+def test_a_file_that_is_none_of_ours_is_never_pulled(hub, run, parted_folder, name):
+    outcome = push_and_change(hub, run, parted_folder, lambda files: files.update({name: b"x"}))
+    assert (outcome.kind, f"lists '{name}', which" in outcome.err) == ("ArtefactError", True)
+    assert not Path("new").exists()
+
+
+def without_last_line(text):
+    return b"".join(text.splitlines(keepends=True)[:-1])
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("recipes.csv", without_last_line),
+        ("entities.tsv", without_last_line),
+        ("triples/full.tsv", without_last_line),
+        ("triples/partial.tsv", lambda text: text + text.splitlines(keepends=True)[-1]),
+        ("triples/unseen.tsv", lambda text: b""),
+        ("audit.json", lambda text: text.replace(b'"entities": 80', b'"entities": 81')),
+    ],
+)
+def test_a_table_that_disagrees_with_its_graph_is_refused_though_the_hashes_agree(
+    hub, run, parted_folder, name, change
+):
+    def changed(files):
+        before = files[name]
+        files[name] = change(before)
+        assert files[name] != before
+
+    outcome = push_and_change(hub, run, parted_folder, changed)
+    assert outcome.kind == "ArtefactError"
+    assert f"me/mine/{name} does not agree with graph.json" in outcome.err
+    assert not Path("new").exists()
+
+
+def test_a_model_that_does_not_open_is_refused_though_all_hashes_agree(hub, run, recipes_folder):
+    def changed(files):
+        vocabulary = json.loads(files["vocabulary.json"])
+        del vocabulary["entities"][-1]
+        files["vocabulary.json"] = json.dumps(vocabulary).encode()
+        record = json.loads(files["run.json"])
+        record["outputs"]["vocabulary.json"] = hashlib.sha256(files["vocabulary.json"]).hexdigest()
+        files["run.json"] = json.dumps(record).encode()
+
+    outcome = push_and_change(hub, run, recipes_folder, changed)
+    assert (outcome.code, outcome.kind, Path("new").exists()) == (1, "ArtefactError", False)
+
+
+@pytest.mark.parametrize("name", ["README.md", "config.toml", "metrics.json", "run.json"])
+def test_a_link_out_of_a_model_folder_is_never_pushed(hub, run, recipes_folder, name):
+    shutil.copytree(recipes_folder, "mine")
+    shutil.copyfile(f"mine/{name}", "private")  # even with the right hash
+    Path("mine", name).unlink()
+    Path("mine", name).symlink_to("../private")
+    outcome = run("hub", "push", "mine", "me/mine")
+    assert (outcome.kind, f"mine/{name} is a link out of the folder" in outcome.err) == (
+        "ArtefactError",
+        True,
+    )
+    assert not hub.created
+
+
+@pytest.mark.parametrize("name", ["recipes.csv", "triples", "graph.json"])
+def test_a_link_out_of_a_graph_folder_is_never_pushed(hub, run, parted_folder, name):
+    shutil.copytree(parted_folder, "mine")
+    Path("mine", name).rename("private")
+    Path("mine", name).symlink_to("../private")
+    outcome = run("hub", "push", "mine", "me/mine")
+    assert (outcome.kind, "is a link out of the folder" in outcome.err) == ("ArtefactError", True)
+    assert not hub.created
+
+
+def test_a_folder_that_is_itself_a_link_is_pushed(hub, run, parted_folder):
+    Path("near").symlink_to(parted_folder)
+    assert run("hub", "push", "near", "me/mine").code == 0
+
+
+def test_a_run_that_lists_another_file_is_not_pushed(hub, run, recipes_folder):
+    shutil.copytree(recipes_folder, "mine")
+    record = json.loads(Path("mine/run.json").read_text())
+    record["outputs"]["../private.json"] = hashlib.sha256(b"private").hexdigest()
+    Path("private.json").write_text("private")
+    Path("mine/run.json").write_text(json.dumps(record))
+    outcome = run("hub", "push", "mine", "me/mine")
+    assert (outcome.kind, "'../private.json', which is no file of a model" in outcome.err) == (
+        "ArtefactError",
+        True,
+    )
+
+
+def test_all_files_that_trainings_record_can_be_shared():
+    outputs = {*agents.OUTPUTS, *links.OUTPUTS, *recipes.OUTPUTS, *FOLD_OUTPUTS, links.CHOICE}
+    assert outputs | {*INPUTS, CONFIG_FILE} == set(folders._RUN_FILES)

@@ -373,6 +373,14 @@ def test_a_cut_archive_is_refused(tmp_path):
             lambda text: "dough%1:13:00:: 1\n",
             "line 1: .* not a sense with its count",
         ),
+        *(
+            (
+                "cntlist.rev",
+                lambda text, end=end: f"dough%1:13:00:: {end}\n",
+                "not a sense with its",
+            )
+            for end in ("1 1" + "0" * 400, "0 5", "-1 5", "1 -5")
+        ),
     ],
 )
 def test_a_damaged_wordnet_is_refused_with_the_line(wordnet, name, change, message):
@@ -385,3 +393,24 @@ def test_a_damaged_wordnet_is_refused_with_the_line(wordnet, name, change, messa
 def test_a_folder_without_wordnet_is_refused(tmp_path):
     with pytest.raises(KnowledgeFileError, match="expected a folder with WordNet's database files"):
         read_wordnet(tmp_path)
+
+
+@pytest.mark.parametrize("read", [read_triples, read_conceptnet])
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        (b"\n", "blank lines|bytes from a compressed byte"),
+        (b"a\tr\tb\t1\t{}\n", "bytes from a compressed byte"),
+    ],
+)
+def test_a_small_file_that_unpacks_to_hours_of_reading_is_refused(
+    tmp_path, monkeypatch, read, line, says
+):
+    monkeypatch.setattr("wordcraft_kg.models.knowledge.readers._SOME", 2**16, raising=False)
+    if read is read_triples:
+        line = line.replace(b"\t1\t{}", b"\t1")
+    (tmp_path / "t.tsv.gz").write_bytes(
+        gzip.compress(line * (2**20 + 1 if line.isspace() else 50_000))
+    )
+    with pytest.raises(KnowledgeFileError, match=says):
+        read(tmp_path / "t.tsv.gz")

@@ -2,14 +2,20 @@
 
 import io
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.apps.elicitation.foreign_code import (
+    check_model_files,
+    check_sentence_transformers,
+)
+from wordcraft_kg.apps.elicitation.sizes import check_counts, check_modules, check_size
 from wordcraft_kg.apps.elicitation.weights import hash_weights, loading
-from wordcraft_kg.base.artefacts import staged_folder, with_a_name, write_atomically
+from wordcraft_kg.base.artefacts import read_json, staged_folder, with_a_name, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.models.scorers.features import ENCODED
@@ -25,19 +31,55 @@ def encode_labels(
 ) -> tuple[NDArray[np.float16], dict[str, str]]:
     """Encode N labels with a sentence encoder, or with mean pooling over the tokens of another transformer.
 
-    ``path`` is a model folder that ``sentence_transformers`` loads; ``report`` is called with the numbers of encoded
-    and of all labels. Returns vectors of length 1, shape (N, D), and the hashes of the weights by file name.
+    No code of the model is run: modules that sentence-transformers does not have are refused by name.
 
-    MissingExtraError if a package is missing; ConfigError if a label has only tokens for unknown text, and so the
-    vector of any such label; ArtefactError if the model is damaged or incomplete.
+    Args:
+        labels: N texts.
+        path: model folder that ``sentence_transformers`` loads, with weights in safetensors.
+        report: called with the numbers of encoded and of all labels, and no figures.
+
+    Returns:
+        vectors of length 1, shape (N, D), and the SHA-256 hashes of the weights by file name.
+
+    Raises:
+        MissingExtraError: if a package is missing or too old.
+        ConfigError: if a label has only tokens for unknown text, and so the vector of any such label.
+        ArtefactError: if the model is damaged, incomplete, needs code, or is far larger than its weights.
     """
     check_extra("text")
+    check_sentence_transformers()
+    check_model_files(path)
     hashes = hash_weights(path)
     with loading(path, "a sentence encoder"):
         import torch
         from sentence_transformers import SentenceTransformer
+        from transformers import AutoConfig, AutoModel
 
-        model = SentenceTransformer(str(path), device="cpu", model_kwargs={"dtype": torch.float32})
+        if not path.is_dir():
+            raise ValueError("it is a file, expected a folder")
+        check_modules(path)
+        # The settings of the transformer lie beside modules.json, or in the folder of its module.
+        for folder in (path, *(file.parent for file in path.glob("*/config.json"))):
+            settings = read_json(folder / "config.json")
+            check_counts(path, settings if isinstance(settings, dict) else {})
+            if "model_type" in settings:
+                config = AutoConfig.from_pretrained(str(folder), trust_remote_code=False)
+                check_size(path, partial(AutoModel.from_config, config, trust_remote_code=False))
+        options = {
+            "dtype": torch.float32,
+            "use_safetensors": True,
+            "weights_only": True,
+            "trust_remote_code": False,
+        }
+        model = SentenceTransformer(
+            str(path),
+            device="cpu",
+            trust_remote_code=False,
+            local_files_only=True,
+            model_kwargs=options,
+            processor_kwargs={"trust_remote_code": False},
+            config_kwargs={"trust_remote_code": False},
+        )
     _check_tokens(model.tokenizer, labels)
     parts = []
     for start in range(0, len(labels), _CHUNK):

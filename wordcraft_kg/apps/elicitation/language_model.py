@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,14 @@ import safetensors.torch
 import torch
 from torch import Tensor
 
+from wordcraft_kg.apps.elicitation.foreign_code import check_model_files
 from wordcraft_kg.apps.elicitation.prompts import Prompt, prompts_text
+from wordcraft_kg.apps.elicitation.sizes import check_counts, check_size
 from wordcraft_kg.apps.elicitation.weights import hash_weights, loading
 from wordcraft_kg.base.artefacts import (
     TEMPORARY,
     check_output,
+    read_json,
     read_large_file,
     with_a_name,
     write_atomically,
@@ -60,29 +64,53 @@ class LanguageModel:
 def open_language_model(path: Path, random_seed: int | None = None) -> LanguageModel:
     """Load a language model: a model folder or a ``.gguf`` file.
 
-    With ``random_seed``, the same architecture has random weights, as a control. MissingExtraError if a package is
-    missing; ArtefactError if the model is damaged, incomplete or not causal.
+    No code of the model is run, and no question about it is asked.
+
+    Args:
+        path: model folder with weights in safetensors, or a ``.gguf`` file.
+        random_seed: seed for random weights in the same architecture, as a control; None for the model's weights.
+
+    Returns:
+        The model in float32, its tokenizer, and hashes.
+
+    Raises:
+        MissingExtraError: if a package is missing.
+        ArtefactError: if the model is damaged, incomplete, not causal, needs code, or is far larger than its weights.
     """
     check_extra("text")
+    check_model_files(path)
     hashes = hash_weights(path)
     with loading(path, "a causal language model"):
         from transformers import AutoConfig, AutoModelForCausalLM, AutoTokenizer
 
-        folder, options = (
-            (str(path.parent), {"gguf_file": path.name}) if path.is_file() else (str(path), {})
+        options: dict[str, Any] = {"trust_remote_code": False, "local_files_only": True}
+        folder = path
+        if path.is_file():
+            options["gguf_file"], folder = path.name, path.parent
+        else:
+            settings = read_json(path / "config.json")
+            check_counts(path, settings if isinstance(settings, dict) else {})
+        config = AutoConfig.from_pretrained(str(folder), **options)
+        check_counts(path, config.to_dict())
+        build = partial(
+            AutoModelForCausalLM.from_config, config, dtype=torch.float32, trust_remote_code=False
         )
-        tokenizer = AutoTokenizer.from_pretrained(folder, **options)
+        check_size(path, build)
+        tokenizer = AutoTokenizer.from_pretrained(str(folder), **options)
         if random_seed is None:
             model, info = AutoModelForCausalLM.from_pretrained(
-                folder, dtype=torch.float32, output_loading_info=True, **options
+                str(folder),
+                dtype=torch.float32,
+                output_loading_info=True,
+                use_safetensors=path.is_dir(),
+                **options,
             )
             if info["missing_keys"]:
                 raise ValueError(f"the weights lack {min(info['missing_keys'])}")
         else:
-            config = AutoConfig.from_pretrained(folder, **options)
             with torch.random.fork_rng(devices=[]):  # transformers draws from the global generator
                 torch.manual_seed(random_seed)
-                model = AutoModelForCausalLM.from_config(config, dtype=torch.float32)
+                model = build()
         model.eval()
         with torch.inference_mode():
             one, other = (

@@ -2,16 +2,18 @@
 
 import io
 import os
+import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, WordCraftKGError, reason
 
-_ENDINGS = (".safetensors", ".bin")
-_NOT_NEEDED = ("onnx/*", "openvino/*", "*.h5", "*.ot", "*.msgpack", "*.onnx", "*.gguf")
+_FORMATS = ("onnx/*", "openvino/*", "*.h5", "*.ot", "*.msgpack", "*.onnx", "*.gguf")
 """Weights in the formats of other libraries, in folders on the Hugging Face hub."""
+_CODE = ("*.py", "*.pyc", "*.so", "*.bin", "*.pt", "*.pth", "*.pkl", "*.pickle", "*.ckpt")
+"""Programs and pickles: no file of a model that runs code is needed here."""
 
 
 def locate_model(setting: str, name: str) -> Path:
@@ -21,7 +23,7 @@ def locate_model(setting: str, name: str) -> Path:
     from huggingface_hub import snapshot_download
 
     try:
-        return Path(snapshot_download(name, ignore_patterns=list(_NOT_NEEDED)))
+        return Path(snapshot_download(name, ignore_patterns=[*_FORMATS, *_CODE]))
     except (OSError, ValueError) as error:
         raise ConfigError(
             f"`{setting}` '{name}' is not on disk, and cannot be downloaded from the hub ({reason(error)}). Give the "
@@ -33,29 +35,44 @@ def hash_weights(path: Path) -> dict[str, str]:
     """Return SHA-256 hashes of a model's weights by file name; ArtefactError without weights or config.json."""
     if path.is_file():
         return {path.name: sha256_of(path)}
-    files = [
-        file
-        for pattern in ("*", "*/*")
-        for file in sorted(path.glob(pattern))
-        if file.suffix in _ENDINGS
-    ]
+    files = weight_files(path)
     if not files or not (path / "config.json").is_file():
-        missing = "config.json" if files else "weights (*.safetensors or *.bin)"
+        missing = "config.json" if files else "weights (*.safetensors)"
         raise ArtefactError(
             f"'{path}' has no {missing}; expected the folder of a pretrained model. Download the whole folder."
         )
-    return {file.relative_to(path).as_posix(): sha256_of(file) for file in files if file.is_file()}
+    return {file.relative_to(path).as_posix(): sha256_of(file) for file in files}
+
+
+def weight_files(folder: Path) -> list[Path]:
+    """Return the safetensors files of a model folder, also of its modules in folders of their own."""
+    files = [file for pattern in ("*", "*/*") for file in sorted(folder.glob(pattern))]
+    return [file for file in files if file.suffix == ".safetensors" and file.is_file()]
 
 
 @contextmanager
 def loading(path: Path, expected: str) -> Iterator[None]:
-    """Load a model without bars and warnings; ArtefactError if it is damaged or not of the ``expected`` kind."""
+    """Load a model without bars, warnings and questions.
+
+    Raises:
+        ArtefactError: if the model is damaged, not of the ``expected`` kind, or needs code of its own.
+    """
+    stdin = sys.stdin
     try:
-        with redirect_stderr(io.StringIO()):
+        # A library that asks "run the custom code? [y/N]" reads no answer, whatever stands in a pipe.
+        sys.stdin = io.StringIO()
+        with redirect_stderr(io.StringIO()), redirect_stdout(io.StringIO()):
             yield
     except WordCraftKGError:
         raise
     except Exception as error:  # libraries report damaged files by errors of many classes
+        if "trust_remote_code" in str(error):
+            raise ArtefactError(
+                f"'{path}' needs its own Python code, and code of a model is never run. Give a model that transformers "
+                "itself knows."
+            ) from None
         raise ArtefactError(
             f"'{path}' cannot be loaded as {expected}: {reason(error)}. Give another model, or restore a copy."
         ) from None
+    finally:
+        sys.stdin = stdin

@@ -1,23 +1,34 @@
 """Folders for a model hub: checked files, licence, card, and the list of hashes that a download is checked against."""
 
+import os
 import re
 import shlex
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from wordcraft_kg.base.artefacts import read_small_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
-from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.folder import check_derived_files, open_graph
 from wordcraft_kg.graphs.library import known_books, open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.models.policies.folder import load_policy
+from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.files import RunFiles
-from wordcraft_kg.runs.record import RunRecord, read_finished_run
+from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_finished_run
 
 CARD, SUMS = "README.md", "SHA256SUMS"
 _EXPECTED = "a graph folder, a model folder or a run of train-agent"
 _GRAPH_FILES = ("graph.json", "split.json", "recipes.csv", "entities.tsv", "audit.json")
 _TRIPLES = tuple(f"triples/{name}.tsv" for name in ("full", "partial", "unseen"))
+_RUN_FILES = (
+    *("config.toml", "model.safetensors", "vocabulary.json", "metrics.json", "trace.jsonl"),
+    *("folds.json", "folds.safetensors", "calibration.json", "choice.json"),
+    *("policy.json", "policy.safetensors", "constants.safetensors"),
+    *("evaluation.json", "metrics.jsonl"),
+)
+"""Files of models and agents. No other name is shared: a list from elsewhere may name programs and pickles."""
 _RECORD = "\n## Record\n"
 _SUM = re.compile(r"([0-9a-f]{64})  ((?:triples/)?\w[\w.-]*)")
 
@@ -66,26 +77,55 @@ class SharedFolder:
 
 
 def open_folder(folder: Path) -> SharedFolder:
-    """Check all files of a graph folder, a finished model or agent; ArtefactError if one is missing or changed."""
+    """Open a graph folder, a finished model or agent, and check all its files.
+
+    Raises:
+        ArtefactError: if a file is missing, changed or damaged, is a link out of the folder, or disagrees with the
+            other files, or if a run lists a file that this package does not write.
+    """
     if (folder / "graph.json").is_file():
         return _open_graph_folder(folder)
     weights = (
         "model.safetensors" if (folder / "model.safetensors").exists() else "policy.safetensors"
     )
+    _check_places(folder, (RUN_FILE, weights, CARD))
     run = read_finished_run(folder, _EXPECTED, weights)
-    names = [
-        name for name in {**run.inputs, **run.outputs} if "." in name
-    ]  # other inputs are not in the folder
+    foreign = sorted(set(run.outputs) - set(_RUN_FILES))
+    if foreign:
+        raise ArtefactError(
+            f"{folder / RUN_FILE} lists {foreign[0]!r}, which is no file of a model or an agent. Train again, or "
+            "restore a copy."
+        )
+    # Other inputs, such as the hash of the graph, are not in the folder.
+    names = [name for name in {**run.inputs, **run.outputs} if name in _RUN_FILES]
+    _check_places(folder, names)
     for name in names:
         RunFiles(folder, run).bytes(name)
+    load = load_scorer if weights == "model.safetensors" else load_policy
+    load(folder)
     card = read_small_file(folder / CARD).decode(errors="replace").partition(_RECORD)[0] + _record(
         run
     )
-    return SharedFolder(folder, "model", run.inputs["graph"], card, ("run.json", *names))
+    return SharedFolder(folder, "model", run.inputs["graph"], card, (RUN_FILE, *names))
+
+
+def _check_places(folder: Path, names: Iterable[str]) -> None:
+    """Raise ArtefactError if a file lies outside the folder: a link would publish any file that the user can read."""
+    # Path.resolve raises on a loop of links before Python 3.13.
+    inside = os.path.realpath(folder)
+    for name in names:
+        place = Path(os.path.realpath(folder / name))
+        if not place.is_relative_to(inside):
+            raise ArtefactError(
+                f"{folder / name} is a link out of the folder, to {place}. Replace the link by a copy of a file that "
+                "belongs to this folder."
+            )
 
 
 def _open_graph_folder(folder: Path) -> SharedFolder:
+    _check_places(folder, _GRAPH_FILES + _TRIPLES)
     opened = open_graph(str(folder))
+    check_derived_files(folder, opened)
     graph, split = opened.graph, opened.split
     sizes = ", ".join(
         f"{int(split.is_in(part).sum()):,} {part}" for part in ("train", "valid", "test")
@@ -115,7 +155,11 @@ def _record(run: RunRecord) -> str:
 
 
 def read_sums(path: Path, repository: str) -> dict[str, str]:
-    """Read a list of hashes: SHA-256 by file name; ArtefactError for other lines, such as a path outside the folder."""
+    """Read a list of hashes: SHA-256 by file name.
+
+    Raises:
+        ArtefactError: if a line has another form, or names a file that `wordcraft-kg hub push` does not share.
+    """
     lines = [
         _SUM.fullmatch(line) for line in read_small_file(path).decode(errors="replace").splitlines()
     ]
@@ -123,4 +167,11 @@ def read_sums(path: Path, repository: str) -> dict[str, str]:
         raise ArtefactError(
             f"{SUMS} in '{repository}' was changed, or not written by `wordcraft-kg hub push`."
         )
-    return {line[2]: line[1] for line in lines if line}
+    sums = {line[2]: line[1] for line in lines if line}
+    foreign = sorted(set(sums) - {RUN_FILE, *_RUN_FILES, *_GRAPH_FILES, *_TRIPLES})
+    if foreign:
+        raise ArtefactError(
+            f"{SUMS} in '{repository}' lists '{foreign[0]}', which `wordcraft-kg hub push` never shares. Pull from "
+            "another repository, or ask its owner to push the folder again."
+        )
+    return sums

@@ -47,8 +47,18 @@ def push(
 def pull(repository: str, out: Path, revision: str | None) -> str:
     """Write a pushed folder to ``out``, a new folder, and return the commit's hash.
 
-    FetchError if the hub cannot be reached or refuses, ArtefactError if a file differs from its recorded hash; ``out``
-    is then not written.
+    Only files that :func:`push` shares are downloaded, and the folder is opened before it is written.
+
+    Args:
+        repository: OWNER/NAME on the hub.
+        out: new folder.
+        revision: branch, tag or commit; None for the main branch.
+
+    Raises:
+        FetchError: if the hub cannot be reached or refuses.
+        ArtefactError: if a file differs from its recorded hash or from the other files, or is not one of ours; ``out``
+            is then not written.
+        OutputExistsError: if ``out`` exists.
     """
     with staged_folder(out) as folder:
         with _transfer(repository, "pulled"):
@@ -69,7 +79,7 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
             sums = read_sums(Path(api.hf_hub_download(filename=SUMS, **where)), repository)
             for name in (*sums, CARD):
                 api.hf_hub_download(filename=name, **where)
-        shutil.rmtree(folder / ".cache")
+        shutil.rmtree(folder / ".cache", ignore_errors=True)
         for name, expected in sums.items():
             if sha256_of(folder / name) != expected:
                 raise ArtefactError(
@@ -77,7 +87,7 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
                 )
         try:
             open_folder(folder)
-        except ArtefactError as error:
+        except WordCraftKGError as error:
             raise ArtefactError(str(error).replace(str(folder), repository)) from None
     return str(commit)
 

@@ -32,7 +32,13 @@ from wordcraft_kg.apps.people.protocol import (
     check_number,
     schedule,
 )
-from wordcraft_kg.base.artefacts import dump_json, read_small_file, what_is, write_atomically
+from wordcraft_kg.base.artefacts import (
+    dump_json,
+    output_target,
+    read_small_file,
+    what_is,
+    write_atomically,
+)
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, OutputExistsError
 from wordcraft_kg.base.records import Count, Hash, Record, as_values, parse_record
 from wordcraft_kg.envs.world import GraphLike
@@ -129,6 +135,7 @@ def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
     """
     if check_study_folder(folder, study.record) and (folder / ANSWERS_FILE).exists():
         _check_tasks(folder, study)
+    output_target(folder)  # refuses a link that leads nowhere
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "served"):
         is_new = not check_study_folder(folder, study.record)

@@ -29,6 +29,12 @@ _USELESS = {
 _SYMMETRIC = {b"Antonym", b"DistinctFrom", b"LocatedNear", b"RelatedTo", b"SimilarTo", b"Synonym"}
 """Relations whose edges are stored in one direction, so that two assertions are not two edges."""
 _ENGLISH = b"/c/en/"
+_MOST_BLANK = 2**20
+"""Most blank lines; a small compressed file could hold so many that reading them takes hours."""
+_SOME = 2**26
+"""Bytes of a compressed file that may be packed in any way: seconds of reading."""
+_DENSEST = 100
+"""Most bytes from a compressed byte, beyond the first ones; only mere repetition, up to 1,032, gives more."""
 _HEAVIEST = 1e30
 """Weights are below: sums must fit into 32-bit numbers."""
 HEADER = ["head", "relation", "tail"]
@@ -166,14 +172,23 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
         raise KnowledgeFileError(
             f"{path} is not a file; expected a tab-separated file, plain or .gz."
         )
-    number = 0
+    number = num_blank = num_bytes = 0
+    is_compressed = path.suffix == ".gz"
+    most_bytes = max(_SOME, _DENSEST * path.stat().st_size)
     try:
-        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+        with gzip.open(path) if is_compressed else path.open("rb") as file:
             for number, line in enumerate(iter(partial(file.readline, _LONGEST), b""), 1):
                 if len(line) == _LONGEST:
                     raise _fault(path, number, f"more than {_LONGEST:,} characters")
+                num_bytes += len(line)
+                if is_compressed and num_bytes > most_bytes:
+                    raise _fault(path, number, f"more than {_DENSEST} bytes from a compressed byte")
                 if not line.isspace():
                     yield number, line
+                    continue
+                num_blank += 1
+                if num_blank > _MOST_BLANK:
+                    raise _fault(path, number, f"more than {_MOST_BLANK:,} blank lines")
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
         raise _fault(path, number + 1, f"the compressed file is cut or damaged ({error})") from None
 

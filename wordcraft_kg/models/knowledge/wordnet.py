@@ -42,6 +42,8 @@ _RELATIONS = tuple(dict.fromkeys(_POINTERS.values()))
 _SYMMETRIC = {_RELATIONS.index(name) for name in ("relatedForm", "antonym", "attribute", "similar")}
 _FIELDS = [f"{number:02d}" for number in range(45)]
 """Numbers of the lexicographer files: broad fields, such as food or feeling."""
+_MOST_OCCURRENCES = 10**9
+"""More than any sense-tagged corpus has words; sums of counts stay exact."""
 NEEDED = ("data.noun", "index.noun")
 """Files without which a folder is refused; the others add verbs, irregular plurals and counts."""
 
@@ -225,9 +227,13 @@ class _Reader:
                 lemma, kind = key.split("%")
                 # A sense key begins with the part of speech: 1 for nouns.
                 nodes = senses.get(lemma, ()) if kind[0] == "1" else ()
+                place = int(sense) - 1
+                occurrences = int(count)
+                if place < 0 or not 0 <= occurrences <= _MOST_OCCURRENCES:
+                    raise ValueError
                 # Debian's file names a few senses of old versions, which are skipped.
-                if int(sense) <= len(nodes):
-                    counts[plain(lemma), nodes[int(sense) - 1]] = int(count)
+                if place < len(nodes):
+                    counts[plain(lemma), nodes[place]] = occurrences
             except (ValueError, IndexError):
                 raise self.fault(
                     "cntlist.rev", number, f"'{line.strip()[:60]}' is not a sense with its count"

@@ -23,11 +23,11 @@ def bench_leaderboard(
         check: write nothing, and fail if the page would change.
     """
     from wordcraft_kg.apps.text_agents.leaderboard import leaderboard_page
-    from wordcraft_kg.base.artefacts import write_atomically
+    from wordcraft_kg.base.artefacts import output_target, write_atomically
 
     page = leaderboard_page(folder)
     if not check:
-        write_atomically(out, page)
+        write_atomically(output_target(out), page)
     elif not out.is_file() or out.read_text(encoding="utf-8") != page:
         raise ArtefactError(f"{out} is not up to date; omit --check.")
     output.result({"out": str(out)}, [f"{out} is up to date" if check else f"wrote {out}"])

@@ -103,7 +103,9 @@ def evaluate_text(
 
 def _check(folder: Path) -> None:
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+    from wordcraft_kg.base.artefacts import output_target
 
+    output_target(folder)  # a link that leads nowhere is refused before the games
     if folder.exists() and not folder.is_dir():
         raise OutputExistsError(f"'{folder}' is a file; expected a folder. Choose another --out.")
     if folder.is_dir() and any(folder.iterdir()) and not (folder / GAMES_FILE).is_file():

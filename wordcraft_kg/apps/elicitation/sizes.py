@@ -1,0 +1,107 @@
+"""Refuse a pretrained model whose config.json asks for far more than its weights hold, before memory is allocated."""
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from math import prod
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.apps.elicitation.weights import weight_files
+from wordcraft_kg.base.artefacts import read_json
+from wordcraft_kg.base.errors import ArtefactError
+
+_COUNT = re.compile(r".*(layer|block|expert|group|depth|stage)(?!.*_size$).*")
+"""Names of numbers of parts, such as num_hidden_layers, n_layer or depths; block_size is a length."""
+_MORE_PARTS = 1_024
+"""Parts beyond the number of stored tensors: a model may share one part's tensors among all its layers."""
+_MORE_ELEMENTS = 2**26
+"""Elements beyond twice the stored ones: tables that a model computes, and parts that are new, such as a pooler."""
+
+
+def check_counts(path: Path, config: Mapping[str, Any]) -> None:
+    """Check the numbers of parts in a model's settings against its weights, without building the model.
+
+    Args:
+        path: model folder or ``.gguf`` file.
+        config: content of ``config.json``, or the settings in a ``.gguf`` file.
+
+    Raises:
+        ArtefactError: if a number of layers or other parts is far above the number of stored tensors.
+    """
+    most = len(_shapes(path)) + _MORE_PARTS
+    for name, value in _numbers(config):
+        if value > most and _COUNT.fullmatch(name):
+            raise _too_large(path, f"{name} is {value:,}", f"at most {most:,} for these weights")
+
+
+def check_size(path: Path, build: Callable[[], Any]) -> None:
+    """Check the size of a model against its weights.
+
+    Args:
+        path: model folder or ``.gguf`` file.
+        build: builds the model, a torch module; called on torch's device meta, which holds no values.
+
+    Raises:
+        ArtefactError: if the model has far more elements than the weights.
+    """
+    import torch
+
+    with torch.random.fork_rng(devices=[]), torch.device("meta"):
+        model = build()
+    tensors = [*model.parameters(), *model.buffers()]
+    needed = sum(tensor.numel() for tensor in tensors)
+    stored = sum(prod(shape) for shape in _shapes(path))
+    most = 2 * stored + _MORE_ELEMENTS
+    if needed > most:
+        raise _too_large(path, f"config.json gives {needed:,} numbers", f"at most {most:,}")
+
+
+def check_modules(folder: Path) -> None:
+    """Check the modules of a sentence encoder that have settings and weights in folders of their own.
+
+    Raises:
+        ArtefactError: if a matrix of a module is far larger than the weights in the module's folder.
+    """
+    for file in sorted(folder.glob("*/config.json")):
+        config = read_json(file)
+        sizes = dict(_numbers(config)) if isinstance(config, dict) else {}
+        rows, columns = sizes.get("in_features", 1), sizes.get("out_features", 1)
+        needed = max(rows * columns, sizes.get("dimension", 1))
+        stored = sum(prod(shape) for shape in _shapes(file.parent))
+        if needed > 2 * stored + _MORE_ELEMENTS:
+            raise _too_large(file.parent, f"config.json gives {needed:,} numbers", f"{stored:,}")
+
+
+def _too_large(path: Path, found: str, expected: str) -> ArtefactError:
+    return ArtefactError(
+        f"'{path}' is damaged: {found}, expected {expected}. Restore a copy of config.json and the weights."
+    )
+
+
+def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, int]]:
+    """Yield all whole numbers in settings with the name of their setting, at any depth."""
+    if isinstance(value, Mapping):
+        for inner_name, inner in value.items():
+            yield from _numbers(inner, str(inner_name))
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            yield from _numbers(inner, name)
+    elif isinstance(value, int) and not isinstance(value, bool):
+        yield name, value
+    elif isinstance(value, float) and value > _MORE_PARTS and value == value // 1:
+        yield name, int(value)
+
+
+def _shapes(path: Path) -> list[Sequence[int]]:
+    """Return the shapes of all stored tensors; only the heads of the files are read."""
+    if path.is_file():
+        from gguf import GGUFReader
+
+        return [tuple(map(int, tensor.shape)) for tensor in GGUFReader(path).tensors]
+    from safetensors import safe_open
+
+    shapes: list[Sequence[int]] = []
+    for file in weight_files(path):
+        with safe_open(file, framework="numpy") as tensors:
+            shapes += [tensors.get_slice(name).get_shape() for name in tensors.keys()]  # noqa: SIM118
+    return shapes

@@ -48,6 +48,7 @@ def evaluate_links(
         trained.opened,
         kg=trained.kg,
         train_sample=trained.train_sample,
+        made_by_other_books=trained.made_by_other_books,
         name=model.name,
         provenance=trained.provenance,
         trace=trained.trace,
@@ -85,6 +86,7 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
                     f"{_figures(row)}  (recipes that do not nearly repeat a train recipe)",
                 )
             )
+    rows += [(row.slice, _figures(row)) for row in view.drill_down.other_book]
     if view.in_sample:
         left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
         rows.append(("cross-fitted", f"{left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"))

@@ -185,6 +185,7 @@ def view_agents(
             evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]
         ]
     alone = _scorers_alone(groups, evaluators)
+    made = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
     graph, split, tasks = first.opened.graph, first.opened.split, len(evaluators[headline].tasks)
     return AgentsView(
@@ -206,6 +207,7 @@ def view_agents(
                 results[name],
                 {} if results[name] is reference else reference,
                 alone,
+                made,
             )
             for name, members in groups.items()
         ),
@@ -231,6 +233,13 @@ def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
         "agents": agents,
         "baselines": view.baselines,
     }
+
+
+def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
+    """Return the labels that other books of any scorer make: all agents are shown on the same groups of goals."""
+    made = [agent.made_by_other_books for agent in agents]
+    known = [labels for labels in made if labels is not None]
+    return frozenset().union(*known) if known else None
 
 
 def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _ScorersAlone:
@@ -334,6 +343,7 @@ def _entry(
     results: _Results,
     reference: _Results,
     scorers: _ScorersAlone,
+    made_by_other_books: frozenset[str] | None,
 ) -> AgentEntry:
     headline = results.get(world.config.num_distractors, [])
     config = members[0].config
@@ -370,7 +380,7 @@ def _entry(
             for amount, runs in results.items()
         },
         outcomes={str(amount): agent_figures.outcomes_of(runs) for amount, runs in results.items()},
-        slices=agent_figures.slices_of(members[0], world.tasks, headline),
+        slices=agent_figures.slices_of(members[0], world.tasks, headline, made_by_other_books),
         curves=training_curves.success_curves(members),
         lambdas=tuple(training_curves.lambda_curves(members)),
         training=training_curves.training_figures(members),

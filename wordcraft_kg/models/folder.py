@@ -57,16 +57,24 @@ def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> 
     ArtefactError as :func:`open_model` does, GraphMismatchError as :func:`open_model` and :attr:`Model.train_sample`
     do.
     """
-    files = RunFiles(Path(folder), read_finished_run(Path(folder), MODEL, WEIGHTS))
-    if files.run.outputs[WEIGHTS] != weights:
+    history = read_history(folder, weights)
+    if history is None:
         return None
-    history = _history(files)
     settings = history.config.values()
     if not history.is_trained or is_subsample(
         settings.get("train_fraction", 1.0), settings.get("label_noise", 0.0)
     ):
         return open_model(folder, opened.source).train_sample
     return opened.train_sample(settings.get("kg", "none"))
+
+
+def read_history(folder: str | Path, weights: str) -> History | None:
+    """Return a model's training history without its scorer; None if ``weights`` is not the hash of its weights.
+
+    ArtefactError as :func:`open_model` does.
+    """
+    files = RunFiles(Path(folder), read_finished_run(Path(folder), MODEL, WEIGHTS))
+    return _history(files) if files.run.outputs[WEIGHTS] == weights else None
 
 
 def _history(files: RunFiles) -> History:

@@ -32,6 +32,8 @@ class History:
         trace: a record per epoch, if any.
         chosen: names of settings chosen by the training, which may differ between seeds.
         is_trained: whether this package trained the model; False for a scorer saved by ``save_scorer``.
+        made_by_other_books: labels of the graph's entities that a recipe of another book in the training makes; None
+            without another book, and for models from before this record.
     """
 
     config: RunConfig
@@ -40,6 +42,7 @@ class History:
     trace: Sequence[Any] = ()
     chosen: tuple[str, ...] = ()
     is_trained: bool = True
+    made_by_other_books: frozenset[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,11 @@ class Model:
         return {
             name: value for name, value in self.history.config.values().items() if name != "graph"
         }
+
+    @property
+    def made_by_other_books(self) -> frozenset[str] | None:
+        """Labels that another book in the training makes, see :class:`History`."""
+        return self.history.made_by_other_books
 
     @property
     def kg(self) -> TrainedOn:

@@ -37,6 +37,7 @@ def make_link_report(
     *,
     kg: TrainedOn = "partial",
     train_sample: TrainSample | None = None,
+    made_by_other_books: frozenset[str] | None = None,
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,
     trace: Sequence[TraceRow] = (),
@@ -45,7 +46,13 @@ def make_link_report(
 ) -> Report[LinkView]:
     """Evaluate a link predictor; return the report. Arguments as ``rank_links`` and ``view_links``."""
     links = rank_links(
-        scorer, opened, kg, train_sample=train_sample, max_queries=max_queries, seed=seed
+        scorer,
+        opened,
+        kg,
+        train_sample=train_sample,
+        made_by_other_books=made_by_other_books,
+        max_queries=max_queries,
+        seed=seed,
     )
     view = view_links(links, name=name, provenance=provenance, trace=trace, seed=seed)
     return Report(

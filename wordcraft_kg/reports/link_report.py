@@ -6,7 +6,12 @@ from markupsafe import Markup
 
 from wordcraft_kg.agents.players import NEAREST_WORDS
 from wordcraft_kg.evaluation.link_comparison import LinkComparison
-from wordcraft_kg.evaluation.links import LinkView, view_links
+from wordcraft_kg.evaluation.links import (
+    FEW_TEST_RECIPES,
+    LinkView,
+    has_few_test_recipes,
+    view_links,
+)
 from wordcraft_kg.evaluation.ranked_links import labelled, rank_links
 from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
 from wordcraft_kg.graphs.train_samples import TrainSample
@@ -63,7 +68,12 @@ def make_link_report(
             **_pictures_of_probabilities(view),
             **_pictures_of_training(view),
         },
-        shown={"relations": RELATIONS, "players": PLAYERS},
+        shown={
+            "relations": RELATIONS,
+            "players": PLAYERS,
+            "few": FEW_TEST_RECIPES,
+            "few_test_recipes": has_few_test_recipes(view),
+        },
         tables={"ranks.csv": labelled(links.graph, links.ranks)},
     )
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output, aligned, check_file, write_file
-from wordcraft_kg.cli.options import Graph
+from wordcraft_kg.cli.options import Force, Graph
 
 GROUP = "Tasks and play"
 EXAMPLES = (
@@ -20,7 +20,7 @@ def people_pairs(
     model: Path | None = None,
     recipes: Path | None = None,
     fetch: Flag = False,
-    force: Flag = False,
+    force: Force = False,
     output: Output = Output(),
 ) -> None:
     """Compare a recipe scorer with people's published judgements of single pairs of Little Alchemy 2.
@@ -29,7 +29,6 @@ def people_pairs(
         model: model folder of train-recipes for this graph, trained without the recipes of rated pairs.
         recipes: CSV file to write with the recipes of rated pairs, for train-recipes --without.
         fetch: download the judgements into the cache; the SHA-256 is checked.
-        force: replace an existing file.
     """
     check_file(recipes, force=force)
     from wordcraft_kg.apps.people.pair_judgements import (

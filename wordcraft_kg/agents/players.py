@@ -45,6 +45,8 @@ RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
 """A function that scores recipes ``a + b -> c``, for tensors of ids a, b and c that broadcast."""
 NEAREST_WORDS = "nearest words"
 """Name of the player :func:`nearest_words`."""
+FEWEST_USES = "fewest uses"
+"""Name of the player :func:`fewest_uses`."""
 BEST_PAIR = "w, best pair"
 """Name of the player of the pair with the highest recipe score, among :func:`scorer_players`."""
 PLANNER = "planner"
@@ -139,6 +141,24 @@ def nearest_words(graph: RecipeGraph) -> Player:
     return choose
 
 
+def fewest_uses(split: Split) -> Player:
+    """Return a player of the two entities with the fewest train recipes as an ingredient; ties at random.
+
+    The player knows neither goal nor meaning. Distractors are drawn by train uses, a task's ingredients are not, so
+    rare entities on a table are more often ingredients than distractors. A method must beat this shortcut, too.
+    """
+    uses = np.append(split.train_uses, 0)  # the last is for empty slots, which are never chosen
+
+    def choose(state: State, rng: np.random.Generator) -> Ids:
+        is_selected = state.table == state.selection[:, None]
+        # Any other entity comes before the selection, which is repeated only if alone on the table.
+        scores = np.where(is_selected, -np.inf, -uses[state.table].astype(float))
+        scores = np.maximum(scores, -1.0 - uses.max())
+        return _best(np.where(state.action_masks(), scores, -np.inf), rng)
+
+    return choose
+
+
 def scorer_alone(sources: Mapping[str, SlotScores]) -> dict[str, Player]:
     """Return players that follow an agent's score sources without learned weights: all summed, w alone, and p alone."""
     players = {", ".join(sources): knowledge_player(list(sources.values()))} if sources else {}
@@ -179,7 +199,10 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
 
 
 def knowledge_players(split: Split) -> dict[str, Player]:
-    """Return scripted players by name: chance, triples as facts, votes, an oracle, and players in :data:`PLAYERS`."""
+    """Return scripted players by name: chance, shortcuts without a graph, triples as facts, votes and an oracle.
+
+    Players in :data:`PLAYERS` are among them.
+    """
     graph = split.graph
     some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
@@ -195,6 +218,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
+        FEWEST_USES: fewest_uses(split),
         NEAREST_WORDS: nearest_words(graph),
         "partial KG, v": knowledge_player([some["v"]]),
         "partial KG, u+v": knowledge_player([some["u"], some["v"]]),

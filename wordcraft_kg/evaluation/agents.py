@@ -26,7 +26,7 @@ _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", 
 _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
 DISTRACTORS = (1, 8)
-_SCRIPTED = ("random", players.NEAREST_WORDS, "recipe oracle")
+_SCRIPTED = ("random", players.FEWEST_USES, players.NEAREST_WORDS, "recipe oracle")
 """Players that need no training, at the same tables as the agents."""
 
 
@@ -79,7 +79,7 @@ class AgentEntry(Record):
 
 
 class BaselineSuccess(Record):
-    """Success by distractor count for random, nearest words (GloVe), the recipe oracle or a scorer alone."""
+    """Success by distractor count for random, fewest uses, nearest words, the recipe oracle or a scorer alone."""
 
     name: str
     success: dict[str, Share]
@@ -267,6 +267,7 @@ def _baselines(
     first = next(iter(groups.values()))[0]
     results = {
         "random": _play(players.random_entity, evaluators),
+        players.FEWEST_USES: _play(players.fewest_uses(first.opened.split), evaluators),
         players.NEAREST_WORDS: _play(players.nearest_words(first.opened.graph), evaluators),
     }
     for agent, alone in scorers.values():

@@ -202,6 +202,7 @@ def play_by_scores(links: RankedLinks, seed: int) -> tuple[players.PlayerSuccess
         playing = {
             **players.scorer_players(links.graph, links.scorer, links.trained_on),
             "random": players.random_entity,
+            players.FEWEST_USES: players.fewest_uses(links.opened.split),
             players.NEAREST_WORDS: players.nearest_words(links.graph),
             "recipe oracle": players.recipe_oracle,
         }

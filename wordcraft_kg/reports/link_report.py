@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup
 
-from wordcraft_kg.agents.players import NEAREST_WORDS
+from wordcraft_kg.agents.players import FEWEST_USES, NEAREST_WORDS
 from wordcraft_kg.evaluation.link_comparison import LinkComparison
 from wordcraft_kg.evaluation.links import (
     FEW_TEST_RECIPES,
@@ -31,6 +31,7 @@ PLAYERS = {
     "w, best pair": "recipes (w): the best pair",
     "u+v, self edges dropped": "both (u + v), self edges dropped",
     "random": "any slot at random",
+    FEWEST_USES: "the two entities with the fewest train uses, whatever the goal",
     NEAREST_WORDS: "the two entities nearest to the goal by GloVe, no graph",
     "recipe oracle": "recipe oracle",
 }

@@ -4,9 +4,13 @@
     python benchmarks/link_quality.py neighbours little-alchemy-2   # the same for the neighbour baseline
     python benchmarks/link_quality.py votes little-alchemy-2        # and for the vote count
     python benchmarks/link_quality.py test little-alchemy-2         # the defaults on the test parts of splits 0, 1, 2
+    python benchmarks/link_quality.py untrained little-alchemy-2 --json docs/link-quality.json
 
 The test columns are filtered MRRs on unseen triples: ComplEx; ComplEx and the neighbour rule without near-synonyms;
 the recipe kernel; votes; frequency; and the train triples as a fact graph, which contains no unseen triple.
+
+``untrained`` ranks the same queries by the scorers without training alone, and plays the test tasks by votes, by all
+triples as facts, and by the links of a recipe scorer. Each split's figures go to --json; other books' rows stay there.
 
 The sweep never ranks test triples (which are only filtered from the candidates), and uses splits 10, 11 and 12, while
 the test uses splits 0, 1 and 2.
@@ -15,28 +19,39 @@ the test uses splits 0, 1 and 2.
 import argparse
 import json
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
+from wordcraft_kg.agents.players import fact_recipes, pair_player, play_all, scorer_players
+from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import RecipeBook, RecipeGraph, Split, SplitConfig, make_split, open_book
-from wordcraft_kg.graphs.folder import write_graph_folder
+from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
+from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import TrainedLinks, train_links
+from wordcraft_kg.models.recipes.base import LinkTables
+from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
+from wordcraft_kg.models.recipes.outside import text_of
 from wordcraft_kg.models.scorers.baselines import (
     FrequencyScorer,
     NeighbourScorer,
     SymbolicScorer,
     VoteScorer,
 )
-from wordcraft_kg.models.scorers.features import glove_features
+from wordcraft_kg.models.scorers.features import glove_features, make_features
 from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.kernel import KernelScorer
 from wordcraft_kg.models.scorers.near_synonyms import near_synonym_recipes, near_synonym_triples
+from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import rank_triples, ranking_metrics
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 WEIGHTS = (0.05, 0.075, 0.1, 0.125, 0.2)
 RATES = (0.1, 0.2)
@@ -145,6 +160,62 @@ def test(graph: RecipeGraph, folder: Path) -> None:
     )
 
 
+def untrained(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
+    """Yield the figures of scorers without training, and of players by simple rules, on splits 0, 1 and 2.
+
+    Each row has a name, a split seed, and either the filtered MRR on unseen triples (``no_near_synonym``: without
+    triples of recipes that repeat a train recipe with a near-synonym) or success with 8 and 1 distractors.
+    """
+    features = glove_features(graph.entities)
+    for seed in (0, 1, 2):
+        split = make_split(graph, SplitConfig(seed=seed))
+        train_recipes = split.recipes("train")
+        queries = split.held_out("test")
+        repeated = near_synonym_triples(graph, near_synonym_recipes(split, features), queries)
+        votes = VoteScorer(graph, train_recipes)
+        scorers: dict[str, TripleScorer] = {
+            "recipe kernel": KernelScorer(graph, train_recipes, features.vectors),
+            "recipe kernel without words": KernelScorer(graph, train_recipes, None),
+            "neighbour rule": NeighbourScorer(graph, split.partial),
+            "votes": votes,
+            "frequency": FrequencyScorer(graph, split.partial),
+            "facts": SymbolicScorer(graph, split.partial),
+        }
+        about = {"book": graph.name, "split": "by-recipe", "seed": seed}
+        for name, scorer in scorers.items():
+            ranks = rank_triples(scorer, queries, graph.triples)
+            others = ranks[np.tile(~repeated, 2)]
+            yield about | {
+                "row": name,
+                "mrr": ranking_metrics(ranks).mrr,
+                "no_near_synonym": ranking_metrics(others).mrr,
+                "hits_at_10": ranking_metrics(ranks).hits_at_10,
+            }
+        links = fitted_links(split)
+        of_links = scorer_players(graph, links, split.partial)
+        players = {
+            "votes, best pair": pair_player(votes.score_recipes),
+            "full graph as facts, best pair": pair_player(fact_recipes(graph, graph.triples)),
+            "u and v, self edges observed": of_links["u+v, self edges observed"],
+            "u and v, self edges dropped": of_links["u+v, self edges dropped"],
+        }
+        world = World(OpenedGraph(graph, split, graph.name), WordCraftConfig(part="test"))
+        played = play_all(world, players, (8, 1), distractor_seeds=5)
+        for name in players:
+            rates = {str(row.distractors): row.success for row in played if row.player == name}
+            yield about | {"row": name} | rates
+
+
+def fitted_links(split: Split) -> RecipeScorer:
+    """Return a recipe scorer with GloVe, fitted on the train recipes of a split."""
+    graph, train_recipes = split.graph, split.recipes("train")
+    text = text_of(make_features("glove", graph.entities))
+    no_outside = LinkTables([], [])
+    knowledge, rankers = fit_recipe_scorer(make_folds(split, 5), text, outside=no_outside)
+    tensors = scorer_tensors(knowledge, rankers, train_recipes)
+    return RecipeScorer(tensors, graph.entities, graph.hash)
+
+
 def train(split: Split, settings: ComplExConfig, folder: Path) -> TrainedLinks:
     graph = split.graph
     write_graph_folder(
@@ -183,11 +254,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=["settings", "neighbours", "votes", "test"])
+    parser.add_argument("what", choices=["settings", "neighbours", "votes", "test", "untrained"])
     parser.add_argument("book", nargs="?", default="little-alchemy-2")
     parser.add_argument("--epochs", type=int, default=100, help="of the sweep")
+    parser.add_argument("--json", type=Path, help="file to write the figures of `untrained` to")
     arguments = parser.parse_args()
     graph = RecipeGraph.from_book(open_book(arguments.book))
+    if arguments.what == "untrained":
+        rows = []
+        for row in untrained(graph):
+            print(row, flush=True)
+            rows.append({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()})
+        if arguments.json:
+            old = json.loads(arguments.json.read_text()) if arguments.json.exists() else []
+            kept = [row for row in old if row["book"] != graph.name]
+            lines = ",\n".join(map(json.dumps, kept + rows))
+            write_atomically(arguments.json, f"[\n{lines}\n]\n")
+        return
     with tempfile.TemporaryDirectory() as folder:
         if arguments.what == "settings":
             sweep(graph, Path(folder), arguments.epochs)

@@ -10,7 +10,9 @@ with each source, and with all sources (``--only`` chooses rows). A source is NA
 ``{split}`` and ``{seed}`` for folders that belong to one split. Fits on all
 train recipes of the split; ``--part valid`` plays validation tasks instead of test tasks. Success on all depth-1 tasks:
 the pair with the highest score, five distractor seeds; *few* counts tasks with an ingredient or goal in at most two
-train recipes. Finished cells in --out are kept.
+train recipes. ``--made-by BOOK`` adds to every row the success on goals that this other book makes (*made*) and on
+goals that it does not make (*other*), and the share of tasks with the former (*share made*). Finished cells in --out
+are kept.
 """
 
 import argparse
@@ -21,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from wordcraft_kg.agents.agent_folder import open_agent
@@ -40,7 +43,7 @@ from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_recipe_scorer, scorer_tensors
-from wordcraft_kg.models.recipes.outside import open_outside, text_of
+from wordcraft_kg.models.recipes.outside import open_other_book, open_outside, text_of
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.recipes.zero_shot import join_books
 from wordcraft_kg.models.scorers.features import make_features
@@ -73,9 +76,25 @@ def fitted(
 
 
 def played(
-    opened: OpenedGraph, knowledge: RecipeKnowledge, distractors: int, part: str
-) -> tuple[float, float]:
-    """Return success of the pair with the highest score, on all tasks and on those with a rare entity."""
+    opened: OpenedGraph,
+    knowledge: RecipeKnowledge,
+    distractors: int,
+    part: str,
+    made: frozenset[str] | None,
+) -> dict[str, float]:
+    """Play the pair with the highest score.
+
+    Args:
+        opened: graph and split.
+        knowledge: the scorer.
+        distractors: distractors per table.
+        part: split part with the tasks.
+        made: labels of goals that the other book makes; None for no figures by goal.
+
+    Returns:
+        Success by group of tasks: all (the empty name), ``few``, and with ``made`` also ``made`` and ``other``; NaN for
+        a group without tasks.
+    """
     world = World(opened, WordCraftConfig(part=part, num_distractors=distractors))  # type: ignore[arg-type]
     size, tasks = opened.graph.num_entities, np.arange(len(world.tasks))
     recipes = opened.graph.recipes
@@ -101,13 +120,25 @@ def played(
         pairs = torch.stack([torch.minimum(one, other), torch.maximum(one, other), goal], dim=1)
         wins.append([tuple(pair) in makes for pair in pairs.tolist()])
     success = np.mean(wins, axis=0)
-    return float(success.mean()), float(success[is_few].mean()) if is_few.any() else float("nan")
+    groups = {"": np.ones(len(tasks), dtype=bool), "few ": is_few}
+    if made is not None:
+        is_made = goals_among(world, made)
+        groups |= {"made ": is_made, "other ": ~is_made}
+    return {
+        name: float(success[group].mean()) if group.any() else float("nan")
+        for name, group in groups.items()
+    }
+
+
+def goals_among(world: World, labels: frozenset[str]) -> NDArray[np.bool_]:
+    """Mark the tasks whose goal is one of these labels, shape (tasks,)."""
+    return np.array([label in labels for label in world.graph.labels(world.tasks.goals)])
 
 
 def scorer_figures(
-    opened: OpenedGraph, part: str, name: str, words: str, specs: Sequence[str]
+    opened: OpenedGraph, part: str, name: str, words: str, specs: Sequence[str], made_by: str | None
 ) -> dict[str, float]:
-    """Return a scorer's MRR and success alone."""
+    """Return a scorer's MRR and success alone, on all tasks and by groups as in :func:`played`."""
     knowledge, rankers = fitted(opened, name, words, specs)
     graph = opened.graph
     scorer = RecipeScorer(
@@ -117,8 +148,15 @@ def scorer_figures(
     )
     queries = opened.split.held_out(part)  # type: ignore[arg-type]
     figures = {"mrr": mean_reciprocal_rank(rank_triples(scorer, queries, graph.triples))}
+    made = None
+    if made_by is not None:
+        book, _ = open_other_book(made_by, opened, "one-hot")
+        made = frozenset(book.source.makes or ())
+        world = World(opened, WordCraftConfig(part=part))  # type: ignore[arg-type]
+        figures["share made"] = float(goals_among(world, made).mean())
     for amount in (8, 1):
-        figures[f"{amount}"], figures[f"few {amount}"] = played(opened, knowledge, amount, part)
+        success = played(opened, knowledge, amount, part, made)
+        figures |= {f"{group}{amount}": value for group, value in success.items()}
     return figures
 
 
@@ -166,7 +204,7 @@ def cell(
         if options.agents:
             figures = agent_figures(opened, options.part, words, specs, options.agents, home)
         else:
-            figures = scorer_figures(opened, options.part, name, words, specs)
+            figures = scorer_figures(opened, options.part, name, words, specs, options.made_by)
         row = {
             "book": opened.graph.name,
             "split": kind,
@@ -223,6 +261,9 @@ def main() -> None:
         action="append",
         default=[],
         help="NAME=SPEC,SPEC; NAME may start with zero-shot",
+    )
+    parser.add_argument(
+        "--made-by", metavar="BOOK", help="also success by whether BOOK makes the goal"
     )
     parser.add_argument("--only", help="names of rows, comma-separated")
     parser.add_argument("--splits", default="by-recipe,by-goal,by-slot")

@@ -20,8 +20,10 @@ import numpy as np
 import torch
 
 from wordcraft_kg.agents.players import (
+    FEWEST_USES,
     NEAREST_WORDS,
     Player,
+    fewest_uses,
     knowledge_player,
     nearest_words,
     play_all,
@@ -96,7 +98,11 @@ def players_of(
     home: Path, opened: OpenedGraph, skip: bool
 ) -> tuple[dict[str, Player], dict[str, float]]:
     """Return the players, and the leak-free MRR of their scorers."""
-    players, mrr = {NEAREST_WORDS: nearest_words(opened.graph)}, {}
+    players = {
+        FEWEST_USES: fewest_uses(opened.split),
+        NEAREST_WORDS: nearest_words(opened.graph),
+    }
+    mrr: dict[str, float] = {}
 
     def add(names: Mapping[str, str], model: Model) -> None:
         alone = scorer_players(opened.graph, model.scorer, model.triples)
@@ -237,7 +243,12 @@ def main() -> None:
         print("\n".join(lines_of(rows)), flush=True)
         found += rows
     if options.json:
-        write_atomically(options.json, json.dumps(found, indent=1) + "\n")
+        keys = ("book", "split", "player", "distractors")
+        new = {tuple(row[key] for key in keys): row for row in found}
+        # Rows of other players stay, such as those of scorers that this call has not trained.
+        old = json.loads(options.json.read_text()) if options.json.exists() else []
+        rows = [new.pop(tuple(row[key] for key in keys), row) for row in old]
+        write_atomically(options.json, json.dumps([*rows, *new.values()], indent=1) + "\n")
 
 
 if __name__ == "__main__":

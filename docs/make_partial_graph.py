@@ -2,7 +2,9 @@
 
     python docs/make_partial_graph.py [--check]
 
-README's table and the first tables of the page are from the studies in docs/results/. The figures of other scorers are
+README's table and the first tables of the page are from the studies in docs/results/, which have one split of each
+kind; README's means over splits are from ``benchmarks/untrained_players.py --json`` and, for agents, from
+``benchmarks/agent_against_scorer.py``. The figures of other scorers are
 those of ``benchmarks/partial_graph.py --json``, the figures of players that learn nothing those of
 ``benchmarks/untrained_players.py --json``, the figures by depth those of ``benchmarks/planning.py --json``. With
 ``--check`` nothing is written, and the exit code is 1 if something would be.
@@ -30,6 +32,7 @@ SOURCE, PAGE, PICTURE = (
     HERE / "images" / "partial_graph.svg",
 )
 PLANNING = HERE / "planning.json"
+AGENTS = HERE / "agents.json"
 UNTRAINED, README, RESULTS = (
     HERE / "untrained-players.json",
     HERE.parent / "README.md",
@@ -39,6 +42,7 @@ FIGURES = "<!-- figures -->\n", "<!-- end of figures -->"
 STUDIED = "<!-- studies -->\n", "<!-- end of studies -->"
 ALONE = {
     "random": "random",
+    "fewest uses": "fewest train uses: the goal does not matter",
     "nearest words": "nearest words: no graph, nothing learned",
     "words without graph, w": "words without graph, w alone",
     "graph without words, w": "graph without words, w alone",
@@ -103,6 +107,10 @@ IN_README = {
     "recipes, u v w": "agent with the recipe scorer",
 }
 """Players and agents in README, and their names there."""
+SPLITS = (0, 1, 2)
+"""Seeds of the splits of README's means."""
+SCORER_COST = 0.3
+"""The default penalty of agents on books of this size, in the file of agents on several splits."""
 Row = dict[str, Any]
 
 
@@ -259,17 +267,60 @@ def study_tables(rows: list[Row]) -> Iterator[str]:
         yield ""
 
 
-def short(rows: list[Row]) -> Iterator[str]:
-    """Yield README's table: Little Alchemy 2 with 8 distractors, players without an agent and agents."""
+def short(rows: list[Row], untrained: list[Row], over_splits: list[Row]) -> Iterator[str]:
+    """Yield README's table: Little Alchemy 2 with 8 distractors, players without an agent and agents.
+
+    Args:
+        rows: figures of the studies, on split 0 of each kind.
+        untrained: figures of players that learn nothing from play, a list with one for each split.
+        over_splits: agents of several splits and their gain over their scorers, a row for each run.
+
+    Yields:
+        The lines: split 0, and the mean over splits 0, 1 and 2 where these splits were played.
+    """
     of = [row for row in rows if row["book"] == "little-alchemy-2"]
-    yield "| Little Alchemy 2, 8 distractors | unseen recipes | by the task's own recipe | unseen goals |"
-    yield "|---|---|---|---|"
+    yield (
+        "| Little Alchemy 2, 8 distractors | unseen recipes, split 0 | by the task's own recipe | splits 0 to 2 "
+        "| unseen goals, split 0 | splits 0 to 2 |"
+    )
+    yield "|---|---|---|---|---|---|"
     for variant, name in IN_README.items():
         columns = (("by-recipe", "text"), ("by-recipe", "own"), ("by-goal", "text"))
         texts = [_text(of, variant, (split, 8), part).partition(" ")[0] for split, part in columns]
         if not all(texts):
             sys.exit(f"the studies of Little Alchemy 2 have no figure of '{variant}' for README")
-        yield f"| {name} | {' | '.join(texts)} |"
+        recipes, goals = (
+            share(mean)
+            if (mean := mean_over_splits(variant, split, untrained, over_splits))
+            else "–"
+            for split in ("by-recipe", "by-goal")
+        )
+        yield f"| {name} | {texts[0]} | {texts[1]} | {recipes} | {texts[2]} | {goals} |"
+
+
+def mean_over_splits(
+    variant: str, split: str, untrained: list[Row], over_splits: list[Row]
+) -> float | None:
+    """Return the mean success of a row of README on splits 0, 1 and 2 of a kind; None if they were not played.
+
+    ``untrained`` and ``over_splits`` as in :func:`short`; an agent's splits count equally, whatever their seeds.
+    """
+    at = "little-alchemy-2", split, 8
+    for row in untrained:
+        if (row["book"], row["split"], row["distractors"], row["player"]) == (*at, variant):
+            return _mean(row["success"][: len(SPLITS)])
+    if variant != "recipes, u v w":
+        return None
+    by_split = [
+        [
+            row["agent"]
+            for row in over_splits
+            if (row["book"], row["split"], row["distractors"]) == at
+            and (row["split_seed"], row["scorer_cost"]) == (seed, SCORER_COST)
+        ]
+        for seed in SPLITS
+    ]
+    return _mean([_mean(agents) for agents in by_split])
 
 
 def _text(rows: list[Row], variant: str, column: tuple[str, int], part: str = "text") -> str:
@@ -462,10 +513,11 @@ if __name__ == "__main__":
     trained, untrained_rows = (
         json.loads(path.read_text(encoding="utf-8")) for path in (SOURCE, UNTRAINED)
     )
+    over_splits = json.loads(AGENTS.read_text(encoding="utf-8"))
     by_depth, of_studies = json.loads(PLANNING.read_text(encoding="utf-8")), studied()
     for path, text in (
         (PAGE, _filled(PAGE, (STUDIED, study_tables(of_studies)), (FIGURES, tables(trained)))),
-        (README, _filled(README, (FIGURES, short(of_studies)))),
+        (README, _filled(README, (FIGURES, short(of_studies, untrained_rows, over_splits)))),
         (RESULTS, _filled(RESULTS, (FIGURES, alone_tables(untrained_rows)))),
         (PICTURE, picture([row for row in of_studies if "steps" in row], by_depth)),
     ):

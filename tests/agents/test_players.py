@@ -16,6 +16,7 @@ from wordcraft_kg import (
 from wordcraft_kg.agents.evaluation import Evaluator
 from wordcraft_kg.agents.players import (
     fact_sources,
+    fewest_uses,
     knowledge_players,
     nearest_words,
     pair_player,
@@ -28,7 +29,7 @@ from wordcraft_kg.agents.players import (
 from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.base.statistics import task_bootstrap, wilson_interval
 from wordcraft_kg.envs.batch import BatchEngine
-from wordcraft_kg.graphs import OpenedGraph
+from wordcraft_kg.graphs import OpenedGraph, RecipeGraph
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.factors import TableScorer
@@ -87,6 +88,51 @@ def test_the_two_nearest_words_are_chosen_without_a_graph_or_training(opened):
     table = play(opened, {"nearest": both, "random, distinct": random_distinct}, (1, 8))
     assert all(checked)
     assert success(table, "nearest", 8) > success(table, "random, distinct", 8)
+
+
+def test_train_uses_count_recipes_with_an_ingredient_and_weigh_distractors(opened):
+    pairs = opened.split.recipes("train")[:, :2]
+    uses = [int((pairs == entity).any(axis=1).sum()) for entity in range(opened.graph.num_entities)]
+    assert opened.split.train_uses.tolist() == uses
+    assert (pairs[:, 0] == pairs[:, 1]).any()  # a pair of one entity counts once
+    weights = World(opened, WordCraftConfig(distractor_weighting="use")).distractor_weights
+    assert weights.tolist() == [1 + number for number in uses]
+
+
+def test_the_two_items_with_the_fewest_train_uses_are_chosen_whatever_the_goal(opened):
+    uses, size = opened.split.train_uses, opened.graph.num_entities
+    checked = []
+
+    def both(state, rng):
+        slots = fewest(state, rng)
+        for selection, table, slot in zip(state.selection, state.table, slots, strict=True):
+            others = set(table.tolist()) - {size, selection} or {selection}
+            checked.append(uses[table[slot]] == min(uses[entity] for entity in others))
+        return slots
+
+    fewest = fewest_uses(opened.split)
+    play(opened, {"fewest": both}, (1, 8))
+    assert len(checked) > 100
+    assert all(checked)
+
+
+def test_rare_items_are_a_shortcut_where_distractors_are_drawn_by_use():
+    """Recipes are random, so nothing but the draw of distractors can help a player that ignores the goal."""
+    rng = np.random.default_rng(0)
+    pairs = sorted({(int(min(pair)), int(max(pair))) for pair in rng.integers(800, size=(1600, 2))})
+    recipes = [(f"e{a}", f"e{b}", f"made {rng.integers(60)}") for a, b in pairs]
+    graph = RecipeGraph.from_recipes(recipes)
+    opened = OpenedGraph(graph, make_split(graph, SplitConfig("by-recipe-plain")), "random book")
+    players = {"fewest uses": fewest_uses(opened.split), "random": random_distinct}
+    rates = {
+        weighting: {
+            row.player: row.success
+            for row in play(opened, players, (8,), 10, distractor_weighting=weighting)
+        }
+        for weighting in ("use", "uniform")
+    }
+    assert rates["use"]["fewest uses"] > 2 * rates["use"]["random"]
+    assert rates["uniform"]["fewest uses"] < 1.2 * rates["uniform"]["random"]
 
 
 def test_more_knowledge_wins_more(opened):

@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 from graph_folders import write_graph
 
-from wordcraft_kg.cli import ALL, command_in, make_app, manual_of
+from wordcraft_kg.cli import ALL, CORE, command_in, make_app, manual_of
 from wordcraft_kg.cli.console import aligned
 from wordcraft_kg.cli.failures import OPTIONS, with_options
+from wordcraft_kg.cli.options import Force
 from wordcraft_kg.runs.record import end_run, start_run
 
 HELPED = ["train-complex", "train-links", "train-agent", "score"]
@@ -461,6 +462,17 @@ def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, mo
             example = example.replace("train-recipes everyday", "train-recipes kitchen")
             outcome = run(*shlex.split(f"{example} {SHORTER.get(name, '')}")[1:])
             assert outcome.code == 0, (example, outcome.err)
+
+
+def test_force_means_the_same_in_all_commands(run):
+    """One command has not taken part yet: evaluate-text deletes first."""
+    meant = Force.__metadata__[-1].help
+    forced = [name for name in ALL if "--force" in run(*name.split(), "--help").out]
+    core = [name for names in CORE.values() for name in names]
+    assert {"build-graph", "train-agent", "compare", "score", "discover", "export"} <= {*forced}
+    for name in forced:
+        if name in core or name.split()[0] in ("people", "explore"):
+            assert meant in " ".join(run(*name.split(), "--help").out.split()), name
 
 
 BAD_VALUES = {

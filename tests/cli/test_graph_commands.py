@@ -4,6 +4,7 @@ import io
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -633,6 +634,34 @@ def test_check_book_lists_all_findings_with_lines_and_fails(run, book):
     assert "problem [spelling] lines 3, 6: 'B' and 'b' count as different entities" in outcome.out
     assert outcome.out.rstrip().endswith("4 problems, 1 to look at")
     assert path.read_bytes() == before
+
+
+def test_check_book_prints_shares_as_percentages_and_json_keeps_them_as_numbers(printed, run):
+    command = ("check-book", "kitchen", "--against", "everyday")
+    lines = dict(line.split("  ", 1) for line in run(*command).out.splitlines() if "  " in line)
+    shown = {name: value.strip() for name, value in lines.items()}
+    figures = printed(*command)["figures"]
+    shares = {
+        "share with two recipes",
+        "most used share",
+        "words with vector",
+        "near synonym share",
+        "shared",
+    }
+    assert {name for name, value in shown.items() if value.endswith(" %")} == shares
+    for name in shares:
+        value = figures[name.replace(" ", "_")]
+        assert 0 <= value <= 1
+        assert float(shown[name].removesuffix(" %")) == pytest.approx(100 * value, rel=0.005)
+    assert shown["near synonym cosine"] == "0.7"
+
+
+@pytest.mark.parametrize("name", ["my graph", "a+b, c", "it's"])
+def test_a_suggested_command_can_be_repeated_in_a_shell(run, tmp_path, name):
+    folder = tmp_path / name
+    last = run("build-graph", "kitchen", "--out", folder).out.splitlines()[-1]
+    suggested = last.partition("next: ")[2]
+    assert shlex.split(suggested) == ["wordcraft-kg", "train-recipes", str(folder)]
 
 
 def test_check_book_of_a_good_book_prints_its_figures_and_passes(printed):

@@ -309,13 +309,24 @@ def test_several_models_are_compared_with_the_first_on_a_page(
     assert [line.split()[0] for line in text[1:4]] == ["one", "two", "full"]
     assert "has seen these triples" in text[4]
     assert "widened for 3 pairs of models (Bonferroni)" in text[-2]
-    assert text[-1] == f"wrote {page}"
+    assert text[-1] == f"wrote {page}   open {page}"
     assert "3 link predictors on the same queries" in page.read_text()
     before = page.read_bytes()
     refused(*command, says="--force", kind="OutputExistsError")
     assert page.read_bytes() == before
     assert printed(*command, "--force")["out"] == str(page)
     assert page.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["comparison", "comparison.v2"])
+def test_the_page_of_a_comparison_has_an_ending_that_a_browser_shows(
+    printed, refused, trained, tmp_path, name
+):
+    command = ("compare", trained / "one", trained / "two", "--out", tmp_path / name)
+    page = tmp_path / f"{name}.html"
+    assert printed(*command)["out"] == str(page)
+    assert [path.name for path in tmp_path.iterdir()] == [page.name]
+    refused(*command, says=f"{page}' exists", kind="OutputExistsError")
 
 
 def test_the_models_that_can_be_trained_are_listed_with_their_commands(printed, run):

@@ -69,10 +69,17 @@ def test_a_recipe_may_be_written_in_many_ways(words, slots):
         ),
         (["flour", "combinesWith", "water", "+"], "ConfigError", "cannot parse query"),
         (["flour"], "ConfigError", "a recipe such as a + b"),
+        (["flour", "+", "water-"], "UnknownEntityError", "no entity 'water-'"),
     ],
 )
 def test_what_is_no_recipe_is_said(refused, recipes_folder, words, kind, said):
     assert said in refused("score", recipes_folder, *words, kind=kind)
+
+
+def test_an_arrow_that_a_shell_has_read_as_a_redirection_is_explained(refused, recipes_folder):
+    """A shell reads `flour + water -> dough` as these words, and writes the output to a file `dough`."""
+    message = refused("score", recipes_folder, "flour", "+", "water", "-", code=2)
+    assert "a shell has read the > as a redirection to a file: write a + b = c" in message
 
 
 def test_results_of_a_pair_are_ranked_marked_and_explained(printed, run, recipes_folder, scorer):

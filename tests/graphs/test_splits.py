@@ -21,6 +21,7 @@ from wordcraft_kg.graphs import (
     make_split,
     open_graph,
 )
+from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.splits import PARTS, Draw, SplitKind, groups_of, read_split
 
 HELD_OUT_KINDS = [
@@ -222,6 +223,25 @@ def test_a_split_registered_from_outside_is_made_read_back_and_offered_by_the_co
     from wordcraft_kg.cli import build_graph
 
     assert "by-letter (by letter)" in build_graph._kinds()
+
+
+def test_a_split_needs_one_function_the_groups_of_recipes(kitchen, monkeypatch):
+    def first_letters(graph):
+        return np.array([ord(graph.entities[result][0]) for result in graph.recipes[:, 2]])
+
+    monkeypatch.setitem(SPLITS, "by-letter", SplitKind(first_letters, "by first letter"))
+    split = make_split(kitchen, SplitConfig("by-letter", train_ratio=0.7, valid_ratio=0.1))
+    letters = [
+        {kitchen.entities[result][0] for result in split.recipes(part)[:, 2]} for part in PARTS
+    ]
+    assert all(letters)
+    assert sum(map(len, letters)) == len(set.union(*letters))
+    folds = make_folds(split, 3)
+    of_letter = {}
+    for row in np.flatnonzero(split.is_in("train")):
+        letter = kitchen.entities[kitchen.recipes[row, 2]][0]
+        assert of_letter.setdefault(letter, folds.of_recipe[row]) == folds.of_recipe[row]
+    assert read_split(json.loads("".join(split.to_json())), kitchen).hash == split.hash
 
 
 @pytest.mark.parametrize(

@@ -97,6 +97,7 @@ def test_an_mlp_is_judged_with_its_own_number_of_distractors_only(report):
 def test_players_that_learn_nothing_stand_beside_the_agents(report):
     assert [row.name for row in report.view.baselines] == [
         "random",
+        "fewest uses",
         "nearest words",
         "recipe oracle",
     ]

@@ -46,4 +46,5 @@ def test_the_page_of_concepts_is_up_to_date():
     found = importlib.util.spec_from_file_location("make_terms", ROOT / "docs" / "make_terms.py")
     module = importlib.util.module_from_spec(found)
     found.loader.exec_module(module)
-    assert (ROOT / "docs" / "terms.md").read_text(encoding="utf-8") == module.page()
+    written = (ROOT / "docs" / "terms.md").read_text(encoding="utf-8")
+    assert written == module.page(), "docs/terms.md is not up to date; run `make docs`"

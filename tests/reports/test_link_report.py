@@ -22,7 +22,7 @@ from refusals import refuses
 from wordcraft_kg.base.errors import OutputExistsError, SplitError
 from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.base.statistics import bootstrap
-from wordcraft_kg.evaluation.links import LinkView, summarise_links
+from wordcraft_kg.evaluation.links import FEW_TEST_RECIPES, LinkView, summarise_links
 from wordcraft_kg.graphs import OpenedGraph, Split, SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import (
@@ -259,6 +259,22 @@ def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(
     assert f"{best.difference:+.3f} [{best.ci[0]:.3f}, {best.ci[1]:.3f}]" in text
 
 
+@pytest.mark.parametrize(("ratio", "seed", "is_few"), [(0.8, 2, False), (0.85, 0, True)])
+def test_the_head_gives_the_split_as_it_is_and_a_verdict_on_few_recipes_says_so(
+    graph, ratio, seed, is_few
+):
+    split = make_split(graph, SplitConfig("by-goal", train_ratio=ratio, seed=seed))
+    report = of_frequency(OpenedGraph(graph, split, "kitchen"))
+    text = text_of(render(report))
+    test_recipes = len(split.recipes("test"))
+    share = len(split.recipes("train")) / graph.num_recipes
+    # The ratio is of goals, and goals have different numbers of recipes.
+    assert f"{share:.0%}" != f"{ratio:.0%}"
+    assert f"{share * 100:.0f} % of the recipes train (setting: {ratio * 100:g} %)" in text
+    assert (test_recipes < FEW_TEST_RECIPES) == is_few
+    assert (f"Only {test_recipes} test recipes" in text) == is_few
+
+
 def test_ties_and_unfiltered_ranks_surround_the_headline(values):
     ties, mrr = values["ties"], values["metrics"]["all"]["mrr"]
     assert ties["pessimistic"]["mrr"] <= mrr <= ties["optimistic"]["mrr"]
@@ -266,7 +282,8 @@ def test_ties_and_unfiltered_ranks_surround_the_headline(values):
 
 
 def test_drill_downs_part_the_queries_and_have_intervals(values):
-    drill_down = values["drill_down"]
+    drill_down = dict(values["drill_down"])
+    assert drill_down.pop("other_book") == []  # the model learned from no other book
     assert all(drill_down.values())
     assert all(without_ci(row) for rows in drill_down.values() for row in rows)
     for name in ("seen_in_train", "layer", "near_synonyms"):

@@ -17,6 +17,7 @@ from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.models.folder import read_history
 from wordcraft_kg.models.policies.folder import read_policy
 from wordcraft_kg.models.policies.policy import Policy
 from wordcraft_kg.models.policies.sources import W
@@ -86,6 +87,22 @@ class OpenedAgent(AgentRun):
         except WordCraftKGError as error:
             logging.getLogger(__name__).warning("no evidence from outside knowledge: %s", error)
             return None
+
+    @cached_property
+    def made_by_other_books(self) -> frozenset[str] | None:
+        """Labels that another book in the scorer's training makes; None without, or if the scorer's folder is gone.
+
+        A folder that has changed gives a warning.
+        """
+        weights = self.run.inputs.get("scorer")
+        if self.config.scorer is None or weights is None or not Path(self.config.scorer).is_dir():
+            return None
+        try:
+            history = read_history(self.config.scorer, weights)
+        except WordCraftKGError as error:
+            logging.getLogger(__name__).warning("no figures by goals of other books: %s", error)
+            return None
+        return None if history is None else history.made_by_other_books
 
 
 def read_agent_run(folder: str | Path) -> AgentRun:

@@ -30,7 +30,8 @@ class TaskConfig:
         max_attempts: attempts per episode. Default: depth.
         reward: sparse (1 for the goal) or official (with the penalties and sub-goals in the paper's released code);
             success counts only goals in both cases.
-        distractor_weighting: sample distractors by use (weight 1 + number of train recipes with the entity) or uniform.
+        distractor_weighting: sample distractors by use (weight 1 + number of train recipes that use the entity as an
+            ingredient) or uniform.
         distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the goal; or
             no_train_shortcut, so that none opens an additional way by train recipes alone.
         task_weighting: sample train tasks by task (uniformly) or by goal (first a goal, then a task with this goal).

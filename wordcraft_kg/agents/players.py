@@ -45,6 +45,12 @@ RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
 """A function that scores recipes ``a + b -> c``, for tensors of ids a, b and c that broadcast."""
 NEAREST_WORDS = "nearest words"
 """Name of the player :func:`nearest_words`."""
+FEWEST_USES = "fewest uses"
+"""Name of the player :func:`fewest_uses`."""
+BEST_PAIR = "w, best pair"
+"""Name of the player of the pair with the highest recipe score, among :func:`scorer_players`."""
+PLANNER = "planner"
+"""Name of the player by plans, among :func:`scorer_players`."""
 CELLS = 200_000
 """Maximum number of slot pairs to score at once: a state with A slots has A² pairs."""
 
@@ -135,6 +141,24 @@ def nearest_words(graph: RecipeGraph) -> Player:
     return choose
 
 
+def fewest_uses(split: Split) -> Player:
+    """Return a player of the two entities with the fewest train recipes as an ingredient; ties at random.
+
+    The player knows neither goal nor meaning. Distractors are drawn by train uses, a task's ingredients are not, so
+    rare entities on a table are more often ingredients than distractors. A method must beat this shortcut, too.
+    """
+    uses = np.append(split.train_uses, 0)  # the last is for empty slots, which are never chosen
+
+    def choose(state: State, rng: np.random.Generator) -> Ids:
+        is_selected = state.table == state.selection[:, None]
+        # Any other entity comes before the selection, which is repeated only if alone on the table.
+        scores = np.where(is_selected, -np.inf, -uses[state.table].astype(float))
+        scores = np.maximum(scores, -1.0 - uses.max())
+        return _best(np.where(state.action_masks(), scores, -np.inf), rng)
+
+    return choose
+
+
 def scorer_alone(sources: Mapping[str, SlotScores]) -> dict[str, Player]:
     """Return players that follow an agent's score sources without learned weights: all summed, w alone, and p alone."""
     players = {", ".join(sources): knowledge_player(list(sources.values()))} if sources else {}
@@ -175,7 +199,10 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
 
 
 def knowledge_players(split: Split) -> dict[str, Player]:
-    """Return scripted players by name: chance, triples as facts, votes, an oracle, and players in :data:`PLAYERS`."""
+    """Return scripted players by name: chance, shortcuts without a graph, triples as facts, votes and an oracle.
+
+    Players in :data:`PLAYERS` are among them.
+    """
     graph = split.graph
     some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
@@ -191,6 +218,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
+        FEWEST_USES: fewest_uses(split),
         NEAREST_WORDS: nearest_words(graph),
         "partial KG, v": knowledge_player([some["v"]]),
         "partial KG, u+v": knowledge_player([some["u"], some["v"]]),
@@ -237,8 +265,8 @@ def scorer_players(
         "u+v, self edges dropped": of("u", "v", self_edges="drop"),
     }
     # The sources w and p refuse train tasks, where scores would be in-sample.
-    players |= {"w, best pair": of("w")} if BestRecipe.serves(scorer) else {}
-    return players | ({"planner": of("p")} if plans and BestPlan.serves(scorer) else {})
+    players |= {BEST_PAIR: of("w")} if BestRecipe.serves(scorer) else {}
+    return players | ({PLANNER: of("p")} if plans and BestPlan.serves(scorer) else {})
 
 
 class PlayerSuccess(Record):
@@ -246,6 +274,7 @@ class PlayerSuccess(Record):
 
     ``success`` is the share of episodes that made the goal, with a 95 % interval over tasks from ``low`` to ``high``,
     because a task's episodes are not independent; in ``by_plan`` of the episodes a plan's last pair made the goal.
+    ``goals`` names the group of goals that the row is about; it is empty for all tasks.
     """
 
     player: str
@@ -255,6 +284,7 @@ class PlayerSuccess(Record):
     low: Share
     high: Share
     by_plan: Share
+    goals: str = ""
 
 
 def play_all(
@@ -264,11 +294,23 @@ def play_all(
     *,
     distractor_seeds: int | None = None,
     seed: int = 0,
+    groups: Mapping[str, NDArray[np.bool_]] | None = None,
 ) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players on all tasks of a world with each number of distractors; a record each per number and player.
+    """Evaluate players on all tasks of a world with each number of distractors.
 
-    Success does not depend on reward settings. ``distractor_seeds`` are tables per task, equal for all players,
-    as for :class:`~wordcraft_kg.agents.evaluation.Evaluator`; ``seed`` draws distractors and players' choices.
+    Success does not depend on reward settings.
+
+    Args:
+        world: the world with the tasks; its own number of distractors is not used.
+        players: players by name.
+        distractors: numbers of distractors.
+        distractor_seeds: tables per task, equal for all players; None as for
+            :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
+        seed: draws distractors and players' choices.
+        groups: masks over the world's tasks by name, each of shape (tasks,). Groups without tasks have no row.
+
+    Returns:
+        For each number of distractors and player a record of all tasks, then a record of each group.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)
@@ -293,11 +335,23 @@ def play_all(
                     state, step = engine.step_once(state, player(state, rng))
                     success[:, distractor_seed] |= step.outcome == GOAL
                     by_plan[:, distractor_seed] |= step.by_plan
-            rates, interval = (
-                (float(success.mean()), float(by_plan.mean())),
-                task_bootstrap(success),
-            )
-            rows.append(PlayerSuccess(name, amount, success.size, rates[0], *interval, rates[1]))
+            everything = {"": np.ones(len(tasks), dtype=bool)}
+            for group, mask in {**everything, **(groups or {})}.items():
+                if mask.any():
+                    of_group = success[mask]
+                    low, high = task_bootstrap(of_group)
+                    rows.append(
+                        PlayerSuccess(
+                            name,
+                            amount,
+                            of_group.size,
+                            float(of_group.mean()),
+                            low,
+                            high,
+                            float(by_plan[mask].mean()),
+                            group,
+                        )
+                    )
     return tuple(rows)
 
 

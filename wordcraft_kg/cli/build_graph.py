@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Flag, Output, lines_of, split_labels
+from wordcraft_kg.cli.console import Flag, Output, command_line, lines_of, split_labels
 from wordcraft_kg.cli.describe import note_of_shares, warn_of_base
 from wordcraft_kg.cli.options import Base, Book, Force, SingleIngredient
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
@@ -79,9 +79,10 @@ def build_graph(
     audited = write_graph_folder(folder, recipes, drawn, force=force)
     warn_of_base(audited)
     view = view_build(audited, folder)
-    full = " --kg full" if split == "none" else ""
-    following = f"wrote {folder}/   next: wordcraft-kg train-recipes {folder}{full}"
-    output.result(view, [*lines_of(view), *note_of_shares(audited.split), following])
+    full = ("--kg", "full") if split == "none" else ()
+    following = command_line("train-recipes", folder, *full)
+    end = f"wrote {folder}/   next: {following}"
+    output.result(view, [*lines_of(view), *note_of_shares(audited.split), end])
 
 
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:

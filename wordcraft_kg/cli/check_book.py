@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, lines_of, split_labels
@@ -49,6 +49,13 @@ def check_book(
     return 0 if view.passed else 1
 
 
+def _shown(name: str, value: Any) -> Any:
+    """Return a share as a percentage with three digits, any other figure as it is."""
+    from wordcraft_kg.graphs.book_check import SHARES
+
+    return f"{100 * value:.3g} %" if name in SHARES and value is not None else value
+
+
 def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
     counts: Counter[str] = Counter()
     for finding in view.findings:
@@ -61,6 +68,9 @@ def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
     for kind, number in counts.items():
         if limit is not None and number > limit:
             yield f"{kind} and {number - limit:,} more; --all shows them"
-    yield from lines_of(view.figures)
+    from wordcraft_kg.base.records import as_values
+
+    figures = as_values(view.figures)
+    yield from lines_of({name: _shown(name, value) for name, value in figures.items()})
     problems = sum(finding.severity == "problem" for finding in view.findings)
     yield f"{counted(problems, 'problem')}, {len(view.findings) - problems:,} to look at"

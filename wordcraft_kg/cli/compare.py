@@ -16,6 +16,7 @@ from wordcraft_kg.cli.console import (
     Output,
     aligned,
     check_file,
+    command_line,
     refuse_given,
     whole_numbers,
     write_file,
@@ -32,6 +33,9 @@ EXAMPLES = (
     "wordcraft-kg compare runs/no-kg runs/partial",
     "wordcraft-kg compare runs/no-kg-seeds runs/partial-seeds --distractors 1,2,8",
 )
+
+PAGE_ENDINGS = (".html", ".htm")
+"""Endings of a page; the first is added to any other file name."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +83,8 @@ def compare(
     Args:
         runs: agents' run folders, or model folders, for the same graph and split; or folders written with --seeds. The
             first is the reference.
-        out: report folder for agents (default: reports/<agents' names>), or HTML page for link predictors.
+        out: report folder for agents (default: reports/<agents' names>), or HTML page for link predictors (.html is
+            added to another ending).
     """
     from wordcraft_kg.runs.record import read_run, run_folders
 
@@ -150,8 +155,8 @@ def _agents_text(view: "AgentsView", graph: str) -> Iterator[str]:
                 yield f"  {agent.name} plays with {agent.trained_with} distractors only"
     if view.references:
         amounts = ",".join(map(str, view.distractors))
-        options = f"--part {view.part} --depth {view.depth} --distractors {amounts}"
-        yield f"for comparison: wordcraft-kg reference {graph} {options}"
+        options = ("--part", view.part, "--depth", str(view.depth), "--distractors", amounts)
+        yield f"for comparison: {command_line('reference', graph, *options)}"
 
 
 def _success(success: "AgentSuccess | None") -> Iterator[str]:
@@ -176,6 +181,8 @@ def _compare_links(
     force: bool,
     output: Output,
 ) -> None:
+    if out is not None and out.suffix.lower() not in PAGE_ENDINGS:
+        out = out.with_name(out.name + PAGE_ENDINGS[0])  # so that a browser shows the page
     check_file(out, force=force)
     from wordcraft_kg.evaluation.link_comparison import Contender, compare
     from wordcraft_kg.models.folder import open_model
@@ -220,7 +227,7 @@ def _links_text(view: "LinkComparison") -> Iterator[str]:
     )
     yield "95 % intervals over recipes" + (widened if view.pairs > 1 else "")
     if view.out:
-        yield f"wrote {view.out}"
+        yield f"wrote {view.out}   open {view.out}"
 
 
 def _mrr(model: "ComparedModel") -> Iterator[str]:

@@ -3,6 +3,7 @@
 import json
 import logging
 import re
+import shlex
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -137,6 +138,11 @@ def write_file(out: Path, content: str | Iterable[str], *, force: bool) -> None:
     """Write a text file atomically; ``force`` replaces an existing file."""
     with staged_file(out, force=force) as file:
         write_atomically(file, content)
+
+
+def command_line(*words: str | Path) -> str:
+    """Return a command to repeat in a shell: labels and paths with blanks or signs are quoted."""
+    return shlex.join(["wordcraft-kg", *map(str, words)])
 
 
 MOST_SEEDS = 1_000

@@ -113,7 +113,7 @@ def evaluate_agent(
 
 def _table(view: "Baselines", amounts: list[int]) -> list[str]:
     cells = {
-        (row.player, row.distractors): (
+        (row.player, row.goals, row.distractors): (
             f"{row.success:.3f} [{row.low:.3f}, {row.high:.3f}]",
             f"{row.by_plan:.3f}",
         )
@@ -125,12 +125,19 @@ def _table(view: "Baselines", amounts: list[int]) -> list[str]:
             *chain.from_iterable((counted(amount, "distractor"), "own") for amount in amounts),
         )
     ]
-    for name in dict.fromkeys(name for name, _ in cells):
-        rows.append((name, *chain.from_iterable(cells[name, amount] for amount in amounts)))
+    for name, goals in dict.fromkeys((name, goals) for name, goals, _ in cells):
+        title = f"  {goals}" if goals else name
+        rows.append((title, *chain.from_iterable(cells[name, goals, amount] for amount in amounts)))
     distractor_seeds = counted(view.distractor_seeds, "distractor seed")
     tasks = f"{view.tasks:,} {view.part} tasks of depth {view.depth}, each with {distractor_seeds}"
     policy = (
         "" if view.distractor_policy == "any" else f"; distractor policy {view.distractor_policy}"
     )
     own = "own: success by the task's own recipe; the rest by other recipes for the goal, such as train recipes"
-    return [*aligned(rows, numbers=True), f"{tasks}{policy}; intervals: {view.intervals}", own]
+    shares = [f"{goals}: {share:.0%} of the tasks" for goals, share in view.shares.items()]
+    return [
+        *aligned(rows, numbers=True),
+        f"{tasks}{policy}; intervals: {view.intervals}",
+        *shares,
+        own,
+    ]

@@ -48,6 +48,7 @@ def evaluate_links(
         trained.opened,
         kg=trained.kg,
         train_sample=trained.train_sample,
+        made_by_other_books=trained.made_by_other_books,
         name=model.name,
         provenance=trained.provenance,
         trace=trained.trace,
@@ -65,6 +66,8 @@ def evaluate_links(
 
 
 def _text(view: "LinkView", folder: Path) -> list[str]:
+    from wordcraft_kg.evaluation.links import has_few_test_recipes
+
     rows = [(name, _figures(view.metrics[name])) for name in ("all", "combinesWith", "componentOf")]
     rows += [(name, _figures(table["all"])) for name, table in view.baselines.items()]
     ranked = f"{view.triples:,}"
@@ -77,6 +80,11 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     best, (low, high) = view.comparisons[0], view.comparisons[0].ci
     lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
     rows.append(("verdict", f"{best.verdict} the best baseline, {best.baseline}: {lead}"))
+    if has_few_test_recipes(view):
+        count = f"{view.split.test_recipes:,} test recipes"
+        rows.append(
+            ("few recipes", f"only {count}: another seed of the split may change the verdict")
+        )
     for row in view.drill_down.near_synonyms:
         if row.slice == "no such train recipe":
             rows.append(
@@ -85,6 +93,7 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
                     f"{_figures(row)}  (recipes that do not nearly repeat a train recipe)",
                 )
             )
+    rows += [(row.slice, _figures(row)) for row in view.drill_down.other_book]
     if view.in_sample:
         left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
         rows.append(("cross-fitted", f"{left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"))

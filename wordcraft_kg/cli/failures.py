@@ -11,7 +11,13 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from cyclopts import CycloptsError, MissingArgumentError, UnknownCommandError, UnusedCliTokensError
+from cyclopts import (
+    CycloptsError,
+    MissingArgumentError,
+    UnknownCommandError,
+    UnknownOptionError,
+    UnusedCliTokensError,
+)
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
 from wordcraft_kg.base.escaping import for_json, for_terminal
@@ -156,6 +162,12 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
             return f"{given} needs a value."
         name = error.argument.field_info.name
         return f"{name.upper() if manual and name in manual.places else error.argument.name} is missing."
+    if isinstance(error, UnknownOptionError) and "-" in (error.token.keyword, error.token.value):
+        # A shell reads `score MODEL a + b -> c` as the words `a + b -`, and writes the output to a file `c`.
+        return (
+            "unexpected argument '-'. If it is the beginning of ->, a shell has read the > as a redirection to a file: "
+            "write a + b = c, or quote 'a + b -> c'."
+        )
     error.verbose = False
     return str(error).partition(" Available commands:")[0]
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from wordcraft_kg.base.artefacts import check_output
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.console import Output, aligned, command_line
 from wordcraft_kg.cli.options import Force, Graph
 
 EXAMPLES = (
@@ -58,5 +58,5 @@ def import_knowledge(
     view = import_knowledge(opened, kind, path, out, overrides=overrides, force=force)
     text = aligned(describe(view), numbers=True)
     text.append(f"{view.triples:,} triples, {view.facts:,} facts, tables: {', '.join(view.tables)}")
-    text.append(f"wrote {out}/   next: wordcraft-kg train-recipes {graph} --with {out}")
+    text.append(f"wrote {out}/   next: {command_line('train-recipes', graph, '--with', out)}")
     output.result(view, text)

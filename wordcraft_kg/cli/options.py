@@ -29,7 +29,13 @@ Graph = Annotated[Book, Parameter(help="graph folder, recipe book or known book'
 OptionalBook = Annotated[str | None, Parameter(completer=_complete_book)]
 FetchableBook = Annotated[str | None, Parameter(completer=lambda _: iter(FETCHABLE))]
 
-Force = Annotated[Flag, Parameter(help="replace an existing output.")]
+Force = Annotated[
+    Flag,
+    Parameter(
+        help="replace an existing output. It stays until the new output is complete; an output of training until the "
+        "new training can be resumed."
+    ),
+]
 Words = Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)]
 """Comma-separated values; the option may be repeated."""
 Base = Annotated[

@@ -58,7 +58,7 @@ def score(
         head: entity, or _ for an open slot. If an entity is called _ (or ?), write ? (or _) for the open slot.
         relation: combinesWith or componentOf.
         tail: entity, or _ for an open slot (default).
-        rest: further words of a recipe such as a + b = c; quotes are optional.
+        rest: further words of a recipe such as a + b = c; quote labels with blanks or signs, and 'a + b -> c'.
         top: entities to list for an open slot.
         new_only: leave out known triples or recipes.
         queries: CSV or TSV file with head, relation and tail, or with the header ingredient_a,ingredient_b,result; an

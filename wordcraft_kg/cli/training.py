@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.cli.console import Output, aligned, read_seeds
+from wordcraft_kg.cli.console import Output, aligned, command_line, read_seeds
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.graphs.train_samples import describe_train_sample
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
@@ -46,7 +46,7 @@ class TrainingOutput:
         values: converts an outcome to plain values for JSON.
         finish: writes further output after training, such as a report.
         product: file or folder name that ``finish`` writes; empty if none.
-        next_command: command to suggest after training with several seeds.
+        compared_with: further words of the command `compare` that is suggested after training with several seeds.
     """
 
     training_class: str
@@ -55,7 +55,7 @@ class TrainingOutput:
     values: Callable[[Any], Values]
     finish: Callable[[Any, Any], None] = lambda trained, config: None
     product: str = ""
-    next_command: str = "wordcraft-kg compare {}"
+    compared_with: tuple[str, ...] = ()
 
     def trainer(self) -> "type[Training[Any, Any, Any]]":
         """Import the class that trains."""
@@ -108,7 +108,7 @@ def train(
         last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
         raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
     training.finish_run(trained, config)
-    following = f"next: wordcraft-kg evaluate-links {trained.folder}"
+    following = f"next: {command_line('evaluate-links', trained.folder)}"
     if training.product:
         following = f"open {trained.folder / training.product / 'index.html'}"
     output.result(
@@ -155,7 +155,8 @@ def _train_seeds(
 
     outcome_of = _until_interrupted(outcomes(), len(configs), force)
     values = {seed: training.values(outcome) for seed, outcome in outcome_of.items()}
-    end = f"wrote {parent}/   next: {training.next_command.format(parent)}"
+    following = command_line("compare", parent, *training.compared_with)
+    end = f"wrote {parent}/   next: {following}"
     by_seed = {str(seed): outcome for seed, outcome in values.items()}
     output.result(
         {"out": str(parent), "seeds": by_seed}, [*aligned(training.seed_rows(values)), end]
@@ -321,7 +322,7 @@ LINKS = TrainingOutput(
     _link_rows,
     _link_seed_rows,
     _metrics,
-    next_command="wordcraft-kg compare {} ANOTHER",
+    compared_with=("ANOTHER",),
 )
 RECIPES = TrainingOutput(
     "models.recipes.training:RecipesTraining", _recipe_rows, lambda values: [], _metrics

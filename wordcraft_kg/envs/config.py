@@ -68,7 +68,9 @@ class WordCraftConfig:
         max_attempts: attempts in an episode; None means ``depth``.
         reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
         distractor_weighting: weights of entities for drawing distractors without replacement: ``use`` is 1 + the number
-            of train recipes with the entity, ``uniform`` is equal.
+            of train recipes that use the entity as an ingredient, ``uniform`` is equal. By ``use``, entities with few
+            uses are rarely distractors, so the player :func:`~wordcraft_kg.agents.players.fewest_uses` is better than
+            chance.
         distractor_policy: ``any``; ``no_shortcut``: no distractor opens an additional way to the goal; or
             ``no_train_shortcut``: no distractor opens an additional way by train recipes alone.
         task_weighting: draw a ``task`` uniformly, or first a ``goal`` and then a task with this goal.

@@ -165,9 +165,7 @@ class World:
         """Each entity's weight as a distractor, shape (E,), int64."""
         weights = np.ones(self.nothing, dtype=np.int64)
         if self.config.distractor_weighting == "use":
-            a, b, _ = self.split.recipes("train").T
-            users = np.concatenate([a, b[b != a]])
-            weights += np.bincount(users, minlength=self.nothing)
+            weights += self.split.train_uses
         return frozen(weights)
 
     @_derived_from("distractor_policy", "part")

@@ -1,6 +1,6 @@
 """Metrics of evaluated agents: success rates with intervals, termination reasons, and task groups."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Literal
 
 import msgspec
@@ -13,6 +13,7 @@ from wordcraft_kg.agents.outcomes import TERMINATION_REASONS, TerminationReason
 from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.base.statistics import paired_difference, student_interval, task_bootstrap
 from wordcraft_kg.evaluation.bins import OPEN_END, binned
+from wordcraft_kg.evaluation.goal_groups import goal_groups
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskSet
 
@@ -21,7 +22,7 @@ _LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 NEVER = "never"
 """Name of the crafting layer for goals that cannot be made."""
 Interval = tuple[float, float]
-Slice = Literal["train_recipes", "layer"]
+Slice = Literal["train_recipes", "layer", "other_book"]
 
 
 class AgainstScorer(Record):
@@ -123,27 +124,50 @@ def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]
 
 
 def slices_of(
-    agent: OpenedAgent, tasks: TaskSet, results: Sequence[Evaluation]
+    agent: OpenedAgent,
+    tasks: TaskSet,
+    results: Sequence[Evaluation],
+    made_by_other_books: Collection[str] | None,
 ) -> dict[Slice, tuple[SliceSuccess, ...]]:
-    """Return success rates by train recipes for the goal, and by crafting rounds to the goal."""
+    """Return an agent's success rates on groups of tasks.
+
+    Args:
+        agent: a run of the agent; its split counts the train recipes for a goal.
+        tasks: the tasks, of which the results have played all or a sample.
+        results: the evaluations of the agent's runs, on the same tasks.
+        made_by_other_books: labels that other books in the training of scorers make; None without such a scorer.
+
+    Returns:
+        Success by train recipes for the goal, by crafting rounds to the goal, and on the goals that other books make
+        and all other goals; no empty groups.
+    """
     if not results:
         return {}
-    played, success = results[0].tasks, _successes(results)
+    played = results[0].tasks
     graph, split, goals = agent.opened.graph, agent.opened.split, tasks.goals[played]
     made = np.bincount(graph.recipes[split.is_in("train"), 2], minlength=graph.num_entities)[goals]
     layer = layers(graph)[goals]
     groups: dict[Slice, list[tuple[str, NDArray[np.bool_]]]] = {
         "train_recipes": list(binned(made, _TRAIN_RECIPES)),
         "layer": [(NEVER, layer < 0), *binned(layer, _LAYERS)],
+        "other_book": list(goal_groups(graph, goals, made_by_other_books).items()),
     }
-    rows = {
-        name: tuple(
-            SliceSuccess(
-                part, int(mask.sum()), float(success[mask].mean()), task_bootstrap(success[mask])
-            )
-            for part, mask in masks
-            if mask.any()
-        )
-        for name, masks in groups.items()
-    }
+    rows = {name: slice_successes(dict(masks), results) for name, masks in groups.items()}
     return {name: slices for name, slices in rows.items() if slices}
+
+
+def slice_successes(
+    groups: Mapping[str, NDArray[np.bool_]], results: Sequence[Evaluation]
+) -> tuple[SliceSuccess, ...]:
+    """Return the success rate over all results on each group of the played tasks, without empty groups.
+
+    ``groups`` are masks over the tasks of the results, each of shape (tasks,).
+    """
+    success = _successes(results)
+    return tuple(
+        SliceSuccess(
+            name, int(mask.sum()), float(success[mask].mean()), task_bootstrap(success[mask])
+        )
+        for name, mask in groups.items()
+        if mask.any()
+    )

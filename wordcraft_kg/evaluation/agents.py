@@ -26,7 +26,7 @@ _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", 
 _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
 DISTRACTORS = (1, 8)
-_SCRIPTED = ("random", players.NEAREST_WORDS, "recipe oracle")
+_SCRIPTED = ("random", players.FEWEST_USES, players.NEAREST_WORDS, "recipe oracle")
 """Players that need no training, at the same tables as the agents."""
 
 
@@ -79,7 +79,7 @@ class AgentEntry(Record):
 
 
 class BaselineSuccess(Record):
-    """Success by distractor count for random, nearest words (GloVe), the recipe oracle or a scorer alone."""
+    """Success by distractor count for random, fewest uses, nearest words, the recipe oracle or a scorer alone."""
 
     name: str
     success: dict[str, Share]
@@ -185,6 +185,7 @@ def view_agents(
             evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]
         ]
     alone = _scorers_alone(groups, evaluators)
+    made = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
     graph, split, tasks = first.opened.graph, first.opened.split, len(evaluators[headline].tasks)
     return AgentsView(
@@ -206,6 +207,7 @@ def view_agents(
                 results[name],
                 {} if results[name] is reference else reference,
                 alone,
+                made,
             )
             for name, members in groups.items()
         ),
@@ -233,6 +235,13 @@ def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
     }
 
 
+def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
+    """Return the labels that other books of any scorer make: all agents are shown on the same groups of goals."""
+    made = [agent.made_by_other_books for agent in agents]
+    known = [labels for labels in made if labels is not None]
+    return frozenset().union(*known) if known else None
+
+
 def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _ScorersAlone:
     played: _ScorersAlone = {}
     for name, (agent, *_) in groups.items():
@@ -258,6 +267,7 @@ def _baselines(
     first = next(iter(groups.values()))[0]
     results = {
         "random": _play(players.random_entity, evaluators),
+        players.FEWEST_USES: _play(players.fewest_uses(first.opened.split), evaluators),
         players.NEAREST_WORDS: _play(players.nearest_words(first.opened.graph), evaluators),
     }
     for agent, alone in scorers.values():
@@ -334,6 +344,7 @@ def _entry(
     results: _Results,
     reference: _Results,
     scorers: _ScorersAlone,
+    made_by_other_books: frozenset[str] | None,
 ) -> AgentEntry:
     headline = results.get(world.config.num_distractors, [])
     config = members[0].config
@@ -370,7 +381,7 @@ def _entry(
             for amount, runs in results.items()
         },
         outcomes={str(amount): agent_figures.outcomes_of(runs) for amount, runs in results.items()},
-        slices=agent_figures.slices_of(members[0], world.tasks, headline),
+        slices=agent_figures.slices_of(members[0], world.tasks, headline, made_by_other_books),
         curves=training_curves.success_curves(members),
         lambdas=tuple(training_curves.lambda_curves(members)),
         training=training_curves.training_figures(members),

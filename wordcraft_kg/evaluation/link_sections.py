@@ -14,6 +14,7 @@ from wordcraft_kg.base.statistics import bootstrap, interval
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.bins import OPEN_END, Bounds, binned
+from wordcraft_kg.evaluation.goal_groups import goal_groups
 from wordcraft_kg.evaluation.ranked_links import RankedLinks, labelled
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
@@ -30,6 +31,8 @@ LISTED = 8
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 _LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
 NO_NEAR_SYNONYM = "no such train recipe"
+LINKS_TO = "componentOf,"
+"""Beginning of the names of componentOf queries by goal."""
 
 
 class Comparison(Record):
@@ -48,12 +51,16 @@ class SliceMetrics(RankingMetrics, kw_only=True):
 
 
 class DrillDown(Record):
-    """Metrics by training triples with the answer, by layer of the answer, and by near-synonyms; no empty groups."""
+    """Metrics by training triples with the answer, by layer of the answer, and by near-synonyms; no empty groups.
+
+    ``other_book`` are componentOf links to goals that another book in the training makes, and to all other goals.
+    """
 
     seen_in_train: tuple[SliceMetrics, ...]
     layer: tuple[SliceMetrics, ...]
     self_combination: tuple[SliceMetrics, ...]
     near_synonyms: tuple[SliceMetrics, ...]
+    other_book: tuple[SliceMetrics, ...] = ()
 
 
 class RankedTriple(Record):
@@ -128,7 +135,17 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
             [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
         ),
         near_synonyms=() if links.is_full else slices(_near_synonyms(links)),
+        other_book=slices(_by_other_book(links)),
     )
+
+
+def _by_other_book(links: RankedLinks) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Yield componentOf queries whose goal, the tail, another book makes, and those whose goal it does not make."""
+    goals = links.ranks["tail"].to_numpy(dtype=np.int64)
+    is_part = (links.ranks["relation"] != COMBINES_WITH).to_numpy()
+    groups = goal_groups(links.graph, goals, links.made_by_other_books)
+    for name, mask in groups.items():
+        yield f"{LINKS_TO} {name}", mask & is_part
 
 
 def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
@@ -177,17 +194,23 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
 
 
 def play_by_scores(links: RankedLinks, seed: int) -> tuple[players.PlayerSuccess, ...]:
-    """Evaluate players that choose by the scores alone, on test tasks of one recipe, with 1 and 8 distractors."""
+    """Evaluate players that choose by the scores alone, on test tasks of one recipe, with 1 and 8 distractors.
+
+    Rows by goals of another book are those of the best pair and of nearest words, which knows no book.
+    """
     try:
         playing = {
             **players.scorer_players(links.graph, links.scorer, links.trained_on),
             "random": players.random_entity,
+            players.FEWEST_USES: players.fewest_uses(links.opened.split),
             players.NEAREST_WORDS: players.nearest_words(links.graph),
             "recipe oracle": players.recipe_oracle,
         }
-        return players.play_all(
-            World(links.opened, WordCraftConfig(part="test")), playing, (1, 8), seed=seed
-        )
+        world = World(links.opened, WordCraftConfig(part="test"))
+        groups = goal_groups(links.graph, world.tasks.goals, links.made_by_other_books)
+        rows = players.play_all(world, playing, (1, 8), seed=seed, groups=groups)
+        grouped = (players.BEST_PAIR, players.NEAREST_WORDS)
+        return tuple(row for row in rows if not row.goals or row.player in grouped)
     except WordCraftKGError:
         # Without test tasks, with too few entities for distractors, or with a scorer that fails the checks.
         return ()

@@ -29,6 +29,8 @@ from wordcraft_kg.models.scorers.ranking import (
     with_interval,
 )
 
+FEW_TEST_RECIPES = 50
+"""A verdict on fewer test recipes is marked: so small a sample differs much between seeds of the split."""
 _Slices = dict[str, RankingMetrics]
 """Metrics for all queries, for each relation, and for each relation and side."""
 
@@ -173,6 +175,11 @@ def view_links(
         trace=tuple(trace),
         provenance=dict(provenance or {}),
     )
+
+
+def has_few_test_recipes(view: LinkView) -> bool:
+    """Return whether fewer than :data:`FEW_TEST_RECIPES` test recipes decide the comparison with the baselines."""
+    return not view.model.has_seen_the_test_recipes and view.split.test_recipes < FEW_TEST_RECIPES
 
 
 def summarise_links(view: LinkView, report: str) -> dict[str, Any]:

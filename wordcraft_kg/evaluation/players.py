@@ -4,11 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import Evaluator, player_of
 from wordcraft_kg.agents.explanation import ExplainedEpisode, explain_episodes
 from wordcraft_kg.agents.outcomes import Success, TerminationReason
 from wordcraft_kg.agents.players import (
+    BEST_PAIR,
+    NEAREST_WORDS,
+    PLANNER,
     PlayerSuccess,
     knowledge_players,
     play_all,
@@ -18,7 +24,13 @@ from wordcraft_kg.agents.players import (
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.agent_figures import AgainstScorer, compare_with_scorer
+from wordcraft_kg.evaluation.agent_figures import (
+    AgainstScorer,
+    SliceSuccess,
+    compare_with_scorer,
+    slice_successes,
+)
+from wordcraft_kg.evaluation.goal_groups import goal_groups
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 
@@ -27,7 +39,11 @@ if TYPE_CHECKING:
 
 
 class AgentEvaluation(Record):
-    """Success by distractor count of a trained agent, and its scorer alone, or of a player on its tasks."""
+    """Success by distractor count of a trained agent, and its scorer alone, or of a player on its tasks.
+
+    ``by_goal`` is the success on goals that another book in the scorer's training makes, and on all other goals; None
+    if the scorer learned from no other book.
+    """
 
     run: str
     agent: str
@@ -39,6 +55,7 @@ class AgentEvaluation(Record):
     success: dict[str, Success]
     outcomes: dict[str, dict[TerminationReason, Share]]
     against_scorer: dict[str, AgainstScorer] | None
+    by_goal: dict[str, tuple[SliceSuccess, ...]] | None = None
 
 
 class Explanation(Record):
@@ -84,6 +101,16 @@ def view_evaluation(
             amount: compare_with_scorer([results[amount]], name, evaluator(alone))
             for amount, evaluator in evaluators.items()
         }
+    by_goal = None
+    if trained.made_by_other_books is not None:
+        goals = world.tasks.goals
+        by_goal = {
+            amount: slice_successes(
+                goal_groups(trained.opened.graph, goals[result.tasks], trained.made_by_other_books),
+                [result],
+            )
+            for amount, result in results.items()
+        }
     scores = (
         f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}"
         if agent == "kg-only"
@@ -100,6 +127,7 @@ def view_evaluation(
         success={amount: result.figures() for amount, result in results.items()},
         outcomes={amount: result.shares() for amount, result in results.items()},
         against_scorer=against_scorer,
+        by_goal=by_goal,
     )
 
 
@@ -122,7 +150,11 @@ def view_explanation(
 
 
 class Baselines(Record):
-    """Success rates for scripted players, with a row for each player and distractor count."""
+    """Success rates for scripted players, with a row for each player and distractor count.
+
+    For a model that learned from another book, its players by w and by plans and the player by nearest words have two
+    further rows: goals that the other book makes, and all other goals. ``shares`` are the shares of the tasks.
+    """
 
     graph: str
     part: TaskPart
@@ -133,6 +165,7 @@ class Baselines(Record):
     seed: int
     intervals: str
     rows: tuple[PlayerSuccess, ...]
+    shares: dict[str, Share]
 
 
 def view_baselines(
@@ -147,15 +180,21 @@ def view_baselines(
     """Evaluate scripted players and, if a model is given with its name, players that follow the model's scores."""
     players = knowledge_players(opened.split)
     world = World(opened, config)
+    groups: dict[str, NDArray[np.bool_]] = {}
+    grouped = {NEAREST_WORDS}
     if model is not None:
         name, trained = model
         tasks = world.tasks if config.part in ("train", "all") else None
+        groups = goal_groups(opened.graph, world.tasks.goals, trained.made_by_other_books)
         named = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
+        grouped |= {f"{name}, {kind}" for kind in (BEST_PAIR, PLANNER)}
         oracle = players.pop("recipe oracle")
         players |= {f"{name}, {kind}": player for kind, player in named.items()} | {
             "recipe oracle": oracle
         }
-    rows = play_all(world, players, distractors, distractor_seeds=distractor_seeds, seed=seed)
+    rows = play_all(
+        world, players, distractors, distractor_seeds=distractor_seeds, seed=seed, groups=groups
+    )
     return Baselines(
         graph=graph,
         part=config.part,
@@ -165,5 +204,6 @@ def view_baselines(
         distractor_seeds=rows[0].episodes // len(world.tasks),
         seed=seed,
         intervals="95 %, bootstrap over tasks",
-        rows=rows,
+        rows=tuple(row for row in rows if not row.goals or row.player in grouped),
+        shares={group: float(mask.mean()) for group, mask in groups.items()},
     )

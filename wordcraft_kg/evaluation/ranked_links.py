@@ -26,7 +26,10 @@ MAP_LIMIT = 3_000
 
 @dataclass(frozen=True)
 class RankedLinks:
-    """A scorer's ranks, a row for each of T queries (T, 3), and the recipes that it was trained on."""
+    """A scorer's ranks, a row for each of T queries (T, 3), and the recipes that it was trained on.
+
+    ``made_by_other_books`` are labels that another book in the training makes; None without another book.
+    """
 
     scorer: TripleScorer
     opened: OpenedGraph
@@ -35,6 +38,7 @@ class RankedLinks:
     queries: Ids
     ranks: pd.DataFrame
     train_sample: TrainSample
+    made_by_other_books: frozenset[str] | None = None
 
     @property
     def graph(self) -> RecipeGraph:
@@ -94,6 +98,7 @@ def rank_links(
     kg: TrainedOn = "partial",
     *,
     train_sample: TrainSample | None = None,
+    made_by_other_books: frozenset[str] | None = None,
     max_queries: int = MAX_QUERIES,
     seed: int = 0,
 ) -> RankedLinks:
@@ -113,7 +118,14 @@ def rank_links(
         raise SplitError(_too_few(len(queries), opened, kg))
     ranks = rank_triples(scorer, queries, opened.graph.triples)
     return RankedLinks(
-        scorer, opened, kg, len(everything), queries, ranks, train_sample or opened.train_sample(kg)
+        scorer,
+        opened,
+        kg,
+        len(everything),
+        queries,
+        ranks,
+        train_sample or opened.train_sample(kg),
+        made_by_other_books,
     )
 
 

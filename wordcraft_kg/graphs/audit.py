@@ -114,6 +114,12 @@ class SplitSummary(Record):
     test_goals_in_train: Count
     one_ingredient_away: Count
 
+    @property
+    def train_share(self) -> float:
+        """Share of the recipes in the train part; ``train_ratio`` is the setting, of pairs, goals or groups."""
+        recipes = self.train_recipes + self.valid_recipes + self.test_recipes
+        return self.train_recipes / max(recipes, 1)
+
 
 class Leakage(Record):
     """Numbers of test and training triples of a relation.

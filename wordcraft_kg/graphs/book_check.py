@@ -89,6 +89,12 @@ class BookFigures(Record, omit_defaults=True):
     shared: Share | None = None
 
 
+SHARES = frozenset(
+    name for name, kind in BookFigures.__annotations__.items() if kind in (Share, Share | None)
+)
+"""Names of the figures that are shares, from 0 to 1."""
+
+
 @dataclass(frozen=True)
 class BookCheck:
     """The check of a book: findings, problems first, and figures and graph of the readable recipes, if any."""

@@ -171,6 +171,13 @@ class Split:
         return frozen(np.setdiff1d(np.arange(self.graph.num_entities), self.recipes("train")))
 
     @cached_property
+    def train_uses(self) -> Ids:
+        """Number of train recipes that use each entity as an ingredient, shape (E,), int64; a self pair counts once."""
+        a, b, _ = self.recipes("train").T
+        users = np.concatenate([a, b[b != a]])
+        return frozen(np.bincount(users, minlength=self.graph.num_entities))
+
+    @cached_property
     def pairs_on_both_sides(self) -> int:
         """Number of ingredient pairs with recipes in several parts."""
         starts = self.graph.pair_starts[:-1]

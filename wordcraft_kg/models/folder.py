@@ -80,11 +80,9 @@ def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> 
         GraphMismatchError: if the model was trained on another graph or split, or the recipes have
             another hash than recorded.
     """
-    folder = Path(folder)
-    files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
-    if files.run.outputs[WEIGHTS] != weights:
+    history = read_history(folder, weights)
+    if history is None:
         return None
-    history = _history(files)
     settings = history.config.values()
     train_fraction = settings.get("train_fraction", 1.0)
     label_noise = settings.get("label_noise", 0.0)
@@ -92,6 +90,15 @@ def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> 
     if not history.is_trained or is_subsample(train_fraction, label_noise):
         return open_model(folder, opened.source).train_sample
     return opened.train_sample(settings.get("kg", "none"))
+
+
+def read_history(folder: str | Path, weights: str) -> History | None:
+    """Return a model's training history without its scorer; None if ``weights`` is not the hash of its weights.
+
+    ArtefactError as :func:`open_model` does.
+    """
+    files = RunFiles(Path(folder), read_finished_run(Path(folder), MODEL, WEIGHTS))
+    return _history(files) if files.run.outputs[WEIGHTS] == weights else None
 
 
 def _history(files: RunFiles) -> History:

@@ -35,6 +35,8 @@ class History:
         chosen: names of settings chosen by the training, which may differ between seeds.
         is_trained: whether this package trained the model; False for a scorer saved by
             ``save_scorer``.
+        made_by_other_books: labels of the graph's entities that a recipe of another book in the
+            training makes; None without another book, and for models from before this record.
     """
 
     config: RunConfig
@@ -43,6 +45,7 @@ class History:
     trace: Sequence[Any] = ()
     chosen: tuple[str, ...] = ()
     is_trained: bool = True
+    made_by_other_books: frozenset[str] | None = None
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,11 @@ class Model:
         """All training settings by name, without the graph and None values."""
         values = self.history.config.values()
         return {name: value for name, value in values.items() if name != "graph"}
+
+    @property
+    def made_by_other_books(self) -> frozenset[str] | None:
+        """Labels that another book in the training makes, see :class:`History`."""
+        return self.history.made_by_other_books
 
     @property
     def kg(self) -> TrainedOn:

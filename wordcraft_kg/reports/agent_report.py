@@ -8,6 +8,7 @@ from markupsafe import Markup
 
 from wordcraft_kg.evaluation.agent_figures import NEVER, Slice
 from wordcraft_kg.evaluation.agents import AgentsView, Groups, view_agents
+from wordcraft_kg.evaluation.goal_groups import MADE, NOT_MADE
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.reports import agent_pictures, charts
 from wordcraft_kg.reports.pages import Report
@@ -16,6 +17,7 @@ _MIN_SEEDS = 5
 _SLICES: dict[Slice, tuple[str, str]] = {
     "train_recipes": ("By train recipes of the goal", "train recipes that make the goal"),
     "layer": ("By crafting layer", "crafting rounds to the goal"),
+    "other_book": ("By the other book", "goals by whether the other book makes them"),
 }
 
 
@@ -61,6 +63,12 @@ def make_agent_report(
     )
 
 
+def _place(label: str) -> int:
+    """Return the place of a group of tasks in a chart: named groups, then groups by number."""
+    named = (NEVER, MADE, NOT_MADE)
+    return named.index(label) - len(named) if label in named else int(re.split("[–+]", label)[0])
+
+
 def _success(view: AgentsView) -> Markup:
     headline = str(view.headline)
     rows: list[tuple[str, tuple[float, float | None, float | None]]] = [
@@ -85,10 +93,7 @@ def _pictures_of_slices(view: AgentsView) -> dict[Slice, tuple[str, Markup]]:
             for agent in view.agents
         }
         if any(groups.values()):
-            labels = sorted(
-                {label for rows in groups.values() for label in rows},
-                key=lambda label: -1 if label == NEVER else int(re.split("[–+]", label)[0]),
-            )
+            labels = sorted({label for rows in groups.values() for label in rows}, key=_place)
             cells: dict[str, Any] = {
                 name: [rows.get(label) for label in labels] for name, rows in groups.items()
             }

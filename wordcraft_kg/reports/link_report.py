@@ -4,9 +4,14 @@ from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup
 
-from wordcraft_kg.agents.players import NEAREST_WORDS
+from wordcraft_kg.agents.players import FEWEST_USES, NEAREST_WORDS
 from wordcraft_kg.evaluation.link_comparison import LinkComparison
-from wordcraft_kg.evaluation.links import LinkView, view_links
+from wordcraft_kg.evaluation.links import (
+    FEW_TEST_RECIPES,
+    LinkView,
+    has_few_test_recipes,
+    view_links,
+)
 from wordcraft_kg.evaluation.ranked_links import labelled, rank_links
 from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
 from wordcraft_kg.graphs.train_samples import TrainSample
@@ -26,6 +31,7 @@ PLAYERS = {
     "w, best pair": "recipes (w): the best pair",
     "u+v, self edges dropped": "both (u + v), self edges dropped",
     "random": "any slot at random",
+    FEWEST_USES: "the two entities with the fewest train uses, whatever the goal",
     NEAREST_WORDS: "the two entities nearest to the goal by GloVe, no graph",
     "recipe oracle": "recipe oracle",
 }
@@ -37,6 +43,7 @@ def make_link_report(
     *,
     kg: TrainedOn = "partial",
     train_sample: TrainSample | None = None,
+    made_by_other_books: frozenset[str] | None = None,
     name: str = "scorer",
     provenance: Mapping[str, str] | None = None,
     trace: Sequence[TraceRow] = (),
@@ -45,7 +52,13 @@ def make_link_report(
 ) -> Report[LinkView]:
     """Evaluate a link predictor; return the report. Arguments as ``rank_links`` and ``view_links``."""
     links = rank_links(
-        scorer, opened, kg, train_sample=train_sample, max_queries=max_queries, seed=seed
+        scorer,
+        opened,
+        kg,
+        train_sample=train_sample,
+        made_by_other_books=made_by_other_books,
+        max_queries=max_queries,
+        seed=seed,
     )
     view = view_links(links, name=name, provenance=provenance, trace=trace, seed=seed)
     return Report(
@@ -56,7 +69,12 @@ def make_link_report(
             **_pictures_of_probabilities(view),
             **_pictures_of_training(view),
         },
-        shown={"relations": RELATIONS, "players": PLAYERS},
+        shown={
+            "relations": RELATIONS,
+            "players": PLAYERS,
+            "few": FEW_TEST_RECIPES,
+            "few_test_recipes": has_few_test_recipes(view),
+        },
         tables={"ranks.csv": labelled(links.graph, links.ranks)},
     )
 

@@ -7,7 +7,7 @@ from typing import get_args
 import msgspec
 
 from wordcraft_kg.agents.discovery import MARKS
-from wordcraft_kg.agents.players import NEAREST_WORDS
+from wordcraft_kg.agents.players import FEWEST_USES, NEAREST_WORDS
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.open_ended import Discovery
@@ -35,7 +35,7 @@ DISTRACTORS = (1, 2, 8)
 """Distractor counts in the published results, as in the paper."""
 _SEED, RUNS = 0, 100
 """Seed and run count for scripted players, the defaults in ``evaluate-agent`` and ``discover``."""
-_CHANCE = ("random", "random, distinct", "random-no-repeat")
+_CHANCE = ("random", "random, distinct", "random-no-repeat", FEWEST_USES)
 _ORACLES = ("recipe oracle", "greedy", "empowerment")
 _OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
 _KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -147,9 +147,10 @@ def _task_rows(
     options = f"--part {play.part} --depth {play.depth} --distractors {','.join(map(str, columns))}"
     if model:
         options += f" --scorer {model[0]}"
-    of = {(row.player, row.distractors): (row.success, row.low, row.high) for row in view.rows}
-    own = {(row.player, row.distractors): row.by_plan for row in view.rows}
-    for player in dict.fromkeys(row.player for row in view.rows):
+    played = [row for row in view.rows if not row.goals]
+    of = {(row.player, row.distractors): (row.success, row.low, row.high) for row in played}
+    own = {(row.player, row.distractors): row.by_plan for row in played}
+    for player in dict.fromkeys(row.player for row in played):
         yield ReferenceRow(
             player=player,
             kind=_kind(player),

@@ -57,6 +57,8 @@ class OutsideSource(Record, frozen=True, kw_only=True):
         left_out: recipes of another book that are also recipes of this graph, and not used.
         left_out_test: those among them that are test or validation recipes of this split.
         reworded: used recipes that reword a test or validation recipe by near-synonyms.
+        makes: labels of the graph's entities that a used recipe of another book makes; None for other sources, and in
+            folders from before this field.
     """
 
     name: str
@@ -67,6 +69,7 @@ class OutsideSource(Record, frozen=True, kw_only=True):
     left_out: Count = 0
     left_out_test: Count = 0
     reworded: Count = 0
+    makes: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,6 +236,7 @@ def open_other_book(
     rows = np.unique(rows, axis=0)
     held_out = graph.recipes[~opened.split.is_in("train")]
     shared = is_in(rows, held_out if keep_train else graph.recipes, len(labels))
+    made = np.unique(rows[~shared, 2])
     vectors = make_features(features, labels, allow_missing=allow_missing)
     source = OutsideSource(
         name=other.name,
@@ -243,6 +247,7 @@ def open_other_book(
         left_out=int(shared.sum()),
         left_out_test=int(is_in(rows, held_out, len(labels)).sum()),
         reworded=_reworded(rows[~shared], held_out, vectors),
+        makes=tuple(graph.labels(made[made < graph.num_entities])),
     )
     if not source.recipes:
         raise ConfigError(

@@ -1,5 +1,7 @@
 """JSON records in a recipe scorer's model folder."""
 
+from collections.abc import Sequence
+
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.models.model import History, cross_fitted_words
@@ -52,4 +54,11 @@ def recipes_history(files: RunFiles) -> History:
         facts["cross-fitted"] = cross_fitted_words(
             metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr
         )
-    return History(config, facts, metrics)
+    return History(config, facts, metrics, made_by_other_books=made_by_other_books(metrics.outside))
+
+
+def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | None:
+    """Return the labels that any other book among the sources makes; None without a book, or if one does not say."""
+    books = [source for source in sources if source.kind == "book"]
+    made = [frozenset(book.makes) for book in books if book.makes is not None]
+    return frozenset().union(*made) if made and len(made) == len(books) else None

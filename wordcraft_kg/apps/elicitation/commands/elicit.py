@@ -5,7 +5,7 @@ from pathlib import Path
 from wordcraft_kg.base.artefacts import check_output
 from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.settings import whole
-from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.console import Output, aligned, command_line
 from wordcraft_kg.cli.options import Force, Graph
 
 GROUP = "Knowledge from outside the book"
@@ -63,6 +63,5 @@ def elicit(
         "tables": shown,
         "weights": language_model.hashes,
     }
-    output.result(
-        values, [*text, f"wrote {out}/   next: wordcraft-kg train-recipes {graph} --with {out}"]
-    )
+    following = command_line("train-recipes", graph, "--with", out)
+    output.result(values, [*text, f"wrote {out}/   next: {following}"])

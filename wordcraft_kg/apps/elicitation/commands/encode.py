@@ -4,7 +4,7 @@ from pathlib import Path
 
 from wordcraft_kg.base.artefacts import check_output
 from wordcraft_kg.base.extras import check_extra
-from wordcraft_kg.cli.console import Output, split_labels
+from wordcraft_kg.cli.console import Output, command_line, split_labels
 from wordcraft_kg.cli.options import Book, Force, Graph, Words
 
 GROUP = "Knowledge from outside the book"
@@ -53,10 +53,11 @@ def encode(
     }
     written = write_vectors(folder, every, vectors, inputs=inputs, force=force)
     size, dimensions = vectors.shape
+    following = command_line("train-recipes", graph, "--features", written)
     output.result(
         {"out": str(written), "labels": size, "dimensions": dimensions, "weights": hashes},
         [
             f"encoded {size:,} labels in {dimensions} dimensions",
-            f"wrote {written}/   next: wordcraft-kg train-recipes {graph} --features {written}",
+            f"wrote {written}/   next: {following}",
         ],
     )

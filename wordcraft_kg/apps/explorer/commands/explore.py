@@ -7,7 +7,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.cli.console import Flag, Output
-from wordcraft_kg.cli.options import Book, Paths
+from wordcraft_kg.cli.options import Book, Force, Paths
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -28,7 +28,7 @@ def explore(
     run: Paths = None,
     games: Paths = None,
     export: Path | None = None,
-    force: Flag = False,
+    force: Force = False,
     host: str = "127.0.0.1",
     port: int = 8765,
     allow_host: Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)] = None,
@@ -47,7 +47,6 @@ def explore(
         games: recorded games to show beside an agent's at the same tables: output of `people serve`, `evaluate-text`,
             `bench run` or `mcp --out`, or an Inspect AI log. May be given several times.
         export: write a static site to this folder instead.
-        force: replace the exported folder if it exists.
         host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages to other machines.
         port: port to listen on; 0 selects a free port.
         allow_host: further permitted host name or address, as with --host 0.0.0.0 or behind a proxy. May be given

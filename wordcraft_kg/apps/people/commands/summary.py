@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.cli.console import Flag, Output, aligned
+from wordcraft_kg.cli.console import Output, aligned
+from wordcraft_kg.cli.options import Force
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.people.protocol import Session, TableKey
@@ -30,7 +31,7 @@ def people_summary(
     *studies: Path,
     run: Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=False)] = None,
     export: Path | None = None,
-    force: Flag = False,
+    force: Force = False,
     output: Output = Output(),
 ) -> None:
     """Show success rates of people in the protocol of the paper, with 95% intervals, and of agents for comparison.
@@ -39,7 +40,6 @@ def people_summary(
         studies: study folders (`people serve`) with equal graph and split.
         run: run folder of an agent, which plays at exactly the same tables. May be given several times.
         export: write the answers in one study folder to this JSON lines file instead; the server may be running.
-        force: replace the exported file if it exists.
     """
     from wordcraft_kg.apps.people.study import read_study
     from wordcraft_kg.apps.people.summary import view_people

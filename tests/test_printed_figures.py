@@ -1,0 +1,296 @@
+"""Figures printed in README and guides have a stored source, and equal it."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+CLOSE = 0.0005 + 0.0001
+"""Half a unit of the last printed digit, and the rounding of the stored figures to four digits."""
+NUMBER = r"(?<![\d.])[-+]?(?:\d*\.\d+|\d+)"
+
+
+def stored(name):
+    return json.loads((DOCS / name).read_text(encoding="utf-8"))
+
+
+def tables(name, root=DOCS):
+    """Return a page's tables: for each its heading and the text cells of its rows."""
+    found, rows = [], []
+    for line in [*(root / name).read_text(encoding="utf-8").splitlines(), ""]:
+        if line.startswith("|"):
+            rows.append([cell.strip() for cell in line.strip().strip("|").split("|")])
+        elif rows:
+            found.append((rows[0], rows[2:]))
+            rows = []
+    return found
+
+
+def table(name, *heads, root=DOCS):
+    """Return the rows of the page's only table whose heading has these cells."""
+    (rows,) = [rows for head, rows in tables(name, root) if set(heads) <= {*head}]
+    return rows
+
+
+def number(cell):
+    """Return the first number of a cell, such as `.836` of `**.836** [.802, .870]`."""
+    return float(re.search(NUMBER, cell)[0])
+
+
+def test_a_printed_figure_is_read_as_a_number():
+    assert number("**.836** [.802, .870]") == 0.836
+    assert number("1") == 1.0
+    assert number("-.017 [x]") == -0.017
+    head, rows = tables("planning.md")[0]
+    assert head[1:] == ["depth 1", "2", "3", "4"]
+    assert rows[0][0] == "chance"
+
+
+PLAYERS = {
+    "no graph": "agent, no graph",
+    "u, v": "agent, u,v",
+    "u, v, w": "agent, u,v,w",
+    "w alone": "w, all tasks",
+    "u, v, w, p": "agent, u,v,w,p",
+    "planner": "planner, all tasks",
+}
+BOOKS = {"Little Alchemy 2": "little-alchemy-2", "`everyday`": "everyday"}
+
+
+def test_the_guide_on_planning_prints_the_stored_agents_and_planners():
+    rates = {
+        tuple(row[key] for key in ("book", "split", "depth", "distractors", "player")): row[
+            "success"
+        ]
+        for row in stored("planning-agents.json")
+        if row["seed"] == 0
+    }
+    rows = table("planning.md", "book, depth, split", "distractors")
+    assert len(rows) == 24
+    where = ""
+    for name, distractors, *cells in rows:
+        where = name or where
+        book, depth, split = where.split(", ")
+        for player, cell in zip(PLAYERS.values(), cells, strict=True):
+            rate = rates[BOOKS[book], split, int(depth), int(distractors), player]
+            assert number(cell) == pytest.approx(rate, abs=CLOSE), (where, distractors, player)
+
+
+OUTSIDE = {
+    "recipes alone, no words": "recipes alone",
+    "and GloVe": "and GloVe",
+    "and MiniLM": "and words",
+    "and a language model": "language model",
+    "and WordNet": "WordNet",
+    "and the other book": "book",
+    "the other book, with GloVe instead of MiniLM": "GloVe and book",
+    "**all of them**": "all",
+    "zero-shot: the other book alone": "zero-shot",
+    "zero-shot, without shared recipes": "zero-shot unshared",
+    "zero-shot, with language model and WordNet": "zero-shot all",
+    "control: language model with random weights": "control random weights",
+    "control: language model reads made-up names": "control made-up",
+    "control: its tables under shuffled labels": "control shuffled labels",
+    "control: shuffled vectors": "control shuffled words",
+}
+COLUMNS = {
+    "8 distractors": "8",
+    "1": "1",
+    "few": "few 8",
+    "8, goals that the other book makes": "made 8",
+    "8, other goals": "other 8",
+}
+
+
+def means_of(book, split):
+    """Return the mean over splits of each row and figure of outside-knowledge.json; None where a split lacks it."""
+    rows = {}
+    for row in stored("outside-knowledge.json"):
+        if (row["book"], row["split"]) == (book, split):
+            rows.setdefault(row["row"], []).append(row)
+    return {
+        name: {
+            figure: float(np.mean([row[figure] for row in of]))
+            if all(figure in row for row in of)
+            else None
+            for figure in ("mrr", *COLUMNS.values(), "share made")
+        }
+        for name, of in rows.items()
+    }
+
+
+def test_the_guide_on_outside_knowledge_prints_the_stored_means():
+    pages = [(head, rows) for head, rows in tables("outside-knowledge.md") if "few" in head]
+    books = ["little-alchemy-2"] * 3 + ["everyday"] * 2 + ["my-book"]
+    compared = 0
+    for book, (head, rows) in zip(books, pages, strict=True):
+        split = head[1].partition(",")[0]
+        means = means_of(book, split)
+        for name, *cells in rows:
+            for column, cell in zip(head[1:], cells, strict=True):
+                figure = COLUMNS.get(column, "mrr")
+                mean = means[OUTSIDE[name]][figure]
+                if cell:
+                    assert number(cell) == pytest.approx(mean, abs=CLOSE), (
+                        book,
+                        split,
+                        name,
+                        column,
+                    )
+                    compared += 1
+                else:
+                    assert mean is None
+    assert compared > 150
+
+
+def test_the_gain_by_goal_stands_in_one_sentence_with_the_goals_that_the_other_book_makes():
+    means = means_of("little-alchemy-2", "by-goal")
+    before, after = means["and GloVe"], means["all"]
+    expected = [
+        *(before["8"], after["8"]),
+        *(before["made 8"], after["made 8"]),
+        *(before["other 8"], after["other 8"]),
+    ]
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    sentence = re.search(r"unseen goals (from \.363 .*?) \(means of three splits\)", readme)[1]
+    share = re.search(r"\((\d+) % of the tasks\)", sentence)
+    assert int(share[1]) == round(100 * after["share made"])
+    numbers = [float(value) for value in re.findall(NUMBER, sentence.replace(share[0], ""))]
+    assert numbers == pytest.approx(expected, abs=CLOSE)
+    guide = " ".join((DOCS / "outside-knowledge.md").read_text(encoding="utf-8").split())
+    gain = re.search(r"unseen goals (from \.363 .*?); with unseen slots", guide)[1]
+    gain = re.sub(r", a paired gain of .*? over three splits", "", gain).replace(
+        "recipes and GloVe", ""
+    )
+    numbers = [float(value) for value in re.findall(NUMBER, gain)]
+    assert numbers == pytest.approx(expected, abs=CLOSE)
+
+
+def test_readme_gives_the_scorer_on_five_splits_beside_split_0():
+    alone = {}
+    for row in stored("agents.json"):
+        at = row["book"], row["split"], row["distractors"], row["scorer_cost"]
+        if at == ("little-alchemy-2", "by-goal", 8, 0.3) and row["split_seed"] < 5:
+            alone[row["split_seed"]] = row["agent"] - row["gain"]
+    assert len(alone) == 5
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    printed = re.search(r"the scorer alone makes (\.\d+) over \[splits 0 to 4\]", readme)[1]
+    assert float(printed) == pytest.approx(np.mean([*alone.values()]), abs=CLOSE)
+    (row,) = [
+        cells
+        for cells in table("README.md", "unseen goals, split 0", root=ROOT)
+        if cells[0].startswith("recipe scorer alone")
+    ]
+    assert number(row[4]) == pytest.approx(alone[0], abs=CLOSE)
+    assert number(row[5]) == pytest.approx(np.mean([alone[seed] for seed in (0, 1, 2)]), abs=CLOSE)
+
+
+def test_the_guide_on_partial_graphs_says_that_split_0_is_an_easy_split_by_goal():
+    (rates,) = [
+        row["success"]
+        for row in stored("untrained-players.json")
+        if (row["book"], row["split"], row["player"], row["distractors"])
+        == ("little-alchemy-2", "by-goal", "recipe scorer alone, w", 8)
+    ]
+    assert rates[0] == max(rates)
+    guide = " ".join((DOCS / "partial-graph.md").read_text(encoding="utf-8").split())
+    printed = re.search(r"scorer alone makes (\.\d+) there, and (\.\d+) on average over", guide)
+    expected = [rates[0], np.mean(rates)]
+    assert list(map(float, printed.groups())) == pytest.approx(expected, abs=CLOSE)
+
+
+def test_which_model_prints_figures_of_the_commands_beside_them():
+    means = means_of("little-alchemy-2", "by-goal")
+    (line,) = [
+        cells[1]
+        for _, rows in tables("which-model.md")
+        for cells in rows
+        if cells[0].startswith("goals or slots without any train recipe")
+    ]
+    assert re.findall(r"`--with everyday` (\.\d+)", line) == [shown(means["GloVe and book"]["8"])]
+    expected = {
+        r"goals that `everyday` makes (\.\d+)": means["GloVe and book"]["made 8"],
+        r"other goals (\.\d+)": means["GloVe and book"]["other 8"],
+        r"with MiniLM vectors of both books \(.*?`--features`\) (\.\d+)": means["book"]["8"],
+        r"3 minutes\) (\.\d+)": means["language model"]["8"],
+        r"all sources with WordNet (\.\d+)": means["all"]["8"],
+        r"GloVe alone (\.\d+)": means["and GloVe"]["8"],
+        r"all sources, (\.\d+)": means_of("my-book", "by-recipe")["all"]["8"],
+    }
+    for pattern, mean in expected.items():
+        assert float(re.search(pattern, line)[1]) == pytest.approx(mean, abs=CLOSE), pattern
+
+
+def shown(value):
+    return f"{value:.3f}".removeprefix("0")
+
+
+def test_the_guide_on_environments_prints_the_stored_success_of_the_degree_shortcut():
+    stored_rates = {
+        (row["book"], row["distractors"]): row["success"][0]
+        for row in stored("untrained-players.json")
+        if (row["player"], row["split"]) == ("fewest uses", "by-recipe")
+    }
+    rows = {cells[0]: cells[1:] for cells in table("environment.md", "player", "`everyday`, 1 / 8")}
+    printed = rows["fewest uses in train recipes, whatever the goal"]
+    for book, cell in zip(("little-alchemy-2", "everyday"), printed, strict=True):
+        expected = [stored_rates[book, amount] for amount in (1, 8)]
+        assert list(map(float, cell.split(" / "))) == pytest.approx(expected, abs=CLOSE)
+
+
+LINKS = {
+    "**recipe kernel**": "recipe kernel",
+    "recipe kernel, no training": "recipe kernel",
+    "recipe kernel without word vectors": "recipe kernel without words",
+    "neighbour rule": "neighbour rule",
+    "neighbour rule, no training": "neighbour rule",
+    "votes, no training": "votes",
+    "frequency in train": "frequency",
+    "facts: the train triples (0/1)": "facts",
+}
+PLAYED = {
+    "u and v alone: first by v, then by u + v, self edges dropped": "u and v, self edges dropped",
+    "u and v alone, self edges as observed in train": "u and v, self edges observed",
+    "votes, best pair": "votes, best pair",
+    "full graph as facts, best pair": "full graph as facts, best pair",
+}
+
+
+def test_the_guide_on_link_prediction_prints_the_stored_figures_of_scorers_without_training():
+    rows = stored("link-quality.json")
+    compared = 0
+    for head, lines in tables("link-prediction.md"):
+        if head[1:] == ["`everyday`", "Little Alchemy 2"]:
+            for name, *cells in lines:
+                for book, cell in zip(("everyday", "little-alchemy-2"), cells, strict=True):
+                    known = (
+                        "no_near_synonym"
+                        if name == "neighbour rule, without near-synonyms"
+                        else "mrr"
+                    )
+                    row = "neighbour rule" if known != "mrr" else LINKS.get(name)
+                    each = [one[known] for one in rows if (one["book"], one["row"]) == (book, row)]
+                    if row is not None:
+                        printed = list(map(float, re.findall(NUMBER, cell)))
+                        assert printed[0] == pytest.approx(np.mean(each), abs=CLOSE), (name, book)
+                        assert printed[1:] in ([], pytest.approx(each, abs=CLOSE)), (name, book)
+                        compared += 1
+    assert compared >= 18
+
+
+def test_the_guide_on_link_prediction_prints_the_stored_success_of_simple_rules():
+    rows = stored("link-quality.json")
+    printed = {
+        name: cells
+        for name, *cells in table("link-prediction.md", "Little Alchemy 2, splits 0, 1 and 2")
+    }
+    for name, row in PLAYED.items():
+        each = [one for one in rows if (one["book"], one["row"]) == ("little-alchemy-2", row)]
+        assert len(each) == 3
+        for cell, amount in zip(printed[name][1:], ("8", "1"), strict=True):
+            mean = np.mean([one[amount] for one in each])
+            assert number(cell) == pytest.approx(mean, abs=CLOSE), (name, amount)

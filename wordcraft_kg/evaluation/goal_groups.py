@@ -1,0 +1,36 @@
+"""Groups of goals for a scorer that learned from another book: goals that this book makes, and all other goals.
+
+A goal without a train recipe is unseen in its own book, but the other book may make it. Success on such goals says
+nothing about goals that no book makes, so figures show both groups.
+"""
+
+from collections.abc import Collection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+
+MADE = "goals that the other book makes"
+NOT_MADE = "goals that the other book does not make"
+
+
+def goal_groups(
+    graph: RecipeGraph, goals: Ids, made: Collection[str] | None
+) -> dict[str, NDArray[np.bool_]]:
+    """Group goals by whether another book makes them.
+
+    Args:
+        graph: the recipe graph.
+        goals: ids of the goals, shape (N,); a goal may occur several times.
+        made: labels that the other book makes, see
+            :attr:`~wordcraft_kg.models.model.History.made_by_other_books`; None without another book.
+
+    Returns:
+        A mask over ``goals`` for each group, shape (N,), by the group's name; empty if ``made`` is None.
+    """
+    if made is None:
+        return {}
+    is_made = np.array([label in made for label in graph.labels(goals)], dtype=bool)
+    return {MADE: is_made, NOT_MADE: ~is_made}

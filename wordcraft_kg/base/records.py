@@ -1,4 +1,4 @@
-"""Typed records: JSON objects with declared fields, checked when read from a file or shown to a user.
+"""Typed records: JSON objects with declared fields, checked when read or shown to a user.
 
 A record type is a subclass of :class:`Record`. Reading is strict: an unknown key, a missing key or
 a value with the wrong type is an error that names the file and the field. The JSON Schema is

@@ -32,7 +32,7 @@ _ENUMERATED_DEPTH = 2  # deeper tasks are drawn at random
 _TRIES = 2_000  # draws without a new task after which drawing stops
 
 _Candidate = tuple[int, Rows]
-"""A goal and starting ingredients, ascending: a task if the goal needs as many attempts as asked."""
+"""A goal and starting ingredients, ascending: a task if its shortest plan has the right depth."""
 Plans = tuple[Rows, ...]
 _Way = frozenset[int]
 
@@ -308,7 +308,7 @@ def _accepted(candidates: Iterable[_Candidate], accept: _Filter) -> dict[_Candid
 
 
 def _enumerated(search: SolutionSearch, depth: int) -> Iterator[_Candidate]:
-    """Yield goals and leaves of all plans with ``depth`` attempts, 1 or 2; some are not shortest."""
+    """Yield goals and leaves of all plans with ``depth`` attempts, 1 or 2; some not shortest."""
     for goal, recipes in enumerate(search.recipes_of):
         for _, x, y in recipes:
             if depth == 1:
@@ -348,9 +348,10 @@ class _Draw:
         self.rng = np.random.default_rng(seed)
         # A test plan may use a test recipe anywhere, but a train plan ends in a train recipe.
         only_train = accept.part == "train" and accept.parts is not None
+        train = PARTS.index("train")
         last: dict[int, list[tuple[int, int]]] = {}
         for row, (a, b, result) in enumerate(accept.search.rows):
-            may_end = not only_train or accept.parts[row] == PARTS.index("train")  # type: ignore[index]
+            may_end = not only_train or accept.parts[row] == train  # type: ignore[index]
             if may_end and result not in (a, b):
                 last.setdefault(result, []).append((a, b))
         self.by_goal = list(last.items())

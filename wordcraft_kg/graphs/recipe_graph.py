@@ -31,7 +31,7 @@ class RecipeGraph:
     Attributes:
         name: name in reports.
         entities: labels in id order.
-        base_ids: shape (num_base,), int64, ascending: the base entities, known at the start of play.
+        base_ids: shape (num_base,), int64, ascending: entities known at the start of play.
         recipes: shape (num_recipes, 3), int64, rows ``(ingredient, ingredient, result)`` with
             ascending ingredients; sorted, unique.
         base_is_inferred: whether no base was given, so that the base is the entities without a
@@ -221,7 +221,7 @@ class RecipeGraph:
 
     def labels(self, ids: Iterable[int]) -> tuple[str, ...]:
         """Return the labels for entity ids."""
-        return tuple(self.entities[i] for i in ids)
+        return tuple(map(self.entities.__getitem__, ids))
 
     def recipe_labels(self, recipes: Ids | None = None) -> list[Recipe]:
         """Convert recipes from ids, shape (n, 3), to labels; None converts all."""
@@ -312,7 +312,7 @@ class RecipeGraph:
 
     @cached_property
     def triples(self) -> Ids:
-        """All triples ``(head, relation, tail)`` that the recipes give, shape (num_triples, 3), sorted."""
+        """All triples ``(head, relation, tail)`` of the recipes, shape (num_triples, 3), sorted."""
         return frozen(recipe_triples(self.recipes))
 
 

@@ -6,6 +6,7 @@ builtin, so that a program may catch ``ValueError`` without knowing this package
 
 import re
 
+# A message names settings as Python spells them; the command line shows its options instead.
 NAMED_SETTING = re.compile(r"`([a-z]\w*)`")
 
 

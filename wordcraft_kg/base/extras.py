@@ -107,12 +107,14 @@ def pip_install(*names: str, extra: str = "") -> str:
     needs_torch = "torch" in packages or (
         "pykeen" in packages and unmet().get("torch") == NOT_INSTALLED
     )
-    # A requirement such as ``name<2; marker`` without its marker, which pip would judge again.
-    wanted = [str(known.get(name, name)).partition(";")[0].strip() for name in packages]
-    others = [one for name, one in zip(packages, wanted, strict=True) if name != "torch"]
+    wanted = []
+    for name in packages:
+        if name != "torch":
+            # A requirement such as ``name<2; marker`` without its marker.
+            wanted.append(str(known.get(name, name)).partition(";")[0].strip())
     commands = []
     if needs_torch:
         commands.append(CPU_TORCH)
-    if others:
-        commands.append(shlex.join(["pip", "install", *others]))
+    if wanted:
+        commands.append(shlex.join(["pip", "install", *wanted]))
     return " && ".join(commands)

@@ -27,6 +27,7 @@ class FeatureSpec:
     def parse(cls, text: str) -> "FeatureSpec":
         """Split a specification into prefix and source; whether a file exists is not checked."""
         source = text
+        # Twice shuffled is shuffled twice; a specification is kept as written.
         while source.startswith(SHUFFLED):
             source = source.removeprefix(SHUFFLED)
         return cls(source, text.removesuffix(source))

@@ -3,7 +3,7 @@
 import re
 import unicodedata
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 from wordcraft_kg.base.errors import ActionError
@@ -33,7 +33,12 @@ def _in_one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def read_label(written: str, labels: Sequence[str], *, by_number: bool = True) -> int:
+def read_label(
+    written: str,
+    labels: Sequence[str],
+    *,
+    by_number: bool = True,
+) -> int:
     """Return the index of the label that a text names.
 
     The first rule that fits any label decides: number from 1; exact label; case-insensitive label;
@@ -78,10 +83,11 @@ def _ambiguous(
     for place in meant[:_MOST_CHOICES]:
         number = f" ({place + 1})" if by_number else ""
         choices.append(labels[place] + number)
-    others = len(meant) - _MOST_CHOICES
-    more = f" and {others} more" if others > 0 else ""
+    shown = ", ".join(choices)
+    if len(meant) > _MOST_CHOICES:
+        shown += f" and {len(meant) - _MOST_CHOICES} more"
     remedy = "Write more of the name, or the number." if by_number else "Write more of the name."
-    return ActionError(f"'{_shown(text)}' is ambiguous: {', '.join(choices)}{more}. {remedy}")
+    return ActionError(f"'{_shown(text)}' is ambiguous: {shown}. {remedy}")
 
 
 class LabelIndex:
@@ -137,8 +143,10 @@ class LabelIndex:
         return [place for place, label in enumerate(self._plain) if label.startswith(beginning)]
 
 
-# A game asks for the same labels at each of its attempts.
-_index: Callable[[tuple[str, ...]], LabelIndex] = lru_cache(maxsize=64)(LabelIndex)
+@lru_cache(maxsize=64)
+def _index(labels: tuple[str, ...]) -> LabelIndex:
+    # Kept, because a game asks for the same labels at each of its attempts.
+    return LabelIndex(labels)
 
 
 def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
@@ -173,13 +181,15 @@ def read_pair(written: str, labels: Sequence[str]) -> tuple[int, int]:
     if len(text) > _MOST_WRITTEN:
         raise ActionError(f"the answer has {len(text):,} characters: {expected}, in a short line.")
     unread: list[str] = []
+    # The first reading with a pair decides; a later one leaves more of the text out.
     for reading in _readings(text):
         pairs = _pairs_in(reading, labels, unread)
         unordered = {tuple(sorted(pair)) for pair in pairs}
         if len(unordered) > 1:
-            ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in pairs)
+            ways = [f"{labels[one]} + {labels[other]}" for one, other in pairs]
             raise ActionError(
-                f"'{_shown(text)}' is ambiguous: {ways}. Write the numbers, such as '1 2'."
+                f"'{_shown(text)}' is ambiguous: {' or '.join(ways)}. "
+                "Write the numbers, such as '1 2'."
             )
         if pairs:
             return pairs[0]
@@ -194,8 +204,10 @@ def _readings(text: str) -> list[str]:
     The text as written comes first, because a label may contain a verb or an arrow.
     """
     bare = text.strip(_MARKS)
-    readings = [text, _MADE.sub("", text), _VERB.sub("", bare), _VERB.sub("", _MADE.sub("", bare))]
-    return list(dict.fromkeys(readings))
+    without_result = _MADE.sub("", text)
+    without_verb = _VERB.sub("", bare)
+    without_both = _VERB.sub("", _MADE.sub("", bare))
+    return list(dict.fromkeys([text, without_result, without_verb, without_both]))
 
 
 def last_line(message: str) -> str:
@@ -208,7 +220,12 @@ def last_line(message: str) -> str:
     return _LIST_MARK.sub("", lines[-1]).strip("*`| \t") if lines else ""
 
 
-def _meant(written: str, labels: Sequence[str], *, by_number: bool = True) -> list[int]:
+def _meant(
+    written: str,
+    labels: Sequence[str],
+    *,
+    by_number: bool = True,
+) -> list[int]:
     text = _in_one_line(written)
     if not text:
         return []
@@ -220,14 +237,19 @@ def _meant(written: str, labels: Sequence[str], *, by_number: bool = True) -> li
     return index.places(text) or index.beginning_with(text)
 
 
-def _pairs_in(text: str, labels: Sequence[str], unread: list[str]) -> list[tuple[int, int]]:
+def _pairs_in(
+    text: str,
+    labels: Sequence[str],
+    unread: list[str],
+) -> list[tuple[int, int]]:
     """Return the distinct pairs; halves that name no single label join ``unread``."""
     pairs: dict[tuple[int, int], None] = {}
     for halves in _halves(text):
         meant = [_meant(half, labels) for half in halves]
-        wrong = [half for half, places in zip(halves, meant, strict=True) if len(places) != 1]
-        unread += wrong
-        if not wrong:
+        for half, places in zip(halves, meant, strict=True):
+            if len(places) != 1:
+                unread.append(half)
+        if all(len(places) == 1 for places in meant):
             pairs[meant[0][0], meant[1][0]] = None
     return list(pairs)
 
@@ -252,11 +274,11 @@ def _plurals(word: str) -> set[str]:
     """Return possible plurals: berry, berries; leaf, leaves; knife, knives; some are no words."""
     if len(word) < 2:
         return set()
-    endings = {"y": "ies", "f": "ves"}
-    last = word[-1]
-    forms = {word + "s", word + "es", word[:-1] + endings.get(last, last + "s")}
-    if word.endswith("fe"):
-        forms.add(word[:-2] + "ves")
+    forms = {word + "s", word + "es"}
+    # A form that is no word does no harm: it is compared with labels only.
+    for ending, plural in {"y": "ies", "f": "ves", "fe": "ves"}.items():
+        if word.endswith(ending):
+            forms.add(word.removesuffix(ending) + plural)
     return forms
 
 

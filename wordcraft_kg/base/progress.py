@@ -43,6 +43,7 @@ def steps(stage: str, items: Collection[T]) -> Iterator[T]:
     if listener is None:
         yield from items
         return
+    # finally: a stage that ends with an error or a break ends for its listener, too.
     try:
         for done, item in enumerate(items):
             listener(stage, done, len(items))

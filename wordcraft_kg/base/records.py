@@ -47,7 +47,11 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
 
-def parse_record(data: bytes, kind: type[T], path: Path | str) -> T:
+def parse_record(
+    data: bytes,
+    kind: type[T],
+    path: Path | str,
+) -> T:
     """Parse JSON bytes as a record.
 
     Args:
@@ -74,7 +78,11 @@ def read_record(path: Path, kind: type[T]) -> T:
     return parse_record(read_small_file(path), kind, path)
 
 
-def parse_lines(data: bytes, kind: type[T], path: Path | str) -> list[T]:
+def parse_lines(
+    data: bytes,
+    kind: type[T],
+    path: Path | str,
+) -> list[T]:
     """Parse JSON Lines as records, see :func:`parse_record`.
 
     Args:
@@ -85,13 +93,18 @@ def parse_lines(data: bytes, kind: type[T], path: Path | str) -> list[T]:
     Raises:
         ArtefactError: if a line does not fit; the message also names the line number.
     """
+    records = []
     lines = data.removesuffix(b"\n").split(b"\n") if data else []
-    return [
-        parse_record(line, kind, f"{path}, line {number},") for number, line in enumerate(lines, 1)
-    ]
+    for number, line in enumerate(lines, 1):
+        records.append(parse_record(line, kind, f"{path}, line {number},"))
+    return records
 
 
-def as_record(values: Any, kind: type[T], path: Path | str) -> T:
+def as_record(
+    values: Any,
+    kind: type[T],
+    path: Path | str,
+) -> T:
     """Convert plain values, such as those of a TOML table, to a record or a settings dataclass.
 
     Args:
@@ -146,7 +159,11 @@ def checked_values(record: Record) -> Any:
     return values
 
 
-def schema_of(kind: type[Any], identifier: str, title: str) -> dict[str, Any]:
+def schema_of(
+    kind: type[Any],
+    identifier: str,
+    title: str,
+) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) for a record type, with a description of each field.
 
     Args:

@@ -29,6 +29,7 @@ class Registry(MutableMapping[str, T]):
         self._is_complete = False
 
     def __getitem__(self, name: str) -> T:
+        # A known name needs no entry points, whose imports may take seconds.
         if name not in self._known:
             self._complete()
         return self._known[name]

@@ -25,7 +25,12 @@ MAX_THREADS = 1_024
 """Limit for CPU threads and processes."""
 
 
-def refuse(name: str, value: Any, expected: str, hint: str = "") -> ConfigError:
+def refuse(
+    name: str,
+    value: Any,
+    expected: str,
+    hint: str = "",
+) -> ConfigError:
     """Return the ConfigError for an invalid setting; the caller raises it.
 
     Args:
@@ -37,7 +42,12 @@ def refuse(name: str, value: Any, expected: str, hint: str = "") -> ConfigError:
     return ConfigError(f"`{name}` {value!r}: expected {expected}.{hint}")
 
 
-def require(config: Any, name: str, holds: bool, expected: str) -> None:
+def require(
+    config: Any,
+    name: str,
+    holds: bool,
+    expected: str,
+) -> None:
     """Check a condition on a setting.
 
     Args:
@@ -53,7 +63,12 @@ def require(config: Any, name: str, holds: bool, expected: str) -> None:
         raise refuse(name, getattr(config, name), expected)
 
 
-def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
+def whole(
+    name: str,
+    value: Any,
+    low: int,
+    high: int | None = None,
+) -> int:
     """Return a setting as a Python integer, given as any integer type, such as NumPy's.
 
     Args:
@@ -68,7 +83,7 @@ def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
     try:
         number = operator.index(value)
     except TypeError:
-        number = low - 1
+        number = low - 1  # out of range, for the error below
     limit = MOST if high is None else high
     if isinstance(value, bool) or not low <= number <= limit:
         # A technical upper limit does not help with a number below the range.
@@ -78,7 +93,13 @@ def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
     return number
 
 
-def number_in(name: str, value: Any, low: float, high: float, expected: str) -> None:
+def number_in(
+    name: str,
+    value: Any,
+    low: float,
+    high: float,
+    expected: str,
+) -> None:
     """Check that a setting is a number in a range with both ends included.
 
     Args:
@@ -95,7 +116,11 @@ def number_in(name: str, value: Any, low: float, high: float, expected: str) -> 
         raise refuse(name, value, expected)
 
 
-def one_line(name: str, text: str, most: int = 500) -> None:
+def one_line(
+    name: str,
+    text: str,
+    most: int = 500,
+) -> None:
     """Check that a text fits on a line, as for a table.
 
     Args:
@@ -125,7 +150,12 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def check_memory(name: str, value: int, what: str, needed: int) -> None:
+def check_memory(
+    name: str,
+    value: int,
+    what: str,
+    needed: int,
+) -> None:
     """Refuse a size whose data would not fit into the memory that this process may use.
 
     Args:
@@ -148,6 +178,7 @@ def check_memory(name: str, value: int, what: str, needed: int) -> None:
 
 def memory() -> int:
     """Return the bytes of memory that this process may use: the machine's, or a lower limit."""
+    # The machine's memory, or less if the process is limited, such as by ulimit -v.
     try:
         import resource
 
@@ -158,7 +189,11 @@ def memory() -> int:
     return available if limit == resource.RLIM_INFINITY else min(available, limit)
 
 
-def one_of(name: str, value: Any, allowed: Sequence[str]) -> None:
+def one_of(
+    name: str,
+    value: Any,
+    allowed: Sequence[str],
+) -> None:
     """Check that a setting has one of several values.
 
     Args:
@@ -174,7 +209,11 @@ def one_of(name: str, value: Any, allowed: Sequence[str]) -> None:
         raise refuse(name, value, f"one of {', '.join(allowed)}", hint)
 
 
-def nearest(label: str, known: Iterable[str], limit: int = 3) -> str:
+def nearest(
+    label: str,
+    known: Iterable[str],
+    limit: int = 3,
+) -> str:
     """Return a hint with similar labels, such as " Did you mean 'a', 'b'?".
 
     Args:

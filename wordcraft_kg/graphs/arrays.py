@@ -32,7 +32,9 @@ def sorted_unique(rows: Ids, columns: Sequence[int]) -> Ids:
     keys = [rows[:, column] for column in reversed(columns)]
     rows = rows[np.lexsort(keys)]
     # Before the first row stands a row that differs, so that the first row is new.
-    is_new = np.any(np.diff(rows, axis=0, prepend=rows[:1] - 1) != 0, axis=1)
+    before_first = rows[:1] - 1
+    changes = np.diff(rows, axis=0, prepend=before_first)
+    is_new = np.any(changes != 0, axis=1)
     return np.ascontiguousarray(rows[is_new])
 
 

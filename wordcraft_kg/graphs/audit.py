@@ -244,7 +244,11 @@ class Audit(Record, omit_defaults=True, kw_only=True):
 
 
 @stage("auditing the graph")
-def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> Audit:
+def audit(
+    graph: RecipeGraph,
+    split: Split,
+    book: RecipeBook | None = None,
+) -> Audit:
     """Compute statistics for a graph and a split.
 
     Args:
@@ -279,6 +283,7 @@ def split_summary(split: Split) -> SplitSummary:
     train, valid, test = np.bincount(split.parts, minlength=3).tolist()
     evaluated = split.held_out("test")
     goals = np.unique(split.recipes("test")[:, 2])
+    is_train_goal = np.isin(goals, split.recipes("train")[:, 2])
     return SplitSummary(
         **asdict(split.config),
         hash=split.hash,
@@ -295,7 +300,7 @@ def split_summary(split: Split) -> SplitSummary:
         moved_for_coverage=split.moved_for_coverage,
         pairs_on_both_sides=split.pairs_on_both_sides,
         test_goals=len(goals),
-        test_goals_in_train=int(np.sum(np.isin(goals, split.recipes("train")[:, 2]))),
+        test_goals_in_train=int(np.sum(is_train_goal)),
         one_ingredient_away=int(np.sum(one_ingredient_away(split))),
     )
 
@@ -339,13 +344,15 @@ def _count(triples: Ids, relation: int) -> int:
 
 
 def _ambiguity(graph: RecipeGraph) -> Ambiguity:
-    sizes = np.diff(graph.pair_starts)
+    sizes = np.diff(graph.pair_starts)  # number of results of each pair
+    # Stable, so that of equally ambiguous pairs those come first that come first in the graph.
     order = np.argsort(-sizes, kind="stable")[:SHOWN]
     examples = []
     for pair in order[sizes[order] > 1].tolist():
         start, stop = graph.pair_starts[pair : pair + 2]
         a, b = graph.labels(graph.recipes[start, :2])
-        examples.append(AmbiguousPair((a, b), graph.labels(graph.recipes[start:stop, 2])))
+        results = graph.labels(graph.recipes[start:stop, 2])
+        examples.append(AmbiguousPair((a, b), results))
     numbers, pairs = np.unique(sizes, return_counts=True)
     return Ambiguity(
         pairs_by_number_of_results=dict(zip(map(str, numbers), pairs.tolist(), strict=True)),
@@ -357,7 +364,7 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
 def _reachability(graph: RecipeGraph) -> Reachability:
     layer = layers(graph)
     unreachable = np.flatnonzero(layer < 0)
-    known = rounds(layer)
+    known = rounds(layer)  # round 0 is the base and no round of play
     return Reachability(
         reachable=int(np.sum(layer >= 0)),
         rounds=max(len(known) - 1, 0),

@@ -96,7 +96,13 @@ def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
 
 
 @stage("writing the graph folder")
-def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool = False) -> Audit:
+def write_graph_folder(
+    out: Path,
+    book: RecipeBook,
+    split: Split,
+    *,
+    force: bool = False,
+) -> Audit:
     """Write a recipe graph and a split to a folder, complete or not at all.
 
     The folder holds ``graph.json``, ``split.json``, ``recipes.csv``, ``entities.tsv``, triples in
@@ -122,6 +128,7 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
         }
         if graph.base_is_inferred:
             source["base_is_inferred"] = True
+        # Labels of the graph's recipes, in id order, so that equal graphs give equal files.
         of_graph = RecipeBook(
             graph.name, tuple(graph.recipe_labels()), graph.base, book.idle, kinds=book.kinds
         )
@@ -204,4 +211,5 @@ def default_split(graph: RecipeGraph) -> Split:
     try:
         return make_split(graph, SplitConfig())
     except SplitError:
+        # A graph of a few recipes still opens, for tasks and play; it only has no test part.
         return make_split(graph, SplitConfig("none"))

@@ -79,6 +79,7 @@ class Folds:
         Returns:
             Bool, shape (num_recipes,); False outside the train sample.
         """
+        # np.isin takes no set: it would compare with the set as one object.
         return self.train_sample.is_trained_on & ~np.isin(self.of_recipe, list(left_out))
 
     def recipes(self, left_out: Collection[int] = ()) -> Ids:
@@ -139,7 +140,11 @@ def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
     return of_task
 
 
-def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
+def make_folds(
+    split: Split,
+    count: int,
+    seed: int = 0,
+) -> Folds:
     """Partition the train recipes at random into folds with about equally many ingredient pairs.
 
     By-goal, by-slot and by-kind splits partition goals, recipe groups and kinds instead of pairs.
@@ -160,6 +165,7 @@ def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
     """
     whole("folds", count, 2)
     rows = np.flatnonzero(split.is_in("train"))
+    # The split's own groups: then a fold is as new to a model as the test part.
     group = groups_of(split.graph, split.config.kind)
     groups, group_of_row = np.unique(group[rows], return_inverse=True)
     if len(groups) < 2:

@@ -152,9 +152,11 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
         raise RecipeFileError(
             f"'{name_or_path}' has no file, because it is made from '{made_up[2]}'; give that book."
         )
+    # A file or graph folder of this path takes precedence over a book's name.
     if path.is_file() or (path / "graph.json").is_file():
         return LocatedBook(path)
     books = {book.name: book for book in known_books()}
+    # Any other folder gives way to a book of its name, such as a run folder named kitchen.
     if path.exists() and str(name_or_path) not in books:
         return LocatedBook(path)
     book = books.get(str(name_or_path))
@@ -170,6 +172,7 @@ def locate_book(name_or_path: str | Path) -> LocatedBook:
             f"Fetch it: wordcraft-kg books --fetch {book.name}"
         )
     published = FETCHABLE.get(book.name)
+    # Results with another file would be compared with the literature under the same name.
     if published and sha256_of(book.path) != published.sha256:
         raise RecipeFileError(
             f"{book.path} is not the published '{book.name}' (its SHA-256 differs). "
@@ -214,6 +217,7 @@ def open_book(
         single_ingredient=single_ingredient,
         name=located.name,
     )
+    # The published file names no base; a file that does keeps its own.
     return replace(content, base=located.base) if content.base is None else content
 
 
@@ -237,7 +241,12 @@ def fetch_book(name: str) -> Path:
     return fetch_file(name, book.url, book.sha256, cache_folder() / book.file_name)
 
 
-def fetch_file(name: str, url: str, sha256: str, target: Path) -> Path:
+def fetch_file(
+    name: str,
+    url: str,
+    sha256: str,
+    target: Path,
+) -> Path:
     """Download a published file with a pinned hash, once.
 
     Args:
@@ -252,6 +261,7 @@ def fetch_file(name: str, url: str, sha256: str, target: Path) -> Path:
     Raises:
         FetchError: if the download fails or has another hash; nothing is kept then.
     """
+    # A damaged or outdated download is fetched again.
     if target.is_file() and sha256_of(target) == sha256:
         return target
     by_hand = (

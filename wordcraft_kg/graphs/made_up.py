@@ -65,6 +65,7 @@ def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
         return re.sub(r"\S+", lambda word: replacement[word[0]], label)
 
     recipe_of = {recipe: Recipe.of(*map(renamed, recipe)) for recipe in book.recipes}
+    # Another book than the original, so another hash; the same for the same original and seed.
     origin = f"{PREFIX} {seed} {book.sha256}"
     return replace(
         book,

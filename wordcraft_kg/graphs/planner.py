@@ -36,9 +36,10 @@ def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
         depth += 1
         # Only recipes with a new ingredient can be used for the first time, so each recipe is
         # checked at most twice, whatever the number of rounds.
-        uses = [order[starts[entity] : starts[entity + 1]] for entity in frontier.tolist()]
+        uses = [_group(starts, order, entity) for entity in frontier.tolist()]
         recipes = np.concatenate(uses)
-        is_possible = (layer[a[recipes]] >= 0) & (layer[b[recipes]] >= 0)
+        is_known = layer >= 0
+        is_possible = is_known[a[recipes]] & is_known[b[recipes]]
         made = result[recipes[is_possible]]
         frontier = np.unique(made[layer[made] < 0])
     return layer
@@ -51,6 +52,14 @@ def _ids(graph: RecipeGraph, start: Iterable[Entity] | None) -> list[int]:
     return sorted({graph.id_of(entity) for entity in start})
 
 
+def _group(
+    starts: Ids,
+    order: Ids,
+    entity: int,
+) -> Ids:
+    return order[starts[entity] : starts[entity + 1]]
+
+
 def rounds(layer: Ids) -> list[int]:
     """Count the entities known after 0, 1, 2, ... rounds.
 
@@ -61,7 +70,8 @@ def rounds(layer: Ids) -> list[int]:
         Counts, the last for the round after which nothing new is made; empty if nothing is known.
     """
     reached = layer[layer >= 0]
-    return np.cumsum(np.bincount(reached)).tolist() if len(reached) else []
+    new_in_round = np.bincount(reached)
+    return np.cumsum(new_in_round).tolist()
 
 
 @dataclass(frozen=True)
@@ -157,13 +167,15 @@ class Planner:
         self._recipe: list[int] = [-1] * graph.num_entities
         settled = [False] * graph.num_entities
         # Entries (cost, row of the recipe, entity): of equal costs the earlier recipe comes first.
-        queue: list[tuple[float, int, int]] = [(0, -1, entity) for entity in initial]
+        queue: list[tuple[float, int, int]] = []
         for entity in initial:
             self.costs[entity] = 0
+            queue.append((0, -1, entity))
         while queue:
             _, recipe, entity = heapq.heappop(queue)
             if settled[entity]:
                 continue
+            # Costs only grow along a derivation, so the first entry of an entity is its cheapest.
             settled[entity] = True
             self._recipe[entity] = recipe
             for index in order[starts[entity] : starts[entity + 1]]:

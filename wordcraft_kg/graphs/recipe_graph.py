@@ -77,6 +77,7 @@ class RecipeGraph:
         for what, ids in (("recipe", recipes), ("base", base)):
             if ids.size and not 0 <= ids.min() <= ids.max() < len(self.entities):
                 raise GraphError(f"a {what} id is outside 0 .. {len(self.entities) - 1}.")
+        # Ingredients are unordered: each pair is stored once, the smaller id first.
         pairs = np.sort(recipes[:, :2], axis=1)
         rows = np.column_stack([pairs, recipes[:, 2]])
         self.recipes: Ids = frozen(sorted_unique(rows, (0, 1, 2)))
@@ -98,7 +99,8 @@ class RecipeGraph:
         index = {label: i for i, label in enumerate(entities)}
         # One stream of ids, without a list for each of perhaps a million recipes.
         ids = map(index.__getitem__, chain.from_iterable(book.recipes))
-        recipes = np.fromiter(ids, np.int64, 3 * len(book.recipes)).reshape(-1, 3)
+        flat = np.fromiter(ids, np.int64, 3 * len(book.recipes))
+        recipes = flat.reshape(-1, 3)
         labels = book.base if base is None else sorted(set(base))
         if labels is None:
             base_ids = np.setdiff1d(np.arange(len(entities)), recipes[:, 2])
@@ -159,6 +161,7 @@ class RecipeGraph:
     @property
     def num_self_pairs(self) -> int:
         """Number of entities that combine with themselves."""
+        # The first recipe of each pair: a pair with two results counts once.
         a, b, _ = self.recipes[self.pair_starts[:-1]].T
         return int(np.sum(a == b))
 
@@ -170,9 +173,10 @@ class RecipeGraph:
     @cached_property
     def hash(self) -> str:
         """SHA-256 hash of entities, base and recipes, equal for equal graphs on any machine."""
+        # The first line is a version: another way to hash would get another number.
         digest = hashlib.sha256(b"wordcraft-kg recipe graph 1\n")
         digest.update(json.dumps([self.entities, self.base]).encode())
-        digest.update(self.recipes.astype("<i8").tobytes())
+        digest.update(self.recipes.astype("<i8").tobytes())  # little-endian on any machine
         return digest.hexdigest()
 
     def __eq__(self, other: object) -> bool:
@@ -240,7 +244,8 @@ class RecipeGraph:
         """
         # Recipes are sorted by pair, so a new pair begins where a row differs from the row before.
         is_first = np.ones(self.num_recipes, dtype=bool)
-        is_first[1:] = np.any(np.diff(self.recipes[:, :2], axis=0) != 0, axis=1)
+        changes = np.diff(self.recipes[:, :2], axis=0)
+        is_first[1:] = np.any(changes != 0, axis=1)
         return frozen(np.append(np.flatnonzero(is_first), self.num_recipes))
 
     @cached_property
@@ -270,13 +275,16 @@ class RecipeGraph:
         """
         # A self pair uses its ingredient once: the second column is skipped where both are equal.
         rows = np.arange(self.num_recipes)
-        distinct = self.recipes[:, 0] != self.recipes[:, 1]
-        users = np.concatenate([self.recipes[:, 0], self.recipes[distinct, 1]])
-        return _group(users, np.concatenate([rows, rows[distinct]]), self.num_entities)
+        a, b, _ = self.recipes.T
+        distinct = a != b
+        entities = np.concatenate([a, b[distinct]])
+        users = np.concatenate([rows, rows[distinct]])
+        return _group(entities, users, self.num_entities)
 
     def results(self, one: Entity, other: Entity) -> Ids:
         """Return the ids of all results from combining two entities, ascending, possibly empty."""
         a, b = sorted((self.id_of(one), self.id_of(other)))
+        # Binary search in an array; ``outcomes`` is the dictionary, for callers that ask often.
         key = a * self.num_entities + b
         pair = int(np.searchsorted(self._pair_keys, key))
         if pair == self.num_pairs or self._pair_keys[pair] != key:
@@ -321,7 +329,11 @@ def _member(index: tuple[Ids, Ids], key: int) -> Ids:
     return order[starts[key] : starts[key + 1]]
 
 
-def _group(keys: Ids, values: Ids, size: int) -> tuple[Ids, Ids]:
+def _group(
+    keys: Ids,
+    values: Ids,
+    size: int,
+) -> tuple[Ids, Ids]:
     """Group ``values`` by key: group ``k`` is ``ordered[starts[k] : starts[k + 1]]``, ascending."""
     order = np.lexsort((values, keys))  # by key first, then by value
     sizes = np.bincount(keys, minlength=size)

@@ -32,7 +32,12 @@ class Recipe(NamedTuple):
     result: str
 
     @classmethod
-    def of(cls, one: str, other: str, result: str) -> "Recipe":
+    def of(
+        cls,
+        one: str,
+        other: str,
+        result: str,
+    ) -> "Recipe":
         """Create a recipe from ingredients in any order."""
         return cls(one, other, result) if one <= other else cls(other, one, result)
 
@@ -92,6 +97,7 @@ class RecipeBook:
             sha256: hash of the file's bytes; None without a file.
         """
         kept: set[Recipe] = set()
+        # Entities of omitted rows stay entities, so that ids do not depend on what is left out.
         dropped_labels: set[str] = set()
         dropped = merged = 0
         for one, other, result in rows:
@@ -105,7 +111,6 @@ class RecipeBook:
                 kept.add(recipe)
         mentioned = set(chain.from_iterable(kept))
         declared = None if base is None else tuple(sorted(set(base)))
-        # An entity of omitted rows alone stays an entity.
         idle = tuple(sorted(dropped_labels.union(listed, declared or ()) - mentioned))
         return cls(name, tuple(sorted(kept)), declared, idle, dropped, merged, sha256)
 
@@ -127,6 +132,7 @@ def label_fault(label: Any) -> str | None:
         return f"the label {shown(label)} is blank; every entity needs a name."
     if len(label) > MAX_LABEL_LENGTH:
         return f"a label of {len(label):,} characters; the limit is {MAX_LABEL_LENGTH:,}."
+    # isprintable is a quick test; some characters that it refuses are allowed, such as U+00A0.
     if not label.isprintable():
         if any(ord(char) < 32 or char in "\x7f\x85\u2028\u2029" for char in label):
             return f"the label {shown(label)} holds a tab, line break or control character."

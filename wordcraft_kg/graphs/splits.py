@@ -115,7 +115,12 @@ class Split:
         moved_for_coverage: recipes moved to train so that every entity has a train recipe.
     """
 
-    def __init__(self, graph: RecipeGraph, config: SplitConfig, draw: Draw):
+    def __init__(
+        self,
+        graph: RecipeGraph,
+        config: SplitConfig,
+        draw: Draw,
+    ):
         self.graph = graph
         self.config = config
         self.parts = draw.parts
@@ -125,7 +130,8 @@ class Split:
         self._held_out: dict[str, Ids] = {}
 
     def __repr__(self) -> str:
-        sizes = ", ".join(f"{np.sum(self.is_in(part)):,} {part}" for part in get_args(Part))
+        train, valid, test = np.bincount(self.parts, minlength=3).tolist()
+        sizes = f"{train:,} train, {valid:,} valid, {test:,} test"
         kind = f"{self.config.kind!r}, seed {self.config.seed}"
         return f"Split({kind}, {sizes} recipes of {self.graph.name!r})"
 
@@ -214,8 +220,10 @@ class Split:
 
         Also of the kinds of recipes, if the split uses them.
         """
-        kinds = [self.graph.kinds] if SPLITS[self.config.kind].uses_kinds else []
-        head = json.dumps([self.graph.hash, asdict(self.config), self.moved_for_coverage, *kinds])
+        facts: list[Any] = [self.graph.hash, asdict(self.config), self.moved_for_coverage]
+        if SPLITS[self.config.kind].uses_kinds:
+            facts.append(self.graph.kinds)
+        head = json.dumps(facts)
         return hashlib.sha256(head.encode() + self.parts.tobytes()).hexdigest()
 
     def to_json(self) -> Iterator[str]:
@@ -228,10 +236,12 @@ class Split:
             "graph": self.graph.hash,
             "hash": self.hash,
             **asdict(self.config),
+            "moved_for_coverage": self.moved_for_coverage,
         }
-        head["moved_for_coverage"] = self.moved_for_coverage
         dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
-        yield "{\n" + "".join(f"{dump(key)}: {dump(value)},\n" for key, value in head.items())
+        yield "{\n"
+        for key, value in head.items():
+            yield f"{dump(key)}: {dump(value)},\n"
         for index, part in enumerate(get_args(Part)):
             rows = self.graph.recipe_labels(self.recipes(part))
             yield f"{dump(part)}: [\n"
@@ -258,10 +268,10 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     draw_parts = SPLITS[config.kind].draw or by_groups
     draw = draw_parts(graph, config, np.random.default_rng(config.seed))
     split = Split(graph, config, draw)
-    needed = ["train", "test"]
+    needed: list[Part] = ["train", "test"]
     if config.valid_ratio:
         needed.append("valid")
-    empty = [part for part in needed if not np.any(draw.parts == PARTS.index(part))]
+    empty = [part for part in needed if not split.is_in(part).any()]
     if empty and config.kind != "none":
         groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
         recipes = counted(graph.num_recipes, "recipe")
@@ -277,7 +287,11 @@ def groups_of(graph: RecipeGraph, kind: str) -> Ids:
     return SPLITS[kind].groups(graph)
 
 
-def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> Split:
+def read_split(
+    content: Any,
+    graph: RecipeGraph,
+    where: str = "split.json",
+) -> Split:
     """Rebuild a split from ``split.json``.
 
     Args:
@@ -302,6 +316,7 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
             )
         config = SplitConfig(**{field.name: content[field.name] for field in fields(SplitConfig)})
         row_of = {recipe: row for row, recipe in enumerate(graph.recipe_labels())}
+        # A recipe in no part keeps -1, so that the hash differs.
         parts = np.full(graph.num_recipes, -1, dtype=np.int8)
         for index, part in enumerate(PARTS):
             rows = [row_of[Recipe(*row)] for row in content[part]]
@@ -324,7 +339,11 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
 # --- split kinds ---------------------------------------------------------------------------------
 
 
-def by_groups(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+def by_groups(
+    graph: RecipeGraph,
+    config: SplitConfig,
+    rng: np.random.Generator,
+) -> Draw:
     """Assign whole groups to parts at random.
 
     Args:
@@ -333,6 +352,7 @@ def by_groups(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator)
         rng: shuffles the groups.
     """
     names, group = np.unique(groups_of(graph, config.kind), return_inverse=True)
+    # Ratios are of groups, not recipes, so a part's share of the recipes is only about the ratio.
     order = rng.permutation(len(names))
     num_train = round(config.train_ratio * len(names))
     num_valid = round(config.valid_ratio * len(names))
@@ -342,7 +362,11 @@ def by_groups(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator)
     return Draw(parts[group])
 
 
-def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+def _by_recipe(
+    graph: RecipeGraph,
+    config: SplitConfig,
+    rng: np.random.Generator,
+) -> Draw:
     """Hold out pairs; then cover all entities.
 
     For each entity without a train recipe, a random pair with the entity moves to train.
@@ -351,6 +375,7 @@ def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator
     nodes".
     """
     parts = by_groups(graph, config, rng).parts
+    # A model cannot place an entity that it has never seen, so every entity gets a train recipe.
     covered = np.zeros(graph.num_entities, dtype=bool)
     covered[graph.recipes[parts == TRAIN]] = True
     moved = 0
@@ -360,6 +385,7 @@ def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator
         if covered[entity] or not len(around):
             continue
         pair = graph.pair_of_recipe[rng.choice(around)]
+        # The whole pair moves: results of a pair in two parts would give each other away.
         rows = slice(graph.pair_starts[pair], graph.pair_starts[pair + 1])
         parts[rows] = TRAIN
         covered[graph.recipes[rows]] = True
@@ -405,7 +431,11 @@ def _kinds(graph: RecipeGraph) -> Ids:
     return np.unique(graph.kinds, return_inverse=True)[1].astype(np.int64)
 
 
-def _none(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+def _none(
+    graph: RecipeGraph,
+    config: SplitConfig,
+    rng: np.random.Generator,
+) -> Draw:
     return Draw(np.full(graph.num_recipes, TRAIN, dtype=np.int8))
 
 

@@ -61,14 +61,22 @@ class SolutionSearch:
         self.graph = graph
         self.rows: list[list[int]] = graph.recipes.tolist()
         self._starts: list[int] = graph.pair_starts.tolist()
-        self.recipes_of: list[list[tuple[int, int, int]]] = [[] for _ in range(graph.num_entities)]
-        is_usable = itertools.repeat(True, len(self.rows)) if usable is None else usable.tolist()
-        pairs = graph.pair_of_recipe.tolist()
-        for pair, (a, b, result), may_be_used in zip(pairs, self.rows, is_usable, strict=True):
-            if may_be_used and result not in (a, b):
-                self.recipes_of[result].append((pair, a, b))
+        self.recipes_of: list[list[tuple[int, int, int]]] = []
+        for _ in range(graph.num_entities):
+            self.recipes_of.append([])
+        rows = range(graph.num_recipes) if usable is None else np.flatnonzero(usable).tolist()
+        pair_of = graph.pair_of_recipe.tolist()
+        for row in rows:
+            a, b, result = self.rows[row]
+            if result not in (a, b):
+                self.recipes_of[result].append((pair_of[row], a, b))
 
-    def plans(self, goal: Entity, at_hand: Iterable[Entity], attempts: int) -> list[Rows]:
+    def plans(
+        self,
+        goal: Entity,
+        at_hand: Iterable[Entity],
+        attempts: int,
+    ) -> list[Rows]:
         """Return all plans that make a goal in as few attempts as possible.
 
         Args:
@@ -86,7 +94,12 @@ class SolutionSearch:
         target = self.graph.id_of(goal)
         return self.ordered(self.shortest_ways(target, have, attempts), target, have)
 
-    def shortest_ways(self, goal: int, have: frozenset[int], attempts: int) -> set[_Way]:
+    def shortest_ways(
+        self,
+        goal: int,
+        have: frozenset[int],
+        attempts: int,
+    ) -> set[_Way]:
         """Return all ways to make a goal with the fewest attempts.
 
         Args:
@@ -104,7 +117,12 @@ class SolutionSearch:
                 return ways
         return set()
 
-    def ways(self, goal: int, have: frozenset[int], attempts: int) -> set[_Way]:
+    def ways(
+        self,
+        goal: int,
+        have: frozenset[int],
+        attempts: int,
+    ) -> set[_Way]:
         """Return all acyclic ways to make a goal, also longer ones than necessary.
 
         Args:
@@ -129,13 +147,14 @@ class SolutionSearch:
             return set()
         if budget == 1:  # the last attempt: both ingredients are at hand, or it is none
             return {frozenset((pair,)) for pair, a, b in recipes if a in have and b in have}
+        # A way through an entity that needs this one would go round in a circle.
         above = above | {entity}
         ways: set[_Way] = set()
         for pair, a, b in recipes:
             if not above.isdisjoint((a, b)):
                 continue
             ways_to_a = self._ways(a, budget - 1, have, above)
-            if not ways_to_a:
+            if not ways_to_a:  # then the other ingredient does not matter
                 continue
             this = frozenset((pair,))
             if a == b:
@@ -149,7 +168,12 @@ class SolutionSearch:
             ways.update(way for way in whole_ways if len(way) <= budget)
         return ways
 
-    def ordered(self, ways: Iterable[_Way], goal: int, have: frozenset[int]) -> list[Rows]:
+    def ordered(
+        self,
+        ways: Iterable[_Way],
+        goal: int,
+        have: frozenset[int],
+    ) -> list[Rows]:
         """Convert ways to plans.
 
         Args:
@@ -162,10 +186,15 @@ class SolutionSearch:
         """
         return sorted(self._plan(way, goal, have) for way in ways)
 
-    def _plan(self, way: _Way, goal: int, have: frozenset[int]) -> Rows:
+    def _plan(
+        self,
+        way: _Way,
+        goal: int,
+        have: frozenset[int],
+    ) -> Rows:
         if len(way) == 1:  # most tasks have depth 1
             (pair,) = way
-            return tuple(row for row in self.rows_of(pair) if self.rows[row][2] == goal)
+            return self._rows_for(pair, {goal})
         needed = {goal}
         for pair in way:
             needed.update(self.ingredients(pair))
@@ -176,11 +205,14 @@ class SolutionSearch:
             # Of all attempts that are possible now, the pair with the lowest number comes first.
             pair = next(pair for pair in left if at_hand.issuperset(self.ingredients(pair)))
             left.remove(pair)
-            new = needed - at_hand
-            plan += [row for row in self.rows_of(pair) if self.rows[row][2] in new]
+            plan += self._rows_for(pair, needed - at_hand)
             at_hand |= self.results(pair)
         # The goal comes last, even among the results of its own pair.
         return tuple(sorted(plan, key=lambda row: self.rows[row][2] == goal))
+
+    def _rows_for(self, pair: int, wanted: set[int]) -> Rows:
+        """Return the rows of a pair with a wanted result."""
+        return tuple(row for row in self.rows_of(pair) if self.rows[row][2] in wanted)
 
     def rows_of(self, pair: int) -> range:
         """Return the rows in ``graph.recipes`` for a pair number."""
@@ -271,7 +303,13 @@ class _Filter:
         mixed: tasks of the depth that were met and belong to no part.
     """
 
-    def __init__(self, search: SolutionSearch, depth: int, split: Split | None, part: TaskPart):
+    def __init__(
+        self,
+        search: SolutionSearch,
+        depth: int,
+        split: Split | None,
+        part: TaskPart,
+    ):
         self.search = search
         self.depth = depth
         self.part = part
@@ -284,6 +322,7 @@ class _Filter:
         """Return an accepted task's plans, otherwise an empty tuple."""
         goal, start = candidate
         have = frozenset(start)
+        # With all recipes of the book, also held-out ones: a task has one depth for every player.
         ways = self.search.shortest_ways(goal, have, self.depth)
         if any(len(way) < self.depth for way in ways):
             return ()
@@ -291,7 +330,8 @@ class _Filter:
         if self.parts is None:
             return plans
         # Parts are numbered train, valid, test: a plan belongs to the highest part of its recipes.
-        parts = {max(self.parts[row] for row in plan) for plan in plans}
+        part_of = self.parts.__getitem__
+        parts = {max(map(part_of, plan)) for plan in plans}
         if len(parts) > 1:
             self.mixed.add(candidate)
         return plans if parts == {PARTS.index(self.part)} else ()
@@ -341,7 +381,12 @@ class _Draw:
     replacement, and r_i the number of recipes for the replaced leaf.
     """
 
-    def __init__(self, accept: _Filter, weighting: TaskWeighting, seed: int):
+    def __init__(
+        self,
+        accept: _Filter,
+        weighting: TaskWeighting,
+        seed: int,
+    ):
         self.recipes_of = accept.search.recipes_of
         self.depth = accept.depth
         self.weighting = weighting
@@ -354,8 +399,11 @@ class _Draw:
             may_end = not only_train or accept.parts[row] == train  # type: ignore[index]
             if may_end and result not in (a, b):
                 last.setdefault(result, []).append((a, b))
+        # Goals in the order of their first recipe: the order decides what a seed draws.
         self.by_goal = list(last.items())
-        self.last_steps = [(goal, pair) for goal, pairs in self.by_goal for pair in pairs]
+        self.last_steps: list[tuple[int, tuple[int, int]]] = []
+        for goal, pairs in self.by_goal:
+            self.last_steps += [(goal, pair) for pair in pairs]
 
     def __call__(self) -> _Candidate | None:
         """Draw once; None if the drawn steps are no plan of this depth."""
@@ -384,10 +432,15 @@ class _Draw:
         return goal, pairs[self.rng.integers(len(pairs))]
 
 
-def _drawn(accept: _Filter, draw: _Draw, limit: int) -> dict[_Candidate, Plans]:
+def _drawn(
+    accept: _Filter,
+    draw: _Draw,
+    limit: int,
+) -> dict[_Candidate, Plans]:
     """Return distinct tasks in the order in which they were drawn, at most ``limit``."""
     tasks: dict[_Candidate, Plans] = {}
     tries = 0
+    # Most draws of a deep task fail, and a small part has few tasks: stop after many failures.
     while draw.last_steps and len(tasks) < limit and tries < _TRIES:
         tries += 1
         candidate = draw()

@@ -84,6 +84,7 @@ class TaskSet:
         return hash(self._content())
 
     def _content(self) -> tuple[object, ...]:
+        # Bytes, because arrays are neither hashable nor equal as a whole.
         return (
             self.graph,
             self.depth,
@@ -99,6 +100,7 @@ class TaskSet:
 
     def __getitem__(self, index: int) -> CraftingTask:
         graph = self.graph
+        # Starting ingredients are padded with num_entities.
         start = [entity for entity in self.starts[index].tolist() if entity < graph.num_entities]
         plans = [graph.recipe_labels(graph.recipes[list(rows)]) for rows in self.plans[index]]
         return CraftingTask(
@@ -157,7 +159,11 @@ class TaskSet:
         return 1 / (len(tasks_of_goal) * tasks_of_goal[goal])
 
 
-def replay(graph: RecipeGraph, start: Iterable[Entity], plan: Iterable[Recipe]) -> frozenset[str]:
+def replay(
+    graph: RecipeGraph,
+    start: Iterable[Entity],
+    plan: Iterable[Recipe],
+) -> frozenset[str]:
     """Execute a plan and return what is at hand afterwards.
 
     Args:

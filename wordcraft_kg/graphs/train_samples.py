@@ -81,12 +81,17 @@ class TrainSample:
     @cached_property
     def hash(self) -> str:
         """SHA-256 hash of the graph and the training results."""
+        # Little-endian integers of eight bytes on any machine.
         return hashlib.sha256(
             self.graph.hash.encode() + self.results.astype("<i8").tobytes()
         ).hexdigest()
 
 
-def check_train_sample(kg: str, train_fraction: float, label_noise: float) -> None:
+def check_train_sample(
+    kg: str,
+    train_fraction: float,
+    label_noise: float,
+) -> None:
     """Check the settings of a train sample.
 
     Args:

@@ -61,7 +61,11 @@ def triples_hash(triples: Ids) -> str:
     return hashlib.sha256(np.ascontiguousarray(triples, dtype="<i8").tobytes()).hexdigest()
 
 
-def is_in(triples: Ids, others: Ids, num_entities: int) -> NDArray[np.bool_]:
+def is_in(
+    triples: Ids,
+    others: Ids,
+    num_entities: int,
+) -> NDArray[np.bool_]:
     """Mark the triples that are among others.
 
     Args:

@@ -64,7 +64,14 @@ class Checkpoints(Generic[P]):
         last: number of the checkpoint last saved or loaded; None before.
     """
 
-    def __init__(self, run_folder: Path, unit: str, progress: type[P], *, kept: int | None = KEPT):
+    def __init__(
+        self,
+        run_folder: Path,
+        unit: str,
+        progress: type[P],
+        *,
+        kept: int | None = KEPT,
+    ):
         """Bind the checkpoints to a run folder; nothing is read or written yet.
 
         Args:
@@ -91,7 +98,12 @@ class Checkpoints(Generic[P]):
                 paths[int(match[1])] = path
         return dict(sorted(paths.items(), reverse=True))
 
-    def save(self, number: int, tensors: Mapping[str, "Tensor"], progress: P) -> None:
+    def save(
+        self,
+        number: int,
+        tensors: Mapping[str, "Tensor"],
+        progress: P,
+    ) -> None:
         """Write a checkpoint, then remove all but the last ``kept`` checkpoints.
 
         Args:
@@ -109,7 +121,7 @@ class Checkpoints(Generic[P]):
         record = CheckpointRecord(sha256=hashlib.sha256(data).hexdigest(), progress=progress)
         write_atomically(path.with_suffix(".json"), dump_json(as_values(record)), durable=True)
         self.last = number
-        if self.kept is None:
+        if self.kept is None:  # every part is needed until the end
             return
         known = self.records()
         # Checkpoints with a higher number were damaged: the run was resumed from an earlier one.
@@ -126,6 +138,7 @@ class Checkpoints(Generic[P]):
             ArtefactError: if there is no checkpoint, or all are damaged.
         """
         damaged: list[ArtefactError] = []
+        # The last intact one: later checkpoints may be damaged, such as by a full disk.
         for number, path in self.records().items():
             try:
                 checkpoint = self.read(number)

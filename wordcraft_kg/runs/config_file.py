@@ -97,7 +97,12 @@ def _key(name: str) -> str:
     return name.removesuffix("_")
 
 
-def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) -> T:
+def _taken(
+    kind: type[T],
+    settings: dict[str, Any],
+    command: str,
+    path: Path,
+) -> T:
     """Take the settings of a dataclass out of ``settings`` and return the dataclass."""
     hints = get_type_hints(kind)
     nested: dict[str, Any] = {}
@@ -123,7 +128,11 @@ def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) ->
         raise ArtefactError(f"{path} is damaged: {error} Train again, or restore a copy.") from None
 
 
-def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> None:
+def write_config(
+    folder: Path,
+    command: str,
+    settings: Mapping[str, Any],
+) -> None:
     """Write settings to ``config.toml``; a file with the same content is left as it is.
 
     Args:
@@ -143,6 +152,7 @@ def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> Non
             lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
     text = "\n".join(lines) + "\n"
     path = folder / CONFIG_FILE
+    # A resumed run whose inputs lie where they lay keeps its file and the file's hash.
     if not path.is_file() or path.read_bytes() != text.encode():
         write_atomically(path, text, durable=True)
 
@@ -172,7 +182,7 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     try:
         ((command, settings),) = tomllib.loads(read_small_file(path).decode()).items()
         return command, moved(settings, from_here)
-    except ArtefactError:
+    except ArtefactError:  # which is a ValueError, with a better message
         raise
     except (ValueError, AttributeError, RecursionError) as error:
         raise ArtefactError(

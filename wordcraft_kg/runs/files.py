@@ -54,6 +54,7 @@ class RunFiles:
 
     def tensors(self, name: str) -> "dict[str, Tensor]":
         """Read all tensors in a safetensors file, by tensor name."""
+        # Imported here, because torch takes long and most files hold no tensors.
         from wordcraft_kg.base.tensors import read_tensors
 
         return read_tensors(self.folder / name, self.bytes(name))
@@ -70,7 +71,7 @@ class RunFiles:
         """
         try:
             opened = open_graph(source) if isinstance(source, str) else source
-        except ArtefactError:
+        except ArtefactError:  # a damaged graph folder is not a missing one
             raise
         except ValueError as error:
             raise ArtefactError(

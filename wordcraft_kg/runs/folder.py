@@ -135,11 +135,13 @@ class RunFolder(Generic[P]):
             if name in settings:  # otherwise the defaults of the record
                 facts[name] = settings[name]
         self._record = start_run(self.path, config.command, inputs={**inputs, **hashes}, **facts)
+        # From here on the record tells that this folder is a run.
         (self.path / _BEGUN).unlink(missing_ok=True)
         self.is_live = True
 
     def resume(self, config: RunConfig) -> None:
         """Record an unfinished run as running again, with its inputs' current paths."""
+        # Kernels of another torch may add in another order.
         began_with = self.record.versions.get("torch")
         installed = version("torch")
         if began_with != installed:
@@ -230,7 +232,12 @@ class RunFolder(Generic[P]):
 
 
 @contextmanager
-def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[RunFolder[P]]:
+def new_run(
+    out: Path,
+    kind: RunKind[P],
+    *,
+    force: bool = False,
+) -> Iterator[RunFolder[P]]:
     """Make, lock and yield a new run folder.
 
     An old folder at ``out`` is moved aside first, and restored if the new run ends with neither a
@@ -254,7 +261,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
             out.mkdir(parents=True)
         except FileExistsError:  # another process has just made the folder
             raise _in_use(out) from None
-        except OSError:
+        except OSError:  # such as a full disk: the old folder comes back
             _settle(out)
             raise
         with locked(out):
@@ -265,6 +272,7 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
                     with _failing(run):
                         yield run
             finally:
+                # A run that failed in its first minutes leaves nothing behind.
                 if _is_dead(out):
                     shutil.rmtree(out, ignore_errors=True)
                 _settle(out)
@@ -286,7 +294,7 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
             raise ArtefactError(
                 f"'{folder}' is finished and cannot be resumed. Choose an unfinished run."
             )
-        drop_temporary(folder)
+        drop_temporary(folder)  # half-written files of a killed process
         try:
             with first_interrupt() as interrupted:
                 run = RunFolder(folder, kind, interrupted, record)
@@ -330,6 +338,7 @@ def _failing(run: RunFolder[P]) -> Iterator[None]:
     try:
         yield
     except BaseException as error:
+        # Before the first record, and before a resumed run is restored, nothing has happened yet.
         if not run.is_live:
             raise
         explained = run.fail(error)
@@ -357,6 +366,7 @@ def locked(folder: Path, use: str = "trained") -> Iterator[None]:
     except ImportError:  # Windows
         yield
         return
+    # The folder itself is locked: no lock file has to be removed after a crash.
     handle = os.open(folder, os.O_RDONLY)
     try:
         try:
@@ -379,6 +389,7 @@ def _in_use(folder: Path, use: str = "trained") -> ArtefactError:
 
 def _aside(out: Path) -> Path:
     """Return the path that holds a replaced folder until the new run has a checkpoint."""
+    # A sibling: a rename on the same disk is atomic.
     return out.with_name(f".{out.name}.replaced-by-wordcraft-kg")
 
 
@@ -393,6 +404,7 @@ def _put_aside(out: Path) -> None:
     if _is_beginning(out) or (_aside(out).exists() and _is_dead(out)):
         shutil.rmtree(out)
         return
+    # An older folder aside was replaced by ``out``, which has a checkpoint or a result.
     shutil.rmtree(_aside(out), ignore_errors=True)
     os.rename(out, _aside(out))
 

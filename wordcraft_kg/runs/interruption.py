@@ -45,7 +45,11 @@ def _handling(number: signal.Signals, handler: Callable[[int, Any], None]) -> It
         signal.signal(number, before)
 
 
-def interruption_message(folder: Path, unit: str, number: int) -> str:
+def interruption_message(
+    folder: Path,
+    unit: str,
+    number: int,
+) -> str:
     """Return the message for an interrupted run.
 
     Args:

@@ -130,6 +130,7 @@ class Workers(Generic[J, R]):
             if kind == "progress":
                 self._progress(*content)
                 continue
+            # Idle before an error is raised, so that the process can take another job.
             job = worker.job
             worker.job = None
             if kind == "error":
@@ -167,7 +168,12 @@ class Workers(Generic[J, R]):
             if worker is not None and worker.job is not None
         }
 
-    def _begin(self, number: int, job: J, attempt: int) -> None:
+    def _begin(
+        self,
+        number: int,
+        job: J,
+        attempt: int,
+    ) -> None:
         worker = self._workers[number]
         if worker is None or not worker.process.is_alive():
             worker = self._started(number)
@@ -208,7 +214,11 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _cores_of(number: int, places: int, threads: int | None) -> list[int]:
+def _cores_of(
+    number: int,
+    places: int,
+    threads: int | None,
+) -> list[int]:
     """Return the cores to which a process is bound, none without enough cores for all."""
     if threads is None or not hasattr(os, "sched_getaffinity") or places * threads > cores():
         return []
@@ -238,6 +248,7 @@ def _isolated_start() -> Iterator[None]:
     A new process would import the main program, and so run a program without a ``__main__`` guard.
     Ctrl-C on a terminal reaches all processes, also one that does not ignore the signal yet.
     """
+    # spawn looks the main program up here, and starts a nameless one without a file.
     program = sys.modules["__main__"]
     sys.modules["__main__"] = ModuleType("__main__")
     can_block = hasattr(signal, "pthread_sigmask")
@@ -340,6 +351,7 @@ def train_jobs(
         TrainingError: if a job fails or its process dies.
     """
     workers = min(len(jobs), max(cores() // threads, 1))
+    # A process takes seconds to start, which short jobs would not win back.
     if is_long and workers > 1:
         train_in_processes(jobs, workers, note)
         return
@@ -347,7 +359,11 @@ def train_jobs(
         job.train(partial(note, job.fold))
 
 
-def train_in_processes(jobs: Sequence[Job], workers: int, note: Callable[..., None]) -> None:
+def train_in_processes(
+    jobs: Sequence[Job],
+    workers: int,
+    note: Callable[..., None],
+) -> None:
     """Run jobs in processes; an error, or one that ``note`` raises, ends all at once.
 
     Processes and not threads, because threads would share PyKEEN's global random generators.

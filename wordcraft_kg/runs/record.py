@@ -25,6 +25,7 @@ from wordcraft_kg.graphs.folder import TrainedOn
 
 RUN_FILE = "run.json"
 _SEED = re.compile(r"seed-(\d+)")
+# Packages whose versions may change results.
 _PACKAGES = (
     "torch",
     "pykeen",
@@ -152,7 +153,11 @@ def start_run(
     return _write(folder, run)
 
 
-def resume_run(folder: Path, run: RunRecord, inputs: Mapping[str, str] | None = None) -> RunRecord:
+def resume_run(
+    folder: Path,
+    run: RunRecord,
+    inputs: Mapping[str, str] | None = None,
+) -> RunRecord:
     """Write and return the record of a resumed run.
 
     Args:
@@ -171,7 +176,12 @@ def resume_run(folder: Path, run: RunRecord, inputs: Mapping[str, str] | None = 
     return _write(folder, resumed)
 
 
-def end_run(folder: Path, run: RunRecord, status: Status, outputs: Sequence[str] = ()) -> RunRecord:
+def end_run(
+    folder: Path,
+    run: RunRecord,
+    status: Status,
+    outputs: Sequence[str] = (),
+) -> RunRecord:
     """Write and return the record of a run that has ended.
 
     Args:
@@ -195,6 +205,7 @@ def read_run(folder: Path, expected: str = "a run of a training command") -> Run
         ArtefactError: if there is no such file or it is damaged, or the folder holds a run for each
             of several seeds.
     """
+    # lexists: a dangling link is a damaged record, not a missing one.
     if not os.path.lexists(folder / RUN_FILE):
         seeds = sorted(run.parent.name for run in folder.glob(f"seed-*/{RUN_FILE}"))
         if seeds:
@@ -206,7 +217,11 @@ def read_run(folder: Path, expected: str = "a run of a training command") -> Run
     return read_record(folder / RUN_FILE, RunRecord)
 
 
-def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
+def read_finished_run(
+    folder: Path,
+    expected: str,
+    result: str,
+) -> RunRecord:
     """Read the record of a finished run.
 
     Args:
@@ -222,6 +237,7 @@ def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
         raise ArtefactError(
             f"'{folder}' is {run.status}, not done. Repeat the training command to resume."
         )
+    # A training of another kind is a finished run, too, but without this file.
     if result not in run.outputs:
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return run
@@ -246,6 +262,7 @@ def run_name(folder: Path) -> str:
 
 
 def _write(folder: Path, run: RunRecord) -> RunRecord:
+    # Durable: the record decides after a power failure whether the results count.
     write_atomically(folder / RUN_FILE, dump_json(as_values(run)), durable=True)
     return run
 
@@ -258,6 +275,7 @@ def _arguments() -> tuple[str, ...]:
 
 
 def _now() -> str:
+    # UTC: the local time zone would tell where the machine is.
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 

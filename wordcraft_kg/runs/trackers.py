@@ -56,7 +56,12 @@ class TensorBoard:
 
     library = "torch.utils.tensorboard"
 
-    def __init__(self, folder: Path, settings: Mapping[str, Any], step: int):
+    def __init__(
+        self,
+        folder: Path,
+        settings: Mapping[str, Any],
+        step: int,
+    ):
         """Open the event files.
 
         Args:
@@ -85,7 +90,12 @@ class WeightsAndBiases:
 
     library = "wandb"
 
-    def __init__(self, folder: Path, settings: Mapping[str, Any], step: int):
+    def __init__(
+        self,
+        folder: Path,
+        settings: Mapping[str, Any],
+        step: int,
+    ):
         """Open the run; ``step`` is not needed, since each call of :meth:`log` has one."""
         wandb = import_module(self.library)
         private = wandb.Settings(
@@ -132,6 +142,7 @@ def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
         MissingExtraError: if a tracker's library is not installed.
     """
     unique: list[Tracker | str] = []
+    # No set, because a tracker of a program need not be hashable.
     for tracker in trackers:
         if tracker not in unique:
             unique.append(tracker)
@@ -167,11 +178,12 @@ def tracking(
     opened: list[Tracker] = []
 
     def log(step: int, figures: Mapping[str, float | None]) -> None:
+        # A metric may be missing at first, such as a success rate before the first episode.
         values = {name: value for name, value in figures.items() if value is not None}
         for tracker in opened:
             tracker.log(step, values)
 
-    status: Status = "failed"
+    status: Status = "failed"  # unless the block ends
     try:
         for tracker in trackers:
             if isinstance(tracker, str):

@@ -86,7 +86,11 @@ class Training(ABC, Generic[C, P, T]):
 
     @abstractmethod
     def fit(
-        self, run: RunFolder[P], report: Progress | None, log: Log, checkpoint: Checkpoint[P] | None
+        self,
+        run: RunFolder[P],
+        report: Progress | None,
+        log: Log,
+        checkpoint: Checkpoint[P] | None,
     ) -> T:
         """Train to the end or the first Ctrl-C.
 
@@ -145,6 +149,8 @@ def train(
             folder.
         TrainingError: if the loss becomes infinite or not a number.
     """
+    # What can be wrong is checked before the first file is written: the graph, the trackers, then
+    # an earlier run in the folder.
     opened = open_graph(config.graph)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     trackers = checked_trackers(trackers)
@@ -161,10 +167,11 @@ def train(
             force = True  # killed before the first checkpoint: nothing is lost
     check_new_run(folder, force=force)
     training = trainer(config, opened)
-    training.prepare()
+    training.prepare()  # may take long or fail, so an old folder is still in its place
     kind = trainer.kind
     with shown(progress, kind.name, kind.unit) as report, new_run(folder, kind, force=force) as run:
         begun = {"inputs": {}, **training.begin(run, report)}
+        # Hashes of graph and split belong to every run; a trainer adds its own inputs.
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash, **begun.pop("inputs")}
         run.begin(training.config, inputs=inputs, trackers=names_of(trackers), **begun)
         with tracking(run, trackers, training.config.values()) as log:
@@ -227,6 +234,7 @@ def _checked_settings(
                 f"'{files.folder}' was trained with `{name}` {old.get(name)}, "
                 f"and this command has {new.get(name)}. {_ADVICE}"
             )
+    # Inputs with equal hashes may have moved: the recorded settings get their current paths.
     paths = {name: getattr(config, name) for name in given if hasattr(config, name)}
     return replace(recorded, graph=config.graph, **paths)
 
@@ -278,7 +286,11 @@ def train_seeds(
 
 
 @contextmanager
-def shown(progress: Progress | bool | None, name: str, unit: str) -> Iterator[Progress | None]:
+def shown(
+    progress: Progress | bool | None,
+    name: str,
+    unit: str,
+) -> Iterator[Progress | None]:
     """Yield a progress callback.
 
     Args:
@@ -294,7 +306,11 @@ def shown(progress: Progress | bool | None, name: str, unit: str) -> Iterator[Pr
 
     with tqdm(desc=name, unit=unit, unit_scale=unit == "step") as bar:
 
-        def show(done: int, total: int, figures: dict[str, float]) -> None:
+        def show(
+            done: int,
+            total: int,
+            figures: dict[str, float],
+        ) -> None:
             bar.total = total
             names = [name for name in figures if name not in _SHOWN_BY_TQDM]
             bar.set_postfix({name: f"{figures[name]:.4g}" for name in names}, refresh=False)

@@ -20,7 +20,13 @@ _PATIENCE = 60.0
 class LocalWorkers:
     """Processes that perform tasks, see :class:`~wordcraft_kg.runs.parallel.Workers`."""
 
-    def __init__(self, root: Path, jobs: int, perform: _Perform, threads: int = 1):
+    def __init__(
+        self,
+        root: Path,
+        jobs: int,
+        perform: _Perform,
+        threads: int = 1,
+    ):
         """Prepare the processes; each starts with its first task.
 
         Args:
@@ -68,7 +74,13 @@ def _death(ended: Ended[Task, Outcome]) -> Outcome:
     return Outcome(ended.job.address, "failed", f"{why}.")
 
 
-def _work(task: Task, note: Callable[..., Any], *, root: Path, perform: _Perform) -> Outcome:
+def _work(
+    task: Task,
+    note: Callable[..., Any],
+    *,
+    root: Path,
+    perform: _Perform,
+) -> Outcome:
     # A study's settings are meant as they are, and hundreds of trainings would repeat warnings.
     logging.getLogger("wordcraft_kg").setLevel(logging.ERROR)
     return perform(task, root)

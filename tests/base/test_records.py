@@ -15,6 +15,7 @@ from wordcraft_kg.base.records import (
     Record,
     Share,
     as_values,
+    attributes_of,
     checked_values,
     parse_record,
     schema_of,
@@ -30,6 +31,17 @@ class Row(Record, omit_defaults=True):
 
 
 class Table(Record):
+    """A table.
+
+    Attributes:
+        rows: all rows,
+            in order.
+        by_name, other: rows again.
+
+    Example:
+        >>> rows: no entry
+    """
+
     rows: Annotated[tuple[Row, ...], msgspec.Meta(min_length=1)]
     by_name: dict[str, Row]
 
@@ -82,6 +94,49 @@ def test_good_values_pass_the_check_and_the_schema():
         with pytest.raises(jsonschema.ValidationError, match=r"by_name|surprise"):
             jsonschema.validate(other, schema)
     assert (schema["$id"], schema["title"]) == ("urn:table", "table")
+
+
+class Longer(Row, kw_only=True):
+    """A row of a table.
+
+    Attributes:
+        at_one: share of first places.
+        again: the same record, inside itself.
+    """
+
+    again: tuple["Longer", ...] = ()
+
+
+def test_the_schema_has_the_descriptions_of_the_docstring():
+    schema = schema_of(Table, "urn:table", "table")["$defs"]["Table"]
+    assert schema["description"].split("\n\n") == [
+        "A table.",
+        "Example:\n    >>> rows: no entry",
+    ]
+    described = {name: each["description"] for name, each in schema["properties"].items()}
+    assert described == {"rows": "all rows, in order.", "by_name": "rows again."}
+
+
+def test_descriptions_go_to_the_names_in_json_and_to_records_inside_records():
+    schema = schema_of(dict[str, list[Longer]], "urn:x", "x")["$defs"]["Longer"]
+    assert schema["properties"]["hits@1"]["description"] == "share of first places."
+    assert schema["properties"]["again"]["description"] == "the same record, inside itself."
+    assert "description" not in schema["properties"]["name"]
+
+
+def test_a_class_inherits_descriptions_and_may_replace_them():
+    class Shorter(Longer):
+        """Another row.
+
+        Attributes:
+            at_one: replaced.
+        """
+
+    assert attributes_of(Shorter) == {
+        "at_one": "replaced.",
+        "again": "the same record, inside itself.",
+    }
+    assert attributes_of(Row) == {}
 
 
 def test_a_field_is_named_in_quotes_because_backticks_are_for_settings():

@@ -13,8 +13,8 @@ from scipy.stats import chisquare
 from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.graphs import Recipe, RecipeGraph, Split, SplitConfig, make_split, task_search
 from wordcraft_kg.graphs.splits import PARTS, Draw
-from wordcraft_kg.graphs.task_search import MAX_DEPTH, PlanSearch, make_tasks
-from wordcraft_kg.graphs.tasks import Task, replay
+from wordcraft_kg.graphs.task_search import MAX_DEPTH, SolutionSearch, make_tasks
+from wordcraft_kg.graphs.tasks import CraftingTask, replay
 
 
 def outcomes(graph):
@@ -77,7 +77,7 @@ def tasks_made(graph, depth, *arguments, **options):
 def test_plans_are_all_that_trying_every_pair_finds(graph, data):
     start = data.draw(st.sets(st.sampled_from(graph.entities), min_size=1, max_size=4))
     rounds = plans_by_trying(outcomes(graph), start, 3)
-    search = PlanSearch(graph)
+    search = SolutionSearch(graph)
     for goal in graph.entities:
         expected = next((plans[goal] for plans in rounds if goal in plans), set())
         found = [
@@ -100,9 +100,9 @@ def test_plans_are_all_that_trying_every_pair_finds(graph, data):
 def test_a_plan_may_use_both_results_of_one_attempt():
     graph = RecipeGraph.from_recipes([("a", "b", "c"), ("a", "b", "d"), ("c", "d", "e")])
     assert replay(graph, ["a", "b"], [Recipe("a", "b", "c")]) == {"a", "b", "c", "d"}
-    [rows] = PlanSearch(graph).plans("e", ["a", "b"], 2)
+    [rows] = SolutionSearch(graph).plans("e", ["a", "b"], 2)
     assert rows == (0, 1, 2)
-    assert PlanSearch(graph).plans("e", ["a", "b"], 1) == []
+    assert SolutionSearch(graph).plans("e", ["a", "b"], 1) == []
     made = make_tasks(graph, 2)
     assert [(task.goal, "".join(task.start)) for task in made] == [
         ("e", "ab"),
@@ -114,18 +114,20 @@ def test_a_plan_may_use_both_results_of_one_attempt():
 
 def test_a_plan_takes_entities_by_id_or_label_and_refuses_unknown_ones(kitchen):
     goal, start = "bread", kitchen.base
-    by_label = PlanSearch(kitchen).plans(goal, start, 4)
+    by_label = SolutionSearch(kitchen).plans(goal, start, 4)
     assert by_label
-    assert PlanSearch(kitchen).plans(kitchen.id_of(goal), kitchen.base_ids.tolist(), 4) == by_label
+    assert (
+        SolutionSearch(kitchen).plans(kitchen.id_of(goal), kitchen.base_ids.tolist(), 4) == by_label
+    )
     with pytest.raises(UnknownEntityError, match="no entity 'bred'"):
-        PlanSearch(kitchen).plans("bred", start, 4)
+        SolutionSearch(kitchen).plans("bred", start, 4)
 
 
 def test_ways_are_also_longer_than_the_shortest_but_never_go_in_circles():
     graph = RecipeGraph.from_recipes(["aab", "abc", "acb", "bbg", "ccg"])
     pair = {(a, b): number for number, (a, b, _) in enumerate(graph.recipe_labels())}
     short, long = {pair["a", "a"], pair["b", "b"]}, {pair["a", "a"], pair["a", "b"], pair["c", "c"]}
-    search, goal, start = PlanSearch(graph), graph.id_of("g"), frozenset([graph.id_of("a")])
+    search, goal, start = SolutionSearch(graph), graph.id_of("g"), frozenset([graph.id_of("a")])
     assert search.ways(goal, start, 2) == search.shortest_ways(goal, start, 5) == {frozenset(short)}
     assert search.ways(goal, start, 5) == {frozenset(short), frozenset(long)}
 
@@ -327,9 +329,9 @@ def drawn_distribution(depth, part, weighting):
         if (goal, start) in tasks:
             plans = tuple(
                 tuple(BRANCHED.recipe_labels(BRANCHED.recipes[list(rows)]))
-                for rows in PlanSearch(BRANCHED).plans(goal, start, depth)
+                for rows in SolutionSearch(BRANCHED).plans(goal, start, depth)
             )
-            if part in ("all", part_of(Task(goal, start, depth, plans), BRANCHED_SPLIT)):
+            if part in ("all", part_of(CraftingTask(goal, start, depth, plans), BRANCHED_SPLIT)):
                 accepted[goal, start] = probability
     assert 0 < sum(accepted.values()) < 1  # some draws are refused
     return {
@@ -424,7 +426,9 @@ def test_little_alchemy_has_its_tasks(alchemy, depth, number, train, test, mixed
 def test_tasks_of_depth_two_are_drawn_where_too_many_plans_lead_to_them(kitchen, monkeypatch):
     everything = make_tasks(kitchen, 2)
     plans = sum(
-        len(PlanSearch(kitchen).recipes_of[part]) for a, b, _ in kitchen.recipes for part in (a, b)
+        len(SolutionSearch(kitchen).recipes_of[part])
+        for a, b, _ in kitchen.recipes
+        for part in (a, b)
     )
     monkeypatch.setattr(task_search, "MAX_ENUMERATED", plans)
     assert make_tasks(kitchen, 2) == everything

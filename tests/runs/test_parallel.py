@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import pytest
 
 from wordcraft_kg.base.errors import ConfigError, TrainingError
-from wordcraft_kg.runs.parallel import train_in_processes
+from wordcraft_kg.runs.parallel import Ended, Workers, train_in_processes
 
 
 @dataclass(frozen=True)
@@ -64,4 +64,35 @@ def test_an_interruption_ends_the_processes_at_once():
 
     with pytest.raises(KeyboardInterrupt):
         train_in_processes([Light(0, "takes long"), Light(1, "takes long")], 2, press)
+    assert not multiprocessing.active_children()
+
+
+def dies_where_it_should(job, note):
+    """Die at the first attempt at job 1 and at every attempt at job 2; else return the process."""
+    number, folder = job
+    mark = folder / f"{number}"
+    was_begun = mark.exists()
+    mark.touch()
+    note(number)
+    if number == 2 or (number == 1 and not was_begun):
+        os.kill(os.getpid(), 9)
+    return os.getpid()
+
+
+def test_a_process_is_reused_and_a_job_is_begun_again_after_a_death(tmp_path):
+    begun = []
+    pool = Workers(1, dies_where_it_should, attempts=2, progress=begun.append)
+    ended = {}
+    try:
+        for number in (0, 3, 1, 2):
+            pool.start((number, tmp_path))
+            assert pool.num_busy == pool.number == 1
+            while pool.num_busy:
+                for one in pool.wait(1.0):
+                    ended[number] = one
+    finally:
+        pool.stop()
+    assert ended[0].result == ended[3].result != ended[1].result
+    assert ended[2] == Ended((2, tmp_path), None, -9)
+    assert begun == [0, 3, 1, 1, 2, 2]
     assert not multiprocessing.active_children()

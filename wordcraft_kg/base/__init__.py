@@ -1,6 +1,14 @@
 """Foundations of every package: errors, records, settings, labels, files and statistics.
 
-Files are written whole or not at all (``artefacts``). Values read from disk are typed records (``records``): a missing
-key or a wrong type is an error with the key's name. One set of functions checks settings (``settings``). Long work
-reports progress to a listener, if one is set (``progress``).
+Read ``errors`` first: every error that a user can cause is one of its classes. Then read
+``records`` (typed JSON, read strictly) and ``artefacts`` (files that are written whole or not at
+all). ``settings`` checks the values of settings, ``registry`` lets other packages add named
+objects, ``extras`` names missing packages, ``progress`` reports long work to a listener, if one
+is set. ``labels``, ``feature_spec`` and ``wording`` read and write texts; ``statistics`` and
+``tensors`` compute.
+
+This package imports no other package of wordcraft-kg. Texts of errors and new helpers may change
+freely. Formats on disk may not: a changed :class:`~wordcraft_kg.base.records.Record` makes files
+of earlier versions unreadable. The statistics are quoted in reports and papers, so a change there
+needs a higher number in ``VERSIONS`` (``studies/plan.py``).
 """

@@ -1,18 +1,31 @@
-"""Errors that a user can cause, one class per cause; messages have the value found, the value expected and a remedy."""
+"""Errors that a user can cause, one class per cause.
+
+A message has the value found, the value expected and a remedy. Each class also derives from a
+builtin, so that a program may catch ``ValueError`` without knowing this package.
+"""
 
 import re
 
+# A message names settings as Python spells them; the command line shows its options instead.
 NAMED_SETTING = re.compile(r"`([a-z]\w*)`")
 
 
 def reason(error: BaseException) -> str:
-    """Return an exception's class name and message in one line; a message is cut after 300 characters."""
+    """Return an exception's class name and message in one line.
+
+    The message is cut after 300 characters, because those of torch may take many lines.
+    """
     text = " ".join(str(error).split()) or "no reason given"
-    return f"{type(error).__name__}: {text if len(text) <= 300 else text[:300] + '...'}"
+    shown = text if len(text) <= 300 else text[:300] + "..."
+    return f"{type(error).__name__}: {shown}"
 
 
 class WordCraftKGError(Exception):
-    """Base class for all errors that a user can cause; the command line prints such errors without a traceback."""
+    """Base class for all errors that a user can cause.
+
+    The command line prints such errors without a traceback and exits with code 1; any other
+    exception is a fault of this package.
+    """
 
     @property
     def kind(self) -> str:
@@ -21,7 +34,7 @@ class WordCraftKGError(Exception):
 
     @property
     def setting(self) -> str:
-        """Python name for the setting with the invalid value: the first name in backticks in the message, or ""."""
+        """The setting with the invalid value: the first name in backticks in the message, or ""."""
         named = NAMED_SETTING.search(str(self))
         return named[1] if named else ""
 
@@ -35,7 +48,7 @@ class QueryFileError(WordCraftKGError, ValueError):
 
 
 class KnowledgeFileError(WordCraftKGError, ValueError):
-    """A file of knowledge from outside the book cannot be read or does not fit; the message names the line."""
+    """A file of outside knowledge cannot be read or does not fit; the message names the line."""
 
 
 class GraphError(WordCraftKGError, ValueError):
@@ -51,7 +64,7 @@ class SplitError(WordCraftKGError, ValueError):
 
 
 class TaskError(WordCraftKGError, ValueError):
-    """A requested task does not exist, or a task's plan (recipes that make the goal) cannot be carried out."""
+    """A requested task does not exist, or a task's plan cannot be carried out."""
 
 
 class ConfigError(WordCraftKGError, ValueError):
@@ -59,15 +72,21 @@ class ConfigError(WordCraftKGError, ValueError):
 
 
 class UnknownSettingError(ConfigError, TypeError):
-    """A keyword argument names no known setting; also a TypeError, as libraries such as gymnasium expect."""
+    """A keyword argument names no known setting.
+
+    Also a TypeError, like Python's own error, because libraries such as gymnasium check for that.
+    """
 
 
 class ActionError(WordCraftKGError, ValueError):
-    """An action is outside the action space, illegal where only legal actions are allowed, or an unreadable text."""
+    """An action is outside the action space, an unreadable text, or illegal.
+
+    Illegal actions are errors only where the environment allows legal actions alone.
+    """
 
 
 class EpisodeError(WordCraftKGError, RuntimeError):
-    """A step was requested before the environment's first reset, or after the end of the episode."""
+    """A step was requested before the environment's first reset, or after the episode's end."""
 
 
 class ArtefactError(WordCraftKGError, ValueError):
@@ -75,11 +94,14 @@ class ArtefactError(WordCraftKGError, ValueError):
 
 
 class GraphMismatchError(ArtefactError):
-    """Two artefacts, such as a model and an environment, belong to different recipe graphs or different splits."""
+    """Two artefacts, such as a model and an environment, belong to different graphs or splits."""
 
 
 class LeakError(WordCraftKGError, RuntimeError):
-    """A train task would be scored by a model trained on the recipes in this task's plan."""
+    """A train task would be scored by a model trained on the recipes in this task's plan.
+
+    Such a score is better than any score of a test task, and an agent would learn to trust it.
+    """
 
 
 class TrainingError(WordCraftKGError, ArithmeticError):
@@ -95,7 +117,7 @@ class StdoutError(WordCraftKGError, OSError):
 
 
 class PlayerError(WordCraftKGError, RuntimeError):
-    """An external program that plays games did not start, ended early, timed out, or wrote an invalid answer."""
+    """An external program did not start, ended early, timed out, or wrote an invalid answer."""
 
 
 class FetchError(WordCraftKGError, OSError):

@@ -1,4 +1,4 @@
-"""Required packages and extras (optional dependencies), and the ``pip`` commands that install missing packages."""
+"""Required packages, extras (optional dependencies), and ``pip`` commands to install them."""
 
 import shlex
 from collections.abc import Sequence
@@ -11,24 +11,33 @@ if TYPE_CHECKING:
     from packaging.requirements import Requirement
 
 CPU_TORCH = "pip install torch --index-url https://download.pytorch.org/whl/cpu"
-"""Command that installs the CPU build of torch; other commands install the CUDA build on Linux, 4.4 GB more."""
+"""Command that installs torch for the CPU; on Linux the usual build is for CUDA, 4.4 GB more."""
 NOT_INSTALLED = "is not installed"
 
 
 def requirements(extra: str = "") -> "dict[str, Requirement]":
-    """Return the requirements of an extra by package name, or of the package itself, from the installed metadata."""
+    """Return the requirements of an extra, or of the package itself, by package name.
+
+    They come from the installed metadata, so that versions stand in ``pyproject.toml`` alone.
+    """
     from packaging.requirements import Requirement
 
-    every = map(Requirement, requires("wordcraft-kg") or ())
-    return {
-        one.name: one
-        for one in every
-        if (one.marker.evaluate({"extra": extra}) if one.marker else not extra)
-    }
+    wanted: dict[str, Requirement] = {}
+    for text in requires("wordcraft-kg") or ():
+        one = Requirement(text)
+        # A requirement of an extra has the marker ``extra == "name"``; others may have none.
+        is_wanted = one.marker.evaluate({"extra": extra}) if one.marker else not extra
+        if is_wanted:
+            wanted[one.name] = one
+    return wanted
 
 
 def unmet(extra: str = "") -> dict[str, str]:
-    """Return the unmet requirements of an extra, or of the package itself: "not installed" or the version, by name."""
+    """Return the unmet requirements of an extra, or of the package itself.
+
+    Returns:
+        By package name, :data:`NOT_INSTALLED` or a text with the version found and expected.
+    """
     problems = {}
     for name, one in requirements(extra).items():
         try:
@@ -42,14 +51,18 @@ def unmet(extra: str = "") -> dict[str, str]:
 
 
 def check_extra(extra: str) -> None:
-    """Raise MissingExtraError, with the command to install them, unless all packages of an extra are installed."""
+    """Check that all packages of an extra are installed, in any version.
+
+    Raises:
+        MissingExtraError: if one is missing; the message has the command that installs them.
+    """
     missing = [name for name, problem in unmet(extra).items() if problem == NOT_INSTALLED]
     if missing:
         raise missing_extra(extra, missing)
 
 
 def missing_extra(extra: str, names: Sequence[str]) -> MissingExtraError:
-    """Return the error for missing packages ``names``; the message has the command that installs the extra."""
+    """Return the error for missing packages ``names``, with the command that installs the extra."""
     are = "is" if len(names) == 1 else "are"
     return MissingExtraError(
         f"{' and '.join(names)} {are} not installed: {pip_install(extra=extra)}"
@@ -57,7 +70,16 @@ def missing_extra(extra: str, names: Sequence[str]) -> MissingExtraError:
 
 
 def missing_package(subject: str, error: ModuleNotFoundError) -> ImportError:
-    """Return the error for a package that ``subject`` cannot import; for other modules, ``error`` itself."""
+    """Return the error for a package that ``subject`` cannot import.
+
+    Args:
+        subject: the command or file that needs the package.
+        error: the failed import.
+
+    Returns:
+        A MissingExtraError, or ``error`` itself if a module of wordcraft-kg is missing: that is a
+        fault of this package, which no ``pip`` command mends.
+    """
     name = (error.name or "").partition(".")[0]
     if name in ("", "wordcraft_kg"):
         return error
@@ -67,23 +89,32 @@ def missing_package(subject: str, error: ModuleNotFoundError) -> ImportError:
 
 
 def pip_install(*names: str, extra: str = "") -> str:
-    """Return the command that installs packages by import name, or all packages of an extra, in supported versions.
+    """Return the command that installs packages, or those of an extra, in supported versions.
 
-    The command names the packages themselves, so it works whether or not a package index has wordcraft-kg. Without
-    torch, packages that require torch come after its CPU build.
+    The command names the packages themselves, so it works whether or not a package index has
+    wordcraft-kg. Without torch, packages that require torch come after its CPU build.
+
+    Args:
+        names: packages by import name.
+        extra: extra to install if there are no ``names``.
 
     Example:
-        >>> pip_install("pykeen"), pip_install(extra="explore")
-        ("pip install 'pykeen<1.12,>=1.11.1'", "pip install 'starlette<2,>=0.46' 'uvicorn<1,>=0.34'")
+        >>> pip_install(extra="explore")
+        "pip install 'starlette<2,>=0.46' 'uvicorn<1,>=0.34'"
     """
     known = requirements(extra)
     packages = [name.replace("_", "-") for name in names] or list(known)
-    wanted = [
-        str(known.get(name, name)).partition(";")[0].strip() for name in packages if name != "torch"
-    ]
     needs_torch = "torch" in packages or (
         "pykeen" in packages and unmet().get("torch") == NOT_INSTALLED
     )
-    return " && ".join(
-        [CPU_TORCH] * needs_torch + [shlex.join(["pip", "install", *wanted])] * bool(wanted)
-    )
+    wanted = []
+    for name in packages:
+        if name != "torch":
+            # A requirement such as ``name<2; marker`` without its marker.
+            wanted.append(str(known.get(name, name)).partition(";")[0].strip())
+    commands = []
+    if needs_torch:
+        commands.append(CPU_TORCH)
+    if wanted:
+        commands.append(shlex.join(["pip", "install", *wanted]))
+    return " && ".join(commands)

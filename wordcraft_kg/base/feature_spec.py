@@ -1,9 +1,10 @@
-"""Specifications for entity features (a vector per entity): a reserved name, or the path to vectors."""
+"""Specifications of entity features (a vector per entity): a reserved name, or a path."""
 
 from dataclasses import dataclass
 
 VECTORS = ("auto", "minilm", "glove", "one-hot", "random")
-LEARNED = "learned"  # by the policy
+LEARNED = "learned"
+"""Name of the vectors that a policy learns itself, instead of given vectors."""
 NAMES = (*VECTORS, LEARNED)
 """Reserved feature names; for a file with a reserved name, write a path such as ``./glove``."""
 SHUFFLED = "shuffled:"
@@ -11,10 +12,12 @@ SHUFFLED = "shuffled:"
 
 @dataclass(frozen=True)
 class FeatureSpec:
-    """A parsed specification for entity features, such as ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``.
+    """A parsed specification: ``glove``, ``vectors.txt`` or ``shuffled:vectors.txt``.
 
-    ``source`` is a name in :data:`NAMES`, or the path to a file or folder with vectors. ``prefix`` is ``shuffled:``
-    (assign vectors to random entities), as often as written; empty without shuffling.
+    Attributes:
+        source: a name in :data:`NAMES`, or the path to a file or folder with vectors.
+        prefix: ``shuffled:`` (assign the vectors to random entities), as often as written; empty
+            without shuffling.
     """
 
     source: str
@@ -22,8 +25,9 @@ class FeatureSpec:
 
     @classmethod
     def parse(cls, text: str) -> "FeatureSpec":
-        """Split a specification into prefix and source, without checking that a file exists."""
+        """Split a specification into prefix and source; whether a file exists is not checked."""
         source = text
+        # Twice shuffled is shuffled twice; a specification is kept as written.
         while source.startswith(SHUFFLED):
             source = source.removeprefix(SHUFFLED)
         return cls(source, text.removesuffix(source))

@@ -1,4 +1,4 @@
-"""Progress of long computations: functions name stages and count steps, and a listener may report the progress.
+"""Progress of long computations: functions name stages and count steps, for a listener.
 
 As with logging, no argument has to be passed down, and without a listener the work is silent::
 
@@ -13,14 +13,19 @@ from typing import TypeVar
 
 T = TypeVar("T")
 _Listener = Callable[[str, int, int], None]
-"""Called with a stage's name, the number of finished steps (first 0, last the total), and the total."""
+"""Called with a stage's name, the finished steps (first 0, last the total), and the total."""
 
+# A context variable and not a global: two threads of a server may listen to different work.
 _listener: ContextVar[_Listener | None] = ContextVar("listener", default=None)
 
 
 @contextmanager
 def listening(listener: _Listener | None) -> Iterator[None]:
-    """Call ``listener`` with stage, finished steps and total steps during this ``with`` block; None reports nothing."""
+    """Call a listener during this ``with`` block, instead of any listener outside.
+
+    Args:
+        listener: called with stage, finished steps and total steps; None reports nothing.
+    """
     token = _listener.set(listener)
     try:
         yield
@@ -29,11 +34,16 @@ def listening(listener: _Listener | None) -> Iterator[None]:
 
 
 def steps(stage: str, items: Collection[T]) -> Iterator[T]:
-    """Yield the items of a named stage and report progress: an item is finished when the next item is requested."""
+    """Yield the items of a named stage and report progress.
+
+    An item is finished when the next item is requested. The total is reported at the end even if
+    the loop is left early, so that no listener waits for ever.
+    """
     listener = _listener.get()
     if listener is None:
         yield from items
         return
+    # finally: a stage that ends with an error or a break ends for its listener, too.
     try:
         for done, item in enumerate(items):
             listener(stage, done, len(items))
@@ -44,5 +54,5 @@ def steps(stage: str, items: Collection[T]) -> Iterator[T]:
 
 @contextmanager
 def stage(name: str) -> Iterator[None]:
-    """Report the start and the end of this ``with`` block, or the decorated function, to the listener."""
+    """Report the start and the end of this ``with`` block, or the decorated function."""
     yield from steps(name, [None])

@@ -1,4 +1,4 @@
-"""Registries: named objects, such as model kinds, that apps and other installed packages can extend."""
+"""Registries: named objects, such as model kinds, that apps and other packages can extend."""
 
 from collections.abc import Iterator, MutableMapping
 from importlib.metadata import entry_points
@@ -11,8 +11,9 @@ T = TypeVar("T")
 class Registry(MutableMapping[str, T]):
     """A mapping from names to objects. A module adds an object with ``registry[name] = thing``.
 
-    Installed packages add objects by an entry-point group. An entry point names an object, or a module that registers
-    objects on import. Entry points are loaded when an unknown name is looked up, or all names are listed.
+    Installed packages add objects by an entry-point group. An entry point names an object, or a
+    module that registers objects on import. Entry points are loaded when an unknown name is looked
+    up, or all names are listed: built-in names cost no imports.
 
     Example:
         >>> colours = Registry("example.colours", {"red": 0xFF0000})
@@ -22,11 +23,13 @@ class Registry(MutableMapping[str, T]):
     """
 
     def __init__(self, group: str, own: dict[str, T] | None = None):
-        """Create a registry with the built-in objects ``own``, extended by the entry-point group ``group``."""
-        self._group, self._known = group, dict(own or {})
+        """Create a registry with the built-in objects ``own``, extended by an entry-point group."""
+        self._group = group
+        self._known = dict(own or {})
         self._is_complete = False
 
     def __getitem__(self, name: str) -> T:
+        # A known name needs no entry points, whose imports may take seconds.
         if name not in self._known:
             self._complete()
         return self._known[name]
@@ -46,12 +49,13 @@ class Registry(MutableMapping[str, T]):
         return len(self._known)
 
     def _complete(self) -> None:
-        """Load the entry points once; objects that a program has registered stay."""
-        if not self._is_complete:
-            for point in sorted(entry_points(group=self._group), key=lambda point: point.name):
-                thing = point.load()
-                if not isinstance(thing, ModuleType):
-                    self._known.setdefault(point.name, thing)
-            self._is_complete = (
-                True  # not before: threads wait for the imports, and a failure is not forgotten
-            )
+        """Load the entry points once; an object that a program has registered takes precedence."""
+        if self._is_complete:
+            return
+        # By name, because the order of installed packages differs between machines.
+        for point in sorted(entry_points(group=self._group), key=lambda point: point.name):
+            thing = point.load()
+            if not isinstance(thing, ModuleType):
+                self._known.setdefault(point.name, thing)
+        # Not before: other threads wait for the imports, and a failure is not forgotten.
+        self._is_complete = True

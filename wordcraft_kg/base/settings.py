@@ -1,7 +1,7 @@
 """Validation of settings, with errors that name the setting.
 
-An error names a setting in backticks, as Python spells it: `learning_rate` -1: expected a number above 0. The command
-line shows the option instead, ``--learning-rate``.
+An error names a setting in backticks, as Python spells it: `learning_rate` -1: expected a number
+above 0. The command line shows the option instead, ``--learning-rate``.
 """
 
 import difflib
@@ -12,77 +12,173 @@ from typing import Any
 
 from wordcraft_kg.base.errors import ConfigError
 
-LARGEST = 3e38  # of 32-bit floats, as torch uses
+# Bounds of 32-bit floats, in which torch computes; just inside, so that rounding stays finite.
+LARGEST = 3e38
 SMALLEST = 1e-38
 MOST = 2**63 - 1
-"""Limit for seeds, and for counts that cost only time."""
+"""Limit for seeds, and for counts that cost only time: the largest int64."""
 MAX_SIZE = 2**24
 """Limit for sizes in memory: batches, draws."""
 MAX_DIM = 2**16
 """Limit for the dimension of a vector."""
 MAX_THREADS = 1_024
+"""Limit for CPU threads and processes."""
 
 
-def refuse(name: str, value: Any, expected: str, hint: str = "") -> ConfigError:
-    """Return the ConfigError for an invalid setting: name, value, expected values and an optional hint."""
+def refuse(
+    name: str,
+    value: Any,
+    expected: str,
+    hint: str = "",
+) -> ConfigError:
+    """Return the ConfigError for an invalid setting; the caller raises it.
+
+    Args:
+        name: the setting, as Python spells it.
+        value: the value found.
+        expected: the values allowed, as in "expected <...>".
+        hint: a further sentence that begins with a blank, such as from :func:`nearest`.
+    """
     return ConfigError(f"`{name}` {value!r}: expected {expected}.{hint}")
 
 
-def require(config: Any, name: str, holds: bool, expected: str) -> None:
-    """Raise a :class:`ConfigError` for the setting ``name`` in ``config``, unless the condition ``holds`` is True."""
+def require(
+    config: Any,
+    name: str,
+    holds: bool,
+    expected: str,
+) -> None:
+    """Check a condition on a setting.
+
+    Args:
+        config: object with the setting as an attribute.
+        name: the setting.
+        holds: whether the condition is met.
+        expected: the values allowed, for the error.
+
+    Raises:
+        ConfigError: if ``holds`` is False.
+    """
     if not holds:
         raise refuse(name, getattr(config, name), expected)
 
 
-def whole(name: str, value: Any, low: int, high: int | None = None) -> int:
-    """Return an integer setting from ``low`` to ``high`` (default :data:`MOST`), or raise a :class:`ConfigError`."""
+def whole(
+    name: str,
+    value: Any,
+    low: int,
+    high: int | None = None,
+) -> int:
+    """Return a setting as a Python integer, given as any integer type, such as NumPy's.
+
+    Args:
+        name: the setting, for the error.
+        value: the value to check; a boolean is not a number here.
+        low: smallest allowed value.
+        high: largest allowed value; None for :data:`MOST`.
+
+    Raises:
+        ConfigError: if ``value`` is not an integer, or out of range.
+    """
     try:
         number = operator.index(value)
     except TypeError:
-        number = low - 1
+        number = low - 1  # out of range, for the error below
     limit = MOST if high is None else high
     if isinstance(value, bool) or not low <= number <= limit:
         # A technical upper limit does not help with a number below the range.
         is_open = number < low and limit >= MAX_DIM
-        raise refuse(
-            name, value, f"a whole number, {low} " + ("or more" if is_open else f"to {limit}")
-        )
+        allowed = f"{low} or more" if is_open else f"{low} to {limit}"
+        raise refuse(name, value, f"a whole number, {allowed}")
     return number
 
 
-def number_in(name: str, value: Any, low: float, high: float, expected: str) -> None:
-    """Raise a :class:`ConfigError` for NaN, for booleans, and for numbers outside ``low`` to ``high``."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+def number_in(
+    name: str,
+    value: Any,
+    low: float,
+    high: float,
+    expected: str,
+) -> None:
+    """Check that a setting is a number in a range with both ends included.
+
+    Args:
+        name: the setting, for the error.
+        value: the value to check; NaN is in no range, and a boolean is not a number here.
+        low: smallest allowed value.
+        high: largest allowed value.
+        expected: the values allowed, for the error.
+
+    Raises:
+        ConfigError: if ``value`` is not such a number.
+    """
+    if not _is_number(value) or not low <= value <= high:
         raise refuse(name, value, expected)
 
 
-def one_line(name: str, text: str, most: int = 500) -> None:
-    """Raise a :class:`ConfigError` unless a text has 1 to ``most`` characters on one line, as for a table."""
+def one_line(
+    name: str,
+    text: str,
+    most: int = 500,
+) -> None:
+    """Check that a text fits on a line, as for a table.
+
+    Args:
+        name: the setting, for the error.
+        text: the text to check.
+        most: largest number of characters.
+
+    Raises:
+        ConfigError: if ``text`` is blank, too long, or has line breaks or control characters.
+    """
     if not text.strip() or not text.isprintable() or len(text) > most:
         raise refuse(name, text[:100], f"1 to {most} characters on one line")
 
 
 def positive(name: str, value: Any) -> float:
-    """Return a setting with a positive number that a 32-bit float can hold, or raise a :class:`ConfigError`."""
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, int | float)
-        or not SMALLEST <= value < LARGEST
-    ):
+    """Return a setting with a positive number that a 32-bit float can hold.
+
+    Raises:
+        ConfigError: for other values, also NaN, infinity and booleans.
+    """
+    if not _is_number(value) or not SMALLEST <= value < LARGEST:
         raise refuse(name, value, "a number above 0")
     return float(value)
 
 
-def check_memory(name: str, value: int, what: str, needed: int) -> None:
-    """Raise ConfigError if a setting's data, named ``what``, need more bytes than this process may use."""
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def check_memory(
+    name: str,
+    value: int,
+    what: str,
+    needed: int,
+) -> None:
+    """Refuse a size whose data would not fit into the memory that this process may use.
+
+    Args:
+        name: the setting that decides the size.
+        value: its value.
+        what: name of the data, for the error.
+        needed: bytes that the data take at least.
+
+    Raises:
+        ConfigError: if more than :func:`memory` bytes are needed.
+    """
     available = memory()
     if needed > available:
-        gib, most = (f"{size / 2**30:,.1f} GiB" for size in (needed, available))
-        raise ConfigError(f"`{name}` {value:,}: {what} would take {gib}, and {most} are there.")
+        gib = 2**30
+        raise ConfigError(
+            f"`{name}` {value:,}: {what} would take {needed / gib:,.1f} GiB, "
+            f"and {available / gib:,.1f} GiB are there."
+        )
 
 
 def memory() -> int:
-    """Return the bytes of memory that this process may use."""
+    """Return the bytes of memory that this process may use: the machine's, or a lower limit."""
+    # The machine's memory, or less if the process is limited, such as by ulimit -v.
     try:
         import resource
 
@@ -93,14 +189,41 @@ def memory() -> int:
     return available if limit == resource.RLIM_INFINITY else min(available, limit)
 
 
-def one_of(name: str, value: Any, allowed: Sequence[str]) -> None:
-    """Raise a :class:`ConfigError`, with the most similar allowed values, unless ``value`` is in ``allowed``."""
+def one_of(
+    name: str,
+    value: Any,
+    allowed: Sequence[str],
+) -> None:
+    """Check that a setting has one of several values.
+
+    Args:
+        name: the setting, for the error.
+        value: the value to check.
+        allowed: the values allowed.
+
+    Raises:
+        ConfigError: if ``value`` is not allowed; the message suggests the most similar values.
+    """
     if value not in allowed:
         hint = nearest(value, allowed) if isinstance(value, str) else ""
         raise refuse(name, value, f"one of {', '.join(allowed)}", hint)
 
 
-def nearest(label: str, known: Iterable[str], limit: int = 3) -> str:
-    """Return a hint such as " Did you mean 'a', 'b'?" with the most similar known labels; "" if no label is similar."""
+def nearest(
+    label: str,
+    known: Iterable[str],
+    limit: int = 3,
+) -> str:
+    """Return a hint with similar labels, such as " Did you mean 'a', 'b'?".
+
+    Args:
+        label: the label as written.
+        known: labels to choose from.
+        limit: most labels to suggest.
+
+    Returns:
+        The hint with a leading blank, or "" if no label is similar.
+    """
+    # 0.6 is the default of difflib: about two of three characters agree, in order.
     matches = difflib.get_close_matches(label, list(known), n=limit, cutoff=0.6)
-    return f" Did you mean {', '.join(repr(m) for m in matches)}?" if matches else ""
+    return f" Did you mean {', '.join(map(repr, matches))}?" if matches else ""

@@ -17,7 +17,7 @@ from wordcraft_kg.base.settings import whole
 from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.recipe_graph import Entity
-from wordcraft_kg.graphs.tasks import Task
+from wordcraft_kg.graphs.tasks import CraftingTask
 
 Observation = dict[str, Any]
 _DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call
@@ -203,7 +203,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return None if self.render_mode is None else self._words()
 
     @property
-    def task(self) -> Task:
+    def task(self) -> CraftingTask:
         """The task of the current episode."""
         return self.tasks[self.state.task]
 

@@ -14,7 +14,7 @@ from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split, open_graph
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
-from wordcraft_kg.graphs.task_search import PlanSearch, make_tasks
+from wordcraft_kg.graphs.task_search import SolutionSearch, make_tasks
 from wordcraft_kg.graphs.tasks import TaskSet
 
 GraphLike = str | Path | RecipeGraph | OpenedGraph
@@ -127,15 +127,15 @@ class World:
         return self  # gymnasium copies the arguments of an environment whenever its spec is read
 
     @_derived_from()
-    def search(self) -> PlanSearch:
-        """The graph's :class:`~wordcraft_kg.graphs.task_search.PlanSearch`."""
-        return PlanSearch(self.graph)
+    def search(self) -> SolutionSearch:
+        """The graph's :class:`~wordcraft_kg.graphs.task_search.SolutionSearch`."""
+        return SolutionSearch(self.graph)
 
     @_derived_from("distractor_policy")
-    def shortcut_search(self) -> PlanSearch:
+    def shortcut_search(self) -> SolutionSearch:
         """The search for ways that no distractor may open: by all recipes, or by train recipes."""
         by_train = self.config.distractor_policy == "no_train_shortcut"
-        return PlanSearch(self.graph, self.split.is_in("train")) if by_train else self.search
+        return SolutionSearch(self.graph, self.split.is_in("train")) if by_train else self.search
 
     @_derived_from(*_TASKS)
     def tasks(self) -> TaskSet:

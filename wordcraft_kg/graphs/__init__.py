@@ -1,9 +1,25 @@
-"""Recipe graphs and everything derived from a graph; this package trains nothing and imports neither torch nor PyKEEN.
+"""Recipe graphs and everything derived from a graph; trains nothing, imports no torch or PyKEEN.
 
-A recipe combines two ingredients into a result. Triples, train/test splits, crafting tasks and model vocabularies are
-derived from the recipe graph; triples alone lose which pair makes which result. Ids follow the sorted labels: equal
-graphs have equal ids. A split records its graph's hash, and derived files record both hashes. The bytes of a graph
-folder depend only on the recipe book and the split's settings.
+A recipe combines two ingredients into a result. Triples, train/test splits, crafting tasks and
+model vocabularies are derived from the recipe graph; triples alone lose which pair makes which
+result. Ids follow the sorted labels: equal graphs have equal ids. A split records its graph's
+hash, and derived files record both hashes. The bytes of a graph folder depend only on the recipe
+book and the split's settings.
+
+Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
+
+- ``recipes``, ``book_files``, ``book_check``, ``library``, ``made_up``: recipe books, as values,
+  as files, under construction, by name, and with invented words;
+- ``recipe_graph``, ``arrays``, ``triples``, ``planner``: the graph, its id arrays, its triples,
+  and the cheapest derivations;
+- ``splits``, ``folds``, ``train_samples``: recipes held out for tests, for cross-fitting, or left
+  out and changed to train on less;
+- ``tasks``, ``task_search``: crafting tasks and the search for all their shortest plans;
+- ``folder``, ``audit``, ``export``: graph folders, their statistics, other formats.
+
+Entries of ``SPLITS``, ``EXPORTERS`` and ``FETCHABLE`` and new statistics may be added freely. The
+order of ids, the formats of hashes and the random draws of splits, folds and tasks may not change:
+models, runs and published results refer to them (``tests/graphs/test_golden.py`` compares).
 """
 
 from wordcraft_kg.graphs.audit import audit as audit

@@ -1,4 +1,7 @@
-"""Statistics for a recipe graph and a split: ambiguity, reachability, coverage, leakage."""
+"""Statistics for a recipe graph and a split: ambiguity, reachability, coverage, leakage.
+
+Lists of labels are cut at :data:`SHOWN`; the counts beside them are complete.
+"""
 
 from dataclasses import asdict
 
@@ -15,11 +18,19 @@ from wordcraft_kg.graphs.recipes import RecipeBook, alike_labels
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, Relation, is_in
 
-SHOWN = 20  # entities or pairs in a list, at most; counts are complete
+SHOWN = 20
+"""Most entities, pairs or groups in a list."""
+_TOP = 10  # entities in a list of the most used
 
 
 class TripleCounts(Record):
-    """Triple counts by relation."""
+    """Triple counts by relation.
+
+    Attributes:
+        combines_with: triples of combinesWith; each unordered pair gives two, a self pair one.
+        component_of: triples of componentOf.
+        total: their sum.
+    """
 
     combines_with: Count = msgspec.field(name="combinesWith")
     component_of: Count = msgspec.field(name="componentOf")
@@ -27,14 +38,25 @@ class TripleCounts(Record):
 
 
 class AmbiguousPair(Record):
-    """Two ingredients that combine into several results, by labels."""
+    """Two ingredients that combine into several results, by labels.
+
+    Attributes:
+        pair: the ingredients.
+        results: all results.
+    """
 
     pair: tuple[str, str]
     results: tuple[str, ...]
 
 
 class Ambiguity(Record):
-    """Counts of ingredient pairs by number of results; ``examples`` are up to 20 pairs with the most results."""
+    """Ingredient pairs with several results.
+
+    Attributes:
+        pairs_by_number_of_results: number of pairs with 1, 2, ... results.
+        pairs_with_several_results: number of pairs with two results or more.
+        examples: the pairs with the most results, at most 20; ties in the graph's order.
+    """
 
     pairs_by_number_of_results: dict[str, Count]
     pairs_with_several_results: Count
@@ -42,7 +64,15 @@ class Ambiguity(Record):
 
 
 class Reachability(Record):
-    """Entities that rounds of all known pairs make from the base; ``known_after_round`` begins with round 0."""
+    """Entities that can be made from the base, when every round combines all known pairs.
+
+    Attributes:
+        reachable: entities that can be made, base entities included.
+        rounds: rounds until nothing new is made.
+        known_after_round: entities known after 0, 1, 2, ... rounds; the first are the base.
+        unreachable: entities that can never be made.
+        unreachable_entities: their labels, at most 20.
+    """
 
     reachable: Count
     rounds: Count
@@ -52,7 +82,13 @@ class Reachability(Record):
 
 
 class Spread(Record):
-    """Mean, median and maximum recipe count per entity."""
+    """Distribution of a count over entities.
+
+    Attributes:
+        mean: mean, rounded to three digits; 0 without entities.
+        median: median; 0 without entities.
+        max: largest count.
+    """
 
     mean: float
     median: float
@@ -60,7 +96,17 @@ class Spread(Record):
 
 
 class Degrees(Record):
-    """Recipes by entity: ``terminal`` entities have a recipe and no use, ``idle`` ones neither; lists have ten."""
+    """How often entities are made and used.
+
+    Attributes:
+        craftable: entities with a recipe.
+        recipes_per_craftable: number of recipes of each craftable entity.
+        terminal: craftable entities that no recipe uses.
+        idle: entities in no recipe.
+        self_pairs: entities that combine with themselves.
+        most_used: the ten entities that the most recipes use, with the number of recipes.
+        most_recipes: the ten entities that the most recipes make, with the number of recipes.
+    """
 
     craftable: Count
     recipes_per_craftable: Spread
@@ -72,7 +118,12 @@ class Degrees(Record):
 
 
 class AlikeLabels(Record):
-    """Groups of entity labels that differ only by spelling, probably typos; at most 20 groups are listed."""
+    """Groups of entity labels that differ only by spelling, probably typos.
+
+    Attributes:
+        alike: number of groups.
+        alike_labels: the groups, at most 20.
+    """
 
     alike: Count
     alike_labels: tuple[tuple[str, ...], ...]
@@ -81,16 +132,33 @@ class AlikeLabels(Record):
 class SplitSummary(Record):
     """Settings of a train/validation/test split, and recipe and triple counts.
 
+    ``test_goals_in_train`` and ``one_ingredient_away`` tell which kind of generalisation a split
+    asks for: most of both by recipe, no recipe one ingredient away by slot, and by goal not even a
+    known goal.
+
     Attributes:
+        kind: name of the split.
+        seed: random seed of the split.
+        train_ratio: fraction of pairs, goals, groups or kinds for training.
+        valid_ratio: fraction for validation.
+        hash: SHA-256 of the graph, the settings and each recipe's part.
+        train_recipes: number of train recipes.
+        valid_recipes: number of validation recipes.
+        test_recipes: number of test recipes.
         partial_triples: triples that train recipes give.
-        unseen_triples: the remaining triples.
-        evaluated_triples: test triples that neither train nor validation recipes give.
-        leaked_triples: the remaining test triples, never evaluated.
-        covered: whether every entity occurs in a train recipe; ``uncovered`` counts the missing entities.
+        unseen_triples: triples that no train recipe gives.
+        evaluated_triples: triples of the test recipes that neither train nor validation recipes
+            give.
+        leaked_triples: the other triples of the test recipes, which are never evaluated.
+        covered: whether every entity occurs in a train recipe.
+        uncovered: number of entities in no train recipe.
+        uncovered_entities: their labels, at most 20.
         moved_for_coverage: recipes moved to train so that every entity has a train recipe.
         pairs_on_both_sides: ingredient pairs with recipes in several parts.
-        test_goals_in_train: results of test recipes that train recipes make, too.
-        one_ingredient_away: test recipes that share an ingredient and the result with a train recipe.
+        test_goals: entities that test recipes make.
+        test_goals_in_train: those of them that train recipes make, too.
+        one_ingredient_away: test recipes that share an ingredient and the result with a train
+            recipe. Counting which entities make the result together with others can find them.
     """
 
     kind: str
@@ -122,10 +190,16 @@ class SplitSummary(Record):
 
 
 class Leakage(Record):
-    """Numbers of test and training triples of a relation.
+    """How the test triples of a relation relate to its training triples.
 
-    ``already_in_train`` counts the test triples that train or validation recipes give, too; these are not evaluated.
-    ``mirror_in_train`` counts evaluated triples with (tail, relation, head) in train; 0 for combinesWith.
+    Attributes:
+        train: training triples.
+        from_test_recipes: triples of the test recipes.
+        already_in_train: those of them that train or validation recipes give, too; these are not
+            evaluated.
+        evaluated: the remaining test triples.
+        mirror_in_train: evaluated triples with (tail, relation, head) in train. For combinesWith it
+            must be 0, because the mirror would give the answer away.
     """
 
     train: Count
@@ -136,7 +210,27 @@ class Leakage(Record):
 
 
 class Audit(Record, omit_defaults=True, kw_only=True):
-    """Statistics for a recipe graph and a split; the first two fields count rows omitted from the source book."""
+    """Statistics for a recipe graph and a split.
+
+    Attributes:
+        dropped_self_results: rows of the source book that were left out, because their result is
+            one of their ingredients; missing without a book.
+        merged_duplicates: rows of the source book that repeat a recipe; missing without a book.
+        entities: number of entities.
+        recipes: number of recipes.
+        pairs: number of distinct unordered ingredient pairs.
+        base: labels of the base entities.
+        base_is_inferred: whether the base is the entities without a recipe, because no base was
+            given.
+        hash: SHA-256 of entities, base and recipes.
+        triples: triples of all recipes.
+        ambiguity: pairs with several results.
+        reachability: entities that can be made from the base.
+        degrees: recipes and uses of entities.
+        labels: labels that are probably typos.
+        split: settings and sizes of the split.
+        leakage: test triples that training triples contain or mirror, by relation.
+    """
 
     dropped_self_results: Count | None = None
     merged_duplicates: Count | None = None
@@ -156,12 +250,21 @@ class Audit(Record, omit_defaults=True, kw_only=True):
 
 
 @stage("auditing the graph")
-def audit(graph: RecipeGraph, split: Split, book: RecipeBook | None = None) -> Audit:
-    """Compute statistics for a graph and a split; the source ``book`` adds counts of omitted rows."""
+def audit(
+    graph: RecipeGraph,
+    split: Split,
+    book: RecipeBook | None = None,
+) -> Audit:
+    """Compute statistics for a graph and a split.
+
+    Args:
+        graph: the recipe graph.
+        split: a split of it.
+        book: the source of the graph, for the counts of omitted rows; None without a book.
+    """
     alike = alike_labels(graph.entities)
-    combines_with, component_of = np.bincount(
-        graph.triples[:, 1], minlength=len(RELATIONS)
-    ).tolist()
+    relation = graph.triples[:, 1]
+    combines_with, component_of = np.bincount(relation, minlength=len(RELATIONS)).tolist()
     return Audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
         merged_duplicates=None if book is None else book.merged_duplicates,
@@ -186,6 +289,7 @@ def split_summary(split: Split) -> SplitSummary:
     train, valid, test = np.bincount(split.parts, minlength=3).tolist()
     evaluated = split.held_out("test")
     goals = np.unique(split.recipes("test")[:, 2])
+    is_train_goal = np.isin(goals, split.recipes("train")[:, 2])
     return SplitSummary(
         **asdict(split.config),
         hash=split.hash,
@@ -202,48 +306,62 @@ def split_summary(split: Split) -> SplitSummary:
         moved_for_coverage=split.moved_for_coverage,
         pairs_on_both_sides=split.pairs_on_both_sides,
         test_goals=len(goals),
-        test_goals_in_train=int(np.sum(np.isin(goals, split.recipes("train")[:, 2]))),
+        test_goals_in_train=int(np.sum(is_train_goal)),
         one_ingredient_away=int(np.sum(one_ingredient_away(split))),
     )
 
 
 def one_ingredient_away(split: Split) -> NDArray[np.bool_]:
-    """Mark the test recipes that share an ingredient and the result with a train recipe; bool, shape (num_test,)."""
-    test = split.recipes("test")
-    slots = np.insert(test[:, [0, 2, 1, 2]].reshape(-1, 2), 1, COMPONENT_OF, axis=1)
-    return np.asarray(
-        is_in(slots, split.partial, split.graph.num_entities).reshape(-1, 2).any(axis=1)
-    )
+    """Mark the test recipes that share an ingredient and the result with a train recipe.
+
+    Returns:
+        Bool, shape (num_test,).
+    """
+    a, b, result = split.recipes("test").T
+    num_entities = split.graph.num_entities
+    relation = np.full_like(result, COMPONENT_OF)
+    # Train recipes share a slot where their triples contain (ingredient, componentOf, result).
+    shares_a = is_in(np.column_stack([a, relation, result]), split.partial, num_entities)
+    shares_b = is_in(np.column_stack([b, relation, result]), split.partial, num_entities)
+    return shares_a | shares_b
 
 
 def leakage(split: Split) -> dict[Relation, Leakage]:
     """Count test triples that the training triples contain or mirror, by relation."""
     evaluated = split.held_out("test")
-    mirrored = is_in(evaluated[:, [2, 1, 0]], split.partial, split.graph.num_entities)
+    mirrors = evaluated[:, [2, 1, 0]]  # tail, relation, head
+    has_mirror = is_in(mirrors, split.partial, split.graph.num_entities)
     tables: dict[Relation, Leakage] = {}
     for relation, name in enumerate(RELATIONS):
-        from_test = int(np.sum(split.triples_of("test")[:, 1] == relation))
-        of_relation = evaluated[:, 1] == relation
+        from_test = _count(split.triples_of("test"), relation)
+        num_evaluated = _count(evaluated, relation)
         tables[name] = Leakage(
-            train=int(np.sum(split.partial[:, 1] == relation)),
+            train=_count(split.partial, relation),
             from_test_recipes=from_test,
-            already_in_train=from_test - int(np.sum(of_relation)),
-            evaluated=int(np.sum(of_relation)),
-            mirror_in_train=int(np.sum(mirrored[of_relation])),
+            already_in_train=from_test - num_evaluated,
+            evaluated=num_evaluated,
+            mirror_in_train=_count(evaluated[has_mirror], relation),
         )
     return tables
 
 
+def _count(triples: Ids, relation: int) -> int:
+    return int(np.sum(triples[:, 1] == relation))
+
+
 def _ambiguity(graph: RecipeGraph) -> Ambiguity:
-    sizes = np.diff(graph.pair_starts)
+    sizes = np.diff(graph.pair_starts)  # number of results of each pair
+    # Stable, so that of equally ambiguous pairs those come first that come first in the graph.
     order = np.argsort(-sizes, kind="stable")[:SHOWN]
     examples = []
     for pair in order[sizes[order] > 1].tolist():
         start, stop = graph.pair_starts[pair : pair + 2]
         a, b = graph.labels(graph.recipes[start, :2])
-        examples.append(AmbiguousPair((a, b), graph.labels(graph.recipes[start:stop, 2])))
+        results = graph.labels(graph.recipes[start:stop, 2])
+        examples.append(AmbiguousPair((a, b), results))
+    numbers, pairs = np.unique(sizes, return_counts=True)
     return Ambiguity(
-        pairs_by_number_of_results={str(n): int(c) for n, c in enumerate(np.bincount(sizes)) if c},
+        pairs_by_number_of_results=dict(zip(map(str, numbers), pairs.tolist(), strict=True)),
         pairs_with_several_results=int(np.sum(sizes > 1)),
         examples=tuple(examples),
     )
@@ -252,7 +370,7 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
 def _reachability(graph: RecipeGraph) -> Reachability:
     layer = layers(graph)
     unreachable = np.flatnonzero(layer < 0)
-    known = rounds(layer)
+    known = rounds(layer)  # round 0 is the base and no round of play
     return Reachability(
         reachable=int(np.sum(layer >= 0)),
         rounds=max(len(known) - 1, 0),
@@ -263,11 +381,13 @@ def _reachability(graph: RecipeGraph) -> Reachability:
 
 
 def _degrees(graph: RecipeGraph) -> Degrees:
-    uses, recipes = graph.use_counts, graph.recipe_counts
+    uses = graph.use_counts
+    recipes = graph.recipe_counts
     craftable = recipes[recipes > 0]
 
     def top(counts: Ids) -> tuple[tuple[str, int], ...]:
-        most = np.argsort(-counts, kind="stable")[:10].tolist()
+        # Stable, so that ties are in alphabetical order.
+        most = np.argsort(-counts, kind="stable")[:_TOP].tolist()
         return tuple((graph.entities[entity], int(counts[entity])) for entity in most)
 
     return Degrees(

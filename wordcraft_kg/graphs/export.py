@@ -1,4 +1,7 @@
-"""Export recipe graphs to file formats for other tools; add a format as an :class:`Exporter` in :data:`EXPORTERS`."""
+"""Export recipe graphs to file formats for other tools.
+
+Add a format as an :class:`Exporter` in :data:`EXPORTERS`.
+"""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -26,19 +29,29 @@ if TYPE_CHECKING:
     import pandas as pd
 
 NAMESPACE = "urn:wordcraft-kg:"
-"""Prefix of IRIs in RDF: ``entity:<label>``, ``recipe:<a>+<b>=<result>``, ``relation:<name>``, ``role:ingredient``,
-``role:result``; labels are percent-encoded."""
+"""Prefix of IRIs in RDF; labels in IRIs are percent-encoded.
+
+The rest is ``entity:<label>``, ``recipe:<a>+<b>=<result>``, ``relation:<name>``,
+``role:ingredient`` or ``role:result``.
+"""
 _RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type"
 _RDFS_LABEL = "http://www.w3.org/2000/01/rdf-schema#label"
 ExportPart = Literal["full", "partial", "unseen"]
-"""All recipes, the train recipes, or the held-out recipes with the triples that no train recipe gives."""
+"""All recipes, the train recipes, or the held-out recipes and the triples of no train recipe."""
 MOST_BYTES = 4 * 2**30
+"""Most memory that an export may take."""
 _GRAPHML_BYTES = 6_000  # per recipe while networkx writes, measured with 250,000 recipes
 
 
 @dataclass(frozen=True)
 class Exporter:
-    """An export format: ``write`` takes graph, triples (T, 3) and path, ``recipe_bytes`` is memory by recipe."""
+    """An export format.
+
+    Attributes:
+        about: content of the file, for the help.
+        write: writes graph and triples, shape (T, 3), to a path.
+        recipe_bytes: memory in bytes that each recipe takes while it is written; 0 if little.
+    """
 
     about: str
     write: Callable[[RecipeGraph, Ids, Path], object]
@@ -49,7 +62,20 @@ class Exporter:
 def export_graph(
     opened: OpenedGraph, format: str, out: Path, *, part: ExportPart = "full", force: bool = False
 ) -> None:
-    """Write recipes and triples of a part in a format of :data:`EXPORTERS`; ConfigError above 4 GiB of memory."""
+    """Write a graph in one of the formats of :data:`EXPORTERS`, complete or not at all.
+
+    Args:
+        opened: the graph and its split.
+        format: name of the format.
+        out: file to write.
+        part: recipes and triples to write; entities and base are always complete.
+        force: whether to replace ``out``.
+
+    Raises:
+        ConfigError: for an unknown format or part, or if so many recipes would take more than
+            :data:`MOST_BYTES` of memory.
+        OutputExistsError: if ``out`` is a folder, or exists and ``force`` is False.
+    """
     one_of("format", format, tuple(EXPORTERS))
     one_of("part", part, get_args(ExportPart))
     exporter, graph = EXPORTERS[format], opened.graph
@@ -61,8 +87,9 @@ def export_graph(
     needed = graph.num_recipes * exporter.recipe_bytes
     if needed > MOST_BYTES:
         raise ConfigError(
-            f"`format` {format!r}: {graph.num_recipes:,} recipes would take about {needed / 2**30:.0f} GiB of "
-            f"memory; expected at most {MOST_BYTES / 2**30:.0f}. Take nt, tsv, parquet, csv or json, which need little."
+            f"`format` {format!r}: {graph.num_recipes:,} recipes would take about "
+            f"{needed / 2**30:.0f} GiB of memory; expected at most {MOST_BYTES / 2**30:.0f}. "
+            "Take nt, tsv, parquet, csv or json, which need little."
         )
     with staged_file(out, force=force) as path:
         exporter.write(
@@ -110,10 +137,11 @@ def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
 def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
     """Convert a recipe graph to a networkx graph with entity nodes and recipe nodes.
 
-    Entity nodes have ``kind="entity"``, ``base``, ``recipes`` (number of recipes for the entity), ``uses`` (number of
-    recipes with the entity as ingredient) and, if reachable from the base, ``layer`` (crafting rounds). A recipe has a
-    node ``recipe <index>`` with ``kind="recipe"``, and edges ``ingredient -> recipe -> result``, two for an entity
-    combined with itself; leading underscores avoid clashes with labels.
+    Entity nodes have ``kind="entity"``, ``base``, ``recipes`` (number of recipes for the entity),
+    ``uses`` (number of recipes with the entity as ingredient) and, if reachable from the base,
+    ``layer`` (crafting rounds). A recipe has a node ``recipe <index>`` with ``kind="recipe"``, and
+    edges ``ingredient -> recipe -> result``, two for an entity combined with itself. If a label
+    begins like the name of a recipe node, underscores precede these names.
     """
     import networkx as nx
 
@@ -138,7 +166,7 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
 
 
 def triples_frame(graph: RecipeGraph, triples: Ids) -> "pd.DataFrame":
-    """Return a data frame of ``triples`` with the label columns ``head``, ``relation`` and ``tail``."""
+    """Return a data frame of triples with the label columns ``head``, ``relation``, ``tail``."""
     import pandas as pd
 
     names = np.array(graph.entities, dtype=object)

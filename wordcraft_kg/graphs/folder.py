@@ -1,4 +1,8 @@
-"""Write graph folders (a recipe graph and a split as files), and open graphs by folder, book file or book name."""
+"""Graph folders: write a recipe graph and a split as files, and open graphs from anywhere.
+
+A graph is opened by folder, recipe book file or book name. A folder's bytes depend only on the book
+and the split's settings, so two people can compare their folders.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -42,9 +46,15 @@ TrainedOn = Literal["partial", "full", "none"]
 
 @dataclass(frozen=True)
 class OpenedGraph:
-    """A recipe graph, a train/validation/test split, and the opened ``source``: a folder, file or book name.
+    """A recipe graph with a train/validation/test split.
 
-    Trained models record the source. To train on your own split, write a graph folder and open the folder.
+    Trained models record the source, to open the same graph and split when they are evaluated. To
+    train on your own split, write a graph folder and open the folder.
+
+    Attributes:
+        graph: the recipe graph.
+        split: the split of its recipes.
+        source: what was opened: a folder, a file or a book name.
     """
 
     graph: RecipeGraph
@@ -52,18 +62,29 @@ class OpenedGraph:
     source: str
 
     def triples(self, kg: KG) -> Ids:
-        """Return the triples from all recipes (full) or from the train recipes (partial), shape (T, 3), sorted."""
+        """Return the triples of all recipes (full) or the train recipes (partial).
+
+        Returns:
+            Shape (T, 3), sorted.
+        """
         return self.graph.triples if kg == "full" else self.split.partial
 
     def train_sample(self, kg: TrainedOn) -> TrainSample:
-        """Return recipes for training a model: the train recipes (partial), all (full) or no recipes (none)."""
-        return TrainSample.of(
-            self.graph, (self.split.is_in("train") | (kg == "full")) & (kg != "none")
-        )
+        """Return recipes for training a model: train recipes (partial), all (full) or none."""
+        rows = {
+            "partial": self.split.is_in("train"),
+            "full": np.ones(self.graph.num_recipes, dtype=bool),
+            "none": np.zeros(self.graph.num_recipes, dtype=bool),
+        }
+        return TrainSample.of(self.graph, rows[kg])
 
 
 def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
-    """Return a row per entity: label, base, layer (crafting rounds, missing if unreachable), recipe and use counts."""
+    """Return a data frame with a row per entity, in id order.
+
+    Columns are ``entity`` (label), ``base`` (bool), ``layer`` (crafting rounds, missing if
+    unreachable), ``recipes`` and ``uses`` (number of recipes that make and use the entity).
+    """
     import pandas as pd
 
     depth = layers(graph)
@@ -127,18 +148,36 @@ def _agree(recorded: Any, expected: Any) -> bool:
 
 
 @stage("writing the graph folder")
-def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool = False) -> Audit:
-    """Write a recipe graph and a split to a folder, complete or not at all; return statistics.
+def write_graph_folder(
+    out: Path,
+    book: RecipeBook,
+    split: Split,
+    *,
+    force: bool = False,
+) -> Audit:
+    """Write a recipe graph and a split to a folder, complete or not at all.
 
-    An existing ``out`` is an error without ``force``. The folder holds ``graph.json``, ``split.json``,
-    ``recipes.csv``, ``entities.tsv``, ``triples/full.tsv``, ``partial.tsv`` and ``unseen.tsv``, and the statistics in
-    ``audit.json``. The bytes depend only on the book and the split's settings.
+    The folder holds ``graph.json``, ``split.json``, ``recipes.csv``, ``entities.tsv``, triples in
+    ``triples/full.tsv``, ``partial.tsv`` and ``unseen.tsv``, and the statistics in ``audit.json``.
+
+    Args:
+        out: the folder.
+        book: source of the graph, for its hash, kinds and counts of omitted rows.
+        split: a split of the graph.
+        force: whether to replace an existing ``out``.
+
+    Returns:
+        The statistics.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
     """
     graph = split.graph
     with staged_folder(out, force=force) as folder:
         source = {name: getattr(book, name) for name in ("sha256", *_DROPPED)}
         if graph.base_is_inferred:
             source["base_is_inferred"] = True
+        # Labels of the graph's recipes, in id order, so that equal graphs give equal files.
         of_graph = RecipeBook(
             graph.name, tuple(graph.recipe_labels()), graph.base, book.idle, kinds=book.kinds
         )
@@ -155,10 +194,16 @@ def write_graph_folder(out: Path, book: RecipeBook, split: Split, *, force: bool
 def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedGraph:
     """Open a recipe graph and a train/validation/test split.
 
-    ``source`` is a graph folder, a recipe book file, or a known book's name; ``config`` has the split settings for a
-    book, by default :func:`default_split`, and is ignored for a graph folder. ArtefactError if a graph folder is
-    incomplete, damaged or inconsistent, RecipeFileError if a book is unreadable, or ``source`` is neither a file nor a
-    known book.
+    Args:
+        source: a graph folder, a recipe book file, or the name of a known book.
+        config: how to split a book; ignored for a graph folder, which has its split. None takes
+            :func:`default_split`.
+
+    Raises:
+        ArtefactError: if a graph folder is incomplete or damaged, or its files belong to different
+            graphs.
+        RecipeFileError: if a book cannot be read, or there is no such folder, file or book.
+        SplitError: if the book is too small for ``config``.
 
     Example:
         >>> opened = open_graph("kitchen")
@@ -167,27 +212,7 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
     """
     folder = Path(source)
     if folder.is_dir():
-        if not (folder / "graph.json").is_file():
-            raise ArtefactError(
-                f"'{source}' {what_is(folder)}; expected a graph folder. Make a graph folder: wordcraft-kg build-graph"
-            )
-        try:
-            book = read_book(folder / "graph.json", keep_self_results=True)
-        except RecipeFileError as error:
-            raise ArtefactError(f"{error} The graph folder is damaged; build it again.") from None
-        recorded = read_json(folder / "graph.json")
-        name = recorded.get("name", book.name)
-        damaged = f"{folder / 'graph.json'} is damaged or was edited"
-        again = "Build the graph again with `wordcraft-kg build-graph`."
-        if not isinstance(name, str):
-            raise ArtefactError(f"{damaged}: its name is {name!r}; expected a text. {again}")
-        graph = RecipeGraph.from_book(replace(book, name=name))
-        source_book = recorded.get("source")
-        graph.base_is_inferred = (
-            isinstance(source_book, dict) and source_book.get("base_is_inferred") is True
-        )
-        if recorded.get("hash") != graph.hash:
-            raise ArtefactError(f"{damaged}: its content does not match its hash. {again}")
+        graph = _read_graph(folder)
         split = read_split(read_json(folder / "split.json"), graph, str(folder / "split.json"))
     else:
         graph = RecipeGraph.from_book(open_book(source))
@@ -195,9 +220,37 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
     return OpenedGraph(graph, split, str(source))
 
 
+def _read_graph(folder: Path) -> RecipeGraph:
+    """Read ``graph.json``, which is a recipe book too, and compare the graph with its hash."""
+    path = folder / "graph.json"
+    if not path.is_file():
+        raise ArtefactError(
+            f"'{folder}' {what_is(folder)}; expected a graph folder. "
+            "Make a graph folder: wordcraft-kg build-graph"
+        )
+    try:
+        # The book was validated when the folder was written, and may have been told to keep these.
+        book = read_book(path, keep_self_results=True)
+    except RecipeFileError as error:
+        raise ArtefactError(f"{error} The graph folder is damaged; build it again.") from None
+    recorded = read_json(path)
+    name = recorded.get("name", book.name)
+    damaged = f"{path} is damaged or was edited"
+    again = "Build the graph again with `wordcraft-kg build-graph`."
+    if not isinstance(name, str):
+        raise ArtefactError(f"{damaged}: its name is {name!r}; expected a text. {again}")
+    graph = RecipeGraph.from_book(replace(book, name=name))
+    origin = recorded.get("source")
+    graph.base_is_inferred = isinstance(origin, dict) and origin.get("base_is_inferred") is True
+    if recorded.get("hash") != graph.hash:
+        raise ArtefactError(f"{damaged}: its content does not match its hash. {again}")
+    return graph
+
+
 def default_split(graph: RecipeGraph) -> Split:
     """Return a random split by ingredient pair; for a tiny graph, keep all recipes in train."""
     try:
         return make_split(graph, SplitConfig())
     except SplitError:
+        # A graph of a few recipes still opens, for tasks and play; it only has no test part.
         return make_split(graph, SplitConfig("none"))

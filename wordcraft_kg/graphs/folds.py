@@ -1,7 +1,8 @@
-"""Folds of the train recipes, for cross-fitting: a model trained without a fold scores the recipes of the fold.
+"""Folds of the train recipes, for cross-fitting: a model trained without a fold scores the fold.
 
-Recipes that the split keeps together, such as recipes with equal ingredients, are in one fold. So a fold is as new to a
-model trained on the remaining folds as the test recipes are to a model trained on all train recipes.
+Recipes that the split keeps together, such as recipes with equal ingredients, are in one fold. So a
+fold is as new to a model trained on the remaining folds as the test recipes are to a model trained
+on all train recipes.
 """
 
 import hashlib
@@ -29,9 +30,13 @@ class Folds:
     """A partition of a split's train recipes into K = ``count`` folds, see :func:`make_folds`.
 
     Attributes:
-        of_recipe: shape (num_recipes,), int64: each recipe's fold from 0, :data:`OUTSIDE` outside train.
-        train_sample: recipes for training, possibly fewer than the train recipes or with wrong results; by default all
-            train recipes. Independent of the folds.
+        split: the split whose train recipes are partitioned.
+        count: number of folds.
+        seed: random seed of the partition.
+        of_recipe: shape (num_recipes,), int64: each recipe's fold from 0, :data:`OUTSIDE` outside
+            train.
+        train_sample: recipes to train on, possibly fewer than the train recipes or with wrong
+            results. Independent of the folds, which a model without the sample has too.
     """
 
     def __init__(
@@ -42,13 +47,20 @@ class Folds:
         of_recipe: Ids,
         train_sample: TrainSample | None = None,
     ):
-        self.split, self.count, self.seed = split, count, seed
+        """Bind a partition to its split; most callers want :func:`make_folds`.
+
+        Args:
+            split: the split.
+            count: number of folds.
+            seed: random seed of the partition.
+            of_recipe: shape (num_recipes,), int64, each recipe's fold.
+            train_sample: recipes to train on; None for all train recipes.
+        """
+        self.split = split
+        self.count = count
+        self.seed = seed
         self.of_recipe = frozen(of_recipe)
-        self.train_sample = (
-            TrainSample.of(split.graph, split.is_in("train"))
-            if train_sample is None
-            else train_sample
-        )
+        self.train_sample = train_sample or TrainSample.of(split.graph, split.is_in("train"))
 
     def with_train_sample(self, train_sample: TrainSample) -> "Folds":
         """Return the same folds with different training recipes."""
@@ -56,26 +68,33 @@ class Folds:
 
     @property
     def is_subsample(self) -> bool:
-        """Whether the recipes for training (``train_sample``) are not exactly the split's train recipes."""
-        return bool(
-            (self.train_sample.is_trained_on != self.split.is_in("train")).any()
-            or self.train_sample.is_wrong.any()
-        )
+        """Whether the train sample differs from the train recipes: fewer, or wrong results."""
+        sample = self.train_sample
+        is_smaller = (sample.is_trained_on != self.split.is_in("train")).any()
+        return bool(is_smaller or sample.is_wrong.any())
 
     def seen(self, left_out: Collection[int] = ()) -> NDArray[np.bool_]:
-        """Mark the train sample's recipes outside the ``left_out`` folds; bool, shape (num_recipes,)."""
+        """Mark the recipes that a model without the ``left_out`` folds has seen.
+
+        Returns:
+            Bool, shape (num_recipes,); False outside the train sample.
+        """
+        # np.isin takes no set: it would compare with the set as one object.
         return self.train_sample.is_trained_on & ~np.isin(self.of_recipe, list(left_out))
 
     def recipes(self, left_out: Collection[int] = ()) -> Ids:
-        """Return the train sample outside the ``left_out`` folds, with any wrong results, shape (n, 3)."""
+        """Return the train sample outside the ``left_out`` folds, as trained on, shape (n, 3).
+
+        A wrong recipe has its wrong result.
+        """
         return self.train_sample.among(self.seen(left_out))
 
     def recipes_of(self, fold: int) -> Ids:
-        """Return the train sample in a fold, as :meth:`recipes` does."""
+        """Return the train sample in a fold, as trained on, shape (n, 3)."""
         return self.train_sample.among(self.of_recipe == fold)
 
     def triples(self, left_out: Collection[int] = ()) -> Ids:
-        """Return the triples from :meth:`recipes` outside the ``left_out`` folds, shape (T, 3), sorted."""
+        """Return the triples that :meth:`recipes` give, shape (T, 3), sorted."""
         return frozen(recipe_triples(self.recipes(left_out)))
 
     @cached_property
@@ -85,35 +104,59 @@ class Folds:
 
 
 def fold_of_tasks(of_recipe: Ids, tasks: TaskSet) -> Ids:
-    """Return the fold to leave out for each crafting task, which has a recipe of each plan; shape (N,).
+    """Return the fold to leave out for each crafting task: a fold with a recipe of each plan.
 
-    To a model trained without this fold, a train task looks like a test task to a model of all train recipes: each plan
-    has an unseen recipe, and other recipes of the plan may be known. Plans with recipes from several folds leave a
-    choice, which depends on the plan alone. The value is :data:`SEVERAL` without such a fold, and :data:`OUTSIDE` if
-    each plan has a recipe outside train. ``of_recipe`` is each recipe's fold, shape (num_recipes,). GraphMismatchError
-    if a train task uses a recipe without a fold: the folds belong to another split.
+    To a model trained without this fold, a train task looks like a test task to a model of all
+    train recipes: each plan has an unseen recipe, and other recipes of the plan may be known.
+
+    Args:
+        of_recipe: each recipe's fold, shape (num_recipes,).
+        tasks: N tasks.
+
+    Returns:
+        Shape (N,). :data:`SEVERAL` if no fold has a recipe of each plan, and :data:`OUTSIDE` if
+        each plan has a recipe outside train.
+
+    Raises:
+        GraphMismatchError: if a train task uses a recipe without a fold: the folds belong to
+            another split.
     """
     of_task = np.full(len(tasks), SEVERAL, dtype=np.int64)
     fold_of = of_recipe.tolist()
     for task, plans in enumerate(tasks.plans):
-        of_plans = [{fold_of[row] for row in plan} for plan in plans]
-        if tasks.part == "train" and any(OUTSIDE in folds for folds in of_plans):
+        folds_of_plans = [set(map(fold_of.__getitem__, plan)) for plan in plans]
+        if tasks.part == "train" and any(OUTSIDE in folds for folds in folds_of_plans):
             raise GraphMismatchError(
-                f"train task {task:,} uses a recipe outside all folds: the folds were made for another split. "
-                "Take its train tasks, or train the model again on this split."
+                f"train task {task:,} uses a recipe outside all folds: the folds were made for "
+                "another split. Take its train tasks, or train the model again on this split."
             )
-        of_plans = [folds for folds in of_plans if OUTSIDE not in folds] or [{OUTSIDE}]
-        shared = sorted(set.intersection(*of_plans))
+        # A plan with a held-out recipe is new to every model, so the other plans decide.
+        deciding = [folds for folds in folds_of_plans if OUTSIDE not in folds] or [{OUTSIDE}]
+        shared = sorted(set.intersection(*deciding))
         if shared:
+            # Deeper plans may leave a choice. It depends on the plan alone, so that a task has the
+            # same fold in every set of tasks.
             of_task[task] = shared[sum(plans[0]) % len(shared)]
     return of_task
 
 
-def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
-    """Partition the train recipes at random into ``count`` folds with about equally many ingredient pairs.
+def make_folds(
+    split: Split,
+    count: int,
+    seed: int = 0,
+) -> Folds:
+    """Partition the train recipes at random into folds with about equally many ingredient pairs.
 
-    By-goal, by-slot and by-kind splits partition goals, recipe groups and kinds instead of pairs. Raises ConfigError
-    for fewer than two folds, or more folds than train pairs (goals, groups, kinds).
+    By-goal, by-slot and by-kind splits partition goals, recipe groups and kinds instead of pairs.
+
+    Args:
+        split: the split.
+        count: number of folds, from 2.
+        seed: random seed; another number of folds gives another partition.
+
+    Raises:
+        ConfigError: for fewer than two folds, or more folds than train pairs (goals, groups,
+            kinds).
 
     Example:
         >>> folds = make_folds(open_graph("kitchen").split, 5)
@@ -122,24 +165,25 @@ def make_folds(split: Split, count: int, seed: int = 0) -> Folds:
     """
     whole("folds", count, 2)
     rows = np.flatnonzero(split.is_in("train"))
-    groups, group_of_row = np.unique(
-        groups_of(split.graph, split.config.kind)[rows], return_inverse=True
-    )
+    # The split's own groups: then a fold is as new to a model as the test part.
+    group = groups_of(split.graph, split.config.kind)
+    groups, group_of_row = np.unique(group[rows], return_inverse=True)
     if len(groups) < 2:
         raise ConfigError(
-            f"the {split.config.kind} split keeps all train recipes together, so none can be left out; choose "
-            "another split, or a larger `train_ratio`."
+            f"the {split.config.kind} split keeps all train recipes together, so none can be left "
+            "out; choose another split, or a larger `train_ratio`."
         )
     if count > len(groups):
         raise refuse(
             "folds",
             count,
-            f"2 to {len(groups):,}, as many as there are train pairs, goals, groups or kinds to keep together",
+            f"2 to {len(groups):,}, as many as there are train pairs, goals, groups or kinds "
+            "to keep together",
         )
+    # Deal the shuffled groups out in turn: sizes differ by one group at most.
+    order = np.random.default_rng([seed, count]).permutation(len(groups))
     fold_of_group = np.empty(len(groups), dtype=np.int64)
-    fold_of_group[np.random.default_rng([seed, count]).permutation(len(groups))] = (
-        np.arange(len(groups)) % count
-    )
+    fold_of_group[order] = np.arange(len(groups)) % count
     of_recipe = np.full(split.graph.num_recipes, OUTSIDE, dtype=np.int64)
     of_recipe[rows] = fold_of_group[group_of_row]
     return Folds(split, count, seed, of_recipe)

@@ -1,4 +1,8 @@
-"""Recipe books with a name: built in, in the cache, in the user's data folder, or to download."""
+"""Recipe books with a name: built in, in the cache, in the user's data folder, or to download.
+
+A built-in book is a file in the folder ``books``; a book to download is an entry of
+:data:`FETCHABLE`, with a pinned SHA-256.
+"""
 
 import hashlib
 import os
@@ -24,7 +28,7 @@ DATA_VARIABLE = "WORDCRAFT_KG_DATA"
 ENDINGS = (".csv", ".tsv", ".json")
 _BUILT_IN = Path(__file__).parent / "books"
 MADE_UP = re.compile(rf"{PREFIX}(?:-(\d+))?:(.+)")
-"""Name of a book with invented words; groups: the seed, and the name or file of the original book."""
+"""Name of a book with invented words; groups: the seed, and the original book's name or file."""
 _SILENCE = 30  # seconds without a byte from the server
 _DEADLINE = 300  # seconds for the whole download
 _MAX_BYTES = 64 * 2**20
@@ -39,7 +43,15 @@ class _NoRedirects(urllib.request.HTTPRedirectHandler):
 
 @dataclass(frozen=True)
 class _Fetchable:
-    """A published book that may not be bundled; ``base`` has the base entities, which the file does not name."""
+    """A published book that may not be bundled, because its authors gave no licence.
+
+    Attributes:
+        url: address of the file at a fixed commit.
+        sha256: hash of the file's bytes.
+        file_name: name in the cache and in data folders.
+        base: labels of the base entities, which the file does not name.
+        note: licence, for the list of books.
+    """
 
     url: str
     sha256: str
@@ -50,8 +62,8 @@ class _Fetchable:
 
 FETCHABLE = {
     "little-alchemy-2": _Fetchable(
-        url="https://raw.githubusercontent.com/minqi/wordcraft/a09887ad8bbfa5b3772b48c420f246919fe443ed"
-        "/datasets/alchemy2.json",
+        url="https://raw.githubusercontent.com/minqi/wordcraft/"
+        "a09887ad8bbfa5b3772b48c420f246919fe443ed/datasets/alchemy2.json",
         sha256="757422df36f8805b1a56c418e613c6418c905b0956e6f2fb3dff78569933d25d",
         file_name="alchemy2.json",
         base=("air", "earth", "fire", "time", "water"),
@@ -61,7 +73,13 @@ FETCHABLE = {
 
 
 class KnownBook(NamedTuple):
-    """A recipe book's name, origin (built in, cache, data folder, to fetch) and path, None before the download."""
+    """A recipe book with a name.
+
+    Attributes:
+        name: the name.
+        origin: built in, cache, data folder or to fetch.
+        path: the file; None before the download.
+    """
 
     name: str
     origin: str
@@ -69,7 +87,13 @@ class KnownBook(NamedTuple):
 
 
 class LocatedBook(NamedTuple):
-    """A recipe book's file, and a known book's name and base entities."""
+    """A recipe book's file.
+
+    Attributes:
+        path: the file, or a graph folder.
+        name: name of a known book; None for a path.
+        base: labels of the base entities of a published book; None if the file decides.
+    """
 
     path: Path
     name: str | None = None
@@ -77,7 +101,10 @@ class LocatedBook(NamedTuple):
 
 
 def data_folder() -> Path | None:
-    """Return the folder for the user's recipe books in ``WORDCRAFT_KG_DATA``, None if unset."""
+    """Return the folder for the user's recipe books, from ``WORDCRAFT_KG_DATA``; None if unset.
+
+    The variable may also name a file in the folder.
+    """
     value = os.environ.get(DATA_VARIABLE)
     if not value:
         return None
@@ -85,23 +112,27 @@ def data_folder() -> Path | None:
 
 
 def cache_folder() -> Path:
-    """Return the folder with downloaded books, in ~/.cache or ``XDG_CACHE_HOME``; the folder may not exist yet."""
-    root = os.environ.get("XDG_CACHE_HOME")
-    return (Path(root) if root else Path.home() / ".cache") / "wordcraft-kg" / "books"
+    """Return the folder with downloaded books; it may not exist yet.
+
+    It is in ``XDG_CACHE_HOME``, by default ``~/.cache``.
+    """
+    given = os.environ.get("XDG_CACHE_HOME")
+    root = Path(given) if given else Path.home() / ".cache"
+    return root / "wordcraft-kg" / "books"
 
 
 def known_books() -> list[KnownBook]:
-    """Return all recipe books with a name; for a repeated name, the book that :func:`open_book` opens."""
+    """Return all recipe books with a name.
+
+    Of a repeated name, the book that :func:`open_book` opens: the built-in book, else the
+    downloaded one.
+    """
     books: dict[str, KnownBook] = {}
-    for origin, folder in (
-        ("built in", _BUILT_IN),
-        ("cache", cache_folder()),
-        ("data folder", data_folder()),
-    ):
+    published = {book.file_name: name for name, book in FETCHABLE.items()}
+    folders = {"built in": _BUILT_IN, "cache": cache_folder(), "data folder": data_folder()}
+    for origin, folder in folders.items():
         for path in _books_in(folder):
-            name = next(
-                (name for name, book in FETCHABLE.items() if book.file_name == path.name), path.stem
-            )
+            name = published.get(path.name, path.stem)
             books.setdefault(name, KnownBook(name, origin, path))
     for name in FETCHABLE:
         books.setdefault(name, KnownBook(name, "to fetch", None))
@@ -109,28 +140,39 @@ def known_books() -> list[KnownBook]:
 
 
 def locate_book(name_or_path: str | Path) -> LocatedBook:
-    """Find a book by path, else by name; RecipeFileError if unknown, changed, or not downloaded yet."""
+    """Find a book by path, else by name.
+
+    Raises:
+        RecipeFileError: if there is no such book, or a published book is not downloaded yet or
+            differs from the published file.
+    """
     path = Path(name_or_path)
-    if made_up := MADE_UP.fullmatch(str(name_or_path)):
+    made_up = MADE_UP.fullmatch(str(name_or_path))
+    if made_up:
         raise RecipeFileError(
             f"'{name_or_path}' has no file, because it is made from '{made_up[2]}'; give that book."
         )
+    # A file or graph folder of this path takes precedence over a book's name.
     if path.is_file() or (path / "graph.json").is_file():
         return LocatedBook(path)
     books = {book.name: book for book in known_books()}
+    # Any other folder gives way to a book of its name, such as a run folder named kitchen.
     if path.exists() and str(name_or_path) not in books:
         return LocatedBook(path)
     book = books.get(str(name_or_path))
     if book is None:
+        hint = nearest(str(name_or_path), books)
         raise RecipeFileError(
-            f"'{name_or_path}' is neither a file nor a known book.{nearest(str(name_or_path), books)} "
+            f"'{name_or_path}' is neither a file nor a known book.{hint} "
             "`wordcraft-kg books` lists all known books."
         )
     if book.path is None:
         raise RecipeFileError(
-            f"'{book.name}' is not on this machine yet. Fetch it: wordcraft-kg books --fetch {book.name}"
+            f"'{book.name}' is not on this machine yet. "
+            f"Fetch it: wordcraft-kg books --fetch {book.name}"
         )
     published = FETCHABLE.get(book.name)
+    # Results with another file would be compared with the literature under the same name.
     if published and sha256_of(book.path) != published.sha256:
         raise RecipeFileError(
             f"{book.path} is not the published '{book.name}' (its SHA-256 differs). "
@@ -145,20 +187,29 @@ def open_book(
     keep_self_results: bool = False,
     single_ingredient: str | None = None,
 ) -> RecipeBook:
-    """Read a recipe book by path or name, see :func:`locate_book` and :func:`read_book`.
+    """Read a recipe book by path or name.
 
-    ``made-up:BOOK`` replaces all words by invented words, ``made-up-SEED:BOOK`` with another seed than 0; see
-    :func:`~wordcraft_kg.graphs.made_up.with_made_up_words`.
+    Args:
+        name_or_path: a file, a graph folder, or the name of a known book, see :func:`known_books`.
+            ``made-up:BOOK`` replaces all words by invented words, ``made-up-SEED:BOOK`` with
+            another seed than 0; see :func:`~wordcraft_kg.graphs.made_up.with_made_up_words`.
+        keep_self_results: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
+        single_ingredient: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
+
+    Raises:
+        RecipeFileError: if there is no such book, or it cannot be read.
 
     Example:
         >>> len(open_book("kitchen").recipes)
         326
     """
-    if made_up := MADE_UP.fullmatch(str(name_or_path)):
+    made_up = MADE_UP.fullmatch(str(name_or_path))
+    if made_up:
+        seed, original = made_up.groups()
         book = open_book(
-            made_up[2], keep_self_results=keep_self_results, single_ingredient=single_ingredient
+            original, keep_self_results=keep_self_results, single_ingredient=single_ingredient
         )
-        return with_made_up_words(book, int(made_up[1] or 0))
+        return with_made_up_words(book, int(seed or 0))
     located = locate_book(name_or_path)
     content = read_book(
         located.path,
@@ -166,25 +217,57 @@ def open_book(
         single_ingredient=single_ingredient,
         name=located.name,
     )
+    # The published file names no base; a file that does keeps its own.
     return replace(content, base=located.base) if content.base is None else content
 
 
 @stage("downloading")
 def fetch_book(name: str) -> Path:
-    """Download a published recipe book into the cache once, and return the path; FetchError if that fails."""
+    """Download a published recipe book into the cache, once.
+
+    Returns:
+        Path of the file.
+
+    Raises:
+        FetchError: if the name is unknown, the download fails, or the file is not the published
+            one. Nothing is kept then, and the message says how to place the file by hand.
+    """
     book = FETCHABLE.get(name)
     if book is None:
+        hint = nearest(name, FETCHABLE)
         raise FetchError(
-            f"no book '{name}' to fetch; expected one of {', '.join(FETCHABLE)}.{nearest(name, FETCHABLE)}"
+            f"no book '{name}' to fetch; expected one of {', '.join(FETCHABLE)}.{hint}"
         )
     return fetch_file(name, book.url, book.sha256, cache_folder() / book.file_name)
 
 
-def fetch_file(name: str, url: str, sha256: str, target: Path) -> Path:
-    """Download a published file with a pinned hash once to ``target``; FetchError if that fails."""
+def fetch_file(
+    name: str,
+    url: str,
+    sha256: str,
+    target: Path,
+) -> Path:
+    """Download a published file with a pinned hash, once.
+
+    Args:
+        name: name of the file, for errors.
+        url: address; a redirect is refused.
+        sha256: expected hash of the bytes: the content is trusted, whatever the server.
+        target: file to write; if it has the hash already, nothing is downloaded.
+
+    Returns:
+        ``target``.
+
+    Raises:
+        FetchError: if the download fails or has another hash; nothing is kept then.
+    """
+    # A damaged or outdated download is fetched again.
     if target.is_file() and sha256_of(target) == sha256:
         return target
-    by_hand = f"Or place the file by hand: save {url} as {target}, or into the folder that {DATA_VARIABLE} names."
+    by_hand = (
+        f"Or place the file by hand: save {url} as {target}, "
+        f"or into the folder that {DATA_VARIABLE} names."
+    )
     try:
         data = _downloaded(url)
     except (OSError, HTTPException, ValueError) as error:
@@ -195,7 +278,8 @@ def fetch_file(name: str, url: str, sha256: str, target: Path) -> Path:
     downloaded = hashlib.sha256(data).hexdigest()
     if downloaded != sha256:
         raise FetchError(
-            f"the download of '{name}' has SHA-256 {downloaded[:12]}…, expected {sha256[:12]}…; not kept. {by_hand}"
+            f"the download of '{name}' has SHA-256 {downloaded[:12]}…, "
+            f"expected {sha256[:12]}…; not kept. {by_hand}"
         )
     target.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(target, data)
@@ -207,8 +291,10 @@ def _opened(url: str) -> Any:
 
 
 def _downloaded(url: str) -> bytes:
-    ends, data = time.monotonic() + _DEADLINE, bytearray()
+    ends = time.monotonic() + _DEADLINE
+    data = bytearray()
     with _opened(url) as response:
+        # In small chunks, so that a slow or endless answer is noticed.
         while chunk := response.read1(2**16):
             data += chunk
             if len(data) > _MAX_BYTES:

@@ -1,8 +1,12 @@
-"""Recipe books with made-up words: the same recipes without the meaning of words, a control for memorised words."""
+"""Recipe books with made-up words: the same recipes without the meaning of words.
+
+A control for language models and word vectors, which may know the words from elsewhere.
+"""
 
 import re
 from dataclasses import replace
 from hashlib import sha256
+from itertools import chain
 
 import numpy as np
 
@@ -36,42 +40,45 @@ _ENDS = ["k", "l", "m", "n", "p", "r", "t", "x"]
 
 
 def with_made_up_words(book: RecipeBook, seed: int = 0) -> RecipeBook:
-    """Return a copy of a book in which each word of the labels is replaced by an invented, pronounceable word.
+    """Return a copy of a book in which each word of the labels is an invented, pronounceable word.
 
-    A word gets the same replacement in all labels, so that the last words of "cake" and "birthday cake" stay equal. The
-    invented words have the alphabetical order of the words, so that entity ids, splits and tasks stay the same. No
-    invented word is a word of the book. Kinds of recipes and base entities stay.
+    A word gets the same replacement in all labels, so that the last words of "cake" and "birthday
+    cake" stay equal. The invented words have the alphabetical order of the words, so that entity
+    ids, splits and tasks stay the same. No invented word is a word of the book. Kinds of recipes
+    and base entities stay.
 
     Example:
         >>> print(with_made_up_words(open_book("kitchen")).recipes[0])
         betgegil + lenkrodim -> siksevan
     """
-    words = sorted({word for label in book.entities for word in label.split()})
-    digest = sha256(
-        "\n".join(words).encode()
-    ).digest()  # so that two books do not share invented words
-    rng, invented = np.random.default_rng([seed, *digest]), set[str]()
+    words = sorted(set(chain.from_iterable(map(str.split, book.entities))))
+    # The words are part of the seed, so that two books do not share invented words.
+    digest = sha256("\n".join(words).encode()).digest()
+    rng = np.random.default_rng([seed, *digest])
+    invented: set[str] = set()
     while len(invented) < len(words):
         invented |= {_word(rng)} - set(words)
+    # Both sorted: the n-th word in the alphabet becomes the n-th invented word.
     replacement = dict(zip(words, sorted(invented), strict=True))
 
     def renamed(label: str) -> str:
         return re.sub(r"\S+", lambda word: replacement[word[0]], label)
 
     recipe_of = {recipe: Recipe.of(*map(renamed, recipe)) for recipe in book.recipes}
+    # Another book than the original, so another hash; the same for the same original and seed.
+    origin = f"{PREFIX} {seed} {book.sha256}"
     return replace(
         book,
         name=f"{PREFIX}-{seed}-{book.name}" if seed else f"{PREFIX}-{book.name}",
         recipes=tuple(sorted(recipe_of.values())),
         base=None if book.base is None else tuple(sorted(map(renamed, book.base))),
         idle=tuple(sorted(map(renamed, book.idle))),
-        sha256=None
-        if book.sha256 is None
-        else sha256(f"{PREFIX} {seed} {book.sha256}".encode()).hexdigest(),
+        sha256=None if book.sha256 is None else sha256(origin.encode()).hexdigest(),
         kinds={recipe_of[recipe]: kind for recipe, kind in book.kinds.items()},
     )
 
 
 def _word(rng: np.random.Generator) -> str:
+    """Draw one of 64 million words with three syllables."""
     letters = (_STARTS, _VOWELS, _ENDS, _STARTS, _VOWELS, _STARTS, _VOWELS, _ENDS)
     return "".join(str(rng.choice(some)) for some in letters)

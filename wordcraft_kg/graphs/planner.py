@@ -1,4 +1,4 @@
-"""Compute crafting rounds until each entity can be made, and the cheapest recipes for an entity."""
+"""How entities are made from the base: crafting rounds, and the cheapest recipes for an entity."""
 
 import heapq
 import math
@@ -15,38 +15,75 @@ from wordcraft_kg.graphs.recipes import Recipe
 
 
 def layers(graph: RecipeGraph, start: Iterable[Entity] | None = None) -> Ids:
-    """Return each entity's first crafting round, (num_entities,): 0 for ``start`` (the base), -1 if unreachable."""
+    """Return the round in which each entity can first be made.
+
+    In a round, every pair of entities known before is combined.
+
+    Args:
+        graph: the recipe graph.
+        start: entities known at the start, in round 0; None for the graph's base.
+
+    Returns:
+        Shape (num_entities,), int64; -1 for an entity that is never made.
+    """
     starts, order = graph.by_ingredient
     a, b, result = graph.recipes.T
     layer = np.full(graph.num_entities, -1, dtype=np.int64)
-    frontier = (
-        graph.base_ids if start is None else np.unique([graph.id_of(entity) for entity in start])
-    )
-    frontier = frontier.astype(np.int64)
+    frontier = np.array(_ids(graph, start), dtype=np.int64)
     depth = 0
     while len(frontier):
         layer[frontier] = depth
         depth += 1
-        # Only recipes with an ingredient that is new can fire for the first time, so each is checked at most twice.
-        spans = [order[starts[i] : starts[i + 1]] for i in frontier.tolist()]
-        recipes = np.concatenate(spans)
-        made = result[recipes[(layer[a[recipes]] >= 0) & (layer[b[recipes]] >= 0)]]
+        # Only recipes with a new ingredient can be used for the first time, so each recipe is
+        # checked at most twice, whatever the number of rounds.
+        uses = [_group(starts, order, entity) for entity in frontier.tolist()]
+        recipes = np.concatenate(uses)
+        is_known = layer >= 0
+        is_possible = is_known[a[recipes]] & is_known[b[recipes]]
+        made = result[recipes[is_possible]]
         frontier = np.unique(made[layer[made] < 0])
     return layer
 
 
+def _ids(graph: RecipeGraph, start: Iterable[Entity] | None) -> list[int]:
+    """Return the distinct starting entities, ascending; by default the base."""
+    if start is None:
+        return list(graph.base_ids.tolist())
+    return sorted({graph.id_of(entity) for entity in start})
+
+
+def _group(
+    starts: Ids,
+    order: Ids,
+    entity: int,
+) -> Ids:
+    return order[starts[entity] : starts[entity + 1]]
+
+
 def rounds(layer: Ids) -> list[int]:
-    """Count the entities known after 0, 1, 2, ... rounds, from the layers by :func:`layers`."""
+    """Count the entities known after 0, 1, 2, ... rounds.
+
+    Args:
+        layer: each entity's round, from :func:`layers`.
+
+    Returns:
+        Counts, the last for the round after which nothing new is made; empty if nothing is known.
+    """
     reached = layer[layer >= 0]
-    return np.cumsum(np.bincount(reached)).tolist() if len(reached) else []
+    new_in_round = np.bincount(reached)
+    return np.cumsum(new_in_round).tolist()
 
 
 @dataclass(frozen=True)
 class Derivation:
-    """Recipes that make an entity, ``goal``, from the starting entities.
+    """Recipes that make an entity from the starting entities.
 
-    ``steps`` are distinct recipes in execution order, ending in the goal; empty for a starting entity. ``cost`` is the
-    number of recipes if an intermediate is made anew for every use; ``len(steps) <= cost`` combinations are enough.
+    Attributes:
+        goal: label of the entity.
+        steps: distinct recipes in execution order; the last makes the goal. Empty for a starting
+            entity.
+        cost: number of combinations if an intermediate is made anew for every use (size of the
+            derivation tree). Entities are not used up, so ``len(steps) <= cost`` are enough.
     """
 
     goal: str
@@ -54,16 +91,22 @@ class Derivation:
     cost: int
 
     def __repr__(self) -> str:
-        return f"Derivation({self.goal!r}, {counted(len(self.steps), 'step')}, cost {approximate(self.cost)})"
+        steps = counted(len(self.steps), "step")
+        return f"Derivation({self.goal!r}, {steps}, cost {approximate(self.cost)})"
 
     def __str__(self) -> str:
         return "\n".join(derivation_tree(self.goal, self.steps))
 
 
 def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
-    """Yield a text tree, line by line: an entity with two ingredients, then each ingredient's tree, none repeated.
+    """Yield a derivation as a tree of text, line by line.
 
-    ``goal`` is the entity's label; ``steps`` has a recipe per made entity.
+    A line has an entity and its two ingredients; below are the ingredients' trees. A tree that was
+    shown before is not repeated, and a starting entity below the goal has no line.
+
+    Args:
+        goal: label of the entity.
+        steps: recipes, one for each made entity.
 
     Example:
         >>> print(Planner(open_graph("kitchen").graph).derivation("flour"))
@@ -77,85 +120,95 @@ def derivation_tree(goal: str, steps: Iterable[Recipe]) -> Iterator[str]:
     while stack:
         label, own, below = stack.pop()
         if label not in made_by or label in shown:
-            yield f"{own}{label}{' (see above)' if label in shown else ''}"
+            note = " (see above)" if label in shown else ""
+            yield f"{own}{label}{note}"
             continue
         shown.add(label)
         one, other, _ = made_by[label]
         yield f"{own}{label} = {one} + {other}"
         made = [part for part in dict.fromkeys((one, other)) if part in made_by]
-        for part in reversed(made):
-            is_last = part == made[-1]
-            stack.append(
-                (
-                    part,
-                    f"{below}{'└─' if is_last else '├─'} ",
-                    f"{below}{'   ' if is_last else '│  '}",
-                )
-            )
+        for part in reversed(made):  # a stack returns the last first
+            if part == made[-1]:
+                stack.append((part, f"{below}└─ ", f"{below}   "))
+            else:
+                stack.append((part, f"{below}├─ ", f"{below}│  "))
 
 
 class Planner:
-    """The cheapest derivations (recipes that make an entity from starting entities) for all entities.
+    """The cheapest derivations of all entities from the starting entities.
 
-    Making an entity from a and b costs 1 + cost(a) + cost(b). Knuth's generalisation of Dijkstra's algorithm (Knuth, "A
-    generalization of Dijkstra's algorithm", 1977) finds the exact minimum for all entities at once; counting shared
-    intermediates once would be NP-hard. Ties go to the earlier recipe in the graph.
+    Making an entity from a and b costs 1 + cost(a) + cost(b), the size of the derivation tree. With
+    this additive cost the minimum is exact and found for all entities at once, by Knuth's
+    generalisation of Dijkstra's algorithm (Knuth, "A generalization of Dijkstra's algorithm",
+    1977). Counting shared intermediates once would be NP-hard. Ties go to the earlier recipe in the
+    graph.
 
     Attributes:
+        graph: the recipe graph.
         start: labels of the starting entities.
-        costs: cost by entity id, ``math.inf`` if unreachable; Python integers, since costs grow exponentially.
+        costs: cost by entity id, ``math.inf`` if unreachable; Python integers, since a tree may
+            grow exponentially with its depth.
     """
 
     def __init__(self, graph: RecipeGraph, start: Iterable[Entity] | None = None):
-        """Compute all costs from the entities in ``start`` (default: the base)."""
+        """Compute all costs.
+
+        Args:
+            graph: the recipe graph.
+            start: entities that cost nothing, by id or label; None for the base.
+        """
         self.graph = graph
-        starts, order = (array.tolist() for array in graph.by_ingredient)
+        # Lists, because single numbers of arrays are slow.
+        starts, order = map(np.ndarray.tolist, graph.by_ingredient)
         recipes = graph.recipes.tolist()
-        initial = (
-            graph.base_ids.tolist()
-            if start is None
-            else sorted({graph.id_of(entity) for entity in start})
-        )
+        initial = _ids(graph, start)
         self.start = graph.labels(initial)
         self.costs: list[float] = [math.inf] * graph.num_entities
         self._recipe: list[int] = [-1] * graph.num_entities
         settled = [False] * graph.num_entities
-        queue: list[tuple[float, int, int]] = [(0, -1, entity) for entity in initial]
+        # Entries (cost, row of the recipe, entity): of equal costs the earlier recipe comes first.
+        queue: list[tuple[float, int, int]] = []
         for entity in initial:
             self.costs[entity] = 0
+            queue.append((0, -1, entity))
         while queue:
             _, recipe, entity = heapq.heappop(queue)
             if settled[entity]:
                 continue
+            # Costs only grow along a derivation, so the first entry of an entity is its cheapest.
             settled[entity] = True
             self._recipe[entity] = recipe
             for index in order[starts[entity] : starts[entity + 1]]:
                 a, b, result = recipes[index]
                 if settled[a] and settled[b] and not settled[result]:
                     candidate = 1 + self.costs[a] + self.costs[b]
+                    # Equal costs too, for the tie; an entry that is beaten later stays in the queue
+                    # and is passed over, because its entity is settled by then.
                     if candidate <= self.costs[result]:
                         self.costs[result] = candidate
                         heapq.heappush(queue, (candidate, index, result))
 
     def derivation(self, goal: Entity) -> Derivation:
-        """Return the cheapest derivation for an entity; GraphError for an entity that cannot be made."""
+        """Return the cheapest derivation for an entity, with its steps.
+
+        Raises:
+            UnknownEntityError: if the graph has no such entity.
+            GraphError: if the entity cannot be made from the start.
+        """
         graph = self.graph
         target = graph.id_of(goal)
         if self.costs[target] == math.inf:
-            raise GraphError(
-                f"'{graph.entities[target]}' cannot be made from {', '.join(self.start) or 'nothing'}."
-            )
+            known = ", ".join(self.start) or "nothing"
+            raise GraphError(f"'{graph.entities[target]}' cannot be made from {known}.")
         steps: list[int] = []
         done: set[int] = set()
+        # Depth first with a stack of its own: chains are longer than Python's recursion limit.
         stack = [target]
         while stack:
             entity = stack[-1]
             index = self._recipe[entity]
-            missing = (
-                []
-                if index < 0
-                else [part for part in graph.recipes[index, :2].tolist() if part not in done]
-            )
+            ingredients = graph.recipes[index, :2].tolist() if index >= 0 else []
+            missing = [part for part in ingredients if part not in done]
             if missing:
                 stack.extend(reversed(missing))
                 continue

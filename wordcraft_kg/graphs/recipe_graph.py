@@ -1,9 +1,13 @@
-"""The recipe graph for a crafting game: entities, recipes and base entities, with lookups."""
+"""The recipe graph for a crafting game: entities, recipes and base entities, with lookups.
+
+All other data (triples, splits, tasks, dynamics of environments) are derived from this class.
+"""
 
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from functools import cached_property
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -20,18 +24,20 @@ Entity = int | str
 class RecipeGraph:
     """An immutable graph of recipes; each recipe combines two entities into a result.
 
-    Entities have ids ``0 .. num_entities - 1`` by sorted label, so equal graphs have equal ids. Equality and hash
-    depend on entities, base and recipes, not on the name.
+    Entities have ids ``0 .. num_entities - 1`` by sorted label, so equal graphs have equal ids.
+    Equality and hash depend on entities, base and recipes, not on the name. A pair may have several
+    results; all of them are kept.
 
     Attributes:
         name: name in reports.
         entities: labels in id order.
-        base_ids: shape (num_base,), int64, ascending: the base entities, known at the start of play.
-        recipes: shape (num_recipes, 3), int64, rows ``(ingredient, ingredient, result)`` with ascending ingredients;
-            sorted, unique.
-        base_is_inferred: whether no base was given, so that the base is the entities without a recipe; not part of the
-            content.
-        kinds: each recipe's kind of reasoning, empty if unknown; None without kinds; not part of the content.
+        base_ids: shape (num_base,), int64, ascending: entities known at the start of play.
+        recipes: shape (num_recipes, 3), int64, rows ``(ingredient, ingredient, result)`` with
+            ascending ingredients; sorted, unique.
+        base_is_inferred: whether no base was given, so that the base is the entities without a
+            recipe; not part of the content.
+        kinds: each recipe's kind of reasoning, empty if unknown; None for a book without kinds;
+            not part of the content.
 
     Example:
         >>> graph = RecipeGraph.from_book(open_book("kitchen"))
@@ -48,56 +54,67 @@ class RecipeGraph:
         base_ids: Sequence[int] | Ids,
         name: str = "graph",
     ):
-        """Build a graph from ids, see also :meth:`from_book` and :meth:`from_recipes`.
+        """Build a graph from ids; most callers want :meth:`from_book` or :meth:`from_recipes`.
 
-        ``entities`` are sorted, unique labels; ``recipes`` are rows ``(ingredient, ingredient, result)`` in any order,
-        shape (num_recipes, 3). Raises GraphError for other labels, or an id out of range.
+        Args:
+            entities: labels, sorted, unique.
+            recipes: shape (num_recipes, 3), rows ``(ingredient, ingredient, result)`` of ids, rows
+                and ingredients in any order.
+            base_ids: ids of the base entities, in any order.
+            name: name in reports.
+
+        Raises:
+            GraphError: if labels are not sorted and unique, or an id is out of range.
         """
         self.name = name
         self.base_is_inferred = False
         self.kinds: tuple[str, ...] | None = None
         self.entities = tuple(entities)
-        if any(
-            left >= right for left, right in zip(self.entities, self.entities[1:], strict=False)
-        ):
+        if any(left >= right for left, right in pairwise(self.entities)):
             raise GraphError("entity labels must be sorted and unique.")
         recipes = np.asarray(recipes, dtype=np.int64).reshape(-1, 3)
         base = np.unique(np.asarray(base_ids, dtype=np.int64))
         for what, ids in (("recipe", recipes), ("base", base)):
             if ids.size and not 0 <= ids.min() <= ids.max() < len(self.entities):
                 raise GraphError(f"a {what} id is outside 0 .. {len(self.entities) - 1}.")
+        # Ingredients are unordered: each pair is stored once, the smaller id first.
         pairs = np.sort(recipes[:, :2], axis=1)
-        self.recipes: Ids = frozen(
-            sorted_unique(np.column_stack([pairs, recipes[:, 2]]), (0, 1, 2))
-        )
+        rows = np.column_stack([pairs, recipes[:, 2]])
+        self.recipes: Ids = frozen(sorted_unique(rows, (0, 1, 2)))
         self.base_ids: Ids = frozen(base)
 
     @classmethod
     def from_book(cls, book: RecipeBook, base: Iterable[str] | None = None) -> "RecipeGraph":
         """Turn a recipe book into a graph.
 
-        ``base`` lists labels of base entities; None uses the book's base or, by default, the entities without a recipe.
-        Raises UnknownEntityError if a base label is not in the book.
+        Args:
+            book: the validated recipes.
+            base: labels of the base entities; None takes the book's base or, if it declares none,
+                the entities that no recipe makes.
+
+        Raises:
+            UnknownEntityError: if a base label is not in the book.
         """
         entities = book.entities
         index = {label: i for i, label in enumerate(entities)}
-        ids = (index[label] for recipe in book.recipes for label in recipe)
-        recipes = np.fromiter(ids, np.int64, 3 * len(book.recipes)).reshape(-1, 3)
+        # One stream of ids, without a list for each of perhaps a million recipes.
+        ids = map(index.__getitem__, chain.from_iterable(book.recipes))
+        flat = np.fromiter(ids, np.int64, 3 * len(book.recipes))
+        recipes = flat.reshape(-1, 3)
         labels = book.base if base is None else sorted(set(base))
         if labels is None:
             base_ids = np.setdiff1d(np.arange(len(entities)), recipes[:, 2])
         else:
             unknown = [label for label in labels if label not in index]
             if unknown:
-                raise UnknownEntityError(
-                    f"base entity '{unknown[0]}' is not in {book.name}.{nearest(unknown[0], entities)}"
-                )
+                hint = nearest(unknown[0], entities)
+                raise UnknownEntityError(f"base entity '{unknown[0]}' is not in {book.name}.{hint}")
             base_ids = np.array([index[label] for label in labels], dtype=np.int64)
         graph = cls(entities, recipes, base_ids, book.name)
         graph.base_is_inferred = labels is None
-        graph.kinds = (
-            tuple(book.kinds.get(recipe, "") for recipe in book.recipes) if book.kinds else None
-        )
+        if book.kinds:
+            # Both are sorted by labels, so the book's order is the graph's.
+            graph.kinds = tuple(book.kinds.get(recipe, "") for recipe in book.recipes)
         return graph
 
     @classmethod
@@ -107,11 +124,24 @@ class RecipeGraph:
         base: Iterable[str] | None = None,
         name: str = "graph",
     ) -> "RecipeGraph":
-        """Build a graph from rows ``(ingredient, ingredient, result)`` of labels; a bad label is a RecipeFileError."""
-        rows = [[check_label(label, f"row {i}") for label in row] for i, row in enumerate(recipes)]
+        """Build a graph from labels, in memory; also of recipes that a recipe book leaves out.
+
+        Args:
+            recipes: rows ``(ingredient, ingredient, result)`` of labels, in any order. A row whose
+                result is among its ingredients is kept.
+            base: labels of the base entities; None for the entities that no recipe makes.
+            name: name in reports.
+
+        Raises:
+            RecipeFileError: if a label cannot name an entity.
+            UnknownEntityError: if a base label is in no recipe.
+        """
+        rows: list[list[str]] = []
+        for index, row in enumerate(recipes):
+            rows.append([check_label(label, f"row {index}") for label in row])
         return cls.from_book(RecipeBook.of(name, rows, keep_self_results=True), base)
 
-    # --- contents ----------------------------------------------------------------------------------------------------
+    # --- contents --------------------------------------------------------------------------------
 
     @property
     def num_entities(self) -> int:
@@ -131,6 +161,7 @@ class RecipeGraph:
     @property
     def num_self_pairs(self) -> int:
         """Number of entities that combine with themselves."""
+        # The first recipe of each pair: a pair with two results counts once.
         a, b, _ = self.recipes[self.pair_starts[:-1]].T
         return int(np.sum(a == b))
 
@@ -141,10 +172,11 @@ class RecipeGraph:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 hash of entities, base and recipes, equal for equal graphs."""
+        """SHA-256 hash of entities, base and recipes, equal for equal graphs on any machine."""
+        # The first line is a version: another way to hash would get another number.
         digest = hashlib.sha256(b"wordcraft-kg recipe graph 1\n")
         digest.update(json.dumps([self.entities, self.base]).encode())
-        digest.update(self.recipes.astype("<i8").tobytes())
+        digest.update(self.recipes.astype("<i8").tobytes())  # little-endian on any machine
         return digest.hexdigest()
 
     def __eq__(self, other: object) -> bool:
@@ -154,10 +186,8 @@ class RecipeGraph:
         return hash(self.hash)
 
     def __repr__(self) -> str:
-        return (
-            f"RecipeGraph({self.name!r}, {self.num_entities:,} entities, {self.num_recipes:,} recipes, "
-            f"hash {self.hash[:12]})"
-        )
+        sizes = f"{self.num_entities:,} entities, {self.num_recipes:,} recipes"
+        return f"RecipeGraph({self.name!r}, {sizes}, hash {self.hash[:12]})"
 
     def __len__(self) -> int:
         return self.num_entities
@@ -168,14 +198,18 @@ class RecipeGraph:
     def __bool__(self) -> bool:
         return True  # a graph without entities is a graph too
 
-    # --- labels and ids ----------------------------------------------------------------------------------------------
+    # --- labels and ids --------------------------------------------------------------------------
 
     @cached_property
     def _index(self) -> dict[str, int]:
         return {label: i for i, label in enumerate(self.entities)}
 
     def id_of(self, entity: Entity) -> int:
-        """Return the id of an entity given by label or id, or raise an :class:`UnknownEntityError`."""
+        """Return the id of an entity given by label or id.
+
+        Raises:
+            UnknownEntityError: with the most similar labels, or with the range of ids.
+        """
         if isinstance(entity, str):
             index = self._index.get(entity)
             if index is None:
@@ -191,22 +225,27 @@ class RecipeGraph:
 
     def labels(self, ids: Iterable[int]) -> tuple[str, ...]:
         """Return the labels for entity ids."""
-        return tuple(self.entities[i] for i in ids)
+        return tuple(map(self.entities.__getitem__, ids))
 
     def recipe_labels(self, recipes: Ids | None = None) -> list[Recipe]:
-        """Convert recipes (default: all) from ids, shape (n, 3), to labels."""
+        """Convert recipes from ids, shape (n, 3), to labels; None converts all."""
         rows = self.recipes if recipes is None else recipes
-        # By column: a million short lists would cost the garbage collector more time than the work itself.
-        columns = ([self.entities[i] for i in column] for column in rows.T.tolist())
-        return list(map(Recipe, *columns))
+        # By column: a million short lists would cost the garbage collector more time than the work.
+        ingredients_a, ingredients_b, results = map(self.labels, rows.T.tolist())
+        return list(map(Recipe, ingredients_a, ingredients_b, results))
 
-    # --- lookups -----------------------------------------------------------------------------------------------------
+    # --- lookups ---------------------------------------------------------------------------------
 
     @cached_property
     def pair_starts(self) -> Ids:
-        """Shape (num_pairs + 1,): ingredient pair ``p`` has the rows ``pair_starts[p] : pair_starts[p + 1]``."""
+        """First row of each ingredient pair, then ``num_recipes``; shape (num_pairs + 1,).
+
+        Pair ``p`` has the rows ``pair_starts[p] : pair_starts[p + 1]``.
+        """
+        # Recipes are sorted by pair, so a new pair begins where a row differs from the row before.
         is_first = np.ones(self.num_recipes, dtype=bool)
-        is_first[1:] = np.any(np.diff(self.recipes[:, :2], axis=0) != 0, axis=1)
+        changes = np.diff(self.recipes[:, :2], axis=0)
+        is_first[1:] = np.any(changes != 0, axis=1)
         return frozen(np.append(np.flatnonzero(is_first), self.num_recipes))
 
     @cached_property
@@ -216,31 +255,42 @@ class RecipeGraph:
 
     @cached_property
     def _pair_keys(self) -> Ids:
+        """The number ``a * num_entities + b`` of each pair, ascending like the pairs."""
         firsts = self.recipes[self.pair_starts[:-1]]
         return firsts[:, 0] * self.num_entities + firsts[:, 1]
 
     @cached_property
     def by_result(self) -> tuple[Ids, Ids]:
-        """Recipe index by result ``(starts, order)``: rows ``order[starts[i] : starts[i + 1]]`` make entity i."""
+        """Recipe index by result: rows ``order[starts[i] : starts[i + 1]]`` make entity i.
+
+        Two arrays ``(starts, order)`` of shapes (num_entities + 1,) and (num_recipes,).
+        """
         return _group(self.recipes[:, 2], np.arange(self.num_recipes), self.num_entities)
 
     @cached_property
     def by_ingredient(self) -> tuple[Ids, Ids]:
-        """Recipe index by ingredient ``(starts, order)``: rows ``order[starts[i] : starts[i + 1]]`` use entity i."""
+        """Recipe index by ingredient: rows ``order[starts[i] : starts[i + 1]]`` use entity i.
+
+        Two arrays ``(starts, order)``; the first has the shape (num_entities + 1,).
+        """
         # A self pair uses its ingredient once: the second column is skipped where both are equal.
         rows = np.arange(self.num_recipes)
-        distinct = self.recipes[:, 0] != self.recipes[:, 1]
-        users = np.concatenate([self.recipes[:, 0], self.recipes[distinct, 1]])
-        return _group(users, np.concatenate([rows, rows[distinct]]), self.num_entities)
+        a, b, _ = self.recipes.T
+        distinct = a != b
+        entities = np.concatenate([a, b[distinct]])
+        users = np.concatenate([rows, rows[distinct]])
+        return _group(entities, users, self.num_entities)
 
     def results(self, one: Entity, other: Entity) -> Ids:
         """Return the ids of all results from combining two entities, ascending, possibly empty."""
         a, b = sorted((self.id_of(one), self.id_of(other)))
+        # Binary search in an array; ``outcomes`` is the dictionary, for callers that ask often.
         key = a * self.num_entities + b
         pair = int(np.searchsorted(self._pair_keys, key))
         if pair == self.num_pairs or self._pair_keys[pair] != key:
             return np.empty(0, dtype=np.int64)
-        return self.recipes[self.pair_starts[pair] : self.pair_starts[pair + 1], 2]
+        start, stop = self.pair_starts[pair : pair + 2]
+        return self.recipes[start:stop, 2]
 
     @cached_property
     def outcomes(self) -> dict[tuple[int, int], tuple[int, ...]]:
@@ -270,7 +320,7 @@ class RecipeGraph:
 
     @cached_property
     def triples(self) -> Ids:
-        """All triples ``(head, relation, tail)`` that the recipes give, shape (num_triples, 3), sorted."""
+        """All triples ``(head, relation, tail)`` of the recipes, shape (num_triples, 3), sorted."""
         return frozen(recipe_triples(self.recipes))
 
 
@@ -279,8 +329,13 @@ def _member(index: tuple[Ids, Ids], key: int) -> Ids:
     return order[starts[key] : starts[key + 1]]
 
 
-def _group(keys: Ids, values: Ids, size: int) -> tuple[Ids, Ids]:
+def _group(
+    keys: Ids,
+    values: Ids,
+    size: int,
+) -> tuple[Ids, Ids]:
     """Group ``values`` by key: group ``k`` is ``ordered[starts[k] : starts[k + 1]]``, ascending."""
-    order = np.lexsort((values, keys))
-    starts = np.concatenate([[0], np.cumsum(np.bincount(keys, minlength=size))])
+    order = np.lexsort((values, keys))  # by key first, then by value
+    sizes = np.bincount(keys, minlength=size)
+    starts = np.concatenate([[0], np.cumsum(sizes)])
     return frozen(starts), frozen(values[order])

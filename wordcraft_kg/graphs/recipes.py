@@ -1,26 +1,43 @@
-"""Recipes, recipe books and the rules for labels; :mod:`~wordcraft_kg.graphs.book_files` reads and writes files."""
+"""Recipes, recipe books and the rules for labels; ``book_files`` reads and writes the files.
+
+Labels are matched exactly: "Fire" and "fire" are two entities, which ``book_check`` reports.
+"""
 
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from typing import Any, NamedTuple
 
 from wordcraft_kg.base.errors import RecipeFileError
 
 MAX_LABEL_LENGTH = 1_000
 """Most characters in a label; a longer label suggests another kind of file."""
+_LEFT_OUT = frozenset(" -_'.\u2019")
+"""Characters without which :func:`alike_labels` compares."""
 
 
 class Recipe(NamedTuple):
-    """Two unordered ingredients and a result, by labels; ``ingredient_a <= ingredient_b``."""
+    """Two unordered ingredients and a result, by labels.
+
+    Attributes:
+        ingredient_a: the ingredient whose label comes first; make recipes with :meth:`of`.
+        ingredient_b: the other ingredient; equal for an entity combined with itself.
+        result: what the ingredients make.
+    """
 
     ingredient_a: str
     ingredient_b: str
     result: str
 
     @classmethod
-    def of(cls, one: str, other: str, result: str) -> "Recipe":
+    def of(
+        cls,
+        one: str,
+        other: str,
+        result: str,
+    ) -> "Recipe":
         """Create a recipe from ingredients in any order."""
         return cls(one, other, result) if one <= other else cls(other, one, result)
 
@@ -40,11 +57,11 @@ class RecipeBook:
     Attributes:
         name: name in reports; not part of the content.
         recipes: sorted, without duplicates.
-        base: declared base entities (known at the start), sorted; None without a declaration.
-        idle: further entities, without a recipe, sorted.
-        dropped_self_results: omitted rows with the result among the ingredients.
-        merged_duplicates: omitted rows that repeat a recipe.
-        sha256: hash of the file; None without a file.
+        base: declared base entities (known at the start), sorted; None if the book declares none.
+        idle: entities that the book lists but no recipe in ``recipes`` mentions, sorted.
+        dropped_self_results: number of omitted rows whose result is among their ingredients.
+        merged_duplicates: number of omitted rows that repeat a recipe.
+        sha256: hash of the file's bytes; None for a book that was not read from a file.
         kinds: kind of reasoning by recipe, such as ``making``; empty for a book without kinds.
     """
 
@@ -68,8 +85,19 @@ class RecipeBook:
         keep_self_results: bool = False,
         sha256: str | None = None,
     ) -> "RecipeBook":
-        """Make a book of label rows and ``listed`` entities; count rows with the result among the ingredients."""
+        """Make a book, and count the rows that are left out.
+
+        Args:
+            name: name in reports.
+            rows: rows (ingredient, ingredient, result) of valid labels, in any order.
+            base: base entities; None if the book declares none.
+            listed: further entities, which recipes need not mention.
+            keep_self_results: keep rows whose result is among their ingredients. By default they
+                are left out: they make nothing new, and give a task away in a triple.
+            sha256: hash of the file's bytes; None without a file.
+        """
         kept: set[Recipe] = set()
+        # Entities of omitted rows stay entities, so that ids do not depend on what is left out.
         dropped_labels: set[str] = set()
         dropped = merged = 0
         for one, other, result in rows:
@@ -81,27 +109,30 @@ class RecipeBook:
                 merged += 1
             else:
                 kept.add(recipe)
-        mentioned = {label for recipe in kept for label in recipe}
+        mentioned = set(chain.from_iterable(kept))
         declared = None if base is None else tuple(sorted(set(base)))
-        idle = tuple(sorted((dropped_labels.union(listed, declared or ())) - mentioned))
+        idle = tuple(sorted(dropped_labels.union(listed, declared or ()) - mentioned))
         return cls(name, tuple(sorted(kept)), declared, idle, dropped, merged, sha256)
 
     @cached_property
     def entities(self) -> tuple[str, ...]:
         """Labels of all entities in the book, sorted."""
-        return tuple(
-            sorted({label for recipe in self.recipes for label in recipe}.union(self.idle))
-        )
+        return tuple(sorted(set(chain.from_iterable(self.recipes)).union(self.idle)))
 
 
 def label_fault(label: Any) -> str | None:
-    """Return why a value cannot be an entity label, or None for a valid label."""
+    """Return why a value cannot be an entity label, or None for a valid label.
+
+    Labels stand in tables, XML and terminals, so they hold no line breaks and control characters,
+    no halves of characters, and none of the code points that Unicode reserves as no character.
+    """
     if not isinstance(label, str):
         return f"{shown(label)} is not a label; a label is text."
     if not label or label.isspace():
         return f"the label {shown(label)} is blank; every entity needs a name."
     if len(label) > MAX_LABEL_LENGTH:
         return f"a label of {len(label):,} characters; the limit is {MAX_LABEL_LENGTH:,}."
+    # isprintable is a quick test; some characters that it refuses are allowed, such as U+00A0.
     if not label.isprintable():
         if any(ord(char) < 32 or char in "\x7f\x85\u2028\u2029" for char in label):
             return f"the label {shown(label)} holds a tab, line break or control character."
@@ -113,7 +144,15 @@ def label_fault(label: Any) -> str | None:
 
 
 def check_label(label: Any, where: str) -> str:
-    """Return a valid entity label, or raise a :class:`RecipeFileError` that names the place ``where``."""
+    """Return a value that is a valid entity label, see :func:`label_fault`.
+
+    Args:
+        label: the value, of any type.
+        where: place in a file, for the error.
+
+    Raises:
+        RecipeFileError: if it is not valid; the message names the place.
+    """
     fault = label_fault(label)
     if fault is not None:
         raise RecipeFileError(f"{where}: {fault}")
@@ -121,13 +160,16 @@ def check_label(label: Any, where: str) -> str:
 
 
 def alike_labels(labels: Iterable[str]) -> list[tuple[str, ...]]:
-    """Return groups of labels that differ by case, blanks, hyphens, apostrophes, points or composition only."""
+    """Return groups of labels that differ only by spelling, probably typos.
+
+    Differences are case, blanks, hyphens, apostrophes, points and Unicode composition.
+    """
     groups: dict[str, list[str]] = {}
     for label in labels:
-        key = unicodedata.normalize("NFKC", label).casefold()
-        groups.setdefault(
-            "".join(char for char in key if char not in " -_'.\u2019") or key, []
-        ).append(label)
+        whole = unicodedata.normalize("NFKC", label).casefold()
+        key = "".join(char for char in whole if char not in _LEFT_OUT)
+        # A label of such characters alone is like no other label.
+        groups.setdefault(key or whole, []).append(label)
     return [tuple(group) for group in groups.values() if len(group) > 1]
 
 

@@ -1,13 +1,15 @@
 """Split recipes into train, validation and test parts, and derive each part's triples.
 
-Add a kind of split to :data:`SPLITS`, here or in your own code: ``SPLITS["mood"] = SplitKind(moods, "...")``.
+Recipes are split, not triples: a recipe gives four triples, and one of them in train would give
+the others away. Add a kind of split to :data:`SPLITS`, here or in your own code:
+``SPLITS["mood"] = SplitKind(moods, "...")``.
 """
 
 import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from operator import attrgetter
 from typing import Any, Literal, get_args
@@ -28,6 +30,7 @@ _SPLIT_FORMAT = "wordcraft-kg split 1"
 TRAIN, VALID, TEST = 0, 1, 2
 PARTS = ("train", "valid", "test")
 Part = Literal["train", "valid", "test"]
+"""A part (subset) of a split."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +38,13 @@ class SplitConfig:
     """Settings for a split of recipes into train, validation and test parts.
 
     Attributes:
-        kind: name in :data:`SPLITS`: by-recipe holds out ingredient pairs, by-goal results, by-slot groups of recipes
-            with the same ingredient and result, by-kind kinds of reasoning.
-        train_ratio: fraction of the pairs, goals, groups or kinds for training; between 0 and 1, 0.8 in the paper.
-        valid_ratio: fraction for validation, from 0; the rest is the test part and must not be empty.
+        kind: name in :data:`SPLITS`: by-recipe holds out ingredient pairs, by-goal results,
+            by-slot groups of recipes with the same ingredient and result, by-kind kinds of
+            reasoning.
+        train_ratio: fraction of the pairs, goals, groups or kinds for training; between 0 and 1,
+            0.8 in the paper.
+        valid_ratio: fraction for validation, from 0; the rest is the test part and must not be
+            empty.
         seed: random seed.
 
     Example:
@@ -53,26 +59,23 @@ class SplitConfig:
 
     def __post_init__(self) -> None:
         one_of("kind", self.kind, tuple(SPLITS))
-        require(
-            self,
-            "train_ratio",
-            0 < self.train_ratio < 1,
-            "more than 0 and less than 1, such as 0.8",
-        )
+        is_share = 0 < self.train_ratio < 1
+        require(self, "train_ratio", is_share, "more than 0 and less than 1, such as 0.8")
+        # 0.8 + 0.2 and the like may be a bit below 1.
         total = self.train_ratio + self.valid_ratio
-        leaves_test = total < 1 and not math.isclose(total, 1)
-        require(
-            self,
-            "valid_ratio",
-            self.valid_ratio >= 0 and leaves_test,
-            "0, or a share that leaves a test part",
-        )
+        leaves_test = self.valid_ratio >= 0 and total < 1 and not math.isclose(total, 1)
+        require(self, "valid_ratio", leaves_test, "0, or a share that leaves a test part")
         whole("seed", self.seed, 0)
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Each recipe's part (0 train, 1 validation, 2 test), and the number moved to train to cover all entities."""
+    """The parts that a kind of split has drawn.
+
+    Attributes:
+        parts: shape (num_recipes,), int8: 0 train, 1 validation, 2 test.
+        moved_for_coverage: number of recipes moved to train to cover all entities.
+    """
 
     parts: NDArray[np.int8]
     moved_for_coverage: int = 0
@@ -82,9 +85,13 @@ class Draw:
 class SplitKind:
     """A method for splitting recipes.
 
-    ``groups`` returns each recipe's group number, shape (num_recipes,). All recipes of a group are in the same part.
-    ``draw`` assigns recipes to parts; by default, :func:`by_groups`. ``uses_kinds``: the split depends on the kinds of
-    recipes, which the graph's hash leaves out.
+    Attributes:
+        groups: returns each recipe's group number, shape (num_recipes,); all recipes of a group are
+            in the same part, and in the same cross-fitting fold.
+        about: description, for the help.
+        draw: assigns recipes to parts; None for :func:`by_groups`.
+        uses_kinds: whether the split depends on the kinds of recipes, which the graph's hash leaves
+            out and the split's hash includes then.
     """
 
     groups: Callable[[RecipeGraph], Ids]
@@ -96,35 +103,47 @@ class SplitKind:
 class Split:
     """A graph's recipes in train, validation and test parts, and the triples that each part gives.
 
-    *full* triples come from all recipes, *partial* triples from the train recipes, *unseen* = full - partial. A test
-    triple that a train recipe gives, too, is *leaked* and never evaluated.
+    *full* triples come from all recipes, *partial* triples from the train recipes, *unseen* = full
+    - partial. A test triple that a train recipe gives, too, is *leaked* and never evaluated.
 
     Made by :func:`make_split` and :func:`read_split`.
 
     Attributes:
+        graph: the recipe graph.
+        config: the settings.
         parts: shape (num_recipes,), int8: 0 train, 1 validation, 2 test.
         moved_for_coverage: recipes moved to train so that every entity has a train recipe.
     """
 
-    def __init__(self, graph: RecipeGraph, config: SplitConfig, draw: Draw):
+    def __init__(
+        self,
+        graph: RecipeGraph,
+        config: SplitConfig,
+        draw: Draw,
+    ):
         self.graph = graph
         self.config = config
         self.parts = draw.parts
-        self.parts.flags.writeable = False
+        self.parts.flags.writeable = False  # hashes and triples are cached
         self.moved_for_coverage = draw.moved_for_coverage
         self._triples: dict[str, Ids] = {}
         self._held_out: dict[str, Ids] = {}
 
     def __repr__(self) -> str:
-        sizes = ", ".join(f"{np.sum(self.is_in(part)):,} {part}" for part in get_args(Part))
-        return f"Split({self.config.kind!r}, seed {self.config.seed}, {sizes} recipes of {self.graph.name!r})"
+        train, valid, test = np.bincount(self.parts, minlength=3).tolist()
+        sizes = f"{train:,} train, {valid:,} valid, {test:,} test"
+        kind = f"{self.config.kind!r}, seed {self.config.seed}"
+        return f"Split({kind}, {sizes} recipes of {self.graph.name!r})"
 
     def is_in(self, part: Part) -> NDArray[np.bool_]:
         """Mark the recipes in a part; bool, shape (num_recipes,)."""
         return np.asarray(self.parts == PARTS.index(part))
 
     def recipes(self, part: Part) -> Ids:
-        """Return a part's recipes, rows (ingredient, ingredient, result), shape (n, 3), in the graph's order."""
+        """Return a part's recipes, shape (n, 3), in the graph's order.
+
+        Rows are (ingredient, ingredient, result).
+        """
         return self.graph.recipes[self.is_in(part)]
 
     @property
@@ -139,30 +158,44 @@ class Split:
         return frozen(full[~is_in(full, self.partial, self.graph.num_entities)])
 
     def triples_of(self, part: Part) -> Ids:
-        """Return all triples that a part's recipes give, including leaked triples, shape (T, 3), sorted."""
+        """Return all triples that a part's recipes give, shape (T, 3), sorted.
+
+        The triples of the test part include leaked ones, see :meth:`held_out`.
+        """
         if part not in self._triples:
             self._triples[part] = frozen(recipe_triples(self.recipes(part)))
         return self._triples[part]
 
     def held_out(self, part: Literal["valid", "test"]) -> Ids:
-        """Return the validation or test triples, (T, 3), sorted, without those of train (and validation) recipes."""
+        """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
+
+        Triples that train recipes give, too, are left out. For the test part, so are those of the
+        validation recipes, on which settings may have been chosen.
+        """
         if part not in self._held_out:
+            seen = self.partial
+            if part == "test":
+                seen = np.concatenate([seen, self.triples_of("valid")])
             triples = self.triples_of(part)
-            seen = (
-                self.partial
-                if part == "valid"
-                else np.concatenate([self.partial, self.triples_of("valid")])
-            )
-            self._held_out[part] = frozen(triples[~is_in(triples, seen, self.graph.num_entities)])
+            is_seen = is_in(triples, seen, self.graph.num_entities)
+            self._held_out[part] = frozen(triples[~is_seen])
         return self._held_out[part]
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:
-        """Return the first part that gives each triple: 0 train, 1 validation, 2 test, -1 without; shape (T,)."""
+        """Return the part whose recipes give each triple.
+
+        A triple that several parts give belongs to the first of them: a leaked triple to train.
+
+        Args:
+            triples: shape (T, 3).
+
+        Returns:
+            Shape (T,): 0 train, 1 validation, 2 test, -1 for a triple of no recipe.
+        """
         first = np.full(len(triples), -1, dtype=np.int8)
-        for part in reversed(get_args(Part)):
-            first[is_in(triples, self.triples_of(part), self.graph.num_entities)] = PARTS.index(
-                part
-            )
+        for part in reversed(get_args(Part)):  # so that an earlier part overwrites a later one
+            is_given = is_in(triples, self.triples_of(part), self.graph.num_entities)
+            first[is_given] = PARTS.index(part)
         return first
 
     @cached_property
@@ -183,37 +216,46 @@ class Split:
         starts = self.graph.pair_starts[:-1]
         if not len(starts):
             return 0
-        return int(
-            np.sum(
-                np.minimum.reduceat(self.parts, starts) != np.maximum.reduceat(self.parts, starts)
-            )
-        )
+        # A pair's recipes are neighbours; its parts differ if the first and the last part do.
+        first_part = np.minimum.reduceat(self.parts, starts)
+        last_part = np.maximum.reduceat(self.parts, starts)
+        return int(np.sum(first_part != last_part))
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 hash of the graph, the settings and each recipe's part, and kinds if the split uses them."""
-        kinds = [self.graph.kinds] if SPLITS[self.config.kind].uses_kinds else []
-        head = json.dumps([self.graph.hash, asdict(self.config), self.moved_for_coverage, *kinds])
+        """SHA-256 hash of the graph, the settings and each recipe's part.
+
+        Also of the kinds of recipes, if the split uses them.
+        """
+        facts: list[Any] = [self.graph.hash, asdict(self.config), self.moved_for_coverage]
+        if SPLITS[self.config.kind].uses_kinds:
+            facts.append(self.graph.kinds)
+        head = json.dumps(facts)
         return hashlib.sha256(head.encode() + self.parts.tobytes()).hexdigest()
 
     def to_json(self) -> Iterator[str]:
-        """Yield ``split.json``: settings, hashes, and each part's recipes, one row with labels per line."""
+        """Yield the text of ``split.json``, in pieces: settings, hashes, and each part's recipes.
+
+        A recipe is a line with its labels, so that people can read and compare the file.
+        """
         head = {
             "format": _SPLIT_FORMAT,
             "graph": self.graph.hash,
             "hash": self.hash,
             **asdict(self.config),
+            "moved_for_coverage": self.moved_for_coverage,
         }
-        head["moved_for_coverage"] = self.moved_for_coverage
         dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
-        yield "{\n" + "".join(f"{dump(key)}: {dump(value)},\n" for key, value in head.items())
+        yield "{\n"
+        for key, value in head.items():
+            yield f"{dump(key)}: {dump(value)},\n"
         for index, part in enumerate(get_args(Part)):
             rows = self.graph.recipe_labels(self.recipes(part))
             yield f"{dump(part)}: [\n"
-            yield from (
-                dump(row) + (",\n" if i < len(rows) - 1 else "\n") for i, row in enumerate(rows)
-            )
-            yield "],\n" if index < len(PARTS) - 1 else "]\n"
+            for row_index, row in enumerate(rows):
+                is_last = row_index == len(rows) - 1
+                yield dump(row) + ("\n" if is_last else ",\n")
+            yield "]\n" if index == len(PARTS) - 1 else "],\n"
         yield "}\n"
 
 
@@ -221,19 +263,22 @@ class Split:
 def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
     """Split a graph's recipes; equal graphs and settings give equal splits on any machine.
 
-    SplitError if the graph is too small, so that a part is empty.
+    Raises:
+        SplitError: if a part is empty because the graph is too small for the ratios, or the graph
+            has no kinds of recipes for a split by kind.
 
     Example:
         >>> split = make_split(open_graph("kitchen").graph, SplitConfig("by-goal"))
         >>> len(split.recipes("train")), len(split.recipes("test"))
         (271, 55)
     """
-    draw = (SPLITS[config.kind].draw or by_groups)(
-        graph, config, np.random.default_rng(config.seed)
-    )
+    draw_parts = SPLITS[config.kind].draw or by_groups
+    draw = draw_parts(graph, config, np.random.default_rng(config.seed))
     split = Split(graph, config, draw)
-    needed = ["train", "test", *(["valid"] if config.valid_ratio else [])]
-    empty = [part for part in needed if not np.any(draw.parts == PARTS.index(part))]
+    needed: list[Part] = ["train", "test"]
+    if config.valid_ratio:
+        needed.append("valid")
+    empty = [part for part in needed if not split.is_in(part).any()]
     if empty and config.kind != "none":
         groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
         recipes = counted(graph.num_recipes, "recipe")
@@ -245,12 +290,26 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
 
 
 def groups_of(graph: RecipeGraph, kind: str) -> Ids:
-    """Return each recipe's group, shape (num_recipes,); this kind of split keeps a group in one part."""
+    """Return each recipe's group, shape (num_recipes,), that a kind of split keeps together."""
     return SPLITS[kind].groups(graph)
 
 
-def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> Split:
-    """Rebuild a split from parsed ``split.json``; GraphMismatchError for another graph, ArtefactError if damaged."""
+def read_split(
+    content: Any,
+    graph: RecipeGraph,
+    where: str = "split.json",
+) -> Split:
+    """Rebuild a split from ``split.json``.
+
+    Args:
+        content: the parsed JSON.
+        graph: the graph that the split belongs to.
+        where: name of the file, for errors.
+
+    Raises:
+        GraphMismatchError: if the split belongs to another graph.
+        ArtefactError: if the content is damaged or was edited.
+    """
     try:
         if content["format"] != _SPLIT_FORMAT:
             raise ArtefactError(
@@ -258,23 +317,24 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
             )
         if content["graph"] != graph.hash:
             raise GraphMismatchError(
-                f"{where} belongs to graph {content['graph'][:12]} but the folder's graph is {graph.hash[:12]} "
-                f"({graph.num_entities} entities). Build the graph again with `wordcraft-kg build-graph`."
+                f"{where} belongs to graph {content['graph'][:12]} but the folder's graph is "
+                f"{graph.hash[:12]} ({graph.num_entities} entities). Build the graph again with "
+                "`wordcraft-kg build-graph`."
             )
-        config = SplitConfig(
-            **{key: content[key] for key in ("kind", "train_ratio", "valid_ratio", "seed")}
-        )
+        config = SplitConfig(**{field.name: content[field.name] for field in fields(SplitConfig)})
         row_of = {recipe: row for row, recipe in enumerate(graph.recipe_labels())}
+        # A recipe in no part keeps -1, so that the hash differs.
         parts = np.full(graph.num_recipes, -1, dtype=np.int8)
         for index, part in enumerate(PARTS):
-            parts[[row_of[Recipe(*row)] for row in content[part]]] = index
+            rows = [row_of[Recipe(*row)] for row in content[part]]
+            parts[rows] = index
         split = Split(graph, config, Draw(parts, content["moved_for_coverage"]))
-        if (
-            split.hash != content["hash"]
-            or sum(len(content[part]) for part in PARTS) != graph.num_recipes
-        ):
+        # A recipe that stands twice does not change the hash, but the number of rows.
+        num_rows = sum(len(content[part]) for part in PARTS)
+        if split.hash != content["hash"] or num_rows != graph.num_recipes:
             raise ArtefactError(
-                f"{where} is damaged or was edited: its content does not match its hash. Build the graph again."
+                f"{where} is damaged or was edited: its content does not match its hash. "
+                "Build the graph again."
             )
         return split
     except (KeyError, TypeError, ConfigError) as error:
@@ -283,12 +343,23 @@ def read_split(content: Any, graph: RecipeGraph, where: str = "split.json") -> S
         ) from None
 
 
-# --- split kinds -------------------------------------------------------------------------------------------------
+# --- split kinds ---------------------------------------------------------------------------------
 
 
-def by_groups(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Assign whole groups to parts at random."""
+def by_groups(
+    graph: RecipeGraph,
+    config: SplitConfig,
+    rng: np.random.Generator,
+) -> Draw:
+    """Assign whole groups to parts at random.
+
+    Args:
+        graph: the recipe graph.
+        config: kind of split, which decides the groups, and ratios of groups.
+        rng: shuffles the groups.
+    """
     names, group = np.unique(groups_of(graph, config.kind), return_inverse=True)
+    # Ratios are of groups, not recipes, so a part's share of the recipes is only about the ratio.
     order = rng.permutation(len(names))
     num_train = round(config.train_ratio * len(names))
     num_valid = round(config.valid_ratio * len(names))
@@ -298,20 +369,30 @@ def by_groups(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator)
     return Draw(parts[group])
 
 
-def _by_recipe(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
-    """Hold out pairs; then, for each entity without a train recipe, move a random pair with the entity to train.
+def _by_recipe(
+    graph: RecipeGraph,
+    config: SplitConfig,
+    rng: np.random.Generator,
+) -> Draw:
+    """Hold out pairs; then cover all entities.
 
-    Source: Jiang et al. 2020, section "Link Prediction Model": "a subgraph ... containing all nodes".
+    For each entity without a train recipe, a random pair with the entity moves to train.
+
+    Source: Jiang et al. 2020, section "Link Prediction Model": "a subgraph ... containing all
+    nodes".
     """
     parts = by_groups(graph, config, rng).parts
+    # A model cannot place an entity that it has never seen, so every entity gets a train recipe.
     covered = np.zeros(graph.num_entities, dtype=bool)
     covered[graph.recipes[parts == TRAIN]] = True
     moved = 0
     for entity in np.flatnonzero(~covered).tolist():
         around = np.concatenate([graph.recipes_of(entity), graph.uses_of(entity)])
+        # An entity that an earlier move has covered, or an idle one, which no recipe can cover.
         if covered[entity] or not len(around):
-            continue  # in no recipe, so no recipe can cover this entity
+            continue
         pair = graph.pair_of_recipe[rng.choice(around)]
+        # The whole pair moves: results of a pair in two parts would give each other away.
         rows = slice(graph.pair_starts[pair], graph.pair_starts[pair + 1])
         parts[rows] = TRAIN
         covered[graph.recipes[rows]] = True
@@ -324,24 +405,26 @@ def _goals(graph: RecipeGraph) -> Ids:
 
 
 def _slots(graph: RecipeGraph) -> Ids:
-    """Return each recipe's group: a connected component, where links are shared (ingredient, result) pairs.
+    """Return each recipe's group: a connected component, where links are shared slots.
 
-    So no (ingredient, result) in a test recipe occurs in train; in a by-recipe split, 90 % of the test recipes share an
-    ingredient and the result with a train recipe. Most goals form a single group, so this split is nearly by-goal.
-    Holding out goals with several groups first was rejected: such goals are few, so seeds would share half the test
-    part.
+    A slot is an (ingredient, result) pair. So no slot of a test recipe occurs in train; in a
+    by-recipe split, 90 % of the test recipes share an ingredient and the result with a train
+    recipe. Most goals form a single group, so this split is nearly by-goal. Holding out goals with
+    several groups first was rejected: such goals are few, so seeds would share half the test part.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
     recipes = np.arange(graph.num_recipes)
     ingredient_a, ingredient_b, result = graph.recipes.T
-    keys = np.concatenate([ingredient_a, ingredient_b]) * graph.num_entities + np.tile(result, 2)
-    used, slot = np.unique(keys, return_inverse=True)
-    size = graph.num_recipes + len(used)
-    links = coo_array(
-        (np.ones(len(keys)), (np.tile(recipes, 2), graph.num_recipes + slot)), shape=(size, size)
-    )
+    # Two slots for each recipe, as numbers: the digits (ingredient, result).
+    ingredients = np.concatenate([ingredient_a, ingredient_b])
+    keys = ingredients * graph.num_entities + np.tile(result, 2)
+    slots, slot = np.unique(keys, return_inverse=True)
+    # A bipartite graph: nodes are the recipes, then the slots; an edge links a recipe and its slot.
+    num_nodes = graph.num_recipes + len(slots)
+    edges = (np.tile(recipes, 2), graph.num_recipes + slot)
+    links = coo_array((np.ones(len(keys)), edges), shape=(num_nodes, num_nodes))
     _, group = connected_components(links, directed=False)
     return np.unique(group[recipes], return_inverse=True)[1].astype(np.int64)
 
@@ -349,12 +432,17 @@ def _slots(graph: RecipeGraph) -> Ids:
 def _kinds(graph: RecipeGraph) -> Ids:
     if graph.kinds is None:
         raise SplitError(
-            f"{graph.name} names no kinds of recipes. Add a column named kind to the book, or choose another split."
+            f"{graph.name} names no kinds of recipes. "
+            "Add a column named kind to the book, or choose another split."
         )
     return np.unique(graph.kinds, return_inverse=True)[1].astype(np.int64)
 
 
-def _none(graph: RecipeGraph, config: SplitConfig, rng: np.random.Generator) -> Draw:
+def _none(
+    graph: RecipeGraph,
+    config: SplitConfig,
+    rng: np.random.Generator,
+) -> Draw:
     return Draw(np.full(graph.num_recipes, TRAIN, dtype=np.int8))
 
 

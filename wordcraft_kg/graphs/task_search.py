@@ -1,4 +1,12 @@
-"""Search for crafting tasks (a goal and starting ingredients) and for plans that make the goal."""
+"""Search for crafting tasks (a goal and starting ingredients), and for plans that make the goal.
+
+Three words recur. An *attempt* combines an ingredient pair; it is numbered as in
+``graph.pair_of_recipe``. A *way* is a set of attempts that makes a goal in some order. A *plan* is
+a way in order of execution, as rows in ``graph.recipes`` with needed results.
+
+Read :class:`SolutionSearch` first (all shortest ways to a goal), then :func:`make_tasks`, which
+lists candidate tasks and keeps those of one depth and part.
+"""
 
 import itertools
 from collections.abc import Iterable, Iterator
@@ -18,100 +26,200 @@ MAX_DEPTH = 5
 """Most attempts in a plan: each further attempt makes the search six times slower."""
 DRAWN_TASKS = 1_000
 """Default size of a random set."""
+MAX_ENUMERATED = 1_000_000
+"""Plans at depth 2 that are enumerated, about 1 kB each; with more of them, tasks are drawn."""
 _ENUMERATED_DEPTH = 2  # deeper tasks are drawn at random
-MAX_ENUMERATED = (
-    1_000_000  # plans at depth 2 that are enumerated, about 1 kB each; otherwise tasks are drawn
-)
 _TRIES = 2_000  # draws without a new task after which drawing stops
 
-_Posed = tuple[int, Rows]  # a goal and starting ingredients, ascending
+_Candidate = tuple[int, Rows]
+"""A goal and starting ingredients, ascending: a task if its shortest plan has the right depth."""
 Plans = tuple[Rows, ...]
-_Way = frozenset[int]  # numbers of pairs
+_Way = frozenset[int]
 
 
-class PlanSearch:
-    """Backward search from a goal for all shortest plans.
+class SolutionSearch:
+    """Backward search from a goal for all shortest plans; the oracle for tasks and shortcuts.
 
-    An attempt combines an ingredient pair, numbered as in ``graph.pair_of_recipe``. A *way* is a set of attempts, as
-    pair numbers, that makes a goal in some order. A *plan* is a way in order of execution: the rows in
-    ``graph.recipes`` with needed results. ``recipes_of`` has the usable recipes by result as (pair number, ingredient,
-    ingredient), none that uses its own result.
+    The search is exact and takes time exponential in the number of attempts, which
+    :data:`MAX_DEPTH` limits. Python lists and sets, not arrays: a search looks at few recipes,
+    very often.
+
+    Attributes:
+        graph: the recipe graph.
+        rows: all recipes, as lists (ingredient, ingredient, result) of ids.
+        recipes_of: by entity id, the usable recipes that make the entity, as (pair number,
+            ingredient, ingredient). None of them uses its own result.
     """
 
     def __init__(self, graph: RecipeGraph, usable: NDArray[np.bool_] | None = None):
-        """Index the recipes of ``graph`` by result, or only those in the mask ``usable``, shape (num_recipes,)."""
+        """Index recipes by result.
+
+        Args:
+            graph: the recipe graph.
+            usable: shape (num_recipes,), True for recipes that a plan may use; None for all.
+        """
         self.graph = graph
         self.rows: list[list[int]] = graph.recipes.tolist()
         self._starts: list[int] = graph.pair_starts.tolist()
-        self.recipes_of: list[list[tuple[int, int, int]]] = [[] for _ in range(graph.num_entities)]
-        marks = itertools.repeat(True, len(self.rows)) if usable is None else usable.tolist()
-        for pair, (a, b, result), mark in zip(
-            graph.pair_of_recipe.tolist(), self.rows, marks, strict=True
-        ):
-            if mark and result not in (a, b):
-                self.recipes_of[result].append((pair, a, b))
+        self.recipes_of: list[list[tuple[int, int, int]]] = []
+        for _ in range(graph.num_entities):
+            self.recipes_of.append([])
+        rows = range(graph.num_recipes) if usable is None else np.flatnonzero(usable).tolist()
+        pair_of = graph.pair_of_recipe.tolist()
+        for row in rows:
+            a, b, result = self.rows[row]
+            if result not in (a, b):
+                self.recipes_of[result].append((pair_of[row], a, b))
 
-    def plans(self, goal: Entity, at_hand: Iterable[Entity], attempts: int) -> list[Rows]:
-        """Return the shortest plans with at most ``attempts`` attempts, sorted; a goal at hand has an empty plan."""
+    def plans(
+        self,
+        goal: Entity,
+        at_hand: Iterable[Entity],
+        attempts: int,
+    ) -> list[Rows]:
+        """Return all plans that make a goal in as few attempts as possible.
+
+        Args:
+            goal: entity to make.
+            at_hand: entities at hand at the start.
+            attempts: number of attempts allowed.
+
+        Returns:
+            Plans, sorted; empty if there is none, and one empty plan if the goal is at hand.
+
+        Raises:
+            UnknownEntityError: if the graph has no such entity.
+        """
         have = frozenset(map(self.graph.id_of, at_hand))
         target = self.graph.id_of(goal)
         return self.ordered(self.shortest_ways(target, have, attempts), target, have)
 
-    def shortest_ways(self, goal: int, have: frozenset[int], attempts: int) -> set[_Way]:
-        """Return all ways to make a goal from the entities ``have`` with the fewest attempts, at most ``attempts``."""
-        by_budget = (self.ways(goal, have, budget) for budget in range(attempts + 1))
-        return next(filter(None, by_budget), set())
+    def shortest_ways(
+        self,
+        goal: int,
+        have: frozenset[int],
+        attempts: int,
+    ) -> set[_Way]:
+        """Return all ways to make a goal with the fewest attempts.
 
-    def ways(self, goal: int, have: frozenset[int], attempts: int) -> set[_Way]:
-        """Return all acyclic ways to make a goal from the entities ``have`` with at most ``attempts`` attempts."""
+        Args:
+            goal: entity id.
+            have: ids of the entities at hand.
+            attempts: most attempts.
+
+        Returns:
+            Sets of pair numbers, all of the same size; empty if there is no way.
+        """
+        # Iterative deepening: a small budget prunes nearly everything, so most searches are short.
+        for budget in range(attempts + 1):
+            ways = self.ways(goal, have, budget)
+            if ways:
+                return ways
+        return set()
+
+    def ways(
+        self,
+        goal: int,
+        have: frozenset[int],
+        attempts: int,
+    ) -> set[_Way]:
+        """Return all acyclic ways to make a goal, also longer ones than necessary.
+
+        Args:
+            goal: entity id.
+            have: ids of the entities at hand.
+            attempts: most attempts in a way.
+        """
         return self._ways(goal, attempts, have, frozenset())
 
     def _ways(
-        self, entity: int, budget: int, have: frozenset[int], above: frozenset[int]
+        self,
+        entity: int,
+        budget: int,
+        have: frozenset[int],
+        above: frozenset[int],
     ) -> set[_Way]:
-        """Return the ways to make ``entity`` without the entities ``above``, which need ``entity``."""
+        """Return the ways to make ``entity`` without the entities ``above``, which need it."""
         if entity in have:
             return {frozenset()}
         recipes = self.recipes_of[entity]
-        if budget <= 1:
-            return {
-                frozenset((pair,)) for pair, a, b in recipes if budget and a in have and b in have
-            }
+        if budget <= 0:
+            return set()
+        if budget == 1:  # the last attempt: both ingredients are at hand, or it is none
+            return {frozenset((pair,)) for pair, a, b in recipes if a in have and b in have}
+        # A way through an entity that needs this one would go round in a circle.
         above = above | {entity}
-        ways = set()
+        ways: set[_Way] = set()
         for pair, a, b in recipes:
-            if above.isdisjoint((a, b)) and (one := self._ways(a, budget - 1, have, above)):
-                other = one if a == b else self._ways(b, budget - 1, have, above)
-                both = zip(one, one, strict=True) if a == b else itertools.product(one, other)
-                ways |= {
-                    way for way_a, way_b in both if len(way := way_a | way_b | {pair}) <= budget
-                }
+            if not above.isdisjoint((a, b)):
+                continue
+            ways_to_a = self._ways(a, budget - 1, have, above)
+            if not ways_to_a:  # then the other ingredient does not matter
+                continue
+            this = frozenset((pair,))
+            if a == b:
+                # One way to the ingredient serves both places.
+                whole_ways = [way | this for way in ways_to_a]
+            else:
+                ways_to_b = self._ways(b, budget - 1, have, above)
+                both = itertools.product(ways_to_a, ways_to_b)
+                whole_ways = [way_a | way_b | this for way_a, way_b in both]
+            # Two ways may share attempts, so that their union is within the budget after all.
+            ways.update(way for way in whole_ways if len(way) <= budget)
         return ways
 
-    def ordered(self, ways: Iterable[_Way], goal: int, have: frozenset[int]) -> list[Rows]:
-        """Convert ways to make ``goal`` from the entities ``have`` to plans, sorted."""
+    def ordered(
+        self,
+        ways: Iterable[_Way],
+        goal: int,
+        have: frozenset[int],
+    ) -> list[Rows]:
+        """Convert ways to plans.
+
+        Args:
+            ways: sets of pair numbers that make the goal.
+            goal: entity id.
+            have: ids of the entities at hand at the start.
+
+        Returns:
+            Plans, sorted.
+        """
         return sorted(self._plan(way, goal, have) for way in ways)
 
-    def _plan(self, way: _Way, goal: int, have: frozenset[int]) -> Rows:
+    def _plan(
+        self,
+        way: _Way,
+        goal: int,
+        have: frozenset[int],
+    ) -> Rows:
         if len(way) == 1:  # most tasks have depth 1
             (pair,) = way
-            return tuple(row for row in self.rows_of(pair) if self.rows[row][2] == goal)
-        needed = {goal}.union(*(self.ingredients(pair) for pair in way))
-        at_hand, left, plan = set(have), sorted(way), []
+            return self._rows_for(pair, {goal})
+        needed = {goal}
+        for pair in way:
+            needed.update(self.ingredients(pair))
+        at_hand = set(have)
+        left = sorted(way)
+        plan: list[int] = []
         while left:
+            # Of all attempts that are possible now, the pair with the lowest number comes first.
             pair = next(pair for pair in left if at_hand.issuperset(self.ingredients(pair)))
             left.remove(pair)
-            plan += [row for row in self.rows_of(pair) if self.rows[row][2] in needed - at_hand]
+            plan += self._rows_for(pair, needed - at_hand)
             at_hand |= self.results(pair)
         # The goal comes last, even among the results of its own pair.
         return tuple(sorted(plan, key=lambda row: self.rows[row][2] == goal))
+
+    def _rows_for(self, pair: int, wanted: set[int]) -> Rows:
+        """Return the rows of a pair with a wanted result."""
+        return tuple(row for row in self.rows_of(pair) if self.rows[row][2] in wanted)
 
     def rows_of(self, pair: int) -> range:
         """Return the rows in ``graph.recipes`` for a pair number."""
         return range(self._starts[pair], self._starts[pair + 1])
 
     def ingredients(self, pair: int) -> list[int]:
-        """Return the two ingredient ids for a pair number."""
+        """Return the two ingredient ids for a pair number; equal for an entity with itself."""
         return self.rows[self._starts[pair]][:2]
 
     def results(self, pair: int) -> set[int]:
@@ -129,23 +237,26 @@ def make_tasks(
     weighting: TaskWeighting = "task",
     limit: int = DRAWN_TASKS,
     seed: int = 0,
-    search: PlanSearch | None = None,
+    search: SolutionSearch | None = None,
 ) -> TaskSet:
     """Return crafting tasks at a depth, the number of attempts in the shortest plan.
 
-    The set has all tasks at depth 1 and (for fewer than a million plans) 2; otherwise the set is random. A task belongs
-    to *train* if all plans use train recipes only, to *test* if each plan uses a test recipe, to *valid* if each plan
-    uses a validation recipe and no test recipe. Mixed tasks belong to no part and are counted.
+    The set has all tasks at depth 1 and, for fewer than :data:`MAX_ENUMERATED` plans, at depth 2;
+    otherwise it is random, see :class:`_Draw` for the distribution.
+
+    A task belongs to *train* if all its plans use train recipes only, to *test* if each plan uses a
+    test recipe, to *valid* if each plan uses a validation recipe and none a test recipe. Any other
+    task can be solved with and without held-out recipes; it belongs to no part and is counted.
 
     Args:
         graph: the recipe graph; plans may use all recipes.
-        depth: 1 to 5.
+        depth: attempts that a task takes, 1 to :data:`MAX_DEPTH`.
         split: defines the parts; required for any part but ``all``.
         part: ``all``, ``train``, ``valid`` or ``test``.
         weighting: draw a task's last recipe among all recipes (task), or by goal first (goal).
         limit: largest size of a random set.
-        seed: random seed.
-        search: an existing plan search for the graph.
+        seed: random seed of a random set.
+        search: an existing search for the graph, with all recipes; None makes one.
 
     Raises:
         ConfigError: for a depth or part outside the range.
@@ -157,22 +268,17 @@ def make_tasks(
         raise TaskError(f"`part` {part!r} needs a split; give a `split`, or take all tasks.")
     if split is not None and split.graph != graph:
         raise TaskError("the split belongs to another graph.")
-    sieve = _Sieve(search or PlanSearch(graph), depth, split, part)
+    accept = _Filter(search or SolutionSearch(graph), depth, split, part)
     # At depth 2 a plan is a recipe, and a recipe for an ingredient.
     most_plans = graph.recipe_counts[graph.recipes[:, :2]].sum()
     is_complete = depth <= _ENUMERATED_DEPTH and (depth == 1 or bool(most_plans <= MAX_ENUMERATED))
     if is_complete:
-        tasks = {
-            posed: plans
-            for posed in sorted(set(_enumerated(sieve.search, depth)))
-            if (plans := sieve(posed))
-        }
+        tasks = _accepted(sorted(set(_enumerated(accept.search, depth))), accept)
     else:
-        tasks = _drawn(sieve, _Draw(sieve, weighting, seed), limit)
+        tasks = _drawn(accept, _Draw(accept, weighting, seed), limit)
     if not tasks:
-        where = (
-            "" if part == "all" else f" in the {part} part ({len(sieve.mixed)} belong to no part)"
-        )
+        belong_to_none = f"({len(accept.mixed)} belong to no part)"
+        where = "" if part == "all" else f" in the {part} part {belong_to_none}"
         raise TaskError(f"{graph.name} has no task of depth {depth}{where}.")
     return TaskSet(
         graph,
@@ -182,46 +288,79 @@ def make_tasks(
         starts=frozen(padded([start for _, start in tasks], graph.num_entities, depth + 1)),
         plans=tuple(tasks.values()),
         is_complete=is_complete,
-        mixed=len(sieve.mixed),
+        mixed=len(accept.mixed),
     )
 
 
-class _Sieve:
-    def __init__(self, search: PlanSearch, depth: int, split: Split | None, part: TaskPart):
-        self.search, self.depth, self.part = search, depth, part
-        self.parts: list[int] | None = (
-            None if split is None or part == "all" else split.parts.tolist()
-        )
-        self.mixed: set[_Posed] = set()
+class _Filter:
+    """Accepts the candidates that are tasks of one depth and part.
 
-    def __call__(self, posed: _Posed) -> Plans:
+    Attributes:
+        search: finds the plans.
+        depth: attempts that a task takes.
+        part: part of an accepted task.
+        parts: each recipe's part, in the order of the recipes; None if tasks of all parts count.
+        mixed: tasks of the depth that were met and belong to no part.
+    """
+
+    def __init__(
+        self,
+        search: SolutionSearch,
+        depth: int,
+        split: Split | None,
+        part: TaskPart,
+    ):
+        self.search = search
+        self.depth = depth
+        self.part = part
+        self.parts: list[int] | None = None
+        if split is not None and part != "all":
+            self.parts = split.parts.tolist()
+        self.mixed: set[_Candidate] = set()
+
+    def __call__(self, candidate: _Candidate) -> Plans:
         """Return an accepted task's plans, otherwise an empty tuple."""
-        goal, start = posed
+        goal, start = candidate
         have = frozenset(start)
+        # With all recipes of the book, also held-out ones: a task has one depth for every player.
         ways = self.search.shortest_ways(goal, have, self.depth)
         if any(len(way) < self.depth for way in ways):
             return ()
         plans = tuple(self.search.ordered(ways, goal, have))
         if self.parts is None:
             return plans
-        of_plans = {max(self.parts[row] for row in plan) for plan in plans}
-        if len(of_plans) > 1:
-            self.mixed.add(posed)
-        return plans if of_plans == {PARTS.index(self.part)} else ()
+        # Parts are numbered train, valid, test: a plan belongs to the highest part of its recipes.
+        part_of = self.parts.__getitem__
+        parts = {max(map(part_of, plan)) for plan in plans}
+        if len(parts) > 1:
+            self.mixed.add(candidate)
+        return plans if parts == {PARTS.index(self.part)} else ()
 
 
-def _enumerated(search: PlanSearch, depth: int) -> Iterator[_Posed]:
-    """Yield goals and leaves of all plans with ``depth`` attempts, 1 or 2; some have shorter plans."""
+def _accepted(candidates: Iterable[_Candidate], accept: _Filter) -> dict[_Candidate, Plans]:
+    """Return the plans of all accepted candidates."""
+    tasks: dict[_Candidate, Plans] = {}
+    for candidate in candidates:
+        plans = accept(candidate)
+        if plans:
+            tasks[candidate] = plans
+    return tasks
+
+
+def _enumerated(search: SolutionSearch, depth: int) -> Iterator[_Candidate]:
+    """Yield goals and leaves of all plans with ``depth`` attempts, 1 or 2; some not shortest."""
     for goal, recipes in enumerate(search.recipes_of):
         for _, x, y in recipes:
             if depth == 1:
                 yield goal, tuple(sorted({x, y}))
                 continue
+            # Of the last pair, either ingredient may be made; the other is at hand or made too.
             for made, other in {(x, y), (y, x)}:
                 for pair, a, b in search.recipes_of[made]:
                     leaves = {a, b} | ({other} - {made})
                     if goal not in leaves and made not in leaves:
                         yield goal, tuple(sorted(leaves))
+                        # One attempt may make both ingredients of the last pair.
                         if other in search.results(pair) and goal not in (a, b):
                             yield goal, tuple(sorted({a, b}))
 
@@ -229,46 +368,56 @@ def _enumerated(search: PlanSearch, depth: int) -> Iterator[_Posed]:
 class _Draw:
     """Draws goals and leaves of plans, backwards.
 
-    The last step is a random recipe (for train tasks, a train recipe). Then, ``depth - 1`` times, a random leaf with
-    recipes is replaced by a random recipe's ingredients. Draws outside the depth and part, and repeated draws, do
-    not count. So task t is drawn first with probability
+    The last step is a random recipe (for train tasks, a train recipe; with weighting by goal, a
+    random recipe of a random goal). Then, ``depth - 1`` times, a random leaf with recipes is
+    replaced by a random recipe's ingredients. Draws outside the depth and part, and repeated draws,
+    do not count. So task t is drawn first with probability
 
-    ``P(t) = W(t) / sum_t' W(t')``, ``W(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)``
+    ``P(t) = W(t) / sum_t' W(t')``,
+    ``W(t) = sum over the ways to build t of q * prod_i 1 / (l_i * r_i)``
 
-    where q is the probability of the last step, l_i the number of leaves with recipes at the i-th replacement, and r_i
-    the number of recipes for the replaced leaf.
+    where q is the probability of the last step (1 / number of allowed recipes; or 1 / number of
+    goals / number of the goal's recipes), l_i the number of leaves with recipes at the i-th
+    replacement, and r_i the number of recipes for the replaced leaf.
     """
 
-    def __init__(self, sieve: _Sieve, weighting: TaskWeighting, seed: int):
-        self.recipes_of, self.depth, self.weighting = (
-            sieve.search.recipes_of,
-            sieve.depth,
-            weighting,
-        )
+    def __init__(
+        self,
+        accept: _Filter,
+        weighting: TaskWeighting,
+        seed: int,
+    ):
+        self.recipes_of = accept.search.recipes_of
+        self.depth = accept.depth
+        self.weighting = weighting
         self.rng = np.random.default_rng(seed)
+        # A test plan may use a test recipe anywhere, but a train plan ends in a train recipe.
+        only_train = accept.part == "train" and accept.parts is not None
+        train = PARTS.index("train")
         last: dict[int, list[tuple[int, int]]] = {}
-        for row, (a, b, result) in enumerate(sieve.search.rows):
-            # A test plan may use a test recipe anywhere, but a train plan ends in a train recipe.
-            may_end = (
-                sieve.parts is None
-                or sieve.part != "train"
-                or sieve.parts[row] == PARTS.index("train")
-            )
+        for row, (a, b, result) in enumerate(accept.search.rows):
+            may_end = not only_train or accept.parts[row] == train  # type: ignore[index]
             if may_end and result not in (a, b):
                 last.setdefault(result, []).append((a, b))
+        # Goals in the order of their first recipe: the order decides what a seed draws.
         self.by_goal = list(last.items())
-        self.last_steps = [(goal, pair) for goal, pairs in self.by_goal for pair in pairs]
+        self.last_steps: list[tuple[int, tuple[int, int]]] = []
+        for goal, pairs in self.by_goal:
+            self.last_steps += [(goal, pair) for pair in pairs]
 
-    def __call__(self) -> _Posed | None:
-        """Draw once; None without a plan."""
+    def __call__(self) -> _Candidate | None:
+        """Draw once; None if the drawn steps are no plan of this depth."""
         goal, (a, b) = self._last_step()
-        made, leaves = {goal}, {a, b}
+        made = {goal}
+        leaves = {a, b}
         for _ in range(self.depth - 1):
+            # Sorted, because no promise of Python fixes the order of a set.
             open_leaves = sorted(leaf for leaf in leaves if self.recipes_of[leaf])
             if not open_leaves:
                 return None
             leaf = open_leaves[self.rng.integers(len(open_leaves))]
-            _, a, b = self.recipes_of[leaf][self.rng.integers(len(self.recipes_of[leaf]))]
+            recipes = self.recipes_of[leaf]
+            _, a, b = recipes[self.rng.integers(len(recipes))]
             made.add(leaf)
             leaves = (leaves | {a, b}) - made
             if made & {a, b}:
@@ -276,19 +425,29 @@ class _Draw:
         return goal, tuple(sorted(leaves))
 
     def _last_step(self) -> tuple[int, tuple[int, int]]:
+        """Draw a goal and the ingredients that make it."""
         if self.weighting == "task":
             return self.last_steps[self.rng.integers(len(self.last_steps))]
         goal, pairs = self.by_goal[self.rng.integers(len(self.by_goal))]
         return goal, pairs[self.rng.integers(len(pairs))]
 
 
-def _drawn(sieve: _Sieve, draw: _Draw, limit: int) -> dict[_Posed, Plans]:
-    tasks: dict[_Posed, Plans] = {}
+def _drawn(
+    accept: _Filter,
+    draw: _Draw,
+    limit: int,
+) -> dict[_Candidate, Plans]:
+    """Return distinct tasks in the order in which they were drawn, at most ``limit``."""
+    tasks: dict[_Candidate, Plans] = {}
     tries = 0
+    # Most draws of a deep task fail, and a small part has few tasks: stop after many failures.
     while draw.last_steps and len(tasks) < limit and tries < _TRIES:
         tries += 1
-        posed = draw()
-        if posed is not None and posed not in tasks and (plans := sieve(posed)):
-            tasks[posed] = plans
+        candidate = draw()
+        if candidate is None or candidate in tasks:
+            continue
+        plans = accept(candidate)
+        if plans:
+            tasks[candidate] = plans
             tries = 0
     return tasks

@@ -1,11 +1,13 @@
-"""Crafting tasks: make a goal entity from starting ingredients, with a known least number of attempts.
+"""Crafting tasks: make a goal from starting ingredients, with a known least number of attempts.
 
-An *attempt* combines two entities at hand; all results become entities at hand, and nothing is used up. A *plan* is a
-set of attempts that makes the goal. A task at depth n has a plan with n attempts from all starting ingredients, and no
-shorter plan; :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
+An *attempt* combines two entities at hand; all results become entities at hand, and nothing is used
+up. A *plan* is a set of attempts that makes the goal. A task at depth n has a plan with n attempts
+whose leaves are exactly the starting ingredients, and no plan with fewer attempts, even one with
+other recipes of the book; :mod:`~wordcraft_kg.graphs.task_search` finds such tasks.
 """
 
 import hashlib
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,15 +24,22 @@ from wordcraft_kg.graphs.recipes import Recipe
 Rows = tuple[int, ...]
 """A plan: rows in ``graph.recipes`` in order of execution."""
 TaskPart = Literal["all", "train", "valid", "test"]
+"""Part of a split that tasks belong to; all: whatever recipes their plans use."""
 TaskWeighting = Literal["task", "goal"]
+"""Sampling: all tasks alike, or goals alike and then the tasks of a goal alike."""
 
 
 @dataclass(frozen=True)
-class Task:
-    """A crafting task, by labels: make a goal from starting ingredients (sorted) in ``depth`` attempts or more.
+class CraftingTask:
+    """A crafting task, by labels.
 
-    ``plans`` are all plans with ``depth`` attempts, each as recipes in execution order; an attempt may contribute two
-    recipes if both results are needed.
+    Attributes:
+        goal: the entity to make.
+        start: starting ingredients, sorted.
+        depth: fewest attempts that make the goal.
+        plans: all plans with ``depth`` attempts, each as recipes in execution order. A plan may
+            have more recipes than attempts: one attempt gives two recipes if both results are
+            needed.
     """
 
     goal: str
@@ -44,13 +53,16 @@ class TaskSet:
     """Crafting tasks at one depth in a part of a split, as arrays; equal if the content is equal.
 
     Attributes:
-        depth: fewest attempts that make the goal.
+        graph: the recipe graph of all tasks.
+        depth: fewest attempts that make the goal, the same for all tasks.
+        part: part of the split that the tasks belong to, or ``all``.
         goals: shape (N,), entity ids.
-        starts: shape (N, depth + 1), starting ingredient ids, ascending, padded with ``num_entities``.
+        starts: shape (N, depth + 1), starting ingredient ids, ascending, padded with
+            ``num_entities``.
         plans: each task's shortest plans, as rows in ``graph.recipes``.
         is_complete: whether all tasks are included; otherwise the tasks were drawn at random.
-        mixed: number of tasks in no part, because the plans use recipes from several parts (when drawing: among the
-            tasks encountered).
+        mixed: number of tasks in no part, because their plans use recipes from several parts (when
+            drawing: among the tasks met so far).
     """
 
     graph: RecipeGraph
@@ -72,6 +84,7 @@ class TaskSet:
         return hash(self._content())
 
     def _content(self) -> tuple[object, ...]:
+        # Bytes, because arrays are neither hashable nor equal as a whole.
         return (
             self.graph,
             self.depth,
@@ -85,15 +98,19 @@ class TaskSet:
     def __len__(self) -> int:
         return len(self.goals)
 
-    def __getitem__(self, index: int) -> Task:
+    def __getitem__(self, index: int) -> CraftingTask:
         graph = self.graph
+        # Starting ingredients are padded with num_entities.
         start = [entity for entity in self.starts[index].tolist() if entity < graph.num_entities]
-        plans = tuple(
-            tuple(graph.recipe_labels(graph.recipes[list(rows)])) for rows in self.plans[index]
+        plans = [graph.recipe_labels(graph.recipes[list(rows)]) for rows in self.plans[index]]
+        return CraftingTask(
+            graph.entities[self.goals[index]],
+            graph.labels(start),
+            self.depth,
+            tuple(map(tuple, plans)),
         )
-        return Task(graph.entities[self.goals[index]], graph.labels(start), self.depth, plans)
 
-    def __iter__(self) -> Iterator[Task]:
+    def __iter__(self) -> Iterator[CraftingTask]:
         return (self[index] for index in range(len(self)))
 
     @cached_property
@@ -105,41 +122,69 @@ class TaskSet:
 
     @cached_property
     def intermediates(self) -> Ids:
-        """Ids of intermediate results in each task's plans, padded with ``num_entities``, shape (N, I)."""
-        made = self.graph.recipes[:, 2].tolist()
-        rows = [sorted({made[row] for plan in plans for row in plan[:-1]}) for plans in self.plans]
-        return frozen(padded(rows, self.graph.num_entities))
+        """Ids of intermediate results in each task's plans, shape (N, I), ascending.
+
+        Padded with ``num_entities``, which is no entity.
+        """
+        result_of = self.graph.recipes[:, 2].tolist()
+        intermediates = []
+        for plans in self.plans:
+            # A plan ends in its goal; all results before are intermediate.
+            steps = itertools.chain.from_iterable(plan[:-1] for plan in plans)
+            intermediates.append(sorted({result_of[row] for row in steps}))
+        return frozen(padded(intermediates, self.graph.num_entities))
 
     @cached_property
     def final_pairs(self) -> Ids:
-        """Numbers of the ingredient pairs that make each task's goal in a plan, shape (N, F), padded with -1."""
-        pair = self.graph.pair_of_recipe.tolist()
-        return frozen(
-            padded([sorted({pair[plan[-1]] for plan in plans}) for plans in self.plans], -1)
-        )
+        """Numbers of the ingredient pairs that make each task's goal in a plan, shape (N, F).
+
+        Ascending, padded with -1, which is no pair.
+        """
+        pair_of = self.graph.pair_of_recipe.tolist()
+        final = []
+        for plans in self.plans:
+            last_rows = [plan[-1] for plan in plans]
+            final.append(sorted({pair_of[row] for row in last_rows}))
+        return frozen(padded(final, -1))
 
     def weights(self, weighting: TaskWeighting = "task") -> NDArray[np.float64]:
-        """Return sampling probabilities (N,): uniform over tasks, or over goals and then over a goal's tasks."""
+        """Return sampling probabilities, shape (N,), that sum to 1.
+
+        Args:
+            weighting: uniform over tasks, or over goals and then over the tasks of a goal.
+        """
         if weighting == "task":
             return np.full(len(self), 1 / max(len(self), 1))
-        _, goal, count = np.unique(self.goals, return_inverse=True, return_counts=True)
-        return 1 / (len(count) * count[goal])
+        _, goal, tasks_of_goal = np.unique(self.goals, return_inverse=True, return_counts=True)
+        return 1 / (len(tasks_of_goal) * tasks_of_goal[goal])
 
 
-def replay(graph: RecipeGraph, start: Iterable[Entity], plan: Iterable[Recipe]) -> frozenset[str]:
-    """Execute a plan and return the labels of all entities at hand afterwards; TaskError for an impossible step."""
+def replay(
+    graph: RecipeGraph,
+    start: Iterable[Entity],
+    plan: Iterable[Recipe],
+) -> frozenset[str]:
+    """Execute a plan and return what is at hand afterwards.
+
+    Args:
+        graph: the recipe graph.
+        start: entities at hand at the start, by id or label.
+        plan: recipes in order of execution.
+
+    Returns:
+        Labels; all results of an attempt are at hand from then on, and nothing is used up.
+
+    Raises:
+        TaskError: if a recipe needs an entity that is not at hand, or is not in the graph.
+        UnknownEntityError: if the graph has no such entity.
+    """
     at_hand = {graph.entities[graph.id_of(entity)] for entity in start}
     for recipe in plan:
         missing = {recipe.ingredient_a, recipe.ingredient_b} - at_hand
         results = graph.labels(graph.results(recipe.ingredient_a, recipe.ingredient_b))
-        if missing or recipe.result not in results:
-            reason = (
-                f"{', '.join(sorted(missing))} is not at hand"
-                if missing
-                else "there is no such recipe"
-            )
-            raise TaskError(
-                f"{recipe.ingredient_a} + {recipe.ingredient_b} -> {recipe.result}: {reason}."
-            )
+        if missing:
+            raise TaskError(f"{recipe}: {', '.join(sorted(missing))} is not at hand.")
+        if recipe.result not in results:
+            raise TaskError(f"{recipe}: there is no such recipe.")
         at_hand.update(results)
     return frozenset(at_hand)

@@ -1,7 +1,8 @@
-"""Train samples: a fraction of the train recipes, some with a wrong result, to train on less or noisy data.
+"""Train samples: a fraction of the train recipes, some with a wrong result: less or noisy data.
 
-A wrong recipe keeps the ingredients and takes another recipe's result from the same cross-fitting fold. So each entity
-stays about equally frequent as a result, and a model that leaves a fold out never meets the fold's results elsewhere.
+A wrong recipe keeps the ingredients and takes another recipe's result from the same cross-fitting
+fold. So each entity stays about equally frequent as a result, and a model that leaves a fold out
+never meets the fold's results elsewhere.
 """
 
 import hashlib
@@ -25,14 +26,24 @@ _STREAM = 0xD05E  # separates this random stream from all streams with the same 
 
 @dataclass(frozen=True, eq=False)
 class TrainSample:
-    """Training recipes, perhaps with wrong results: ``results``, (num_recipes,), are ids, -1 outside the sample."""
+    """Training recipes, perhaps with wrong results.
+
+    Attributes:
+        graph: the recipe graph.
+        results: shape (num_recipes,), the result that each recipe has in the sample; -1 outside.
+    """
 
     graph: RecipeGraph
     results: Ids
 
     @classmethod
     def of(cls, graph: RecipeGraph, rows: NDArray[np.bool_]) -> "TrainSample":
-        """Return a sample with the recipes where ``rows``, shape (num_recipes,), is True, with correct results."""
+        """Return a sample with correct results.
+
+        Args:
+            graph: the recipe graph.
+            rows: bool, shape (num_recipes,), True for recipes in the sample.
+        """
         return cls(graph, frozen(np.where(rows, graph.recipes[:, 2], _OUTSIDE)))
 
     @property
@@ -46,13 +57,20 @@ class TrainSample:
         return self.is_trained_on & (self.results != self.graph.recipes[:, 2])
 
     def among(self, rows: NDArray[np.bool_]) -> Ids:
-        """Return the sample's recipes where ``rows`` is True, with results for training, shape (n, 3)."""
+        """Return the sample's recipes where ``rows`` is True, with their results in the sample.
+
+        Args:
+            rows: bool, shape (num_recipes,).
+
+        Returns:
+            Shape (n, 3), in the graph's order; wrong results are not sorted.
+        """
         chosen = self.is_trained_on & rows
         return np.column_stack([self.graph.recipes[chosen, :2], self.results[chosen]])
 
     @cached_property
     def recipes(self) -> Ids:
-        """The sample's recipes, with results for training, shape (n, 3)."""
+        """All recipes of the sample, with their results in the sample, shape (n, 3)."""
         return frozen(self.among(self.is_trained_on))
 
     @cached_property
@@ -63,24 +81,36 @@ class TrainSample:
     @cached_property
     def hash(self) -> str:
         """SHA-256 hash of the graph and the training results."""
+        # Little-endian integers of eight bytes on any machine.
         return hashlib.sha256(
             self.graph.hash.encode() + self.results.astype("<i8").tobytes()
         ).hexdigest()
 
 
-def check_train_sample(kg: str, train_fraction: float, label_noise: float) -> None:
-    """Raise a :class:`ConfigError` for a fraction out of range, or for changed recipes with the full graph."""
+def check_train_sample(
+    kg: str,
+    train_fraction: float,
+    label_noise: float,
+) -> None:
+    """Check the settings of a train sample.
+
+    Args:
+        kg: knowledge graph of the training: partial, full or none.
+        train_fraction: fraction of the train recipes to keep, above 0 and at most 1.
+        label_noise: fraction of the kept recipes with a wrong result, 0 to 1.
+
+    Raises:
+        ConfigError: for a fraction out of range, or for changed recipes of the full graph.
+    """
     number_in("train_fraction", train_fraction, SMALLEST, 1, "more than 0 and at most 1")
     number_in("label_noise", label_noise, 0, 1, "0 to 1")
     if kg != "partial" and is_subsample(train_fraction, label_noise):
-        setting = (
-            f"`train_fraction` {train_fraction:g}"
-            if train_fraction < 1
-            else f"`label_noise` {label_noise:g}"
-        )
+        setting = f"`label_noise` {label_noise:g}"
+        if train_fraction < 1:
+            setting = f"`train_fraction` {train_fraction:g}"
         raise ConfigError(
-            f"{setting} needs `kg` partial: a model of the full graph is evaluated on its own training recipes, and a "
-            "model of other books has no train recipes."
+            f"{setting} needs `kg` partial: a model of the full graph is evaluated on its own "
+            "training recipes, and a model of other books has no train recipes."
         )
 
 
@@ -90,7 +120,7 @@ def is_subsample(train_fraction: float, label_noise: float) -> bool:
 
 
 def describe_train_sample(train_fraction: float, label_noise: float) -> str:
-    """Describe a train sample, as in "20 % of the train recipes"; empty for unchanged train recipes."""
+    """Describe a train sample, as in "20 % of the train recipes"; "" for all train recipes."""
     if not is_subsample(train_fraction, label_noise):
         return ""
     wrong = f", {100 * label_noise:g} % of them with a wrong result" if label_noise else ""
@@ -107,34 +137,49 @@ def draw_train_sample(
 ) -> TrainSample:
     """Sample train recipes, and replace some results by wrong results.
 
-    With the same seed, a larger fraction keeps all recipes of a smaller fraction, and more noise keeps all wrong
-    recipes. No recipe in the book gives a wrong recipe's componentOf triples, so the sample reveals nothing about the
-    test part; combinesWith triples stay right.
+    With the same seed, a larger fraction keeps all recipes of a smaller fraction, and more noise
+    keeps all wrong recipes, so that curves over fractions compare nested samples. No recipe in the
+    book gives a wrong recipe's componentOf triples, so the sample reveals nothing about the test
+    part; combinesWith triples stay right.
 
-    ``train_fraction`` is the fraction of the train recipes to keep, ``label_noise`` the fraction of the kept recipes to
-    give a wrong result. ``of_recipe`` is each recipe's cross-fitting fold, shape (num_recipes,), by default a single
-    fold; wrong results come from the same fold. Raises ConfigError for too few recipes.
+    Args:
+        split: the split.
+        train_fraction: fraction of the train recipes to keep, above 0 and at most 1.
+        label_noise: fraction of the kept recipes that get a wrong result, 0 to 1.
+        seed: random seed.
+        of_recipe: each recipe's cross-fitting fold, shape (num_recipes,); wrong results come from
+            the same fold. None for a single fold.
+
+    Raises:
+        ConfigError: if the fractions leave too few recipes.
 
     Example:
-        >>> train_sample = draw_train_sample(open_graph("kitchen").split, train_fraction=0.5, label_noise=0.2)
+        >>> split = open_graph("kitchen").split
+        >>> train_sample = draw_train_sample(split, train_fraction=0.5, label_noise=0.2)
         >>> int(train_sample.is_trained_on.sum()), int(train_sample.is_wrong.sum())
         (130, 26)
     """
-    graph, train = split.graph, np.flatnonzero(split.is_in("train"))
+    graph = split.graph
+    train = np.flatnonzero(split.is_in("train"))
     if not is_subsample(train_fraction, label_noise):
         return TrainSample.of(graph, split.is_in("train"))
     rng = np.random.default_rng([seed, _STREAM])
-    order, doubt = rng.permutation(len(train)), rng.permutation(len(train))
+    # Both orders are drawn for all train recipes, whatever the fractions: prefixes are nested.
+    order = rng.permutation(len(train))
+    doubt = rng.permutation(len(train))
     taken = order[: round(train_fraction * len(train))]
     folds = np.zeros(graph.num_recipes, dtype=np.int64) if of_recipe is None else of_recipe
-    if not len(taken) or (of_recipe is not None and len(np.unique(of_recipe[train[taken]])) < 2):
+    # A model that leaves out the only fold would have nothing to train on.
+    needed_folds = 1 if of_recipe is None else 2
+    if len(np.unique(folds[train[taken]])) < needed_folds:
         expected = "at least one of them" if of_recipe is None else "some in two folds or more"
         raise refuse(
             "train_fraction",
             train_fraction,
             f"more of the {len(train):,} train recipes than {len(taken)}, {expected}",
         )
-    wrong = train[taken[np.argsort(doubt[taken])][: round(label_noise * len(taken))]]
+    most_doubted = taken[np.argsort(doubt[taken])]
+    wrong = train[most_doubted[: round(label_noise * len(taken))]]
     if label_noise and not len(wrong):
         raise refuse(
             "label_noise",
@@ -143,10 +188,11 @@ def draw_train_sample(
         )
     results = np.full(graph.num_recipes, _OUTSIDE, dtype=np.int64)
     results[train[taken]] = graph.recipes[train[taken], 2]
-    parts = graph.triples[graph.triples[:, 1] == COMPONENT_OF]
-    right = set(zip(parts[:, 0].tolist(), parts[:, 2].tolist(), strict=True))
+    heads, _, tails = graph.triples[graph.triples[:, 1] == COMPONENT_OF].T.tolist()
+    right = set(zip(heads, tails, strict=True))
     for fold in np.unique(folds[wrong]).tolist():
         rows = np.sort(wrong[folds[wrong] == fold])
+        # A result stands in the pool once for each recipe, so frequent results stay frequent.
         pool = graph.recipes[(results != _OUTSIDE) & (folds == fold), 2]
         results[rows] = _wrong_results(graph.recipes[rows], pool, right, rng, label_noise)
     return TrainSample(graph, frozen(results))
@@ -159,22 +205,27 @@ def _wrong_results(
     rng: np.random.Generator,
     label_noise: float,
 ) -> list[int]:
-    """Draw a wrong result for each recipe (n, 3) from ``pool``; ``right`` has the book's (ingredient, result) pairs."""
+    """Draw a wrong result for each recipe.
+
+    Args:
+        recipes: shape (n, 3), the recipes to make wrong.
+        pool: shape (m,), results to draw from.
+        right: (ingredient, result) of all recipes in the book.
+        rng: draws the results.
+        label_noise: the setting, for the error.
+    """
     drawn: dict[tuple[int, int, int], None] = {}
     for a, b, _ in recipes.tolist():
         for result in pool[rng.integers(len(pool), size=_TRIES)].tolist():
-            is_new = (a, b, result) not in drawn  # a pair may have two wrong results
-            if (
-                is_new
-                and result not in (a, b)
-                and (a, result) not in right
-                and (b, result) not in right
-            ):
+            is_right = result in (a, b) or (a, result) in right or (b, result) in right
+            # A pair with two recipes gets two wrong results.
+            if not is_right and (a, b, result) not in drawn:
                 drawn[a, b, result] = None
                 break
         else:
             raise ConfigError(
-                f"`label_noise` {label_noise:g}: among {len(pool)} recipes for the exchange of results, no result is "
-                "wrong for another recipe. Use a larger `train_fraction`, fewer `folds` or another `seed`."
+                f"`label_noise` {label_noise:g}: among {len(pool)} recipes for the exchange of "
+                "results, no result is wrong for another recipe. Use a larger `train_fraction`, "
+                "fewer `folds` or another `seed`."
             )
     return [result for _, _, result in drawn]

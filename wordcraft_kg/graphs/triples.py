@@ -12,19 +12,27 @@ from wordcraft_kg.graphs.arrays import Ids, sorted_unique
 COMBINES_WITH = 0
 """Id of the relation ``combinesWith``: head and tail are the ingredients of a recipe; symmetric."""
 COMPONENT_OF = 1
-"""Id of the relation ``componentOf``: the head is an ingredient of a recipe with the tail as result."""
+"""Id of the relation ``componentOf``: the head is an ingredient of a recipe for the tail."""
 Relation = Literal["combinesWith", "componentOf"]
+"""Label of a relation, as in files."""
 RELATIONS: tuple[Relation, Relation] = ("combinesWith", "componentOf")
 """Labels of the relations, in id order."""
 
 
 def recipe_triples(recipes: Ids) -> Ids:
-    """Convert recipes, ids of shape (N, 3), to unique triples, shape (T, 3), sorted by relation, head, tail.
+    """Convert recipes to triples: four for each recipe, with duplicates merged.
 
-    ``{a, b} -> c`` gives (a, combinesWith, b), (b, combinesWith, a), (a, componentOf, c) and (b, componentOf, c).
+    ``{a, b} -> c`` gives (a, combinesWith, b), (b, combinesWith, a), (a, componentOf, c) and
+    (b, componentOf, c).
 
-    Source: Jiang et al. 2020, section "Link Prediction Model"; the fourth triple there is misprinted as
-    (b, componentOf, b).
+    Args:
+        recipes: shape (N, 3), rows (a, b, c) of entity ids.
+
+    Returns:
+        Shape (T, 3), rows (head, relation, tail), sorted by relation, head, tail.
+
+    Source: Jiang et al. 2020, section "Link Prediction Model"; the fourth triple there is
+    misprinted as (b, componentOf, b).
     """
     a, b, result = recipes.T
     heads = np.concatenate([a, b, a, b])
@@ -34,7 +42,16 @@ def recipe_triples(recipes: Ids) -> Ids:
 
 
 def triple_keys(triples: Ids, num_entities: int) -> Ids:
-    """Encode each triple as a unique int64 that sorts like (relation, head, tail), shape (T,)."""
+    """Encode each triple as a unique int64 that sorts like (relation, head, tail).
+
+    Args:
+        triples: shape (T, 3).
+        num_entities: number of entities in the graph.
+
+    Returns:
+        Shape (T,).
+    """
+    # Digits to the base num_entities: no overflow below 2 billion entities.
     head, relation, tail = triples.T
     return (relation * num_entities + head) * num_entities + tail
 
@@ -44,19 +61,34 @@ def triples_hash(triples: Ids) -> str:
     return hashlib.sha256(np.ascontiguousarray(triples, dtype="<i8").tobytes()).hexdigest()
 
 
-def is_in(triples: Ids, others: Ids, num_entities: int) -> NDArray[np.bool_]:
-    """Mark the triples that ``others`` contains; bool, shape (T,)."""
+def is_in(
+    triples: Ids,
+    others: Ids,
+    num_entities: int,
+) -> NDArray[np.bool_]:
+    """Mark the triples that are among others.
+
+    Args:
+        triples: shape (T, 3).
+        others: shape (S, 3).
+        num_entities: number of entities in the graph.
+
+    Returns:
+        Bool, shape (T,).
+    """
     if not len(others):
         return np.zeros(len(triples), dtype=bool)
     # Binary search in sorted keys: several times faster here than np.isin, which hashes.
-    keys, known = triple_keys(triples, num_entities), np.sort(triple_keys(others, num_entities))
-    return known[np.minimum(np.searchsorted(known, keys), len(known) - 1)] == keys
+    keys = triple_keys(triples, num_entities)
+    known = np.sort(triple_keys(others, num_entities))
+    place = np.searchsorted(known, keys)
+    # A key above all others has a place behind the end; any key there differs, also the last.
+    place = np.minimum(place, len(known) - 1)
+    return known[place] == keys
 
 
 def triple_lines(triples: Ids, entities: Sequence[str]) -> Iterator[str]:
     """Yield a line ``head<TAB>relation<TAB>tail`` with labels for each triple."""
-    columns = (column.tolist() for column in triples.T)
-    return (
-        f"{entities[head]}\t{RELATIONS[relation]}\t{entities[tail]}\n"
-        for head, relation, tail in zip(*columns, strict=True)
-    )
+    heads, relations, tails = triples.T.tolist()
+    for head, relation, tail in zip(heads, relations, tails, strict=True):
+        yield f"{entities[head]}\t{RELATIONS[relation]}\t{entities[tail]}\n"

@@ -6,10 +6,10 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 
 
 def front_matter(*tags: str) -> str:
-    """Return the YAML header of a model card, from which model hubs read the library name and the tags."""
-    return "\n".join(
-        ["---", "library_name: wordcraft-kg", "tags:", *(f"- {tag}" for tag in tags), "---"]
-    )
+    """Return the YAML header of a model card, where model hubs read library name and tags."""
+    lines = ["---", "library_name: wordcraft-kg", "tags:"]
+    lines += [f"- {tag}" for tag in tags]
+    return "\n".join([*lines, "---"])
 
 
 def scorer_card(
@@ -20,13 +20,26 @@ def scorer_card(
     closing: str,
     usage: Iterable[str],
 ) -> str:
-    """Return a scorer's card: graph, split and ``points``, then caveats (``closing``) and ``usage`` code lines."""
-    graph, split = opened.graph, opened.split.config
-    where = f"graph `{graph.hash[:12]}`: {graph.num_entities:,} entities; split `{split.kind}`, seed {split.seed}"
-    first, *others = points or ("",)
-    lines = "\n".join(f"- {line}" for line in ("; ".join(filter(None, (where, first))), *others))
-    code = "\n".join(
-        ["from wordcraft_kg import load_scorer", "", 'scorer = load_scorer("this folder")', *usage]
+    """Return a scorer's model card, in Markdown.
+
+    Args:
+        opened: graph and split of the training.
+        title: heading.
+        about: paragraph below the heading.
+        points: list of facts; the first continues the line on graph and split.
+        closing: paragraph of caveats below the list.
+        usage: lines of Python that use ``scorer``.
+    """
+    graph = opened.graph
+    split = opened.split.config
+    trained_on = (
+        f"graph `{graph.hash[:12]}`: {graph.num_entities:,} entities; "
+        f"split `{split.kind}`, seed {split.seed}"
     )
+    if points:
+        points = [f"{trained_on}; {points[0]}" if points[0] else trained_on, *points[1:]]
+    lines = "\n".join(f"- {point}" for point in points or [trained_on])
+    loading = ["from wordcraft_kg import load_scorer", "", 'scorer = load_scorer("this folder")']
+    code = "\n".join([*loading, *usage])
     head = f"{front_matter('knowledge-graph', 'link-prediction')}\n# {title}"
     return f"{head}\n\n{about}\n\n{lines}\n\n{closing}\n\n```python\n{code}\n```\n"

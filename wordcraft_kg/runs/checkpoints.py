@@ -1,4 +1,8 @@
-"""Checkpoints: the whole state of a training, in files that survive a power failure."""
+"""Checkpoints: the whole state of a training, in files that survive a power failure.
+
+A checkpoint is complete when its JSON record exists: the record is written after the tensors, has
+their hash, and both are on the disk before they get their names.
+"""
 
 import hashlib
 import logging
@@ -17,12 +21,17 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 KEPT = 2
-"""Default number of checkpoints to keep: if the last is damaged, training resumes from the checkpoint before."""
+"""Default number of checkpoints to keep: if the last is damaged, the one before is used."""
 P = TypeVar("P")
 
 
 class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
-    """JSON record for a checkpoint: SHA-256 of the tensor file, and the trainer's progress record."""
+    """JSON record for a checkpoint.
+
+    Attributes:
+        sha256: hash of the tensor file.
+        progress: the trainer's state besides tensors, such as random generators and metrics.
+    """
 
     sha256: str
     progress: P
@@ -30,7 +39,13 @@ class CheckpointRecord(Record, Generic[P], frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Checkpoint(Generic[P]):
-    """A loaded checkpoint: number (last finished epoch or step), tensors by name, and progress record."""
+    """A loaded checkpoint.
+
+    Attributes:
+        number: last finished epoch or step.
+        tensors: tensors by name.
+        progress: the trainer's state besides tensors.
+    """
 
     number: int
     tensors: dict[str, "Tensor"]
@@ -38,48 +53,92 @@ class Checkpoint(Generic[P]):
 
 
 class Checkpoints(Generic[P]):
-    """A run's tensors ``checkpoints/epoch-N.safetensors`` and records ``.json``; ``last`` is a number, if any."""
+    """The checkpoints of a run: ``checkpoints/epoch-N.safetensors``, each with a record ``.json``.
 
-    def __init__(self, run_folder: Path, unit: str, progress: type[P], *, kept: int | None = KEPT):
-        """Set run folder, file prefix ``unit`` (epoch or step), progress class, and number to keep (None: all)."""
-        self.run_folder, self.unit, self.progress, self.kept = run_folder, unit, progress, kept
+    Attributes:
+        run_folder: the run folder.
+        folder: the folder with the checkpoints; it exists after the first.
+        unit: prefix of the file names: epoch or step.
+        progress: type of the progress record.
+        kept: number of checkpoints to keep; None keeps all.
+        last: number of the checkpoint last saved or loaded; None before.
+    """
+
+    def __init__(
+        self,
+        run_folder: Path,
+        unit: str,
+        progress: type[P],
+        *,
+        kept: int | None = KEPT,
+    ):
+        """Bind the checkpoints to a run folder; nothing is read or written yet.
+
+        Args:
+            run_folder: the run folder.
+            unit: prefix of the file names: epoch or step.
+            progress: type of the progress record.
+            kept: number of checkpoints to keep; None keeps all, for parts that are saved in any
+                order.
+        """
+        self.run_folder = run_folder
+        self.unit = unit
+        self.progress = progress
+        self.kept = kept
         self.folder = run_folder / "checkpoints"
         self.last: int | None = None
 
     def records(self) -> dict[int, Path]:
         """Return the JSON record paths by checkpoint number, latest first."""
-        matches = (
-            (re.fullmatch(rf"{self.unit}-(\d+)", path.stem), path)
-            for path in self.folder.glob("*.json")
-        )
-        return dict(
-            sorted(((int(match[1]), path) for match, path in matches if match), reverse=True)
-        )
+        name = re.compile(rf"{self.unit}-(\d+)")
+        paths: dict[int, Path] = {}
+        for path in self.folder.glob("*.json"):
+            match = name.fullmatch(path.stem)
+            if match:
+                paths[int(match[1])] = path
+        return dict(sorted(paths.items(), reverse=True))
 
-    def save(self, number: int, tensors: Mapping[str, "Tensor"], progress: P) -> None:
-        """Write a checkpoint and the JSON record, then remove all but the last ``kept`` checkpoints."""
+    def save(
+        self,
+        number: int,
+        tensors: Mapping[str, "Tensor"],
+        progress: P,
+    ) -> None:
+        """Write a checkpoint, then remove all but the last ``kept`` checkpoints.
+
+        Args:
+            number: last finished epoch or step.
+            tensors: tensors by name.
+            progress: the trainer's state besides tensors.
+        """
         import safetensors.torch
 
         self.folder.mkdir(exist_ok=True)
         data = safetensors.torch.save(dict(tensors))
         path = self.folder / f"{self.unit}-{number}.safetensors"
+        # The record comes last: without it, the tensors of a killed write count as absent.
         write_atomically(path, data, durable=True)
         record = CheckpointRecord(sha256=hashlib.sha256(data).hexdigest(), progress=progress)
         write_atomically(path.with_suffix(".json"), dump_json(as_values(record)), durable=True)
         self.last = number
-        if self.kept is None:
+        if self.kept is None:  # every part is needed until the end
             return
         known = self.records()
         # Checkpoints with a higher number were damaged: the run was resumed from an earlier one.
         kept = [other for other in known if other <= number][: self.kept]
         for other, old in known.items():
             if other not in kept:
-                old.unlink()
+                old.unlink()  # the record first, for the same reason
                 old.with_suffix(".safetensors").unlink(missing_ok=True)
 
     def load(self) -> Checkpoint[P]:
-        """Return the last intact checkpoint, with warnings about damaged later ones; ArtefactError if none."""
+        """Return the last intact checkpoint, with a warning for each damaged later one.
+
+        Raises:
+            ArtefactError: if there is no checkpoint, or all are damaged.
+        """
         damaged: list[ArtefactError] = []
+        # The last intact one: later checkpoints may be damaged, such as by a full disk.
         for number, path in self.records().items():
             try:
                 checkpoint = self.read(number)
@@ -101,15 +160,20 @@ class Checkpoints(Generic[P]):
         )
 
     def drop(self) -> None:
-        """Remove all checkpoints."""
+        """Remove all checkpoints; a finished run has results instead."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def read(self, number: int) -> Checkpoint[P]:
-        """Load the checkpoint with the given number; ArtefactError if missing or damaged."""
+        """Load the checkpoint with the given number.
+
+        Raises:
+            ArtefactError: if it is missing or damaged.
+        """
         from wordcraft_kg.base.tensors import read_tensors
 
         path = self.folder / f"{self.unit}-{number}.json"
-        record: CheckpointRecord[P] = read_record(path, CheckpointRecord[self.progress])  # type: ignore[name-defined]
+        kind = CheckpointRecord[self.progress]  # type: ignore[name-defined]
+        record: CheckpointRecord[P] = read_record(path, kind)
         tensors = path.with_suffix(".safetensors")
         data = read_large_file(tensors)
         if hashlib.sha256(data).hexdigest() != record.sha256:

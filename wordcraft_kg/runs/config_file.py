@@ -1,4 +1,8 @@
-"""``config.toml``: all run settings in one table, which the training command accepts as ``--config``."""
+"""``config.toml``: all settings of a run in one table, for the option ``--config``.
+
+The file has resolved settings, defaults included, so a later version with other defaults repeats
+the run. Paths are relative to the file, so that a folder may move together with its inputs.
+"""
 
 import json
 import os
@@ -23,10 +27,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RunConfig:
-    """Base class for all settings of a run (a training), which are written to and read from ``config.toml``.
+    """Base class for all settings of a run (a training), as in ``config.toml``.
 
-    Nested dataclasses are written into the same TOML table. In a union of dataclasses, the table name selects the
-    dataclass with this ``command``.
+    Nested dataclasses are written into the same TOML table. In a union of dataclasses, the table
+    name selects the dataclass with this ``command``.
 
     Attributes:
         commands: commands that accept the settings.
@@ -56,45 +60,67 @@ class RunConfig:
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Read ``config.toml``; ArtefactError if missing or damaged, or with a wrong or missing setting."""
+        """Read ``config.toml``.
+
+        Raises:
+            ArtefactError: if it is missing or damaged, belongs to another command, or has a wrong,
+                missing or unknown setting.
+        """
         command, settings = read_config(folder)
         path = folder / CONFIG_FILE
         if command not in cls.commands:
+            expected = " or ".join(cls.commands)
             raise ArtefactError(
-                f"{path} is damaged: expected the table [{' or '.join(cls.commands)}], found [{command}]."
+                f"{path} is damaged: expected the table [{expected}], found [{command}]."
             )
         config = _taken(cls, settings, command, path)
+        # Each dataclass has taken its own settings; anything left is unknown to all of them.
         if settings:
             raise ArtefactError(f"{path} is damaged: unknown setting '{next(iter(settings))}'.")
         return config
 
 
 def _flat(settings: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass and of the dataclasses in it, by name."""
     values: dict[str, Any] = {}
-    for name, value in ((field.name, getattr(settings, field.name)) for field in fields(settings)):
-        # A name that is a keyword of Python ends with an underscore.
-        values |= _flat(value) if is_dataclass(value) else {name.removesuffix("_"): value}
+    for field in fields(settings):
+        value = getattr(settings, field.name)
+        if is_dataclass(value):
+            values |= _flat(value)
+        else:
+            values[_key(field.name)] = value
     return values
 
 
-def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) -> T:
+def _key(name: str) -> str:
+    """Return the key of a field in TOML; a field named like a keyword of Python ends with "_"."""
+    return name.removesuffix("_")
+
+
+def _taken(
+    kind: type[T],
+    settings: dict[str, Any],
+    command: str,
+    path: Path,
+) -> T:
+    """Take the settings of a dataclass out of ``settings`` and return the dataclass."""
     hints = get_type_hints(kind)
-    plain, nested = [], dict[str, Any]()
+    nested: dict[str, Any] = {}
+    plain: list[tuple[Any, ...]] = []
+    given: dict[str, Any] = {}
     for field in fields(kind):  # type: ignore[arg-type]
-        groups = [
-            hint for hint in (hints[field.name], *get_args(hints[field.name])) if is_dataclass(hint)
-        ]
+        hint = hints[field.name]
+        groups = [each for each in (hint, *get_args(hint)) if is_dataclass(each)]
         if groups:
-            group = next(
-                (group for group in groups if getattr(group, "command", None) == command), groups[0]
-            )
-            nested[field.name] = _taken(group, settings, command, path)  # type: ignore[arg-type]
-        else:
-            default = () if field.default is MISSING else (field.default,)
-            plain.append((field.name, hints[field.name], *default))
-    given = {
-        name: settings.pop(key) for name, *_ in plain if (key := name.removesuffix("_")) in settings
-    }
+            chosen = [group for group in groups if getattr(group, "command", None) == command]
+            group: Any = [*chosen, *groups][0]
+            nested[field.name] = _taken(group, settings, command, path)
+            continue
+        has_default = field.default is not MISSING
+        plain.append((field.name, hint, field.default) if has_default else (field.name, hint))
+        if _key(field.name) in settings:
+            given[field.name] = settings.pop(_key(field.name))
+    # A record of these fields checks their types, and only then the dataclass their values.
     taken = as_record(given, defstruct(kind.__name__, plain, kw_only=True), path)
     try:
         return kind(**asdict(taken), **nested)
@@ -102,41 +128,61 @@ def _taken(kind: type[T], settings: dict[str, Any], command: str, path: Path) ->
         raise ArtefactError(f"{path} is damaged: {error} Train again, or restore a copy.") from None
 
 
-def write_config(folder: Path, command: str, settings: Mapping[str, Any]) -> None:
-    """Write all set settings to ``config.toml`` as table ``[command]``, if new; paths are relative."""
+def write_config(
+    folder: Path,
+    command: str,
+    settings: Mapping[str, Any],
+) -> None:
+    """Write settings to ``config.toml``; a file with the same content is left as it is.
+
+    Args:
+        folder: the run folder, to which existing paths become relative.
+        command: training command, the name of the table.
+        settings: settings by name; those that are None are left out, since TOML has no null.
+    """
 
     def relative(path: str) -> str:
-        twin, path = _twin_of(path)
-        return twin + (os.path.relpath(path, folder) if os.path.exists(path) else path)
+        prefix, path = _without_prefix(path)
+        return prefix + (os.path.relpath(path, folder) if os.path.exists(path) else path)
 
-    given = {key: value for key, value in moved(settings, relative).items() if value is not None}
-    lines = (
-        f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in given.items()
-    )  # TOML, as JSON
-    text = "\n".join([f"[{command}]", *lines]) + "\n"
+    lines = [f"[{command}]"]
+    for key, value in moved(settings, relative).items():
+        if value is not None:
+            # Strings, numbers, booleans and lists of these are the same in JSON and TOML.
+            lines.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
+    text = "\n".join(lines) + "\n"
     path = folder / CONFIG_FILE
+    # A resumed run whose inputs lie where they lay keeps its file and the file's hash.
     if not path.is_file() or path.read_bytes() != text.encode():
         write_atomically(path, text, durable=True)
 
 
-def _twin_of(source: str) -> tuple[str, str]:
-    """Split ``made-up:book.csv``, a book with invented words, into the prefix and the book; other paths have none."""
+def _without_prefix(source: str) -> tuple[str, str]:
+    """Split ``made-up:book.csv``, a book with invented words; other paths have an empty prefix."""
     made_up = MADE_UP.fullmatch(source)
     return (source[: made_up.start(2)], made_up[2]) if made_up else ("", source)
 
 
 def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
-    """Read command (table name) and settings from ``config.toml``; ArtefactError if missing or damaged."""
+    """Read ``config.toml`` in a run folder.
+
+    Returns:
+        The command (name of the table) and the settings, with paths from the working folder.
+
+    Raises:
+        ArtefactError: if the file is missing, or not a TOML file with one table.
+    """
 
     def from_here(path: str) -> str:
-        twin, path = _twin_of(path)
-        return twin + (os.path.normpath(folder / path) if os.path.exists(folder / path) else path)
+        prefix, path = _without_prefix(path)
+        there = folder / path
+        return prefix + (os.path.normpath(there) if os.path.exists(there) else path)
 
     path = folder / CONFIG_FILE
     try:
         ((command, settings),) = tomllib.loads(read_small_file(path).decode()).items()
         return command, moved(settings, from_here)
-    except ArtefactError:
+    except ArtefactError:  # which is a ValueError, with a better message
         raise
     except (ValueError, AttributeError, RecursionError) as error:
         raise ArtefactError(
@@ -145,18 +191,25 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
 
 
 def moved(settings: Mapping[str, Any], change: Callable[[str], str]) -> dict[str, Any]:
-    """Return settings with a function applied to all paths: ``graph``, ``scorer``, ``with``, a file in ``features``."""
+    """Return settings with a function applied to all paths.
+
+    Paths are in ``graph``, ``scorer`` and ``with`` and, unless it is a reserved name, in
+    ``features``. A value of another type, as in a damaged file, stays as it is.
+
+    Args:
+        settings: settings by name.
+        change: returns the new path.
+    """
     result = dict(settings)
-    if isinstance(sources := result.get("with"), list | tuple):
-        result["with"] = [
-            change(source) if isinstance(source, str) else source for source in sources
-        ]
-    for key in ("graph", "scorer", "features"):
-        value = result.get(key)
-        if not isinstance(value, str):
-            continue
-        if key != "features":
-            result[key] = change(value)
-        elif (spec := FeatureSpec.parse(value)).is_path:
-            result[key] = spec.prefix + change(spec.source)
+    for key in ("graph", "scorer"):
+        if isinstance(result.get(key), str):
+            result[key] = change(result[key])
+    sources = result.get("with")
+    if isinstance(sources, list | tuple):
+        result["with"] = [change(each) if isinstance(each, str) else each for each in sources]
+    features = result.get("features")
+    if isinstance(features, str):
+        spec = FeatureSpec.parse(features)
+        if spec.is_path:
+            result["features"] = spec.prefix + change(spec.source)
     return result

@@ -1,4 +1,7 @@
-"""Verified reading: files and training graph of a run must match the hashes in ``run.json``."""
+"""Verified reading: files and training graph of a run must match the hashes in ``run.json``.
+
+So a result cannot come from a file that was changed, mixed up or half copied after the training.
+"""
 
 import hashlib
 from dataclasses import dataclass
@@ -19,7 +22,12 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class RunFiles:
-    """Verified access to a run's files; ArtefactError for a missing, changed or damaged file."""
+    """Verified access to a run's files; a missing or changed file is an ArtefactError.
+
+    Attributes:
+        folder: the run folder.
+        run: the run record, with the hashes.
+    """
 
     folder: Path
     run: RunRecord
@@ -28,11 +36,11 @@ class RunFiles:
         """Return the content of an input or output file, after a SHA-256 check."""
         path = self.folder / name
         data = read_large_file(path)
-        if hashlib.sha256(data).hexdigest() != self.run.outputs.get(
-            name, self.run.inputs.get(name)
-        ):
+        expected = self.run.outputs.get(name, self.run.inputs.get(name))
+        if hashlib.sha256(data).hexdigest() != expected:
             raise ArtefactError(
-                f"{path} is damaged or was changed: the SHA-256 differs from run.json. Train again, or restore a copy."
+                f"{path} is damaged or was changed: the SHA-256 differs from run.json. "
+                "Train again, or restore a copy."
             )
         return data
 
@@ -41,30 +49,42 @@ class RunFiles:
         return parse_record(self.bytes(name), kind, self.folder / name)
 
     def lines(self, name: str, kind: type[T]) -> list[T]:
-        """Read a JSON Lines file (a JSON object per line) into a list of instances of the class ``kind``."""
+        """Read a JSON Lines file, a JSON object per line, as instances of the class ``kind``."""
         return parse_lines(self.bytes(name), kind, self.folder / name)
 
     def tensors(self, name: str) -> "dict[str, Tensor]":
         """Read all tensors in a safetensors file, by tensor name."""
+        # Imported here, because torch takes long and most files hold no tensors.
         from wordcraft_kg.base.tensors import read_tensors
 
         return read_tensors(self.folder / name, self.bytes(name))
 
     def graph(self, source: str | OpenedGraph) -> OpenedGraph:
-        """Return the run's graph and split; ArtefactError if missing, GraphMismatchError for other hashes."""
+        """Return the run's graph and split.
+
+        Args:
+            source: where they are: a folder, a file or a book name; or the opened graph.
+
+        Raises:
+            ArtefactError: if there is no such graph.
+            GraphMismatchError: if graph or split are not those of the training.
+        """
         try:
             opened = open_graph(source) if isinstance(source, str) else source
-        except ArtefactError:
+        except ArtefactError:  # a damaged graph folder is not a missing one
             raise
         except ValueError as error:
             raise ArtefactError(
-                f"the graph that '{self.folder}' was trained on was not found ({error}) Give the path as `graph`."
+                f"the graph that '{self.folder}' was trained on was not found ({error}) "
+                "Give the path as `graph`."
             ) from None
-        for name, actual in (("graph", opened.graph.hash), ("split", opened.split.hash)):
+        hashes = {"graph": opened.graph.hash, "split": opened.split.hash}
+        for name, actual in hashes.items():
             expected = self.run.inputs.get(name, "")
             if actual != expected:
                 raise GraphMismatchError(
-                    f"'{self.folder}' was trained on {name} {expected[:12]} but '{opened.source}' has {actual[:12]}. "
+                    f"'{self.folder}' was trained on {name} {expected[:12]} "
+                    f"but '{opened.source}' has {actual[:12]}. "
                     "Give the right graph as `graph`, or train again."
                 )
         return opened

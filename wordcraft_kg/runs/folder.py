@@ -1,4 +1,8 @@
-"""The run folder during training: begin, resume, finish, fail, and replace an earlier folder."""
+"""The run folder during training: begin, resume, finish, fail, and replace an earlier folder.
+
+An earlier folder is moved aside and lost only when the new run has a checkpoint or a result, so
+that an error in the first minute costs nothing. A lock keeps a second process out.
+"""
 
 import logging
 import os
@@ -39,12 +43,19 @@ _BEGUN = ".begun-by-wordcraft-kg"
 """Marks a new folder until the first record; after an earlier kill, the folder can be removed."""
 P = TypeVar("P")
 Progress = Callable[[int, int, dict[str, float]], None]
-"""Progress callback: takes the number of finished epochs or steps, the total number, and metrics by name."""
+"""Progress callback: takes finished epochs or steps, their total number, and metrics by name."""
 
 
 @dataclass(frozen=True)
 class RunKind(Generic[P]):
-    """Constants of all runs with the same trainer class: commands, progress label, unit and record."""
+    """Constants of all runs with the same trainer class.
+
+    Attributes:
+        commands: commands that start such a run; the ``kind`` in ``run.json`` is one of them.
+        name: label of the progress bar.
+        unit: unit of progress: epoch or step.
+        progress: type of the progress record in a checkpoint.
+    """
 
     commands: tuple[str, ...]
     name: str
@@ -52,7 +63,11 @@ class RunKind(Generic[P]):
     progress: type[P]
 
     def read_record(self, folder: Path) -> RunRecord:
-        """Read the run record in a folder; ArtefactError if missing or damaged, or if the run has another kind."""
+        """Read the run record in a folder.
+
+        Raises:
+            ArtefactError: if it is missing or damaged, or the run has another kind.
+        """
         expected = f"a run of {' or '.join(self.commands)}"
         record = read_run(folder, expected)
         if record.kind not in self.commands:
@@ -65,7 +80,17 @@ class RunKind(Generic[P]):
 
 
 class RunFolder(Generic[P]):
-    """A locked run folder in which this process trains, see :func:`new_run`; Ctrl-C sets ``interrupted``."""
+    """A locked run folder in which this process trains.
+
+    Made by :func:`new_run` and :func:`resumed_run`.
+
+    Attributes:
+        path: the folder.
+        kind: constants of its trainer.
+        interrupted: set by the first Ctrl-C; the trainer then saves a checkpoint and stops.
+        checkpoints: checkpoints of the run.
+        is_live: whether this process has recorded the run as running.
+    """
 
     def __init__(
         self,
@@ -74,7 +99,9 @@ class RunFolder(Generic[P]):
         interrupted: threading.Event,
         record: RunRecord | None = None,
     ):
-        self.path, self.kind, self.interrupted = path, kind, interrupted
+        self.path = path
+        self.kind = kind
+        self.interrupted = interrupted
         self.checkpoints = kind.checkpoints(path)
         self.is_live = False
         self._record = record
@@ -95,28 +122,33 @@ class RunFolder(Generic[P]):
     ) -> None:
         """Write ``config.toml``, and write ``run.json`` with the status ``running``.
 
-        ``inputs`` are training data hashes by name; ``files`` names further files that training never changes;
-        ``facts`` are optional fields of :class:`~wordcraft_kg.runs.record.RunRecord`.
+        Args:
+            config: all settings.
+            inputs: hashes of the training data, by name.
+            files: files already in the folder that training never changes; their hashes are
+                recorded.
+            facts: optional fields of :class:`~wordcraft_kg.runs.record.RunRecord`.
         """
         config.write(self.path)
         hashes = {name: sha256_of(self.path / name) for name in (CONFIG_FILE, *files)}
         settings = config.values()
-        self._record = start_run(
-            self.path,
-            config.command,
-            **{name: settings[name] for name in ("seed", "device", "threads") if name in settings},
-            inputs={**inputs, **hashes},
-            **facts,
-        )
+        for name in ("seed", "device", "threads"):
+            if name in settings:  # otherwise the defaults of the record
+                facts[name] = settings[name]
+        self._record = start_run(self.path, config.command, inputs={**inputs, **hashes}, **facts)
+        # From here on the record tells that this folder is a run.
         (self.path / _BEGUN).unlink(missing_ok=True)
         self.is_live = True
 
     def resume(self, config: RunConfig) -> None:
-        """Record an unfinished run as running again, with current input paths in ``config.toml``."""
-        began_with, installed = self.record.versions.get("torch"), version("torch")
+        """Record an unfinished run as running again, with its inputs' current paths."""
+        # Kernels of another torch may add in another order.
+        began_with = self.record.versions.get("torch")
+        installed = version("torch")
         if began_with != installed:
             logging.getLogger(__name__).warning(
-                "the run began with torch %s and is resumed with %s: the result may differ in the last bits.",
+                "the run began with torch %s and is resumed with %s: "
+                "the result may differ in the last bits.",
                 began_with,
                 installed,
             )
@@ -128,7 +160,11 @@ class RunFolder(Generic[P]):
 
     @contextmanager
     def restoring(self) -> Iterator[None]:
-        """Turn errors from a checkpoint in this block into an ArtefactError that names the run folder."""
+        """Turn errors in this block, which come from a checkpoint, into one that names the run.
+
+        Raises:
+            ArtefactError: if the checkpoint does not fit the objects that it is restored into.
+        """
         try:
             yield
         except (
@@ -141,7 +177,8 @@ class RunFolder(Generic[P]):
             OSError,
         ) as error:
             raise ArtefactError(
-                f"the checkpoint in '{self.path}' does not fit the run ({reason(error)}). Train again."
+                f"the checkpoint in '{self.path}' does not fit the run ({reason(error)}). "
+                "Train again."
             ) from None
 
     def interrupt(self) -> None:
@@ -149,8 +186,15 @@ class RunFolder(Generic[P]):
         self._end("interrupted")
 
     def finish(self, outputs: Sequence[str], card: str) -> None:
-        """Write the model card, record the run as done with the ``outputs``' hashes, and remove all checkpoints."""
+        """Record the run as done, and remove all checkpoints.
+
+        Args:
+            outputs: names of all files that the training has written; their hashes are recorded.
+            card: content of the model card, ``README.md``.
+        """
         write_atomically(self.path / "README.md", card)
+        # The outputs are on the disk before the record says so, and the checkpoints go after it: a
+        # power failure at any point leaves a checkpoint or a complete result.
         for name in outputs:
             with (self.path / name).open("rb+") as file:
                 os.fsync(file.fileno())
@@ -158,11 +202,16 @@ class RunFolder(Generic[P]):
         self.checkpoints.drop()
 
     def fail(self, error: BaseException) -> BaseException:
-        """Record the run as failed, or after Ctrl-C as interrupted; return an error that names the last checkpoint."""
+        """Record the run as failed, or after Ctrl-C as interrupted.
+
+        Returns:
+            The error to raise: it names the last checkpoint, if there is one.
+        """
         with suppress(OSError):  # the disk may be full
             self._end("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
-        unit, last = self.kind.unit, self.checkpoints.last
-        if isinstance(error, OSError) and last is None:
+        unit = self.kind.unit
+        last = self.checkpoints.last
+        if isinstance(error, OSError) and last is None:  # the write of a checkpoint failed
             last = next(iter(self.checkpoints.records()), None)
         if last is None:
             return error
@@ -173,8 +222,8 @@ class RunFolder(Generic[P]):
             return TrainingError(f"{error} {kept}, in '{self.path}'.")
         if isinstance(error, OSError):
             return ArtefactError(
-                f"'{self.path}' cannot be written ({error.strerror or error}). {kept}; free some space, then repeat "
-                "the command to resume from there."
+                f"'{self.path}' cannot be written ({error.strerror or error}). {kept}; "
+                "free some space, then repeat the command to resume from there."
             )
         return error
 
@@ -184,32 +233,47 @@ class RunFolder(Generic[P]):
 
 
 @contextmanager
-def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[RunFolder[P]]:
+def new_run(
+    out: Path,
+    kind: RunKind[P],
+    *,
+    force: bool = False,
+) -> Iterator[RunFolder[P]]:
     """Make, lock and yield a new run folder.
 
-    An old folder at ``out`` is moved aside first, and restored if the new run ends without checkpoint and result.
-    OutputExistsError if ``out`` exists and ``force`` is False, ArtefactError if another process is training in ``out``.
+    An old folder at ``out`` is moved aside first, and restored if the new run ends with neither a
+    checkpoint nor a result.
+
+    Args:
+        out: the folder.
+        kind: constants of the trainer.
+        force: whether to replace an existing ``out``.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+        ArtefactError: if another process is training in ``out``.
     """
     check_new_run(out, force=force)
     out = output_target(with_a_name(out))
+    # Two locks: on the old folder while it is moved, then on the new one, which has the same name.
     with locked(out) if out.exists() else nullcontext():
         _put_aside(out)
         try:
             out.mkdir(parents=True)
         except FileExistsError:  # another process has just made the folder
             raise _in_use(out) from None
-        except OSError:
+        except OSError:  # such as a full disk: the old folder comes back
             _settle(out)
             raise
         with locked(out):
             (out / _BEGUN).touch()
             try:
-                with (
-                    first_interrupt() as interrupted,
-                    _failing(RunFolder(out, kind, interrupted)) as run,
-                ):
-                    yield run
+                with first_interrupt() as interrupted:
+                    run = RunFolder(out, kind, interrupted)
+                    with _failing(run):
+                        yield run
             finally:
+                # A run that failed in its first minutes leaves nothing behind.
                 if _is_dead(out):
                     shutil.rmtree(out, ignore_errors=True)
                 _settle(out)
@@ -217,7 +281,12 @@ def new_run(out: Path, kind: RunKind[P], *, force: bool = False) -> Iterator[Run
 
 @contextmanager
 def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
-    """Lock and yield the folder of an unfinished run; ArtefactError if done, damaged, another kind or in use."""
+    """Lock and yield the folder of an unfinished run.
+
+    Raises:
+        ArtefactError: if the run is done, damaged or of another kind, or another process is
+            training in the folder.
+    """
     folder = output_target(with_a_name(folder))
     kind.read_record(folder)
     with locked(folder):
@@ -226,40 +295,52 @@ def resumed_run(folder: Path, kind: RunKind[P]) -> Iterator[RunFolder[P]]:
             raise ArtefactError(
                 f"'{folder}' is finished and cannot be resumed. Choose an unfinished run."
             )
-        drop_temporary(folder)
+        drop_temporary(folder)  # half-written files of a killed process
         try:
-            with (
-                first_interrupt() as interrupted,
-                _failing(RunFolder(folder, kind, interrupted, record)) as run,
-            ):
-                yield run
+            with first_interrupt() as interrupted:
+                run = RunFolder(folder, kind, interrupted, record)
+                with _failing(run):
+                    yield run
         finally:
             _settle(folder)
 
 
 def check_run_output(out: Path, *, force: bool) -> None:
-    """Raise OutputExistsError unless ``out`` is free for training, or holds an unfinished run; ``force`` replaces."""
+    """Check that a training may write to ``out``, before slow work.
+
+    Args:
+        out: the run folder; free, or with an unfinished run, which the command resumes.
+        force: whether an existing folder may be replaced.
+
+    Raises:
+        OutputExistsError: if it holds something else and ``force`` is False.
+    """
     with suppress(ArtefactError):  # without a run, or damaged
         if read_run(out).status != "done":
             return
-        shutil.rmtree(
-            out / "checkpoints", ignore_errors=True
-        )  # left by a run killed after the last record
+        # Checkpoints beside a result were left by a run that was killed after the last record.
+        shutil.rmtree(out / "checkpoints", ignore_errors=True)
     check_new_run(out, force=force)
 
 
 def check_new_run(out: Path, *, force: bool) -> None:
-    """Raise OutputExistsError unless ``out`` is missing, empty, or left by a run killed at the start, or ``force``."""
+    """Check that a new run may use ``out``: missing, empty, or left by a run killed at the start.
+
+    Raises:
+        OutputExistsError: if it holds anything else and ``force`` is False.
+    """
     target = output_target(with_a_name(out))
     if not _is_beginning(target) or (_aside(target).exists() and not force):
         check_output(out, force=force)
 
 
 @contextmanager
-def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
+def _failing(run: RunFolder[P]) -> Iterator[None]:
+    """Record the run as failed or interrupted if an error ends this block."""
     try:
-        yield run
+        yield
     except BaseException as error:
+        # Before the first record, and before a resumed run is restored, nothing has happened yet.
         if not run.is_live:
             raise
         explained = run.fail(error)
@@ -270,20 +351,33 @@ def _failing(run: RunFolder[P]) -> Iterator[RunFolder[P]]:
 
 @contextmanager
 def locked(folder: Path, use: str = "trained") -> Iterator[None]:
-    """Lock an existing folder in this block; ArtefactError, naming the ``use``, if a process holds the lock."""
+    """Keep other processes from working in a folder during this block.
+
+    The lock is the system's, so it ends at the latest with this process; no file is left behind.
+    Without such locks, as on Windows, the block runs unlocked.
+
+    Args:
+        folder: an existing folder.
+        use: what is done with the folder, for the error of another process.
+
+    Raises:
+        ArtefactError: if another process has locked or just replaced the folder.
+    """
     try:
         import fcntl
     except ImportError:  # Windows
         yield
         return
+    # The folder itself is locked: no lock file has to be removed after a crash.
     handle = os.open(folder, os.O_RDONLY)
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise _in_use(folder, use) from None
+        # The lock is on a folder that another process may have replaced in between.
         if not os.path.exists(folder) or not os.path.samestat(os.fstat(handle), os.stat(folder)):
-            raise _in_use(folder, use)  # another process has just replaced the folder
+            raise _in_use(folder, use)
         yield
     finally:
         os.close(handle)
@@ -297,16 +391,22 @@ def _in_use(folder: Path, use: str = "trained") -> ArtefactError:
 
 def _aside(out: Path) -> Path:
     """Return the path that holds a replaced folder until the new run has a checkpoint."""
+    # A sibling: a rename on the same disk is atomic.
     return out.with_name(f".{out.name}.replaced-by-wordcraft-kg")
 
 
 def _put_aside(out: Path) -> None:
-    """Move ``out`` aside; remove a run killed before its first record, and a replacement without checkpoint."""
+    """Move ``out`` aside, or remove it if nothing in it is worth keeping.
+
+    That is a run killed before its first record, or the replacement of a folder that still lies
+    aside, without a checkpoint.
+    """
     if not out.exists():
         return
     if _is_beginning(out) or (_aside(out).exists() and _is_dead(out)):
         shutil.rmtree(out)
         return
+    # An older folder aside was replaced by ``out``, which has a checkpoint or a result.
     shutil.rmtree(_aside(out), ignore_errors=True)
     os.rename(out, _aside(out))
 
@@ -323,12 +423,14 @@ def _settle(out: Path) -> None:
 
 
 def _is_beginning(folder: Path) -> bool:
+    """Return whether a folder was left by a run that was killed before its first record."""
     if not folder.is_dir() or (folder / RUN_FILE).exists():
         return False
     return (folder / _BEGUN).exists() or has_only_temporary(folder)
 
 
 def _is_dead(folder: Path) -> bool:
+    """Return whether a folder holds neither a result nor a checkpoint."""
     with suppress(ArtefactError):
         if read_run(folder).status == "done":
             return False

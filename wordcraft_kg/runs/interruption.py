@@ -10,8 +10,12 @@ from typing import Any
 
 @contextmanager
 def first_interrupt() -> Iterator[threading.Event]:
-    """Yield an event that the first Ctrl-C sets; the second Ctrl-C stops at once."""
-    requested, before = threading.Event(), signal.getsignal(signal.SIGINT)
+    """Yield an event that the first Ctrl-C sets; the second Ctrl-C stops at once.
+
+    The training looks at the event after each step or epoch, where its state is whole.
+    """
+    requested = threading.Event()
+    before = signal.getsignal(signal.SIGINT)
 
     def request(signum: int, frame: Any) -> None:
         requested.set()
@@ -30,7 +34,7 @@ def sigterm_as_interrupt() -> Iterator[None]:
 
 @contextmanager
 def _handling(number: signal.Signals, handler: Callable[[int, Any], None]) -> Iterator[None]:
-    """Handle a signal in this block; nothing changes outside the main thread, which cannot set handlers."""
+    """Handle a signal in this block; only the main thread can, others change nothing."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -41,6 +45,17 @@ def _handling(number: signal.Signals, handler: Callable[[int, Any], None]) -> It
         signal.signal(number, before)
 
 
-def interruption_message(folder: Path, unit: str, number: int) -> str:
-    """Return the message for an interrupted run: the saved checkpoint (such as epoch 20), and how to resume."""
-    return f"interrupted; {unit} {number:,} is saved in '{folder}'. Repeat the command to resume from there."
+def interruption_message(
+    folder: Path,
+    unit: str,
+    number: int,
+) -> str:
+    """Return the message for an interrupted run.
+
+    Args:
+        folder: the run folder.
+        unit: epoch or step.
+        number: number of the saved checkpoint.
+    """
+    saved = f"{unit} {number:,} is saved in '{folder}'"
+    return f"interrupted; {saved}. Repeat the command to resume from there."

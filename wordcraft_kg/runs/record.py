@@ -1,4 +1,8 @@
-"""Run records: ``run.json`` in a run folder, with command, status, inputs, versions and outputs."""
+"""Run records: ``run.json`` in a run folder, with command, status, inputs, versions and outputs.
+
+A record may be published, so it holds no host name, user name or environment variables, and the
+home folder in arguments becomes ``~``.
+"""
 
 import os
 import platform
@@ -21,6 +25,7 @@ from wordcraft_kg.graphs.folder import TrainedOn
 
 RUN_FILE = "run.json"
 _SEED = re.compile(r"seed-(\d+)")
+# Packages whose versions may change results.
 _PACKAGES = (
     "torch",
     "pykeen",
@@ -35,14 +40,26 @@ Status = Literal["running", "interrupted", "failed", "done"]
 
 
 class GitState(Record, frozen=True, kw_only=True):
-    """Git state of the package's source: checked-out commit, and whether there were uncommitted changes."""
+    """Git state of the package's source.
+
+    Attributes:
+        commit: hash of the checked-out commit.
+        dirty: whether there were uncommitted changes.
+    """
 
     commit: str
     dirty: bool
 
 
 class Resumption(Record, frozen=True, kw_only=True):
-    """A resumption of an interrupted run: start time, command line, versions and Git state."""
+    """A resumption of an interrupted run.
+
+    Attributes:
+        started: ISO 8601, UTC.
+        argv: command line, with ``~`` for the home folder.
+        versions: versions by package.
+        git: Git state; None if the package does not run from a checkout.
+    """
 
     started: str
     argv: tuple[str, ...]
@@ -54,19 +71,26 @@ class RunRecord(Record, frozen=True, kw_only=True, omit_defaults=True):
     """Run record: the content of ``run.json``; keys with default values are left out.
 
     Attributes:
+        format: name and version of this format.
         kind: training command, for example ``train-agent``.
+        status: running, interrupted, failed or done.
         argv: command line, with ``~`` for the home folder.
-        started: ISO 8601, UTC.
-        ended: ISO 8601, UTC; None while running.
+        started: start of the run, ISO 8601, UTC.
+        ended: end of the last process, ISO 8601, UTC; None while running.
         versions: versions by package.
-        git: Git state, if the package runs from a checkout.
-        inputs: hashes of ``graph`` and ``split``, and the SHA-256 of files that training never changes.
-        outputs: SHA-256 of each file that training wrote.
-        kg: training graph of an agent's scorer, if any: partial, full or none.
-        cross_fitted: number of cross-fitting folds in an agent's scorer; 0 for in-sample scores on train tasks.
+        git: Git state; None if the package does not run from a checkout.
+        inputs: hashes of ``graph`` and ``split``, and the SHA-256 of files that training never
+            changes.
+        seed: random seed.
+        device: torch device.
+        threads: number of CPU threads.
+        kg: training graph of an agent's scorer: partial, full or none; None without a scorer.
+        cross_fitted: number of cross-fitting folds in an agent's scorer; 0 if train tasks were
+            scored by a model that has seen them.
         trackers: names of metric trackers, such as tensorboard.
         missing_words: words in entity labels that have no word vector.
-        resumed: all resumptions.
+        outputs: SHA-256 of each file that training wrote, by name; empty until the run is done.
+        resumed: all resumptions, in order.
     """
 
     format: Literal["wordcraft-kg run 1"]
@@ -99,7 +123,17 @@ def start_run(
     inputs: Mapping[str, str] | None = None,
     **facts: Any,
 ) -> RunRecord:
-    """Write and return a ``running`` record with optional ``facts``, without host, user or environment."""
+    """Write and return the record of a new run, with the status ``running``.
+
+    Args:
+        folder: the run folder.
+        kind: training command.
+        seed: random seed.
+        device: torch device.
+        threads: number of CPU threads.
+        inputs: hashes of the training data, by name.
+        facts: optional fields of :class:`RunRecord`.
+    """
     run = RunRecord(
         format="wordcraft-kg run 1",
         kind=kind,
@@ -119,71 +153,129 @@ def start_run(
     return _write(folder, run)
 
 
-def resume_run(folder: Path, run: RunRecord, inputs: Mapping[str, str] | None = None) -> RunRecord:
-    """Write and return the record of a resumed run, with time, command and changed input hashes."""
+def resume_run(
+    folder: Path,
+    run: RunRecord,
+    inputs: Mapping[str, str] | None = None,
+) -> RunRecord:
+    """Write and return the record of a resumed run.
+
+    Args:
+        folder: the run folder.
+        run: the record until now.
+        inputs: hashes that have changed, such as of ``config.toml`` with other paths.
+    """
     again = Resumption(started=_now(), argv=_arguments(), versions=_versions(), git=_git_state())
-    changes = {"inputs": {**run.inputs, **(inputs or {})}, "resumed": (*run.resumed, again)}
-    return _write(folder, replace(run, status="running", ended=None, **changes))
+    resumed = replace(
+        run,
+        status="running",
+        ended=None,
+        inputs={**run.inputs, **(inputs or {})},
+        resumed=(*run.resumed, again),
+    )
+    return _write(folder, resumed)
 
 
-def end_run(folder: Path, run: RunRecord, status: Status, outputs: Sequence[str] = ()) -> RunRecord:
-    """Write and return the run record with the final status, the end time and the SHA-256 of each output file."""
+def end_run(
+    folder: Path,
+    run: RunRecord,
+    status: Status,
+    outputs: Sequence[str] = (),
+) -> RunRecord:
+    """Write and return the record of a run that has ended.
+
+    Args:
+        folder: the run folder.
+        run: the record until now.
+        status: how the run has ended.
+        outputs: names of the files that training wrote; their SHA-256 are recorded.
+    """
     hashes = {name: sha256_of(folder / name) for name in outputs}
     return _write(folder, replace(run, status=status, ended=_now(), outputs=hashes))
 
 
 def read_run(folder: Path, expected: str = "a run of a training command") -> RunRecord:
-    """Read ``run.json``; ArtefactError naming ``expected``, if missing, damaged or of several seeds."""
+    """Read ``run.json``.
+
+    Args:
+        folder: the run folder.
+        expected: description of the folder that was expected, for the error.
+
+    Raises:
+        ArtefactError: if there is no such file or it is damaged, or the folder holds a run for each
+            of several seeds.
+    """
+    # lexists: a dangling link is a damaged record, not a missing one.
     if not os.path.lexists(folder / RUN_FILE):
         seeds = sorted(run.parent.name for run in folder.glob(f"seed-*/{RUN_FILE}"))
         if seeds:
             raise ArtefactError(
-                f"'{folder}' holds a run for each of {len(seeds)} seeds; give one run, such as {folder / seeds[0]}."
+                f"'{folder}' holds a run for each of {len(seeds)} seeds; "
+                f"give one run, such as {folder / seeds[0]}."
             )
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return read_record(folder / RUN_FILE, RunRecord)
 
 
-def read_finished_run(folder: Path, expected: str, result: str) -> RunRecord:
-    """Read a finished run's record as :func:`read_run`; ArtefactError if unfinished, or without ``result``."""
+def read_finished_run(
+    folder: Path,
+    expected: str,
+    result: str,
+) -> RunRecord:
+    """Read the record of a finished run.
+
+    Args:
+        folder: the run folder.
+        expected: description of the folder that was expected, for the error.
+        result: name of a file that all such runs have when they are done.
+
+    Raises:
+        ArtefactError: if there is no such run, or it is not done.
+    """
     run = read_run(folder, expected)
     if run.status != "done":
         raise ArtefactError(
             f"'{folder}' is {run.status}, not done. Repeat the training command to resume."
         )
+    # A training of another kind is a finished run, too, but without this file.
     if result not in run.outputs:
         raise ArtefactError(f"'{folder}' {what_is(folder)}; expected {expected}.")
     return run
 
 
 def run_folders(path: Path) -> list[Path]:
-    """Return the run folders ``seed-N`` in a folder with several seeds, by ascending seed; else the path alone."""
+    """Return the run folders ``seed-N`` in a folder with several seeds, else the path alone.
+
+    By ascending seed, not by name: seed 10 comes after seed 9.
+    """
     if (path / RUN_FILE).exists() or not path.is_dir():
         return [path]
-    seeds = {int(match[1]): run for run in path.iterdir() if (match := _SEED.fullmatch(run.name))}
-    return [seeds[seed] for seed in sorted(seeds)] or [path]
+    seeds = [run for run in path.iterdir() if _SEED.fullmatch(run.name)]
+    return sorted(seeds, key=lambda run: int(run.name.removeprefix("seed-"))) or [path]
 
 
 def run_name(folder: Path) -> str:
-    """Return a display name for a run: the folder name; for a folder ``seed-N``, ``<parent folder>-seed-N``."""
-    folder = Path(
-        os.path.realpath(folder)
-    )  # Path.resolve raises on a loop of links before Python 3.13
+    """Return a display name for a run: the folder's, or ``<parent>-seed-N`` for one of several."""
+    # Not Path.resolve, which raises on a loop of links before Python 3.13.
+    folder = Path(os.path.realpath(folder))
     return f"{folder.parent.name}-{folder.name}" if _SEED.fullmatch(folder.name) else folder.name
 
 
 def _write(folder: Path, run: RunRecord) -> RunRecord:
+    # Durable: the record decides after a power failure whether the results count.
     write_atomically(folder / RUN_FILE, dump_json(as_values(run)), durable=True)
     return run
 
 
 def _arguments() -> tuple[str, ...]:
     home = str(Path.home())
+    # The home folder has the user's name. In a container it may be "/", which is in every path.
     shown = [argument if home == "/" else argument.replace(home, "~") for argument in sys.argv[1:]]
     return (Path(sys.argv[0]).name, *shown)
 
 
 def _now() -> str:
+    # UTC: the local time zone would tell where the machine is.
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
@@ -196,21 +288,25 @@ def _versions() -> dict[str, str]:
 
 
 def _git_state() -> GitState | None:
+    """Return the state of the checkout that this package runs from; None without a checkout."""
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None
     try:
-        commit, changes = (
-            subprocess.run(
-                ["git", *arguments],
-                cwd=root,
-                capture_output=True,
-                text=True,
-                check=True,
-                timeout=10,
-            ).stdout
-            for arguments in (["rev-parse", "HEAD"], ["status", "--porcelain"])
-        )
+        commit = _git(root, "rev-parse", "HEAD")
+        changes = _git(root, "status", "--porcelain")
     except (OSError, subprocess.SubprocessError):
         return None
-    return GitState(commit=commit.strip(), dirty=bool(changes.strip()))
+    return GitState(commit=commit, dirty=bool(changes))
+
+
+def _git(root: Path, *arguments: str) -> str:
+    done = subprocess.run(
+        ["git", *arguments],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=10,
+    )
+    return done.stdout.strip()

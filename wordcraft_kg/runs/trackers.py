@@ -1,4 +1,8 @@
-"""Trackers log training metrics to local files; subclass :class:`Tracker` for your own."""
+"""Trackers: metrics of a training for other tools, beside the files of the run folder.
+
+All of them write local files and send nothing. A tracker of your own is any object with the two
+methods of :class:`Tracker`.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -13,7 +17,7 @@ from wordcraft_kg.runs.folder import RunFolder
 from wordcraft_kg.runs.record import Status
 
 Log = Callable[[int, Mapping[str, float | None]], None]
-"""Logging function: takes the number of finished epochs or steps, and metrics by name (None for a missing value)."""
+"""Logging function: takes finished epochs or steps, and metrics by name (None: no value)."""
 
 
 class Tracker(Protocol):
@@ -34,7 +38,12 @@ class Tracker(Protocol):
     """
 
     def log(self, step: int, values: Mapping[str, float]) -> None:
-        """Log metrics by name; ``step`` counts finished epochs or steps and only grows, also in a resumed run."""
+        """Log metrics by name.
+
+        Args:
+            step: number of finished epochs or steps; it only grows, also in a resumed run.
+            values: metrics by name.
+        """
         ...
 
     def close(self, status: Status) -> None:
@@ -47,8 +56,20 @@ class TensorBoard:
 
     library = "torch.utils.tensorboard"
 
-    def __init__(self, folder: Path, settings: Mapping[str, Any], step: int):
-        """Open the event files; for a resumed run, continue from ``step`` and remove metrics of later steps."""
+    def __init__(
+        self,
+        folder: Path,
+        settings: Mapping[str, Any],
+        step: int,
+    ):
+        """Open the event files.
+
+        Args:
+            folder: the run folder.
+            settings: settings of the run, which this tracker does not keep.
+            step: finished epochs or steps of a resumed run. Metrics of later steps, which an
+                interrupted process logged after its last checkpoint, are removed.
+        """
         writer = import_module(self.library).SummaryWriter
         self._writer = writer(str(folder / "tensorboard"), purge_step=step or None)
 
@@ -61,23 +82,38 @@ class TensorBoard:
 
 
 class WeightsAndBiases:
-    """Tracker that writes an offline Weights & Biases run to ``wandb/``; upload with ``wandb sync``."""
+    """Tracker that writes an offline Weights & Biases run to ``wandb/`` in the run folder.
+
+    All that wandb would record of the machine is switched off; ``wandb sync`` would upload the
+    rest. A resumed run is another run there.
+    """
 
     library = "wandb"
 
-    def __init__(self, folder: Path, settings: Mapping[str, Any], step: int):
+    def __init__(
+        self,
+        folder: Path,
+        settings: Mapping[str, Any],
+        step: int,
+    ):
+        """Open the run; ``step`` is not needed, since each call of :meth:`log` has one."""
         wandb = import_module(self.library)
-        disabled = ["disable_code", "disable_git", "disable_job_creation"]
-        disabled += ["x_disable_machine_info", "x_disable_meta", "x_disable_stats"]
-        empty = dict.fromkeys(("host", "program", "username"), "")
-        options = {
-            "console": "off",
-            "mode": "offline",
-            "silent": True,
-            "x_save_requirements": False,
-        }
         private = wandb.Settings(
-            root_dir=str(folder), **options, **empty, **dict.fromkeys(disabled, True)
+            root_dir=str(folder),
+            mode="offline",
+            silent=True,
+            console="off",
+            # Nothing about the machine, its user and its programs.
+            host="",
+            program="",
+            username="",
+            disable_code=True,
+            disable_git=True,
+            disable_job_creation=True,
+            x_disable_machine_info=True,
+            x_disable_meta=True,
+            x_disable_stats=True,
+            x_save_requirements=False,
         )
         self._run = wandb.init(
             project=PROJECT, name=folder.name, config=dict(settings), settings=private
@@ -95,12 +131,18 @@ TRACKERS: dict[str, type[TensorBoard] | type[WeightsAndBiases]] = {
     "tensorboard": TensorBoard,
     "wandb": WeightsAndBiases,
 }
-"""Tracker classes by name; each takes the run folder, settings by name, and the number of epochs or steps before."""
+"""Tracker classes by name; each takes run folder, settings by name, and finished steps."""
 
 
 def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
-    """Return trackers without duplicates; ConfigError for unknown names, MissingExtraError without a library."""
+    """Return trackers without duplicates, after a check that those given by name can be opened.
+
+    Raises:
+        ConfigError: for an unknown name.
+        MissingExtraError: if a tracker's library is not installed.
+    """
     unique: list[Tracker | str] = []
+    # No set, because a tracker of a program need not be hashable.
     for tracker in trackers:
         if tracker not in unique:
             unique.append(tracker)
@@ -114,7 +156,7 @@ def checked_trackers(trackers: Iterable[Tracker | str]) -> list[Tracker | str]:
 
 
 def names_of(trackers: Iterable[Tracker | str]) -> tuple[str, ...]:
-    """Return all trackers given by name; a resumed run opens these trackers again."""
+    """Return the trackers given by name; only these can be opened again by a resumed run."""
     return tuple(tracker for tracker in trackers if isinstance(tracker, str))
 
 
@@ -125,20 +167,28 @@ def tracking(
     settings: Mapping[str, Any],
     step: int = 0,
 ) -> Iterator[Log]:
-    """Open checked trackers, yield a function that logs to all, and close; ``step`` is of a resumed run."""
+    """Open trackers, yield a function that logs to all, and close them with the run's status.
+
+    Args:
+        run: the run, which is live.
+        trackers: from :func:`checked_trackers`.
+        settings: all settings of the run, by name.
+        step: finished epochs or steps of a resumed run.
+    """
     opened: list[Tracker] = []
 
     def log(step: int, figures: Mapping[str, float | None]) -> None:
+        # A metric may be missing at first, such as a success rate before the first episode.
         values = {name: value for name, value in figures.items() if value is not None}
         for tracker in opened:
             tracker.log(step, values)
 
-    status: Status = "failed"
+    status: Status = "failed"  # unless the block ends
     try:
         for tracker in trackers:
-            opened.append(
-                TRACKERS[tracker](run.path, settings, step) if isinstance(tracker, str) else tracker
-            )
+            if isinstance(tracker, str):
+                tracker = TRACKERS[tracker](run.path, settings, step)
+            opened.append(tracker)
         yield log
         status = run.record.status
     except KeyboardInterrupt:

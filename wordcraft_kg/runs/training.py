@@ -1,4 +1,7 @@
-"""Steps shared by all trainings: begin or resume a run, train, finish; for one seed or several."""
+"""Steps shared by all trainings: begin or resume a run, train, finish; for one seed or several.
+
+Read :func:`train` first. A trainer is a subclass of :class:`Training`.
+"""
 
 import os
 from abc import ABC, abstractmethod
@@ -25,16 +28,25 @@ from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_run
 from wordcraft_kg.runs.trackers import Log, Tracker, checked_trackers, names_of, tracking
 
 _SHOWN_BY_TQDM = ("epoch", "seconds", "steps_per_second")
+_ADVICE = "Choose another `out`, or train again with `force`."
 C = TypeVar("C", bound=RunConfig)
 P = TypeVar("P")
 T = TypeVar("T")
 
 
 class Training(ABC, Generic[C, P, T]):
-    """Base class for trainers: one training, with settings ``C``, checkpoint progress ``P`` and outcome ``T`` (types).
+    """Base class for trainers: an object is one training.
 
-    :func:`train` calls the methods in definition order; for a resumed run, without :meth:`prepare` and :meth:`begin`.
-    ``decided`` names the settings that the training chooses if None; ``config`` includes the chosen values.
+    Types are the settings ``C``, the progress record of a checkpoint ``P`` and the outcome ``T``.
+    :func:`train` calls the methods in the order below; for a resumed run, without :meth:`prepare`
+    and :meth:`begin`.
+
+    Attributes:
+        kind: constants of all runs of this trainer.
+        config_type: type of the settings.
+        decided: names of the settings that the training chooses if they are None.
+        config: the settings; after :meth:`begin`, with the chosen values.
+        opened: the recipe graph and its split.
     """
 
     kind: ClassVar[RunKind[Any]]
@@ -42,11 +54,12 @@ class Training(ABC, Generic[C, P, T]):
     decided: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, config: C, opened: OpenedGraph):
-        self.config, self.opened = config, opened
+        self.config = config
+        self.opened = opened
 
     @classmethod
     def input_hashes(cls, config: C) -> Mapping[str, str | None]:
-        """Return the hash of each input except the graph, by setting name."""
+        """Return the hash of each input except the graph, by setting; None without the input."""
         return {}
 
     def prepare(self) -> None:
@@ -54,17 +67,45 @@ class Training(ABC, Generic[C, P, T]):
 
     @abstractmethod
     def begin(self, run: RunFolder[P], report: Progress | None) -> Mapping[str, Any]:
-        """Write the files that a run keeps from the start; return arguments of :meth:`RunFolder.begin`."""
+        """Write the files that a run keeps from the start.
+
+        Args:
+            run: the new run folder.
+            report: progress callback; None reports nothing.
+
+        Returns:
+            Arguments of :meth:`RunFolder.begin`, by name.
+        """
 
     def restored(self, run: RunFolder[P]) -> Checkpoint[P] | None:
-        """Return the last checkpoint of a resumed run; None if the trainer saves finished parts instead of epochs."""
+        """Return the last checkpoint of a resumed run.
+
+        None if the trainer saves finished parts, such as folds, instead of epochs or steps.
+        """
         return run.checkpoints.load()
 
     @abstractmethod
     def fit(
-        self, run: RunFolder[P], report: Progress | None, log: Log, checkpoint: Checkpoint[P] | None
+        self,
+        run: RunFolder[P],
+        report: Progress | None,
+        log: Log,
+        checkpoint: Checkpoint[P] | None,
     ) -> T:
-        """Train to the end or the first Ctrl-C; unless ``run.is_live``, restore, and call ``run.resume(config)``."""
+        """Train to the end or the first Ctrl-C.
+
+        Args:
+            run: the run folder. Unless ``run.is_live``, this is a resumed run: restore the
+                checkpoint, then call ``run.resume(config)``, so that a damaged checkpoint leaves
+                the record as it is.
+            report: progress callback; None reports nothing.
+            log: sends metrics to the trackers.
+            checkpoint: state to go on from; None for a new run.
+
+        Raises:
+            KeyboardInterrupt: after Ctrl-C, when a checkpoint is saved.
+            TrainingError: if the loss becomes infinite or not a number.
+        """
 
     @classmethod
     @abstractmethod
@@ -82,46 +123,55 @@ def train(
     trackers: Iterable[Tracker | str] = (),
     progress: Progress | bool | None = None,
 ) -> T:
-    """Train into a run folder, or resume an interrupted run with the same settings and data; return the outcome.
+    """Train into a run folder, or resume an interrupted run with the same settings and data.
 
     Args:
         trainer: trainer class.
         config: all settings.
-        out: run folder. Default: :meth:`RunConfig.default_folder`.
+        out: run folder. None takes :meth:`RunConfig.default_folder`.
         force: train anew and replace the folder.
-        keep: whether to return the outcome of a finished run with the same settings and data, or a function that
-            decides this for a folder.
+        keep: whether to return the outcome of a finished run with the same settings and data, or a
+            function that decides this for a folder.
         trackers: metric trackers, by name or as objects.
-        progress: progress callback; True shows a bar.
+        progress: progress callback; True shows a bar, None or False nothing.
+
+    Returns:
+        The outcome of the training.
 
     Raises:
-        OutputExistsError: if the folder holds other files or a finished run, and ``force`` is False.
-        ConfigError: if an unfinished run has other settings or data, or the settings do not fit the graph or machine.
+        OutputExistsError: if the folder holds other files or a finished run, and ``force`` is
+            False.
+        ConfigError: if an unfinished run has other settings or data, or the settings do not fit the
+            graph or machine.
         MissingExtraError: if a tracker's library is not installed.
         GraphMismatchError: if an input belongs to another graph.
-        ArtefactError: if an interrupted run is damaged, or another process is training in the folder.
+        ArtefactError: if an interrupted run is damaged, or another process is training in the
+            folder.
         TrainingError: if the loss becomes infinite or not a number.
     """
+    # What can be wrong is checked before the first file is written: the graph, the trackers, then
+    # an earlier run in the folder.
     opened = open_graph(config.graph)
     folder = config.default_folder(opened.graph.name) if out is None else Path(out)
     trackers = checked_trackers(trackers)
     record = None if force else _earlier(folder, trainer.kind)
-    if record is not None and (
-        record.status != "done" or (keep(folder) if callable(keep) else keep)
-    ):
-        files = RunFiles(folder, record)
-        recorded = _checked_settings(files, config, opened, trainer)
-        if record.status == "done":
-            return trainer.outcome(files)
-        if trainer.kind.checkpoints(folder).records():
-            return _resume(trainer(recorded, opened), folder, trackers, progress)
-        force = True  # killed before the first checkpoint
+    if record is not None:
+        is_done = record.status == "done"
+        if not is_done or (keep(folder) if callable(keep) else keep):
+            files = RunFiles(folder, record)
+            recorded = _checked_settings(files, config, opened, trainer)
+            if is_done:
+                return trainer.outcome(files)
+            if trainer.kind.checkpoints(folder).records():
+                return _resume(trainer(recorded, opened), folder, trackers, progress)
+            force = True  # killed before the first checkpoint: nothing is lost
     check_new_run(folder, force=force)
     training = trainer(config, opened)
-    training.prepare()
+    training.prepare()  # may take long or fail, so an old folder is still in its place
     kind = trainer.kind
     with shown(progress, kind.name, kind.unit) as report, new_run(folder, kind, force=force) as run:
         begun = {"inputs": {}, **training.begin(run, report)}
+        # Hashes of graph and split belong to every run; a trainer adds its own inputs.
         inputs = {"graph": opened.graph.hash, "split": opened.split.hash, **begun.pop("inputs")}
         run.begin(training.config, inputs=inputs, trackers=names_of(trackers), **begun)
         with tracking(run, trackers, training.config.values()) as log:
@@ -129,6 +179,7 @@ def train(
 
 
 def _earlier(folder: Path, kind: RunKind[Any]) -> RunRecord | None:
+    """Return the record of an earlier run of the same kind in a folder, if there is one."""
     with suppress(ArtefactError):
         record = read_run(folder)
         if record.kind in kind.commands:
@@ -147,6 +198,7 @@ def _resume(
     kind = training.kind
     with shown(progress, kind.name, kind.unit) as report, resumed_run(folder, kind) as run:
         checkpoint = training.restored(run)
+        # The trackers of the run so far go on, even if the command does not name them again.
         everywhere = checked_trackers([*run.record.trackers, *trackers])
         start = 0 if checkpoint is None else checkpoint.number
         with tracking(run, everywhere, training.config.values(), start) as log:
@@ -154,31 +206,37 @@ def _resume(
 
 
 def _checked_settings(
-    files: RunFiles, config: C, opened: OpenedGraph, trainer: type[Training[C, P, T]]
+    files: RunFiles,
+    config: C,
+    opened: OpenedGraph,
+    trainer: type[Training[C, P, T]],
 ) -> C:
-    files.bytes(CONFIG_FILE)
+    """Return an earlier run's settings, with the paths of ``config``, if all others are equal."""
+    files.bytes(CONFIG_FILE)  # for the check of its hash
     recorded: C = trainer.config_type.read(files.folder)  # type: ignore[assignment]
     if recorded.command != config.command:
         raise ConfigError(
             f"'{files.folder}' was written by {recorded.command}, not {config.command}. {_ADVICE}"
         )
     given = trainer.input_hashes(config)
-    for name, expected in {"graph": opened.graph.hash, "split": opened.split.hash, **given}.items():
+    hashes = {"graph": opened.graph.hash, "split": opened.split.hash, **given}
+    for name, expected in hashes.items():
         if files.run.inputs.get(name) != expected:
             raise ConfigError(f"'{files.folder}' was trained with another {name}. {_ADVICE}")
-    old, new = (moved(settings.values(), os.path.realpath) for settings in (recorded, config))
+    # Inputs may have moved, since their hashes decide; other paths are compared in full.
+    old = moved(recorded.values(), os.path.realpath)
+    new = moved(config.values(), os.path.realpath)
     for name in dict.fromkeys([*new, *old]):
-        is_open = name not in new and name in trainer.decided
-        if name != "graph" and name not in given and not is_open and old.get(name) != new.get(name):
+        is_input = name == "graph" or name in given
+        is_decided = name not in new and name in trainer.decided
+        if not is_input and not is_decided and old.get(name) != new.get(name):
             raise ConfigError(
-                f"'{files.folder}' was trained with `{name}` {old.get(name)}, and this command has {new.get(name)}. "
-                f"{_ADVICE}"
+                f"'{files.folder}' was trained with `{name}` {old.get(name)}, "
+                f"and this command has {new.get(name)}. {_ADVICE}"
             )
+    # Inputs with equal hashes may have moved: the recorded settings get their current paths.
     paths = {name: getattr(config, name) for name in given if hasattr(config, name)}
     return replace(recorded, graph=config.graph, **paths)
-
-
-_ADVICE = "Choose another `out`, or train again with `force`."
 
 
 def train_seeds(
@@ -190,40 +248,57 @@ def train_seeds(
     trackers: Iterable[Tracker | str] = (),
     progress: Callable[[int], Progress | bool | None] = lambda seed: None,
 ) -> Iterator[tuple[int, T]]:
-    """Train once per seed, in the run folders ``parent/seed-N``; keep finished runs and resume interrupted runs.
+    """Train once per seed, in the run folders ``parent/seed-N``.
 
-    ``configs`` are the settings by seed; ``progress`` returns the progress callback for a seed; the other arguments and
-    the errors are those of :func:`train`.
+    Finished runs are kept, and interrupted runs are resumed.
+
+    Args:
+        trainer: trainer class.
+        configs: settings by seed.
+        parent: folder of the run folders.
+        force: train all seeds anew.
+        trackers: metric trackers, by name or as objects.
+        progress: returns the progress callback for a seed, see :func:`train`.
 
     Yields:
-        Each seed with the outcome.
+        Each seed with the outcome, as soon as it is trained.
 
-    OutputExistsError if ``parent`` is a run.
+    Raises:
+        OutputExistsError: if ``parent`` is itself a run; for other errors, see :func:`train`.
     """
     if (parent / RUN_FILE).exists():
         raise OutputExistsError(
-            f"'{parent}' is a single run; several seeds need a folder for all runs. Choose another `out`."
+            f"'{parent}' is a single run; several seeds need a folder for all runs. "
+            "Choose another `out`."
         )
-    trackers = list(trackers)
+    trackers = list(trackers)  # an iterator would be empty for the second seed
     for seed, config in configs.items():
-        folder = parent / f"seed-{seed}"
-        yield (
-            seed,
-            train(
-                trainer,
-                config,
-                folder,
-                force=force,
-                keep=True,
-                trackers=trackers,
-                progress=progress(seed),
-            ),
+        outcome = train(
+            trainer,
+            config,
+            parent / f"seed-{seed}",
+            force=force,
+            keep=True,
+            trackers=trackers,
+            progress=progress(seed),
         )
+        yield seed, outcome
 
 
 @contextmanager
-def shown(progress: Progress | bool | None, name: str, unit: str) -> Iterator[Progress | None]:
-    """Yield the given progress callback; for True, a callback for a progress bar in a terminal or notebook."""
+def shown(
+    progress: Progress | bool | None,
+    name: str,
+    unit: str,
+) -> Iterator[Progress | None]:
+    """Yield a progress callback.
+
+    Args:
+        progress: a callback; True for a progress bar in a terminal or notebook; None or False for
+            none.
+        name: label of the bar.
+        unit: epoch or step; numbers of steps are shown as thousands and millions.
+    """
     if progress is not True:
         yield progress or None
         return
@@ -231,14 +306,14 @@ def shown(progress: Progress | bool | None, name: str, unit: str) -> Iterator[Pr
 
     with tqdm(desc=name, unit=unit, unit_scale=unit == "step") as bar:
 
-        def show(done: int, total: int, figures: dict[str, float]) -> None:
+        def show(
+            done: int,
+            total: int,
+            figures: dict[str, float],
+        ) -> None:
             bar.total = total
-            shown = {
-                name: f"{value:.4g}"
-                for name, value in figures.items()
-                if name not in _SHOWN_BY_TQDM
-            }
-            bar.set_postfix(shown, refresh=False)
-            bar.update(done - bar.n)
+            names = [name for name in figures if name not in _SHOWN_BY_TQDM]
+            bar.set_postfix({name: f"{figures[name]:.4g}" for name in names}, refresh=False)
+            bar.update(done - bar.n)  # tqdm counts differences
 
         yield show

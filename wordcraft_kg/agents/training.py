@@ -167,7 +167,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
     @cached_property
     def envs(self) -> State:
-        """Environments at the start of the first episodes; slow for a large graph with many tasks."""
+        """Environments at the start of the first episodes; slow to make for a large graph."""
         config = self.config
         trainer = config.trainer
         # Bytes of tables (int64), and of activations for the gradients (float32).
@@ -408,7 +408,7 @@ def _warn_of_in_sample_scores(config: AgentConfig) -> None:
 
 
 def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
-    """Warn where the default treatment of self edges is likely to hurt."""
+    """Warn where the default treatment of self edges hurts: in books of one-ingredient recipes."""
     share = graph.num_self_pairs / graph.num_pairs
     if config.policy.self_edges == "observed" and share >= _MANY_SELF_PAIRS:
         logging.getLogger(__name__).warning(

@@ -236,7 +236,7 @@ class TableAttention(nn.Module):
 
 
 class Slots:
-    """Entity vectors at B tables of A ids."""
+    """Entity vectors at B tables of A ids: products with them, and weighted sums of them."""
 
     def __init__(self, vectors: Tensor | None, table: Tensor):
         """Fetch the vectors of a table (B, A) from those for all ids, (E + 1, F).

@@ -1,3 +1,5 @@
+"""The paper's simple baseline: a policy for one table size, without knowledge."""
+
 import torch
 from torch import Tensor, nn
 

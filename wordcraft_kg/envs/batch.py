@@ -278,7 +278,7 @@ class BatchEngine:
         self._final_pairs = array(world.tasks.final_pairs)
         self._results = array(_results(world))
         rewards = self.config.rewards
-        # A wrong pair's penalty alone makes rewards shaped, too: tables are then always written.
+        # Shaped rewards depend on what is new on the table, so tables are then always written.
         self._is_shaped = bool(
             rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward
         )
@@ -482,6 +482,7 @@ class BatchEngine:
         # The second action of an attempt, and any choice of an empty slot, ends the attempt.
         is_second = state.selection != self.nothing
         is_attempt = is_second | is_empty
+        is_pair = is_second & ~is_empty & running  # two entities are combined
         attempts_left = state.attempts_left - cast(is_attempt & running, "int64")
         selection = self.arrays.xp.where(is_attempt, self.nothing, chosen)
 
@@ -509,11 +510,11 @@ class BatchEngine:
         over = running & (made_goal | (attempts_left == 0))
         reward = cast(made_goal, "float32")
         if shaped is not None:
-            is_wrong = is_second & ~is_empty & running & (pair == self.pairs.no_pair)
+            is_wrong = is_pair & (pair == self.pairs.no_pair)
             reward = reward + shaped - rewards.wrong_pair_penalty * cast(is_wrong, "float32")
         # A goal is also over: 2 - 1 is GOAL, 2 - 0 is OUT_OF_ATTEMPTS, 0 is IN_PROGRESS.
         outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(made_goal, "int8")
-        tried = self._noted(state, chosen, is_second & ~is_empty & running)
+        tried = self._noted(state, chosen, is_pair)
         now = State(
             self,
             state.keys,
@@ -550,8 +551,9 @@ class BatchEngine:
     def _are_all_over(self, state: State, made: _Made) -> bool:
         """Return whether all episodes with results end, so that their tables are never seen.
 
-        At depth 1 this is so in every step, and saves the copy of all tables. False for shaped
-        rewards, which depend on the tables, and on a device, where asking would wait.
+        With one attempt in an episode, the default at depth 1, this is so in every step, and saves
+        the copy of all tables. False for shaped rewards, which depend on the tables, and on a
+        device, where asking would wait.
         """
         if self._is_shaped or self.arrays.on_device:
             return False

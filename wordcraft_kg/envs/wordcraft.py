@@ -368,7 +368,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             if entity in taken:
                 continue
             taken.add(entity)
-            if any(_completes(entity, near, pair) for pair in guarded):
+            if _completes(entity, near, guarded):
                 continue
             near.add(entity)
             drawn.append(entity)
@@ -437,13 +437,11 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return facts | {"goal": self.world.graph.entities[state.goal]}
 
 
-def _completes(
-    entity: int,
-    near: set[int],
-    pair: tuple[int, int],
-) -> bool:
-    """Return whether an entity completes a pair, alone or with an entity that is near."""
-    a, b = pair
-    if a == entity:
-        return b == entity or b in near
-    return b == entity and a in near
+def _completes(entity: int, near: set[int], pairs: list[tuple[int, int]]) -> bool:
+    """Return whether an entity completes one of some pairs, alone or with an entity near it."""
+    for a, b in pairs:
+        if a == entity and (b == entity or b in near):
+            return True
+        if b == entity and a in near:
+            return True
+    return False

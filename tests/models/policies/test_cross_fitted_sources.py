@@ -344,7 +344,9 @@ def test_wrappers_give_the_scores_of_models_that_have_not_seen_the_task(opened, 
         state.append(torch.as_tensor(np.atleast_2d(observations["table"])))
         expected = sources[1](States(*state, torch.as_tensor(tasks)))
         np.testing.assert_array_equal(np.atleast_2d(observations["v"]), expected.numpy())
-        assert not np.array_equal(np.atleast_2d(observations["v"]), of_all[1](*state).numpy())
+        assert not np.array_equal(
+            np.atleast_2d(observations["v"]), of_all[1](States(*state)).numpy()
+        )
 
 
 def test_a_wrapper_refuses_sources_that_cannot_be_honest_about_its_tasks(opened, scorer):

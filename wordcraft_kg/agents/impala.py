@@ -379,10 +379,11 @@ class Impala:
         )
         for t in range(self.config.unroll):
             states = self._observe(t)
-            scores = None
-            if unroll.external_scores is not None:
+            scores = self.policy.external_scores(states)
+            if scores is not None:
                 # Kept, so that the learner does not compute them again.
-                unroll.external_scores[t] = self.policy.external_scores(states)
+                assert unroll.external_scores is not None
+                unroll.external_scores[t] = scores
                 scores = unroll.external_scores[t]
             # Compiled code expects the same tensors in each update: the unroll's, not the engine's.
             kept = unroll.states
@@ -454,7 +455,8 @@ class Impala:
         )  # T · B; rows from here on are the states after the last step
 
         # One call of the policy for all states: time and environments become one batch axis.
-        states = States(*(part[:num_states].flatten(0, 1) for part in unroll.states[:3]))
+        goal, selection, table = (part[:num_states].flatten(0, 1) for part in unroll.states[:3])
+        states = States(goal, selection, table)
         external_scores = unroll.external_scores
         if external_scores is not None:
             external_scores = external_scores[:num_states].flatten(0, 1)

@@ -396,7 +396,7 @@ class BatchEngine:
             mine = old.copy() if old is was else old
             mine[rows] = new
             merged.append(mine)
-        return State(self, now.keys, now.ahead, now.age, *merged, episode)
+        return State(self, now.keys, now.ahead, now.age, *_Begun._make(merged), episode)
 
     def _begin_where_on_device(self, now: State, over: Array) -> State:
         """Write every environment, with the old state or the next episode, to read no count."""
@@ -414,7 +414,7 @@ class BatchEngine:
             # device knows, so all are drawn again.
             ahead = Ahead(self._draws, now.keys, episode)
             age = 0
-        return State(self, now.keys, ahead, age, *merged, episode)
+        return State(self, now.keys, ahead, age, *_Begun._make(merged), episode)
 
     # --- steps ------------------------------------------------------------------------------------
 

@@ -331,12 +331,12 @@ class TextObservation(_Masked):
 def _id_spaces(env: Env) -> dict[str, spaces.Space[Any]]:
     """Return an environment's spaces by key; ConfigError unless it still observes ids."""
     known = env.observation_space
-    has_keys = isinstance(known, spaces.Dict)
-    if not has_keys or not isinstance(known.spaces.get("table"), spaces.MultiDiscrete):
+    keys = known.spaces if isinstance(known, spaces.Dict) else {}
+    if not isinstance(keys.get("table"), spaces.MultiDiscrete):
         raise ConfigError(
             "this wrapper needs ids; apply this wrapper before a wrapper that replaces ids."
         )
-    return dict(known.spaces)
+    return dict(keys)
 
 
 def _world(env: Env | VectorEnv[Any, Any, Any]) -> World:

@@ -96,7 +96,7 @@ def milliseconds(world: World, source: Any, batch: int) -> float:
     for _ in range(9):
         source._kept = {}
         began = time.process_time()
-        source(*states[:4], attempts=states.attempts)
+        source(states)
         rounds.append(time.process_time() - began)
     return 1000 * float(np.median(rounds)) / batch
 

@@ -20,6 +20,7 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.registry import register_source
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
 
@@ -44,11 +45,9 @@ class SharedLetters(Source):
         )
         return source
 
-    def forward(
-        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None
-    ) -> Tensor:
+    def forward(self, states: States) -> Tensor:
         """Look up the counts of the slots' entities, shape (B, A)."""
-        return self.shared[goal[:, None], table]
+        return self.shared[states.goal[:, None], states.table]
 
 
 def main() -> None:

@@ -99,8 +99,8 @@ class SharedLetters(Source):
         source.shared[:-1, :-1] = torch.tensor([[float(len(one & other)) for one in letters] for other in letters])
         return source
 
-    def forward(self, goal, selection, table, task=None):
-        return self.shared[goal[:, None], table]
+    def forward(self, states):
+        return self.shared[states.goal[:, None], states.table]
 
 
 success(knowledge_player(make_sources(["letters"], scorer)))

@@ -22,6 +22,7 @@ from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.evaluation.players import view_baselines
 from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 RESULTS = ("success", "by_plan", "actions", "terminations")
@@ -173,7 +174,7 @@ def test_a_policy_plays_its_best_action_of_each_state(opened, monkeypatch, kind,
         for row in zip(
             state.goal.tolist(), state.selection.tolist(), state.table.tolist(), strict=True
         ):
-            logits = policy(*(torch.tensor([ids]) for ids in row)).logits[0]
+            logits = policy(States(*(torch.tensor([ids]) for ids in row))).logits[0]
             there = [slot for slot, entity in enumerate(row[2]) if entity != state.nothing]
             slots.append(max(there, key=logits.tolist().__getitem__))
         return np.array(slots)
@@ -391,9 +392,7 @@ def test_the_scorer_alone_picks_the_best_sum_of_its_scores(opened, use):
     for _ in range(2):
         slots = player(state, rng)
         scores = (
-            sum(source(*states_of(state)[:4]) for source in policy.sources.values())
-            .double()
-            .numpy()
+            sum(source(states_of(state)) for source in policy.sources.values()).double().numpy()
         )
         scores[state.table == state.nothing] = -np.inf
         chosen = scores[np.arange(300), slots]

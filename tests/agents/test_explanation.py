@@ -24,6 +24,7 @@ from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.sources import recipe as recipe_source
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
@@ -341,9 +342,8 @@ def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_go
         found_models.append((found.model, bool(found.in_sample)))
         model = scorer.whole if found.fold is None else scorer.left_out(found.fold)
         (w,) = make_sources(["w"], model)
-        slots = w(torch.tensor([goal]), torch.tensor([graph.num_entities]), torch.tensor([table]))[
-            0
-        ].tolist()
+        nothing = torch.tensor([graph.num_entities])
+        slots = w(States(torch.tensor([goal]), nothing, torch.tensor([table])))[0].tolist()
         assert [slot.sources["w"] for slot in found.episode.steps[0].slots] == pytest.approx(
             slots, abs=1e-4
         )
@@ -467,12 +467,13 @@ def test_a_source_keeps_the_scores_of_some_questions_apart_from_each_other(
         (goal, table) for goal in (3, 5) for table in ([1, 2, 6, 9], [4, 6, 7, 8], [4, 6, 7, 8, 2])
     ]
     for goal, table in questions * 2 + questions[::-1]:
-        question = torch.tensor([goal]), nothing, torch.tensor([table]), task
+        question = States(torch.tensor([goal]), nothing, torch.tensor([table]), task)
         fresh._kept = {}
-        assert torch.equal(kept(*question), fresh(*question))
+        assert torch.equal(kept(question), fresh(question))
     assert len(asked) == len(questions)
     for number in range(100):
-        kept(torch.tensor([number % 20]), nothing, torch.tensor([[number // 20, 30, 31]]), task)
+        table = torch.tensor([[number // 20, 30, 31]])
+        kept(States(torch.tensor([number % 20]), nothing, table, task))
     assert len(kept._kept) == recipe_source.MOST_KEPT
 
 

@@ -33,6 +33,7 @@ from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.models.policies.folder import make_policy
 from wordcraft_kg.models.policies.policy import PolicyOutput
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 BATCH = 8
@@ -113,7 +114,7 @@ class SlowImpala:
         """Return log-probabilities by slot of the entities that are there, the value, and λ."""
         goal, selection, table, task = state
         ids = (torch.tensor([part]) for part in (goal, selection, table))
-        output = policy(*ids, task=torch.tensor([task]))
+        output = policy(States(*ids, task=torch.tensor([task])))
         there = [slot for slot, entity in enumerate(table) if entity != self.nothing]
         log_probs = torch.log_softmax(output.logits[0, there], dim=0)
         divergence = torch.zeros(())
@@ -244,9 +245,7 @@ def test_updates_are_those_of_the_formulas_written_out(
         logged.append(expected)
         # The trainer saw the environments as they were, to the state after the last step.
         for row, states in ((0, before), (-1, slow.states())):
-            goal, selection, table = (
-                ids[row].tolist() for ids in (seen.goal, seen.selection, seen.table)
-            )
+            goal, selection, table = (ids[row].tolist() for ids in seen.states[:3])
             assert list(zip(goal, selection, table, strict=True)) == [state[:3] for state in states]
         torch.testing.assert_close(
             impala._flat.grad.double(), expected["gradient"], atol=1e-4, rtol=1e-3
@@ -302,11 +301,11 @@ def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
     count = 10_000
     weights = impala.policy.weights()
     state = [getattr(impala.envs, name)[:1] for name in ("goal", "selection", "table")]
-    goal, selection, table = (torch.from_numpy(np.repeat(array, count, axis=0)) for array in state)
+    states = States(*(torch.from_numpy(np.repeat(array, count, axis=0)) for array in state))
     noise = (torch.arange(count) + 0.5) / count
     with torch.no_grad():
-        actions, log_probs = impala._choose(weights, goal, selection, table, None, noise)
-        shares = torch.softmax(impala.policy(goal[:1], selection[:1], table[:1]).logits[0], dim=0)
+        actions, log_probs = impala._choose(weights, states, None, noise)
+        shares = torch.softmax(impala.policy(states.rows(0, 1)).logits[0], dim=0)
     frequencies = torch.bincount(actions, minlength=len(shares)) / count
     torch.testing.assert_close(frequencies, shares, atol=2 / count, rtol=0)
     assert shares.max() - shares[shares > 0].min() > 0.05
@@ -321,7 +320,7 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
     monkeypatch.setattr(
         impala.policy, "forward", lambda *_, **__: PolicyOutput(logits.repeat(len(noise), 1), noise)
     )
-    actions, log_probs = impala._choose({}, noise, noise, noise, None, noise)
+    actions, log_probs = impala._choose({}, States(noise, noise, noise), None, noise)
     assert actions.tolist() == [1, 1, 3, 3, 3]
     torch.testing.assert_close(log_probs, torch.full((5,), math.log(0.5)))
 
@@ -334,7 +333,7 @@ def test_the_environments_of_a_batch_see_different_tasks(opened, trainer):
         goals = []
         for _ in range(10):
             impala.update()
-            goals.append(impala._unroll.goal[0].clone())
+            goals.append(impala._unroll.states.goal[0].clone())
         return torch.stack(goals, dim=1)
 
     one, same, other = (streams(seed) for seed in (3, 3, 4))

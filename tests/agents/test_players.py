@@ -30,6 +30,7 @@ from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.base.statistics import task_bootstrap, wilson_interval
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.factors import TableScorer
@@ -256,7 +257,7 @@ def test_facts_score_slots_like_tables_of_all_pairs_do(opened, known):
     dense = make_sources(("u", "v"), SymbolicScorer(graph, triples))
     for expected, found in zip(dense, fact_sources(graph, triples).values(), strict=True):
         torch.testing.assert_close(
-            found(goal, selection, slots, None), expected(goal, selection, slots)
+            found(States(goal, selection, slots)), expected(States(goal, selection, slots))
         )
 
 

@@ -15,6 +15,7 @@ from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.base.errors import ActionError, ConfigError, MissingExtraError
 from wordcraft_kg.envs.wrappers import FeatureObservation
 from wordcraft_kg.models.policies.folder import make_policy
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 
 DISTRACTORS = 3
@@ -91,9 +92,8 @@ def tensors(observations):
 def outputs_of(network, observations):
     """Probabilities and values according to the policy itself, without the library."""
     with torch.no_grad():
-        output = network(
-            *(torch.as_tensor(observations[key]) for key in ("goal", "selection", "table"))
-        )
+        ids = (torch.as_tensor(observations[key]) for key in ("goal", "selection", "table"))
+        output = network(States(*ids))
     return torch.softmax(output.logits, dim=1), output.value
 
 

@@ -29,6 +29,7 @@ from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.training import _warn_of_self_pairs
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, TrainingError
+from wordcraft_kg.models.policies.states import States
 
 
 @pytest.fixture
@@ -128,9 +129,9 @@ def test_a_policy_is_loaded_from_its_folder_alone(done, tmp_path):
             (done / name).read_bytes()
         )  # the graph is named in config.toml only
     policy = load_policy(tmp_path)
-    state = torch.tensor([3]), torch.tensor([80]), torch.tensor([[1, 2, 80]])
-    torch.testing.assert_close(policy(*state), open_agent(done).policy(*state), rtol=0, atol=0)
-    assert policy(*state).logits[0, 2] == -torch.inf
+    state = States(torch.tensor([3]), torch.tensor([80]), torch.tensor([[1, 2, 80]]))
+    torch.testing.assert_close(policy(state), open_agent(done).policy(state), rtol=0, atol=0)
+    assert policy(state).logits[0, 2] == -torch.inf
 
 
 POINTS = [(37, 2)]

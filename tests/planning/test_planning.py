@@ -26,7 +26,7 @@ from wordcraft_kg.graphs import OpenedGraph
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.graphs.train_samples import draw_train_sample
-from wordcraft_kg.models.policies.sources.source import Attempts
+from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RANKER, knowledge_of
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
@@ -267,9 +267,7 @@ def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened, scorer):
     wide[:, : table.shape[1]] = table[:, : wide.shape[1]]
     posed = posed._replace(wide=wide, selection=np.full_like(goal, posed.nothing))
     slots = min(table.shape[1], wide.shape[1] - 1)
-    first, again = (
-        source(*states_of(one)[:3], attempts=states_of(one).attempts) for one in (state, posed)
-    )
+    first, again = (source(states_of(one)._replace(task=None)) for one in (state, posed))
     assert torch.equal(first[:, :slots], again[:, :slots])
 
 
@@ -281,14 +279,14 @@ def test_p_of_a_batch_follows_selection_and_attempts(scorer, opened):
         states.goal, states.table, torch.zeros(50, dtype=torch.int64), states.attempts.left
     )
     empty = states.table == opened.graph.num_entities
-    free = p(*states[:4], attempts=states.attempts)
+    free = p(states)
     torch.testing.assert_close(free, values.amax(2).masked_fill(empty, 0), rtol=0, atol=1e-5)
-    held = p(states.goal, states.table[:, 1], states.table, None, attempts=states.attempts)
+    held = p(states._replace(selection=states.table[:, 1], task=None))
     torch.testing.assert_close(held, values[:, 1].masked_fill(empty, 0), rtol=0, atol=1e-5)
     with pytest.raises(ValueError, match="needs `attempts`"):
-        p(*states[:3])
+        p(States(*states[:3]))
     one = Attempts(torch.ones_like(states.goal))
-    assert not torch.equal(p(*states[:3], attempts=one), free)
+    assert not torch.equal(p(States(*states[:3], attempts=one)), free)
 
 
 def test_evidence_is_a_plan_whose_probability_is_p(scorer, opened):
@@ -298,9 +296,9 @@ def test_evidence_is_a_plan_whose_probability_is_p(scorer, opened):
     for selection in (empty, 3, 55):  # nothing, on the table, not on the table
         for pairs in ([[3, 40]], [[7, 7], [3, 70]]):
             attempts = Attempts(torch.tensor([2]), torch.tensor([pairs]))
-            state = goal, torch.tensor([selection]), table, None, attempts
-            scores = p(*state[:4], attempts=attempts)[0]
-            for slot, evidence in enumerate(p.evidence(*state)):
+            state = States(goal, torch.tensor([selection]), table, None, attempts)
+            scores = p(state)[0]
+            for slot, evidence in enumerate(p.evidence(state)):
                 assert (evidence is None) == (int(table[0, slot]) == empty)
                 if evidence and evidence.plan:
                     assert math.log(math.prod(step[3] for step in evidence.plan)) == pytest.approx(
@@ -328,8 +326,8 @@ def test_wrapped_environments_observe_p(opened: OpenedGraph):
     env = gym.make("WordCraft-v0", graph="kitchen", part="test", depth=2, num_distractors=2)
     observation, _ = KGScoreObservation(env, [source]).reset(seed=0)
     state = (torch.tensor(observation[key])[None] for key in ("goal", "selection", "table"))
-    attempts = Attempts(torch.tensor([2]))
-    np.testing.assert_array_equal(observation["p"], source(*state, attempts=attempts)[0].numpy())
+    states = States(*state, attempts=Attempts(torch.tensor([2])))
+    np.testing.assert_array_equal(observation["p"], source(states)[0].numpy())
     assert observation["p"].max() > -2 * FURTHER  # a plan of known recipes
     env.close()
 

@@ -1,4 +1,8 @@
-"""Run folders of agents: reading the records, and opening the trained agent."""
+"""Run folders of agents: reading the records, and opening the trained agent.
+
+Files may be damaged, or written to by a training at this moment. So everything is verified by the
+hashes in ``run.json``, and damage is an ArtefactError that names the file.
+"""
 
 import logging
 from dataclasses import dataclass
@@ -31,7 +35,7 @@ from wordcraft_kg.runs.record import RunRecord, run_name
 AGENTS = RunKind(AgentConfig.commands, "agent", unit="step", progress=AgentProgress)
 _METRICS = "metrics.jsonl"
 INPUTS = ("policy.json", "constants.safetensors")
-"""Files in a run folder that never change during training; ``run.json`` holds the hashes."""
+"""Files in a run folder that never change during training; ``run.json`` hashes them."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +44,8 @@ class AgentRun:
 
     Attributes:
         name: display name, see :func:`~wordcraft_kg.runs.record.run_name`.
-        checkpoint: ``final``, ``step N`` for an unfinished run, or empty before the first checkpoint.
+        checkpoint: ``final``, ``step N`` for an unfinished run, or empty before the first
+            checkpoint.
         config: training settings.
         run: ``run.json``: command, versions, hashes and status.
         metrics: lines in ``metrics.jsonl``.
@@ -58,26 +63,38 @@ class AgentRun:
     def provenance(self) -> dict[str, str]:
         """Command, end, weights, versions and input hashes, as texts for reports."""
         run = self.run
-        names = ("graph", "split", "scorer", "scorer_folds")
-        return {
+        weights = f"{self.checkpoint} {run.outputs.get('policy.safetensors', '')}"
+        facts = {
             "trained by": " ".join(run.argv),
             "finished": run.ended or "",
-            "weights": f"{self.checkpoint} {run.outputs.get('policy.safetensors', '')}".rstrip(),
+            "weights": weights.rstrip(),
             "versions": ", ".join(f"{name} {number}" for name, number in run.versions.items()),
-            **{name: run.inputs[name] for name in names if name in run.inputs},
         }
+        for name in ("graph", "split", "scorer", "scorer_folds"):
+            if name in run.inputs:
+                facts[name] = run.inputs[name]
+        return facts
 
 
 @dataclass(frozen=True)
 class OpenedAgent(AgentRun):
-    """An agent ready for evaluation: records, policy at ``checkpoint``, and training graph, verified by hash."""
+    """An agent ready for evaluation.
+
+    Attributes:
+        policy: the policy with the weights at ``checkpoint``.
+        opened: the graph and split of the training, verified by hash.
+    """
 
     policy: Policy
     opened: OpenedGraph
 
     @cached_property
     def outside(self) -> OutsideEvidenceFinder | None:
-        """Evidence of the agent's outside knowledge; None without, or with a warning if its folder has changed."""
+        """Evidence of the agent's outside knowledge.
+
+        None without outside knowledge, or with a warning if the scorer's folder has changed: an
+        explanation without this evidence is better than none.
+        """
         if self.config.scorer is None or W.name not in self.policy.sources:
             return None
         try:
@@ -106,12 +123,17 @@ class OpenedAgent(AgentRun):
 
 
 def read_agent_run(folder: str | Path) -> AgentRun:
-    """Read the records in an agent's run folder; the run may still be training. Errors as for :func:`open_agent`."""
+    """Read the records in an agent's run folder; the run may still be training.
+
+    Raises:
+        ArtefactError: if the run does not exist, or a file is damaged.
+    """
     folder = Path(folder)
     files = RunFiles(folder, AGENTS.read_record(folder))
     for name in (CONFIG_FILE, "policy.json"):
         files.bytes(name)  # unchanged since the start
-    config, name = AgentConfig.read(folder), run_name(folder)
+    config = AgentConfig.read(folder)
+    name = run_name(folder)
     if files.run.status == "done":
         metrics = read_metrics(files.bytes(_METRICS), folder / _METRICS)
         return AgentRun(name, "final", config, files.run, metrics, read_summary(files))
@@ -119,19 +141,21 @@ def read_agent_run(folder: str | Path) -> AgentRun:
     checkpoint = "" if last is None else f"step {last:,}"
     path = folder / _METRICS
     lines = read_small_file(path) if path.exists() else b""
-    metrics = read_metrics(lines[: lines.rfind(b"\n") + 1], path)  # the last line may be incomplete
+    # Another process may be writing the last line at this moment.
+    complete = lines[: lines.rfind(b"\n") + 1]
+    metrics = read_metrics(complete, path)
     return AgentRun(name, checkpoint, config, files.run, metrics, None)
 
 
 def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> OpenedAgent:
-    """Open an agent's run folder for evaluation; an unfinished run is opened at the last checkpoint.
+    """Open an agent's run folder for evaluation; an unfinished run at its last checkpoint.
 
     Args:
         folder: run folder, written by ``train_agent``.
         graph: new location of a moved graph, or the opened graph.
 
     Raises:
-        ArtefactError: if the run or the checkpoint does not exist, or a file is damaged.
+        ArtefactError: if the run does not exist or has no checkpoint yet, or a file is damaged.
         GraphMismatchError: if the graph or split differs from training.
 
     Example:
@@ -140,20 +164,33 @@ def open_agent(folder: str | Path, graph: str | OpenedGraph | None = None) -> Op
     """
     folder = Path(folder)
     records = read_agent_run(folder)
-    files, checkpoint = RunFiles(folder, records.run), records.checkpoint
+    files = RunFiles(folder, records.run)
+    checkpoint = records.checkpoint
     opened = files.graph(graph or records.config.graph)
     if records.run.status == "done":
         policy = read_policy(
-            folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors")
+            folder,
+            files.bytes("constants.safetensors"),
+            files.tensors("policy.safetensors"),
         )
     else:
         last = AGENTS.checkpoints(folder).load()
-        policy, checkpoint = policy_at(files, last), f"step {last.number:,}"
-    return OpenedAgent(**{**vars(records), "checkpoint": checkpoint}, policy=policy, opened=opened)
+        policy = policy_at(files, last)
+        # Training may have written a checkpoint since the records were read.
+        checkpoint = f"step {last.number:,}"
+    return OpenedAgent(
+        **{**vars(records), "checkpoint": checkpoint},
+        policy=policy,
+        opened=opened,
+    )
 
 
 def policy_at(files: RunFiles, checkpoint: Checkpoint[AgentProgress]) -> Policy:
-    """Load a run's policy with the weights at a checkpoint; ArtefactError for inconsistent files."""
+    """Load a run's policy with the weights at a checkpoint.
+
+    Raises:
+        ArtefactError: if the files do not fit each other.
+    """
     files.bytes("policy.json")
     parameters = with_prefix(checkpoint.tensors, "policy.")
     return read_policy(files.folder, files.bytes("constants.safetensors"), parameters)

@@ -1,4 +1,8 @@
-"""Trainer settings with defaults, units and allowed ranges; imports no torch."""
+"""Settings of an agent's training, with defaults, units and allowed ranges.
+
+Imports no torch, so that commands show these settings in ``--help`` at once. The class docstrings
+are the help texts, and defaults live here only.
+"""
 
 from collections.abc import Collection
 from dataclasses import dataclass, fields
@@ -6,7 +10,14 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.settings import MAX_SIZE, MAX_THREADS, SMALLEST, number_in, require, whole
+from wordcraft_kg.base.settings import (
+    MAX_SIZE,
+    MAX_THREADS,
+    SMALLEST,
+    number_in,
+    require,
+    whole,
+)
 from wordcraft_kg.envs.config import (
     Ambiguity,
     DistractorPolicy,
@@ -28,13 +39,14 @@ class TaskConfig:
         depth: minimum attempts to solve a task, 1 to 5.
         distractors: entities on the table that no plan needs.
         max_attempts: attempts per episode. Default: depth.
-        reward: sparse (1 for the goal) or official (with the penalties and sub-goals in the paper's released code);
-            success counts only goals in both cases.
-        distractor_weighting: sample distractors by use (weight 1 + number of train recipes that use the entity as an
-            ingredient) or uniform.
-        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the goal; or
-            no_train_shortcut, so that none opens an additional way by train recipes alone.
-        task_weighting: sample train tasks by task (uniformly) or by goal (first a goal, then a task with this goal).
+        reward: sparse (1 for the goal) or official (with the penalties and sub-goals in the paper's
+            released code); success counts only goals in both cases.
+        distractor_weighting: sample distractors by use (weight 1 + number of train recipes that
+            use the entity as an ingredient) or uniform.
+        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the
+            goal; or no_train_shortcut, so that none opens an additional way by train recipes alone.
+        task_weighting: sample train tasks by task (uniformly) or by goal (first a goal, then a task
+            with this goal).
         ambiguity: all results of a pair, or only the last (as in the paper's released code).
 
     Example:
@@ -52,20 +64,26 @@ class TaskConfig:
     ambiguity: Ambiguity = WordCraftConfig.ambiguity
 
     def __post_init__(self) -> None:
-        self.environment("train")
+        self.environment("train")  # checks all values
 
     def environment(self, part: TaskPart, distractors: int | None = None) -> WordCraftConfig:
-        """Return the environment settings for a part of the split; ConfigError for a value out of range.
+        """Return the environment settings for a part of the split.
 
-        ``distractors`` replaces the number of distractors.
+        Args:
+            part: part of the split, or ``all``.
+            distractors: number of distractors instead of this object's.
+
+        Raises:
+            ConfigError: for a value out of range.
         """
-        settings = {
-            field.name: getattr(self, field.name)
-            for field in fields(self)
-            if field.name != "distractors"
-        }
-        amount = self.distractors if distractors is None else distractors
-        return WordCraftConfig(part=part, num_distractors=amount, **settings)
+        settings = {field.name: getattr(self, field.name) for field in fields(self)}
+        own = settings.pop("distractors")
+        amount = own if distractors is None else distractors
+        return WordCraftConfig(
+            part=part,
+            num_distractors=amount,
+            **settings,
+        )
 
 
 @dataclass(frozen=True)
@@ -73,10 +91,12 @@ class ImpalaConfig:
     """IMPALA with the paper's settings.
 
     Attributes:
-        steps: environment steps (actions) for training, rounded up to whole updates; 3,000,000 in the paper.
+        steps: environment steps (actions) for training, rounded up to whole updates; 3,000,000 in
+            the paper.
         batch_size: parallel environments, each with one unroll per update; 128 in the paper.
         unroll: steps per environment and update; 2 in the paper.
-        policy_lag: delay between acting and learning policy, in updates; 0 makes all importance ratios 1.
+        policy_lag: delay between acting and learning policy, in updates; 0 makes all importance
+            ratios 1.
         discount: γ; 0.99 in the paper.
         learning_rate: initial RMSProp learning rate, decayed linearly to 0; 0.001 in the paper.
         rms_decay: RMSProp decay rate for squared gradients; 0.99 in the paper's released code.
@@ -84,16 +104,18 @@ class ImpalaConfig:
         momentum: RMSProp momentum.
         entropy_cost: entropy weight; 0.01 in the paper.
         baseline_cost: value loss weight; 0.5 in the paper's released code.
-        scorer_cost: weight of the divergence from the softmax of w, the policy of the scorer alone, which limits
-            attention that remembers train tasks; only with w, and at depth 1, where w is the probability of success.
-            Default: 0.3, or 3 with fewer than 1,000 train tasks.
+        scorer_cost: weight of the divergence from the softmax of w, the policy of the scorer alone,
+            which limits attention that remembers train tasks; only with w, and at depth 1, where w
+            is the probability of success. Default: 0.3, or 3 with fewer than 1,000 train tasks.
         clip: maximum gradient norm; 40 in the paper's released code.
         seed: root seed for initialisation, environments and actions.
         device: torch device for environments, actor and learner: cpu or cuda.
         threads: CPU threads; 1 is about as fast as 2, because the matrices are small.
-        compile: compile actor and learner first; takes a minute and, on a CPU, needs a C++ compiler.
+        compile: compile actor and learner first; takes a minute and, on a CPU, needs a C++
+            compiler.
         log_every: environment steps between two lines in metrics.jsonl.
-        eval_every: environment steps between two points on the learning curves; 0 evaluates only after training.
+        eval_every: environment steps between two points on the learning curves; 0 evaluates only
+            after training.
         checkpoint_every: environment steps between two checkpoints.
 
     Example:
@@ -132,23 +154,33 @@ class ImpalaConfig:
         for name in ("eval_every", "seed"):
             whole(name, getattr(self, name), 0)
         for name in ("learning_rate", "rms_epsilon", "clip"):
+            expected = f"a number above 0, at most {_LARGE:g}"
+            number_in(name, getattr(self, name), SMALLEST, _LARGE, expected)
+        costs = ["entropy_cost", "baseline_cost"]
+        if self.scorer_cost is not None:  # None is decided by the number of tasks
+            costs.append("scorer_cost")
+        for name in costs:
             number_in(
-                name, getattr(self, name), SMALLEST, _LARGE, f"a number above 0, at most {_LARGE:g}"
+                name,
+                getattr(self, name),
+                0,
+                _LARGE,
+                f"0 or more, at most {_LARGE:g}",
             )
-        for name in ("entropy_cost", "baseline_cost") + ("scorer_cost",) * (
-            self.scorer_cost is not None
-        ):
-            number_in(name, getattr(self, name), 0, _LARGE, f"0 or more, at most {_LARGE:g}")
         for name in ("discount", "rms_decay", "momentum"):
             number_in(name, getattr(self, name), 0, 1, "0 to 1")
-        is_known = isinstance(self.device, str) and (
-            self.device == "cpu" or self.device.startswith("cuda")
-        )
+        # Whether the device exists is checked when training begins, not when settings are read.
+        # A name such as cuda:1 chooses among several devices.
+        is_text = isinstance(self.device, str)
+        is_known = is_text and (self.device == "cpu" or self.device.startswith("cuda"))
         require(self, "device", is_known, "cpu or cuda")
 
     @staticmethod
     def has_scorer_cost(sources: Collection[str], depth: int) -> bool:
-        """Return whether agents with the scores ``sources`` and tasks of this depth have the penalty."""
+        """Return whether agents with these sources and tasks of this depth have the penalty.
+
+        Deeper tasks have none: there w says nothing about later attempts.
+        """
         return "w" in sources and depth == 1
 
     @property
@@ -159,18 +191,28 @@ class ImpalaConfig:
     @property
     def updates(self) -> int:
         """Number of updates in the whole training."""
-        return -(-self.steps // self.steps_per_update)
+        # Rounded up, by whole numbers, which are exact at any size.
+        return (self.steps + self.steps_per_update - 1) // self.steps_per_update
 
 
-KNOWLEDGE_SETTINGS = ("use", "kg_only", "mixing", "scale", "self_edges", "in_sample")
+KNOWLEDGE_SETTINGS = (
+    "use",
+    "kg_only",
+    "mixing",
+    "scale",
+    "self_edges",
+    "in_sample",
+)
 """Names of the policy settings that only have an effect with a scorer."""
 
 
 @dataclass(frozen=True)
 class AgentConfig(RunConfig):
-    """All settings for training an agent.
+    """All settings for training an agent, as ``config.toml`` keeps them.
 
     Attributes:
+        graph: graph folder, recipe book's file or built-in book's name.
+        commands: names of the commands that write such a run.
         scorer: model folder, or None.
         tasks: training and evaluation tasks.
         policy: network and knowledge sources.
@@ -189,12 +231,15 @@ class AgentConfig(RunConfig):
     trainer: ImpalaConfig = ImpalaConfig()
 
     def __post_init__(self) -> None:
-        for name in KNOWLEDGE_SETTINGS if self.scorer is None else ():
+        if self.scorer is not None:
+            return
+        for name in KNOWLEDGE_SETTINGS:
             if getattr(self.policy, name) != getattr(PolicyConfig, name):
                 raise ConfigError(f"`{name}` configures the use of a scorer: give a `scorer` too.")
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
-        return Path("runs") / f"{graph_name}-{Path(self.scorer).name if self.scorer else 'no-kg'}"
+        guide = Path(self.scorer).name if self.scorer else "no-kg"
+        return Path("runs") / f"{graph_name}-{guide}"
 
     def differing(self) -> dict[str, Any]:
         """Return the settings that differ from the defaults, by name."""

@@ -1,4 +1,8 @@
-"""``metrics.jsonl``: training metrics and learning curves, in a run folder."""
+"""``metrics.jsonl``: training metrics and learning curves, in a run folder.
+
+Lines are appended while training goes on, so that a run can be watched. A checkpoint records how
+long the file was; resuming cuts later lines, which training writes again.
+"""
 
 import json
 import os
@@ -18,15 +22,38 @@ from wordcraft_kg.runs.trackers import Log
 EVALUATED: tuple[TaskPart, ...] = ("train", "test")
 """Parts of the split on which a trained agent is evaluated."""
 CURVE_TASKS = 4_000
-"""Maximum number of tasks per part of the split for a point on a learning curve; the final evaluation uses far more."""
+"""Most tasks per part of the split for a point on a learning curve.
+
+The final evaluation uses far more, see ``MOST_TASKS`` in ``envs.evaluation_tables``.
+"""
 
 
 class MetricsFile:
-    """Writer for ``metrics.jsonl`` and trackers, never through a link; ``eval_seconds`` is the time for curves."""
+    """Appends lines to ``metrics.jsonl``, and passes them on to the run's trackers.
 
-    def __init__(self, folder: Path, world: World, log: Log):
+    Attributes:
+        path: path of the file.
+        eval_seconds: seconds spent on the learning curves so far.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        world: World,
+        log: Log,
+    ):
+        """Prepare the evaluators of the learning curves.
+
+        Args:
+            folder: run folder.
+            world: world of the training; its train and test parts are evaluated.
+            log: sends a line to the trackers.
+
+        Raises:
+            ArtefactError: if the file is a link, through which another run would be written to.
+        """
         self.path = folder / "metrics.jsonl"
-        if self.path.is_symlink():  # the file may belong to another run
+        if self.path.is_symlink():
             raise ArtefactError(
                 f"{self.path} is a link; expected a file. Train again with `force`."
             )
@@ -35,14 +62,21 @@ class MetricsFile:
         self._evaluators = evaluators(world, curve=True)
 
     def size(self) -> int:
-        """Flush the file to disk and return the size in bytes."""
+        """Flush the file to disk and return the size in bytes.
+
+        A checkpoint counts on lines that are on disk, also after a power failure.
+        """
         self.path.touch()
         with self.path.open("rb+") as file:
             os.fsync(file.fileno())
         return self.path.stat().st_size
 
     def cut(self, size: int) -> None:
-        """Truncate the file to ``size`` bytes; ValueError if the file is shorter."""
+        """Remove what was written after a checkpoint, when the file had ``size`` bytes.
+
+        Raises:
+            ValueError: if the file is shorter than that.
+        """
         if self.path.stat().st_size < size:
             raise ValueError("metrics.jsonl is shorter than at the checkpoint")
         os.truncate(self.path, size)
@@ -58,20 +92,35 @@ class MetricsFile:
         return point
 
     def add(self, row: dict[str, Any]) -> None:
-        """Append a line of metrics."""
+        """Append a line of metrics; without NaN and infinity, which JSON lacks."""
+        # One write for a line, so that a reader sees whole lines but for the last.
         with self.path.open("ab") as file:
             file.write((json.dumps(row, allow_nan=False) + "\n").encode())
-        self._log(row["step"], {name: value for name, value in row.items() if name != "step"})
+        self._log(
+            row["step"],
+            {name: value for name, value in row.items() if name != "step"},
+        )
 
 
 def evaluators(world: World, *, curve: bool = False) -> dict[TaskPart, Evaluator]:
-    """Return evaluators for train and test tasks, by part; ``curve`` takes fewer tasks, for learning curves."""
+    """Return evaluators for train and test tasks, by part.
+
+    Args:
+        world: world of the training, in any part.
+        curve: take fewer tasks and, for train tasks, one table each, for learning curves.
+
+    Returns:
+        Evaluators by part; none for a part without tasks.
+    """
     result = {}
     for part in EVALUATED:
         with suppress(TaskError):  # without held-out recipes, a graph has no test tasks
+            # The curve of test tasks is the one that is read closely.
             distractor_seeds = 1 if curve and part == "train" else None
             limit = CURVE_TASKS if curve else MOST_TASKS
             result[part] = Evaluator(
-                world.variant(part=part), distractor_seeds=distractor_seeds, limit=limit
+                world.variant(part=part),
+                distractor_seeds=distractor_seeds,
+                limit=limit,
             )
     return result

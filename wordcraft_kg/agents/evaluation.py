@@ -42,17 +42,10 @@ class PolicyPlayer:
         bind_tasks([self.policy], state.world)
         states, weights = states_of(state), self.policy.weights()
         device = next(self.policy.parameters()).device
-        slots = torch.cat(
-            [
-                self.policy(goal, selection, table, weights, task, attempts=attempts).logits.argmax(
-                    1
-                )
-                for start in range(0, state.num_envs, ROWS)
-                for goal, selection, table, task, attempts in [
-                    states.rows(start, start + ROWS, device)
-                ]
-            ]
-        )
+        batches = [
+            states.rows(start, start + ROWS, device) for start in range(0, state.num_envs, ROWS)
+        ]
+        slots = torch.cat([self.policy(batch, weights).logits.argmax(1) for batch in batches])
         return slots if state.engine.arrays.on_device else slots.cpu().numpy()
 
 

@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from wordcraft_kg.agents.states import States, has_train_recipes
+from wordcraft_kg.agents.states import has_train_recipes
 from wordcraft_kg.base.errors import ConfigError, TaskError, UnknownEntityError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Record, Share
@@ -26,7 +26,8 @@ from wordcraft_kg.graphs.tasks import Rows, TaskSet
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
 from wordcraft_kg.models.policies.sources import ALPHA
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
-from wordcraft_kg.models.policies.sources.source import Attempts, FoldedSource, Source
+from wordcraft_kg.models.policies.sources.source import FoldedSource, Source
+from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence, OutsideEvidenceFinder
 from wordcraft_kg.models.scorers.cross_fitting import models_of_tasks, seen_by_models
 from wordcraft_kg.models.scorers.recipes import Witness
@@ -429,7 +430,7 @@ class Explainer:
         result: list[SlotEvidence | None] = [None] * state.table.shape[1]
         for name, source in policy.sources.items():
             assert isinstance(source, Source)
-            for slot, evidence in enumerate(source.evidence(*state)):
+            for slot, evidence in enumerate(source.evidence(state)):
                 if evidence is not None and (result[slot] is None or evidence.plan):
                     because = tuple(Witness.of(recipe, entities) for recipe in evidence.supporting)
                     expected = evidence.plan[0][2] if evidence.plan else goal
@@ -455,15 +456,10 @@ class Explainer:
 
     @torch.no_grad()
     def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput]:
-        goal, selection, table, task, _ = state
-        external_scores = policy.external_scores(*state)
-        action = int(
-            self._policy(
-                goal, selection, table, self._weights, task, external_scores
-            ).logits.argmax(1)
-        )
+        external_scores = policy.external_scores(state)
+        action = int(self._policy(state, self._weights, external_scores).logits.argmax(1))
         exact = None if external_scores is None else external_scores.double()
-        return action, self._exact(goal, selection, table, self._exact_weights, task, exact)
+        return action, self._exact(state, self._exact_weights, exact)
 
 
 def _own(policy: Policy) -> Policy:

@@ -1,4 +1,8 @@
-"""Live view of an agent's run folder, during or after training."""
+"""Live view of an agent's run folder, during or after training.
+
+Everything that was read or made is kept with a *stamp*, the times and sizes of the files that it
+comes from, and made again when the stamp changes.
+"""
 
 import threading
 from collections import OrderedDict
@@ -27,7 +31,7 @@ from wordcraft_kg.models.folder import read_train_sample
 from wordcraft_kg.runs.record import RUN_FILE
 
 EXPLAINERS = 8
-"""Maximum number of cached explainers, one per world."""
+"""Maximum number of cached explainers, one per world; each copies the policy."""
 MAX_ACTIONS = 20
 """Maximum number of explained actions per episode; an episode may have 2,000."""
 T = TypeVar("T")
@@ -38,6 +42,10 @@ class FollowedRun:
 
     All methods raise ArtefactError if the run does not exist or a file is damaged.
 
+    Attributes:
+        folder: run folder.
+        opened: the graph and split of the training.
+
     Example:
         >>> run = FollowedRun(Path("runs/kitchen"), open_graph("kitchen"))
         >>> run.records().run.status, run.agent() is run.agent()
@@ -45,13 +53,15 @@ class FollowedRun:
     """
 
     def __init__(self, folder: Path, opened: OpenedGraph):
-        self.folder, self.opened = folder, opened
+        """Follow a folder; nothing is read yet."""
+        self.folder = folder
+        self.opened = opened
         self._lock = threading.RLock()
         self._kept: dict[str, tuple[Hashable, Any]] = {}
         self._explainers: OrderedDict[WordCraftConfig, Explainer] = OrderedDict()
 
     def records(self) -> AgentRun:
-        """Return the run's settings, status, learning curves and checkpoints, as the files are now."""
+        """Return the run's settings, status, learning curves and checkpoints, as they are now."""
         stamp = (
             *self._stamp(RUN_FILE, "config.toml", "metrics.jsonl"),
             *AGENTS.checkpoints(self.folder).records(),
@@ -59,49 +69,70 @@ class FollowedRun:
         return self._once("records", stamp, lambda: read_agent_run(self.folder))
 
     def agent(self) -> OpenedAgent:
-        """Return the agent with the latest weights; GraphMismatchError if the graph or split differs from training."""
+        """Return the agent with the latest weights.
+
+        Raises:
+            GraphMismatchError: if the graph or split differs from training.
+        """
         with self._lock:
+            # Weights change with a checkpoint, or with the record at the end of training.
             before = self._kept.get("agent")
-            stamp = *self._stamp(RUN_FILE), *AGENTS.checkpoints(self.folder).records()
+            stamp = (
+                *self._stamp(RUN_FILE),
+                *AGENTS.checkpoints(self.folder).records(),
+            )
             agent = self._once("agent", stamp, lambda: open_agent(self.folder, self.opened))
+            # Explainers of earlier weights.
             if before is not None and agent is not before[1]:
                 self._explainers.clear()
             return agent
 
     def explainer(self, world: World) -> Explainer:
-        """Return an explainer for the latest weights, for :data:`MAX_ACTIONS`; LeakError if in sample."""
+        """Return an explainer for the latest weights, for :data:`MAX_ACTIONS` of an episode.
+
+        Raises:
+            LeakError: if a task would be scored by a model trained on the task's recipes.
+        """
         with self._lock:
             agent = self.agent()
             if world.config not in self._explainers:
-                kg, trained_on = agent.run.kg or "partial", self._trained_on(agent)
-                settings: Any = {"kg": kg, "trained_on": trained_on, "outside": agent.outside}
-                explainer = Explainer(agent.policy, world, max_actions=MAX_ACTIONS, **settings)
-                self._explainers[world.config] = explainer
+                self._explainers[world.config] = Explainer(
+                    agent.policy,
+                    world,
+                    max_actions=MAX_ACTIONS,
+                    kg=agent.run.kg or "partial",
+                    trained_on=self._trained_on(agent),
+                    outside=agent.outside,
+                )
+                # The least recently used one goes.
                 if len(self._explainers) > EXPLAINERS:
                     self._explainers.popitem(last=False)
             self._explainers.move_to_end(world.config)
             return self._explainers[world.config]
 
     def _trained_on(self, agent: AgentRun) -> NDArray[np.bool_] | None:
-        inputs, folder = agent.run.inputs, agent.config.scorer
+        """Return a mask of the recipes that the scorer was trained on; None if unknown."""
+        inputs = agent.run.inputs
+        folder = agent.config.scorer
         if folder is None or "scorer" not in inputs:
             return None
 
         def read() -> NDArray[np.bool_] | None:
             try:
                 train_sample = read_train_sample(folder, self.opened, inputs["scorer"])
-                return (
-                    None
-                    if train_sample is None
-                    else train_sample.is_trained_on & ~train_sample.is_wrong
-                )
             except WordCraftKGError:
+                return None  # the scorer's folder has moved or changed since
+            if train_sample is None:
                 return None
+            return train_sample.is_trained_on & ~train_sample.is_wrong
 
         return self._once("trained_on", inputs["scorer"], read)
 
     def episodes(self) -> dict[tuple[TaskPart, str, tuple[str, ...]], PlayedTask]:
-        """Return the final evaluation's episodes by part, goal and start; empty before the end of training."""
+        """Return the final evaluation's episodes by part, goal and starting ingredients.
+
+        Empty before the end of training.
+        """
         if self.records().evaluation is None:
             return {}
         stamp = self._stamp(EPISODES_FILE)
@@ -112,6 +143,7 @@ class FollowedRun:
         return self._once("episodes", stamp, read)
 
     def _stamp(self, *names: str) -> tuple[Hashable, ...]:
+        """Return a value that changes when one of some files does; a missing file counts, too."""
         stamps: list[Hashable] = []
         for name in names:
             try:
@@ -122,8 +154,14 @@ class FollowedRun:
                 stamps.append((status.st_mtime_ns, status.st_size))
         return tuple(stamps)
 
-    def _once(self, name: str, stamp: Hashable, make: Callable[[], T]) -> T:
+    def _once(
+        self,
+        name: str,
+        stamp: Hashable,
+        make: Callable[[], T],
+    ) -> T:
+        """Return what was kept under a name, or make it again if the stamp has changed."""
         with self._lock:
             if name not in self._kept or self._kept[name][0] != stamp:
-                self._kept[name] = stamp, make()
+                self._kept[name] = (stamp, make())
             return cast(T, self._kept[name][1])

@@ -6,7 +6,7 @@ from wordcraft_kg.base.records import Count, Record, Share
 
 TerminationReason = Literal["goal", "same_twice", "one_right_part", "no_right_part", "no_recipe"]
 TERMINATION_REASONS: tuple[TerminationReason, ...] = get_args(TerminationReason)
-"""Termination reasons of an episode; the first match counts.
+"""Termination reasons of an episode, by its last attempt; the first match in this order counts.
 
 | reason | the last pair |
 |---|---|
@@ -19,12 +19,15 @@ TERMINATION_REASONS: tuple[TerminationReason, ...] = get_args(TerminationReason)
 
 
 class Success(Record):
-    """A player's success on the tasks in a part of the split.
+    """A player's success on the tasks in a part of the split, all or a sample of them.
 
     Attributes:
         mean: share of episodes that made the goal.
-        ci_low, ci_high: 95 % interval over tasks.
-        tasks, distractor_seeds: sample size: tasks, and tables per task.
+        ci_low: lower end of the 95 % interval of ``mean``, over tasks: episodes of one task are not
+            independent.
+        ci_high: upper end.
+        tasks: number of tasks.
+        distractor_seeds: tables per task.
         by_plan: share of episodes in which a plan's last pair made the goal.
         actions: mean episode length in actions.
     """

@@ -28,7 +28,8 @@ from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
-from wordcraft_kg.models.policies.sources.source import ScoreView, ask
+from wordcraft_kg.models.policies.sources.source import ScoreView
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import dense_bytes
 from wordcraft_kg.models.scorers.features import glove_features
@@ -39,8 +40,8 @@ from wordcraft_kg.planning.source import BestPlan
 Player = Callable[[State, np.random.Generator], Ids]
 PLAYERS: Registry[Callable[[Split], Player]] = Registry("wordcraft_kg.players")
 """Player constructors that other packages register, by name."""
-SlotScores = Callable[[Tensor, Tensor, Tensor, Tensor | None], Tensor]
-"""A function that scores slots by goal, selection, table and task, for example a source."""
+SlotScores = Callable[[States], Tensor]
+"""A function that scores the slots of states: shape (B, A), for example a source."""
 RecipeFunction = Callable[[Tensor, Tensor, Tensor], Tensor]
 """A function that scores recipes ``a + b -> c``, for tensors of ids a, b and c that broadcast."""
 NEAREST_WORDS = "nearest words"
@@ -90,9 +91,7 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
         scores = np.zeros(state.table.shape)
         for start in range(0, state.num_envs, ROWS):
             for source in sources:
-                scores[start : start + ROWS] += ask(
-                    source, *inputs.rows(start, start + ROWS)
-                ).numpy()
+                scores[start : start + ROWS] += source(inputs.rows(start, start + ROWS)).numpy()
         return _best(np.where(state.action_masks(), scores, -np.inf), rng)
 
     return choose
@@ -179,8 +178,8 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
         return scores
 
     return {
-        "u": lambda goal, selection, table, task: linked(COMBINES_WITH, selection, table),
-        "v": lambda goal, selection, table, task: linked(COMPONENT_OF, goal, table),
+        "u": lambda states: linked(COMBINES_WITH, states.selection, states.table),
+        "v": lambda states: linked(COMPONENT_OF, states.goal, states.table),
     }
 
 

@@ -1,4 +1,7 @@
-"""Records in an agent's run folder: progress, metrics, evaluated episodes and final evaluation."""
+"""Records in an agent's run folder: progress, metrics, evaluated episodes and final evaluation.
+
+The field names are those in the files, so a renamed field makes existing runs unreadable.
+"""
 
 from pathlib import Path
 
@@ -12,19 +15,21 @@ from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.runs.files import RunFiles
 
 EPISODES_FILE = "episodes.jsonl"
+"""Name of the file with the episodes of the final evaluation, a line for each task."""
 
 
 class AgentSummary(Record, frozen=True, kw_only=True):
-    """``evaluation.json``: an agent's final evaluation after ``steps`` environment steps.
+    """``evaluation.json``: an agent's final evaluation.
 
     Attributes:
+        steps: environment steps of the training.
         seconds: run time, with evaluation and writing.
         parameters: number of trained parameters.
         steps_per_second: environment steps per second of training, without evaluation.
         curves_share: share of the run time for learning curves.
         success: success rate by part of the split.
-        outcomes: episode shares by part and termination reason.
-        distractors: number of distractors.
+        outcomes: episode shares by part and termination reason, which sum to 1 in each part.
+        distractors: number of distractors in the evaluated tasks.
     """
 
     steps: int
@@ -38,7 +43,14 @@ class AgentSummary(Record, frozen=True, kw_only=True):
 
 
 class AgentProgress(Record, frozen=True, kw_only=True):
-    """Progress at a checkpoint: seconds of training, of learning curves and in all; bytes of ``metrics.jsonl``."""
+    """What a checkpoint of an agent's training records besides its tensors.
+
+    Attributes:
+        seconds: time of acting and learning.
+        eval_seconds: time of the learning curves.
+        elapsed: time of everything, earlier parts of a resumed run included.
+        metrics_bytes: length of ``metrics.jsonl``, to which a resumed run cuts the file.
+    """
 
     seconds: float
     eval_seconds: float
@@ -47,7 +59,14 @@ class AgentProgress(Record, frozen=True, kw_only=True):
 
 
 class MetricsRow(msgspec.Struct, frozen=True, kw_only=True):
-    """A line in ``metrics.jsonl``: environment steps, seconds since the start, and metrics by name."""
+    """A line in ``metrics.jsonl``.
+
+    Attributes:
+        step: environment steps so far.
+        seconds: seconds since the start.
+        figures: all other metrics by name, such as ``loss`` or ``test_success``; without those that
+            are null in the file.
+    """
 
     step: int
     seconds: float
@@ -55,22 +74,29 @@ class MetricsRow(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def read_metrics(data: bytes, path: Path) -> list[MetricsRow]:
-    """Parse the content of ``metrics.jsonl``; ArtefactError with ``path``, naming the damaged line and field."""
+    """Parse the content of ``metrics.jsonl``.
+
+    Raises:
+        ArtefactError: naming ``path`` and the damaged line and field.
+    """
+    # Read twice: fields with a name of their own, and all other metrics, whatever their names.
     rows = parse_lines(data, MetricsRow, path)
-    figures = parse_lines(data, dict[str, float | None], path)
-    return [
-        msgspec.structs.replace(
-            row, figures={name: value for name, value in line.items() if value is not None}
-        )
-        for row, line in zip(rows, figures, strict=True)
-    ]
+    lines = parse_lines(data, dict[str, float | None], path)
+    complete = []
+    for row, line in zip(rows, lines, strict=True):
+        figures = {name: value for name, value in line.items() if value is not None}
+        complete.append(msgspec.structs.replace(row, figures=figures))
+    return complete
 
 
 class PlayedTask(Record):
-    """A line in ``episodes.jsonl``: a task's episodes in the final evaluation, one for each distractor seed.
+    """A line in ``episodes.jsonl``: a task's episodes in the final evaluation.
+
+    There is one episode for each distractor seed.
 
     Attributes:
         part: part of the split.
+        goal: label of the entity to make.
         start: starting ingredients; goal and start identify the task.
         success: share of episodes that made the goal.
         terminations: termination reason by episode.
@@ -86,14 +112,23 @@ class PlayedTask(Record):
 
 
 def read_episodes(folder: Path) -> list[PlayedTask]:
-    """Read ``episodes.jsonl`` from a finished run; ArtefactError if the file is missing or damaged, naming the line."""
+    """Read ``episodes.jsonl`` from a finished run.
+
+    Raises:
+        ArtefactError: if the file is missing or damaged, naming the line.
+    """
     path = folder / EPISODES_FILE
     return parse_lines(read_large_file(path), PlayedTask, path)
 
 
 def read_summary(files: RunFiles) -> AgentSummary:
-    """Read ``evaluation.json`` from a finished run; ArtefactError if the file is missing or damaged."""
+    """Read ``evaluation.json`` from a finished run.
+
+    Raises:
+        ArtefactError: if the file is missing or damaged, or holds no result.
+    """
     summary = files.record("evaluation.json", AgentSummary)
+    # A finished run has at least train tasks.
     if not summary.success:
         path = files.folder / "evaluation.json"
         raise ArtefactError(f"{path} is damaged: no tasks were played. Train the agent again.")

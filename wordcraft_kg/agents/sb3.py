@@ -1,4 +1,4 @@
-"""Policies for Stable-Baselines3: :class:`SB3Policy` for PPO and A2C, and a masked variant for MaskablePPO.
+"""Policies for Stable-Baselines3: :class:`SB3Policy` for PPO and A2C, and one for MaskablePPO.
 
 Needs the extra ``interop`` and the plain ``WordCraft-v0``; the policy reads entity ids::
 
@@ -19,7 +19,8 @@ from torch import Tensor
 from wordcraft_kg.base.errors import ActionError, ConfigError, LeakError
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.models.policies.policy import Policy, PolicyOutput
-from wordcraft_kg.models.policies.sources.source import Attempts, FoldedSource
+from wordcraft_kg.models.policies.sources.source import FoldedSource
+from wordcraft_kg.models.policies.states import States
 
 try:
     from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
@@ -32,10 +33,11 @@ Schedule = Callable[[float], float]
 
 
 class _NetworkPolicy(BasePolicy):
-    """Base class: actions and values come from a :class:`~wordcraft_kg.models.policies.policy.Policy`.
+    """Base class: actions and values come from a policy of this package.
 
-    Observations have ids in ``goal`` and ``selection``, shape (B,) or (B, 1), and ``table``, shape (B, A), in
-    any number type. ``task`` is read if scores depend on the task; further keys are ignored.
+    Stable-Baselines3's own features, layers and initial weights are not used. Observations have ids
+    in ``goal`` and ``selection``, shape (B,) or (B, 1), and ``table``, shape (B, A), in any number
+    type. ``task`` is read if scores depend on the task; further keys are ignored.
     """
 
     def __init__(
@@ -49,17 +51,29 @@ class _NetworkPolicy(BasePolicy):
         optimizer_class: type[torch.optim.Optimizer] = torch.optim.Adam,
         optimizer_kwargs: dict[str, Any] | None = None,
     ):
-        """Copy the policy ``network``, which stays unchanged; the attribute ``network`` is the trained copy.
+        """Copy a policy; algorithms pass positional arguments, ``policy_kwargs`` keyword arguments.
 
-        Algorithms pass positional arguments, ``policy_kwargs`` keyword arguments. ``lr_schedule`` is the learning rate
-        by the remaining share of training, 1 to 0; ``use_sde`` is always False. The optimiser is Adam by default, with
-        the ``eps`` 1e-5 from Stable-Baselines3.
+        Args:
+            observation_space: the environment's.
+            action_space: the environment's.
+            lr_schedule: learning rate by the remaining share of training, 1 to 0.
+            use_sde: always False: PPO and A2C pass it, but refuse this noise for discrete actions.
+            network: the policy to train, which stays unchanged; the trained copy is the attribute
+                ``network``.
+            optimizer_class: Adam by default, with Stable-Baselines3's ``eps`` of 1e-5.
+            optimizer_kwargs: its settings besides the learning rate.
 
-        ConfigError unless the spaces are from ``WordCraft-v0``, with the policy's number of entities.
+        Raises:
+            ConfigError: unless the spaces are those of ``WordCraft-v0``, with as many entities as
+                the policy knows.
         """
         _check_spaces(observation_space, action_space, network)
-        settings = {"optimizer_class": optimizer_class, "optimizer_kwargs": optimizer_kwargs}
+        settings = {
+            "optimizer_class": optimizer_class,
+            "optimizer_kwargs": optimizer_kwargs,
+        }
         super().__init__(observation_space, action_space, lr_schedule, **settings)
+        # Copied, because several algorithms may train the same policy, one after the other.
         self.network = copy.deepcopy(network)
         self._tasks = self._bound_to()
         self.optimizer = self.optimizer_class(
@@ -67,25 +81,54 @@ class _NetworkPolicy(BasePolicy):
         )
 
     def forward(
-        self, obs: Observations, deterministic: bool = False, action_masks: Any = None
+        self,
+        obs: Observations,
+        deterministic: bool = False,
+        action_masks: Any = None,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Return actions (B,), values (B, 1) and log-probabilities (B,)."""
+        """Choose an action in each of B states.
+
+        Args:
+            obs: ids of B states.
+            deterministic: choose the most probable slots instead of sampling.
+            action_masks: see :meth:`get_distribution`.
+
+        Returns:
+            Actions (B,), values (B, 1) and the actions' log-probabilities (B,).
+        """
         distribution, values = self._decide(obs, action_masks)
         actions = distribution.get_actions(deterministic=deterministic)
         return actions, values, distribution.log_prob(actions)
 
     def evaluate_actions(
-        self, obs: Observations, actions: Tensor, action_masks: Any = None
+        self,
+        obs: Observations,
+        actions: Tensor,
+        action_masks: Any = None,
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Return values (B, 1), log-probabilities (B,) of actions (B,), and entropies (B,) in nats."""
+        """Evaluate given actions under the current policy.
+
+        Args:
+            obs: ids of B states.
+            actions: shape (B,): slots.
+            action_masks: see :meth:`get_distribution`.
+
+        Returns:
+            Values (B, 1), log-probabilities (B,) of the actions, and entropies (B,) in nats.
+        """
         distribution, values = self._decide(obs, action_masks)
         return values, distribution.log_prob(actions), distribution.entropy()
 
     def get_distribution(self, obs: Observations, action_masks: Any = None) -> Any:
         """Return the distribution over slots; empty and masked slots have probability exactly 0.
 
-        ``action_masks``, reshapeable to (B, A), excludes slots by False; True does not revive an empty slot, and None
-        excludes empty slots only. ActionError if a row leaves no choice.
+        Args:
+            obs: ids of B states.
+            action_masks: anything that reshapes to (B, A): False excludes a slot, True does not
+                revive an empty slot. None excludes empty slots only.
+
+        Raises:
+            ActionError: if a row leaves no choice.
         """
         return self._decide(obs, action_masks)[0]
 
@@ -97,6 +140,7 @@ class _NetworkPolicy(BasePolicy):
         """Skip the default network construction."""
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
+        """Return what `policy.save` keeps besides the weights: the arguments of the constructor."""
         names = (
             "observation_space",
             "action_space",
@@ -104,40 +148,41 @@ class _NetworkPolicy(BasePolicy):
             "optimizer_class",
             "optimizer_kwargs",
         )
-        return {name: getattr(self, name) for name in names} | {"lr_schedule": self._dummy_schedule}
+        parameters = {name: getattr(self, name) for name in names}
+        # A schedule is a function, which a saved policy does not need.
+        parameters["lr_schedule"] = self._dummy_schedule
+        return parameters
 
     def _decide(self, obs: Observations, action_masks: Any) -> tuple[Any, Tensor]:
         logits, value, *_ = self._ask(obs)
         if action_masks is not None:
-            mask = torch.as_tensor(action_masks, dtype=torch.bool, device=logits.device).reshape(
-                logits.shape
-            )
-            logits = logits.masked_fill(~mask, -torch.inf)
+            mask = torch.as_tensor(action_masks, dtype=torch.bool, device=logits.device)
+            logits = logits.masked_fill(~mask.reshape(logits.shape), -torch.inf)
             if (logits == -torch.inf).all(1).any():
                 raise ActionError(
-                    "`action_masks` leaves a state without a slot to choose: only empty slots are True."
+                    "`action_masks` leaves a state without a slot to choose: "
+                    "only empty slots are True."
                 )
         return self.action_dist.proba_distribution(action_logits=logits), value[:, None]
 
     def _ask(self, obs: Observations) -> PolicyOutput:
-        # Rollout buffers may store ids as floats, and single numbers with shape (1,).
-        goal, selection = obs["goal"].long().reshape(-1), obs["selection"].long().reshape(-1)
+        # An evaluation in between may have bound the copy to other tasks, silently.
         if self._bound_to() != self._tasks:
             raise LeakError(
-                "the policy was bound to different tasks after training began, so its task indices do not match this "
-                "environment. Bind the policy again: model.policy.network.bind(world.tasks)."
+                "the policy was bound to different tasks after training began, so its task indices "
+                "do not match this environment. Bind the policy again: "
+                "model.policy.network.bind(world.tasks)."
             )
-        task = obs["task"].long().reshape(-1) if self.network.reads_task else None
-        attempts = (
-            Attempts(obs["attempts_left"].long().reshape(-1)) if "attempts_left" in obs else None
-        )
-        return self.network(goal, selection, obs["table"].long(), task=task, attempts=attempts)
+        task = obs["task"] if self.network.reads_task else None
+        return self.network(States.of_observation(obs, task))
 
     def _bound_to(self) -> list[str]:
+        """Return the hashes of the tasks that the sources' task numbers index."""
         return [source.bound_to for source in _folded(self.network)]
 
 
 def _folded(network: Policy) -> list[FoldedSource]:
+    """Return the sources whose scores depend on the task."""
     return [
         source
         for source in network.sources.values()
@@ -146,31 +191,41 @@ def _folded(network: Policy) -> list[FoldedSource]:
 
 
 class SB3Policy(_NetworkPolicy, ActorCriticPolicy):
-    """A policy for PPO and A2C with our network: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
+    """A policy for PPO and A2C: ``PPO(SB3Policy, env, policy_kwargs={"network": policy})``.
 
-    ``network`` is a policy of this package, from :func:`~wordcraft_kg.models.policies.folder.make_policy` or
-    ``load_policy``. Training changes a copy, ``model.policy.network``, but neither scores nor constant vectors, which
-    are buffers. Ids must belong to the policy's graph; only the number of entities is checked. Further settings are
-    ``optimizer_class`` and ``optimizer_kwargs``. Empty slots are never chosen, with or without masks.
+    ``network`` is a policy of this package, from
+    :func:`~wordcraft_kg.models.policies.folder.make_policy` or ``load_policy``. Training changes a
+    copy, ``model.policy.network``, but neither scores nor constant vectors, which are buffers. Ids
+    must belong to the policy's graph; only the number of entities is checked. Further settings are
+    ``optimizer_class`` and ``optimizer_kwargs``. Empty slots are never chosen, with or without
+    masks.
 
     A policy with a cross-fitted scorer must be made with ``tasks``, and the environment wrapped in
     :class:`~wordcraft_kg.envs.wrappers.TaskObservation`.
 
-    ``model.save`` pickles ``policy_kwargs``, including the untrained ``network`` with scores and features. So
-    ``PPO.load`` needs neither graph nor scorer, but the same versions of torch and this package. Load trusted files
-    only.
+    ``model.save`` pickles ``policy_kwargs``, including the untrained ``network`` with scores and
+    features. So ``PPO.load`` needs neither graph nor scorer, but the same versions of torch and
+    this package. Load trusted files only: a pickle can run any code.
     """
 
 
 class MaskableSB3Policy(_NetworkPolicy, MaskableActorCriticPolicy):
-    """:class:`SB3Policy` for MaskablePPO of sb3-contrib; empty slots are excluded with any masks."""
+    """:class:`SB3Policy` for MaskablePPO of sb3-contrib, which also takes masks of a user.
+
+    The environment's own masks only repeat which slots are empty, and change nothing here.
+    """
 
 
 def _check_spaces(
-    observation_space: spaces.Space[Any], action_space: spaces.Space[Any], network: Policy
+    observation_space: spaces.Space[Any],
+    action_space: spaces.Space[Any],
+    network: Policy,
 ) -> None:
+    """Raise a ConfigError unless spaces are those of a WordCraft environment that fits."""
     known = observation_space.spaces if isinstance(observation_space, spaces.Dict) else {}
-    goal, selection, table = (known.get(key) for key in ("goal", "selection", "table"))
+    goal = known.get("goal")
+    selection = known.get("selection")
+    table = known.get("table")
     if not (
         isinstance(goal, spaces.Discrete)
         and isinstance(selection, spaces.Discrete)
@@ -179,26 +234,28 @@ def _check_spaces(
         and table.shape == (action_space.n,)
     ):
         raise ConfigError(
-            f"observations {observation_space} and actions {action_space}: expected goal, selection and table as ids, "
-            "and slots, as in WordCraft-v0. Remove wrappers that replace ids."
+            f"observations {observation_space} and actions {action_space}: expected goal, "
+            "selection and table as ids, and slots, as in WordCraft-v0. "
+            "Remove wrappers that replace ids."
         )
     if goal.n != network.num_entities:
         raise ConfigError(
-            f"the policy knows {network.num_entities:,} entities but the environment has {goal.n:,}. Make or load a "
-            "policy for the environment's graph."
+            f"the policy knows {network.num_entities:,} entities but the environment has "
+            f"{goal.n:,}. Make or load a policy for the environment's graph."
         )
     _check_tasks(known.get("task"), network)
 
 
 def _check_tasks(task: spaces.Space[Any] | None, network: Policy) -> None:
+    """Raise a ConfigError unless observations have the task numbers that the scores need."""
     if network.reads_task and not isinstance(task, spaces.Discrete):
         raise ConfigError(
-            "the policy's scorer is cross-fitted, so its scores depend on the task, but the observations have no task "
-            "index. Wrap the environment: TaskObservation(env)."
+            "the policy's scorer is cross-fitted, so its scores depend on the task, but the "
+            "observations have no task index. Wrap the environment: TaskObservation(env)."
         )
     amounts = {len(source.model_of_task) for source in _folded(network) if source.bound_to}
     if isinstance(task, spaces.Discrete) and amounts and amounts != {task.n}:
         raise ConfigError(
-            f"the policy was made for {max(amounts) - 1:,} tasks but the environment has {task.n - 1:,}. Make the "
-            "policy with the `tasks` in this environment's world."
+            f"the policy was made for {max(amounts) - 1:,} tasks but the environment has "
+            f"{task.n - 1:,}. Make the policy with the `tasks` in this environment's world."
         )

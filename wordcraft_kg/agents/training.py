@@ -1,7 +1,11 @@
 """Training an agent into a run folder.
 
-Checkpoints hold the complete trainer state, so that on a CPU an interrupted and continued run ends with the same bits
-as an uninterrupted run.
+:class:`AgentTraining` surrounds the trainer (:mod:`~wordcraft_kg.agents.impala`) with everything
+that a run needs: inputs and their checks, learning curves, checkpoints, the final evaluation, the
+model card. Read :meth:`AgentTraining.prepare`, ``_train`` and ``_finish``, in this order.
+
+Checkpoints hold the complete trainer state, so that on a CPU an interrupted and continued run ends
+with the same bits as an uninterrupted run.
 """
 
 import json
@@ -17,6 +21,7 @@ import msgspec
 import torch
 
 from wordcraft_kg.agents.agent_folder import AGENTS, INPUTS, policy_at
+from wordcraft_kg.agents.card import agent_card
 from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.agents.curves import MetricsFile, evaluators
 from wordcraft_kg.agents.evaluation import Evaluation, PolicyPlayer
@@ -41,18 +46,16 @@ from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.folder import (
     make_policy,
-    usage,
     write_constants,
     write_parameters,
 )
 from wordcraft_kg.models.policies.sources.registry import pairs_need_factors
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
-from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
-from wordcraft_kg.runs.record import RunRecord, read_finished_run
+from wordcraft_kg.runs.record import read_finished_run
 from wordcraft_kg.runs.trackers import Log, Tracker
 from wordcraft_kg.runs.training import Training, train
 
@@ -63,14 +66,19 @@ OUTPUTS = (
     "evaluation.json",
     "metrics.jsonl",
 )
-_MANY_SELF_PAIRS = 0.25  # minimum share for a warning about self edges
+"""Files in a run folder that the end of training adds or completes; ``run.json`` hashes them."""
+# Minimum share of pairs of an entity with itself for a warning about self edges.
+_MANY_SELF_PAIRS = 0.25
 
 
 @dataclass(frozen=True)
 class TrainedAgent:
-    """The result of an agent's training: run folder, number of environment steps so far, and the final evaluation.
+    """The result of an agent's training.
 
-    ``summary`` is None for an interrupted run, which the same call would continue.
+    Attributes:
+        folder: run folder.
+        step: number of environment steps so far.
+        summary: final evaluation; None for an interrupted run, which the same call would continue.
     """
 
     folder: Path
@@ -93,26 +101,66 @@ def train_agent(
 ) -> TrainedAgent:
     """Train an agent into a run folder, or continue an interrupted run with the same settings.
 
-    ``out`` is by default ``runs/<graph name>-<scorer folder or no-kg>``. ``progress`` is called after each line of
-    metrics. Further arguments and errors are those of :func:`~wordcraft_kg.runs.training.train`.
+    Args:
+        config: all settings.
+        out: run folder. Default: ``runs/<graph name>-<scorer folder or no-kg>``.
+        force: train anew and replace the folder.
+        trackers: places to which the lines of metrics go too, by name (tensorboard, wandb, mlflow)
+            or as objects.
+        progress: called after each line of metrics; True shows a bar.
+
+    Returns:
+        The run folder and, unless interrupted, the final evaluation.
+
+    Raises:
+        OutputExistsError: if the folder holds other files or a finished run, and ``force`` is
+            False.
+        ConfigError: if an unfinished run has other settings or data, or the settings do not fit the
+            graph or machine.
+        MissingExtraError: if a tracker's library is not installed.
+        GraphMismatchError: if the scorer belongs to another graph or split.
+        ArtefactError: if an interrupted run is damaged, or another process is training in the
+            folder.
+        TrainingError: if the loss becomes infinite or not a number.
 
     Example:
-        >>> config = AgentConfig("kitchen", "models/kitchen", trainer=ImpalaConfig(steps=512, eval_every=0))
+        >>> trainer = ImpalaConfig(steps=512, eval_every=0)
+        >>> config = AgentConfig("kitchen", "models/kitchen", trainer=trainer)
         >>> trained = train_agent(config, "runs/kitchen")
         >>> trained.step
         512
     """
-    return train(AgentTraining, config, out, force=force, trackers=trackers, progress=progress)
+    return train(
+        AgentTraining,
+        config,
+        out,
+        force=force,
+        trackers=trackers,
+        progress=progress,
+    )
 
 
 class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
-    """The stages of an agent's training, called by :func:`~wordcraft_kg.runs.training.train`."""
+    """The stages of an agent's training, called by :func:`~wordcraft_kg.runs.training.train`.
+
+    Attributes:
+        kind: kind of run: commands, unit of progress, checkpoints.
+        config_type: type of the settings.
+        policy: the policy in training, after :meth:`prepare` or from a checkpoint.
+        impala: the trainer, from :meth:`fit` on.
+        metrics: ``metrics.jsonl`` and trackers.
+        seconds: seconds of training so far, without evaluation and writing.
+    """
 
     kind: ClassVar[RunKind[Any]] = AGENTS
     config_type = AgentConfig
 
     def __init__(self, config: AgentConfig, opened: OpenedGraph):
-        """Check that the device and the compiler are available; ConfigError otherwise."""
+        """Check that the device and the compiler are available, before a folder is replaced.
+
+        Raises:
+            ConfigError: if not.
+        """
         super().__init__(config, opened)
         check_device(config.trainer.device)
         if config.trainer.compile:
@@ -120,17 +168,16 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
     @cached_property
     def envs(self) -> State:
-        """Environments at the start of the first episodes; creating tasks takes time for a large graph."""
-        config, trainer = self.config, self.config.trainer
-        # Tables, and activations for the gradients.
+        """Environments at the start of the first episodes; slow to make for a large graph."""
+        config = self.config
+        trainer = config.trainer
+        # Bytes of tables (int64), and of activations for the gradients (float32).
         slots = config.tasks.distractors + config.tasks.depth + 1
         needed = trainer.steps_per_update * (8 * slots + 4 * config.policy.value_size)
-        name, size = max(
-            ("batch_size", trainer.batch_size),
-            ("unroll", trainer.unroll),
-            key=lambda setting: setting[1],
-        )
-        check_memory(name, size, f"an update of {trainer.steps_per_update:,} steps", needed)
+        # The error names the larger setting, which is the one to reduce.
+        name = "batch_size" if trainer.batch_size >= trainer.unroll else "unroll"
+        update = f"an update of {trainer.steps_per_update:,} steps"
+        check_memory(name, getattr(trainer, name), update, needed)
         world = World(self.opened, config.tasks.environment("train"))
         return BatchEngine(world, trainer.batch_size, device=trainer.device).reset(trainer.seed)
 
@@ -149,17 +196,27 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         if config.scorer is None:
             return {"scorer": None, "scorer_folds": None}
         outputs = read_finished_run(Path(config.scorer), MODEL, WEIGHTS).outputs
+        # The folds are an input only if they are used.
         folds = None if config.policy.in_sample else outputs.get(FOLDS_TENSORS)
         return {"scorer": outputs[WEIGHTS], "scorer_folds": folds}
 
     def prepare(self) -> None:
-        """Load the scorer and make the policy."""
-        config, opened, scorer = self.config, self.opened, None
-        observed, self.facts = None, dict[str, Any]()
+        """Load the scorer and make the policy; :attr:`facts` are for the run's record.
+
+        Raises:
+            ConfigError: if the settings do not fit the graph or the scorer.
+            GraphMismatchError: if the scorer belongs to another graph.
+            LeakError: if a model of the scorer has seen all recipes of a train task's plan.
+        """
+        config = self.config
+        scorer = None
+        observed = None
+        self.facts: dict[str, Any] = {}
         if config.scorer is not None:
-            model = open_model(Path(config.scorer), opened.source)
-            scorer, observed = model.scorer, model.triples
-            # Checked before the tasks are made.
+            model = open_model(Path(config.scorer), self.opened.source)
+            scorer = model.scorer
+            observed = model.triples
+            # Checked before the tasks are made, which takes long for a large graph.
             whole = whole_of(scorer) if config.policy.in_sample else scorer
             pairs_need_factors(config.policy.sources, whole, config.policy.scale)
             self.facts["kg"] = model.kg
@@ -168,43 +225,60 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
                 self.facts["cross_fitted"] = folds.count
             elif model.kg == "partial":
                 _warn_of_in_sample_scores(config)
-            _warn_of_self_pairs(opened.graph, config)
-        world, slots, seed = self.envs.world, self.envs.engine.num_slots, config.trainer.seed
+            _warn_of_self_pairs(self.opened.graph, config)
         self.policy, features = make_policy(
             config.policy,
-            opened.graph,
-            slots,
+            self.opened.graph,
+            self.envs.engine.num_slots,
             scorer=scorer,
             observed=observed,
-            tasks=world.tasks,
-            seed=seed,
+            tasks=self.envs.world.tasks,
+            seed=config.trainer.seed,
         )
-        inputs = {
-            name: value for name, value in self.input_hashes(config).items() if value is not None
-        }
+        hashes = self.input_hashes(config)
+        inputs = {name: value for name, value in hashes.items() if value is not None}
         if features is not None:
             inputs["features"] = features.sha256
             self.facts["missing_words"] = tuple(features.missing_words)
         self.facts["inputs"] = inputs
 
-    def begin(self, run: RunFolder[AgentProgress], report: Progress | None) -> dict[str, Any]:  # noqa: D102 - inherited
+    def begin(  # noqa: D102 - inherited
+        self, run: RunFolder[AgentProgress], report: Progress | None
+    ) -> dict[str, Any]:
         write_constants(run.path, self.policy)
         return {"files": INPUTS, **self.facts}
 
-    def fit(  # noqa: D102 - inherited
+    def fit(
         self,
         run: RunFolder[AgentProgress],
         report: Progress | None,
         log: Log,
         checkpoint: Checkpoint[AgentProgress] | None,
     ) -> TrainedAgent:
+        """Train to the end, or to the first Ctrl-C.
+
+        Args:
+            run: the run's folder, record and checkpoints.
+            report: called after each line of metrics; None for no progress.
+            log: sends lines of metrics to the trackers.
+            checkpoint: state to continue from; None for a new run.
+
+        Returns:
+            The run folder and, unless interrupted, the final evaluation.
+
+        Raises:
+            TrainingError: if the loss is no longer finite; the last checkpoint stays.
+        """
         self._begun = time.perf_counter()
         if checkpoint is not None:
             self.policy = policy_at(RunFiles(run.path, run.record), checkpoint)
-        self.run, self.report = run, report
+        self.run = run
+        self.report = report
         self.impala = Impala(self.policy, self.envs, self.config.trainer)
         self.metrics = MetricsFile(run.path, self.envs.world, log)
-        self.seconds, self._logged = 0.0, (0, 0.0)
+        self.seconds = 0.0
+        # Step and seconds of the last line of metrics, for the speed since then.
+        self._logged = (0, 0.0)
         if checkpoint is not None:
             with run.restoring():
                 self._restore(checkpoint)
@@ -226,19 +300,21 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         if self.step != checkpoint.number:
             raise ValueError(f"the checkpoint has step {self.step:,}")
         progress = checkpoint.progress
-        self.seconds, self.metrics.eval_seconds = progress.seconds, progress.eval_seconds
+        self.seconds = progress.seconds
+        self.metrics.eval_seconds = progress.eval_seconds
         self._begun -= progress.elapsed
+        # Lines after the checkpoint will be written again.
         self.metrics.cut(progress.metrics_bytes)
         self._logged = (self.step, self.seconds)
 
     def _train(self) -> None:
         trainer = self.config.trainer
-        log_every, checkpoint_every, eval_every = (
-            max(1, round(steps / trainer.steps_per_update))
-            for steps in (trainer.log_every, trainer.checkpoint_every, trainer.eval_every)
-        )
+        log_every = self._in_updates(trainer.log_every)
+        checkpoint_every = self._in_updates(trainer.checkpoint_every)
+        eval_every = self._in_updates(trainer.eval_every)
         if not trainer.eval_every:
             eval_every = trainer.updates
+        # A checkpoint before the first update, so that a run killed early can be resumed.
         if self.run.checkpoints.last is None:
             self._save()
         if not self.step:  # the first points on the curves
@@ -255,42 +331,50 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
                 self._log(figures, is_point=is_point)
             if done % checkpoint_every == 0:
                 self._save()
+        # At the end, or after Ctrl-C.
         if self.run.checkpoints.last != self.step:
             self._save()
 
+    def _in_updates(self, steps: int) -> int:
+        """Return a number of environment steps as a number of updates, 1 or more."""
+        return max(1, round(steps / self.config.trainer.steps_per_update))
+
     def _log(self, figures: dict[str, float | None], *, is_point: bool) -> None:
+        """Add a line of metrics; with a point on the learning curves if ``is_point``."""
         step, seconds = self._logged
-        rate = (
-            round((self.step - step) / (self.seconds - seconds)) if self.seconds > seconds else None
-        )
+        rate = None
+        if self.seconds > seconds:
+            rate = round((self.step - step) / (self.seconds - seconds))
         self._logged = (self.step, self.seconds)
-        row = {
-            "step": self.step,
-            **figures,
-            **(self.metrics.evaluate(self.policy) if is_point else {}),
-        }
-        row |= {"steps_per_second": rate, "seconds": round(self.elapsed, 3)}
+        row: dict[str, Any] = {"step": self.step, **figures}
+        if is_point:
+            row |= self.metrics.evaluate(self.policy)
+        row["steps_per_second"] = rate
+        row["seconds"] = round(self.elapsed, 3)
         self.metrics.add(row)
         if self.report and self.step:
             names = ("success", "test_success", "steps_per_second")
-            shown = {name: value for name in names if (value := row.get(name))}
-            self.report(
-                self.step, self.config.trainer.updates * self.config.trainer.steps_per_update, shown
-            )
+            shown = {name: row[name] for name in names if row.get(name)}
+            trainer = self.config.trainer
+            self.report(self.step, trainer.updates * trainer.steps_per_update, shown)
 
     def _save(self) -> None:
-        eval_seconds, size = self.metrics.eval_seconds, self.metrics.size()
-        times = {"seconds": self.seconds, "eval_seconds": eval_seconds, "elapsed": self.elapsed}
-        progress = AgentProgress(**times, metrics_bytes=size)
+        # The size first: it flushes the lines that the checkpoint counts on.
+        size = self.metrics.size()
+        progress = AgentProgress(
+            seconds=self.seconds,
+            eval_seconds=self.metrics.eval_seconds,
+            elapsed=self.elapsed,
+            metrics_bytes=size,
+        )
         self.run.checkpoints.save(self.step, self.impala.state(), progress)
 
     def _finish(self) -> TrainedAgent:
-        run, config = self.run, self.config
+        """Evaluate the trained policy, and write the files of a finished run."""
+        run = self.run
+        world = self.impala.envs.world
         player = PolicyPlayer(self.policy)
-        results = {
-            part: evaluator(player)
-            for part, evaluator in evaluators(self.impala.envs.world).items()
-        }
+        results = {part: evaluator(player) for part, evaluator in evaluators(world).items()}
         summary = AgentSummary(
             steps=self.step,
             seconds=round(self.elapsed, 3),
@@ -300,103 +384,57 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             parameters=sum(parameter.numel() for parameter in self.policy.parameters()),
             success={part: result.figures() for part, result in results.items()},
             outcomes={part: result.shares() for part, result in results.items()},
-            distractors=config.tasks.distractors,
+            distractors=self.config.tasks.distractors,
         )
+        # `run.finish` comes last: only its record makes the run count as finished.
         write_parameters(run.path, self.policy)
         write_atomically(run.path / "evaluation.json", dump_json(as_values(summary)))
-        write_atomically(run.path / EPISODES_FILE, _episode_lines(self.impala.envs.world, results))
-        run.finish(OUTPUTS, _model_card(self.opened, config, run.record, summary))
+        write_atomically(run.path / EPISODES_FILE, _episode_lines(world, results))
+        run.finish(OUTPUTS, agent_card(self.opened, self.config, run.record, summary))
         return TrainedAgent(run.path, self.step, summary)
 
 
 def _warn_of_in_sample_scores(config: AgentConfig) -> None:
-    cause, remedy = "the scorer has no folds", " Train the scorer with `folds` 5."
+    """Warn that scores of train tasks will be better than scores of test tasks can be."""
+    cause = "the scorer has no folds"
+    remedy = " Train the scorer with `folds` 5."
     if config.policy.in_sample:
-        cause, remedy = "`in_sample` is set", ""
-    message = "%s, so scores for train tasks are in-sample, and the agent learns to trust the scorer too much.%s"
-    logging.getLogger(__name__).warning(message, cause, remedy)
+        cause = "`in_sample` is set"
+        remedy = ""
+    logging.getLogger(__name__).warning(
+        "%s, so scores for train tasks are in-sample, and the agent learns to trust the scorer "
+        "too much.%s",
+        cause,
+        remedy,
+    )
 
 
 def _warn_of_self_pairs(graph: RecipeGraph, config: AgentConfig) -> None:
+    """Warn where the default treatment of self edges hurts: in books of one-ingredient recipes."""
     share = graph.num_self_pairs / graph.num_pairs
     if config.policy.self_edges == "observed" and share >= _MANY_SELF_PAIRS:
         logging.getLogger(__name__).warning(
-            "%.0f %% of pairs in %s combine an entity with itself, but `self_edges` observed scores an unseen self pair"
-            " like an average pair. On such a book, keep and drop gave better agents.",
+            "%.0f %% of pairs in %s combine an entity with itself, but `self_edges` observed "
+            "scores an unseen self pair like an average pair. On such a book, keep and drop gave "
+            "better agents.",
             100 * share,
             graph.name,
         )
 
 
 def _episode_lines(world: World, results: Mapping[TaskPart, Evaluation]) -> Iterator[str]:
+    """Yield a line for each evaluated task: the task, and how each of its episodes ended."""
     for part, result in results.items():
         tasks = world.variant(part=part).tasks
         for i, number in enumerate(result.tasks.tolist()):
             task = tasks[number]
+            codes = result.terminations[i].tolist()
             row = PlayedTask(
                 part=part,
                 goal=task.goal,
                 start=task.start,
                 success=float(result.success[i].mean()),
-                terminations=tuple(
-                    TERMINATION_REASONS[code] for code in result.terminations[i].tolist()
-                ),
+                terminations=tuple(TERMINATION_REASONS[code] for code in codes),
                 actions=tuple(result.actions[i].tolist()),
             )
             yield json.dumps(msgspec.to_builtins(row), ensure_ascii=False) + "\n"
-
-
-def _note_on_scores(run: RunRecord) -> str:
-    if run.kg is None:
-        return ""
-    if run.kg == "full":
-        return (
-            "\nThe scorer was trained on all triples, including test triples: success on test tasks measures the use "
-            "of a perfect source, not generalisation.\n"
-        )
-    if run.kg == "none":
-        return (
-            "\nThe scorer was not trained on any recipe in the graph, so it treats train and test tasks alike, unless "
-            "its source (such as a language model) knew recipes in this book.\n"
-        )
-    if run.cross_fitted:
-        return (
-            f"\nThe scorer is cross-fitted in {run.cross_fitted} folds: a model trained without the recipes of a "
-            "train task scores this task. So success on train tasks predicts success on test tasks.\n"
-        )
-    return "\nOn train tasks the scores were in-sample: the scorer was trained on the recipes of these tasks.\n"
-
-
-def _model_card(
-    opened: OpenedGraph, config: AgentConfig, run: RunRecord, summary: AgentSummary
-) -> str:
-    policy, tasks = config.policy, config.tasks
-    kind = "Self-attention actor-critic" if policy.policy == "attention" else "One-layer MLP"
-    guide = "without a knowledge graph"
-    if config.scorer:
-        trained_on = (
-            f"trained on the {run.kg} knowledge graph"
-            if run.kg != "none"
-            else "not trained on recipes"
-        )
-        use = "as the only logits" if policy.kg_only else "mixed into the logits"
-        guide = f"with {' and '.join(policy.sources)} from a scorer {trained_on}, {use}"
-    rows = "\n".join(
-        f"- {part}: {result.mean:.3f} [{result.ci_low:.3f}, {result.ci_high:.3f}], "
-        f"{result.tasks:,} tasks with {result.distractor_seeds} distractor seeds each"
-        for part, result in summary.success.items()
-    )
-    return f"""{front_matter("reinforcement-learning", "knowledge-graph")}
-# {kind} for {opened.graph.name}, {guide}
-
-Plays crafting tasks of depth {tasks.depth} with {tasks.distractors} distractors on graph `{opened.graph.hash[:12]}`.
-{_note_on_scores(run)}
-Success of the greedy policy by split (95 % interval over tasks, for this seed):
-
-{rows}
-
-Trained for {summary.steps:,} steps in {summary.seconds:.0f} s, seed {config.trainer.seed}, \
-{summary.parameters:,} parameters. `config.toml` reproduces the run; `run.json` lists software versions.
-
-{usage(opened.graph.entities)}
-"""

@@ -1,20 +1,36 @@
-"""Environments: the readable crafting environment, the batched engine, the open-ended game, and wrappers.
+"""Environments: the readable crafting environment, the batched engine, the open-ended game.
 
-Read ``wordcraft`` first: the rules, one environment at a time. ``batch`` steps many environments at once and agrees
-with ``wordcraft`` step for step. Observations are ids and masks; wrappers or the policy add features and scores. A
-``World`` holds the recipe graph, the split into train, valid and test recipes, the settings and the tasks: build one
+Read ``wordcraft`` first: the rules, one environment at a time. ``batch`` steps many environments at
+once and agrees with ``wordcraft`` step for step; ``draws`` and ``guards`` draw what its episodes
+begin with, on NumPy or torch by ``arrays``. A ``World`` (``world``) holds the recipe graph, the
+split into train, valid and test recipes, the settings (``config``) and the tasks: build one
 ``World``, and derive other settings with ``world.variant(part="test")``.
+
+``vector`` shows the engine to Gymnasium, ``open_ended`` is the game without a goal, ``words`` the
+games as text. Observations are ids and masks; ``wrappers`` or the policy add features and scores.
+``evaluation_tables`` fixes the tables on which all players are compared.
+
+Free to change: how ``batch`` and ``guards`` compute, as long as the engines agree and their speed
+stays. Not free: what an episode with a given seed, environment and number looks like (``draws``),
+because published results play on those tables; and ``words.PROMPTS``, whose hash is in results.
 """
 
 
 def register() -> None:
-    """Register the environments with Gymnasium, if not done yet; the default graph is the book ``everyday``."""
+    """Register the environments with Gymnasium, unless done; the default graph is ``everyday``."""
     from gymnasium.envs.registration import register, registry
 
-    if "WordCraft-v0" not in registry:
-        path, book = "wordcraft_kg.envs", {"graph": "everyday"}
-        vector = f"{path}.vector:WordCraftVectorEnv"
-        register(
-            "WordCraft-v0", f"{path}.wordcraft:WordCraftEnv", vector_entry_point=vector, kwargs=book
-        )
-        register("WordCraft-OpenEnded-v0", f"{path}.open_ended:OpenEndedEnv", kwargs=book)
+    if "WordCraft-v0" in registry:
+        return
+    default = {"graph": "everyday"}
+    register(
+        "WordCraft-v0",
+        "wordcraft_kg.envs.wordcraft:WordCraftEnv",
+        vector_entry_point="wordcraft_kg.envs.vector:WordCraftVectorEnv",
+        kwargs=default,
+    )
+    register(
+        "WordCraft-OpenEnded-v0",
+        "wordcraft_kg.envs.open_ended:OpenEndedEnv",
+        kwargs=default,
+    )

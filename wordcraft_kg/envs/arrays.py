@@ -1,8 +1,9 @@
 """Arrays for the batched engine: NumPy on the CPU, torch on a device.
 
-The engine is written once, with operators, indexing and functions that both libraries share; this module holds the
-rest. On the CPU, NumPy is twice as fast as torch, because a step is some thirty calls on short arrays; an agent sees
-the same memory through ``torch.from_numpy``. On a device, tensors never leave the device.
+The engine is written once, with operators, indexing and functions that both libraries share; this
+module holds the rest. On the CPU, NumPy is twice as fast as torch, because a step is some thirty
+calls on short arrays, and a call costs NumPy half as much; an agent sees the same memory through
+``torch.from_numpy``. On a device, tensors never leave the device.
 """
 
 from typing import Any
@@ -17,10 +18,12 @@ Array = NDArray[Any]
 
 
 class Arrays:
-    """Array operations on the CPU, by NumPy; a subclass provides the same operations by torch on a device.
+    """Array operations on the CPU, by NumPy; a subclass provides the same operations by torch.
 
-    ``xp`` is the module, ``numpy`` or ``torch``. Reading a value ``on_device`` waits for pending work, so there all
-    rows are computed, and masks select the valid rows.
+    Attributes:
+        xp: the module, ``numpy`` or ``torch``.
+        on_device: whether arrays lie on a device. Reading a value there waits for pending work, so
+            all rows are computed, and masks select the valid rows.
     """
 
     xp: Any = np
@@ -38,8 +41,19 @@ class Arrays:
         """Copy an array."""
         return values.copy()
 
-    def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:
-        """Return an array with the same value everywhere."""
+    def full(
+        self,
+        shape: tuple[int, ...],
+        value: int,
+        dtype: str = "int64",
+    ) -> Array:
+        """Return an array with the same value everywhere.
+
+        Args:
+            shape: its shape.
+            value: the value.
+            dtype: name of a data type that both libraries know.
+        """
         return np.full(shape, value, dtype=dtype)
 
     def cast(self, values: Array, dtype: str) -> Array:
@@ -57,7 +71,10 @@ class Arrays:
         return values.take(rows, axis=0)  # several times as fast as an index
 
     def rows(self, mask: Array) -> Array:
-        """Return the indices of True rows in a mask; on a CUDA device all rows, because a count would wait."""
+        """Return the indices of True rows in a mask; on a device all rows.
+
+        Counting the rows would wait for the device.
+        """
         return mask.nonzero()[0]
 
 
@@ -84,7 +101,12 @@ class _TorchArrays(Arrays):
     def copy(self, values: Any) -> Array:
         return values.clone()
 
-    def full(self, shape: tuple[int, ...], value: int, dtype: str = "int64") -> Array:
+    def full(
+        self,
+        shape: tuple[int, ...],
+        value: int,
+        dtype: str = "int64",
+    ) -> Array:
         return self.torch.full(shape, value, dtype=getattr(self.torch, dtype), device=self.device)
 
     def cast(self, values: Any, dtype: str) -> Array:
@@ -101,5 +123,12 @@ class _TorchArrays(Arrays):
 
 
 def arrays_of(device: str) -> Arrays:
-    """Return the array operations for ``cpu`` (NumPy), a torch device such as ``cuda``, or ``torch:cpu`` (torch)."""
+    """Return the array operations for a device.
+
+    ``cpu`` is NumPy; a torch device such as ``cuda`` is torch, and ``torch:cpu`` torch on the CPU,
+    for tests.
+
+    Raises:
+        ConfigError: if torch finds no such device.
+    """
     return Arrays() if device == "cpu" else _TorchArrays(device.removeprefix("torch:"))

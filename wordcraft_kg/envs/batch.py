@@ -1,7 +1,16 @@
-"""Batched crafting environments: the rules in :mod:`wordcraft_kg.envs.wordcraft`, on arrays for N environments.
+"""Batched crafting environments: the rules of :mod:`wordcraft_kg.envs.wordcraft` on arrays.
 
-:mod:`~wordcraft_kg.envs.draws` draws the start of episodes, this module computes steps. Both run on NumPy and torch,
-see :mod:`~wordcraft_kg.envs.arrays`.
+:mod:`~wordcraft_kg.envs.draws` draws the start of episodes, this module computes steps. Both run on
+NumPy and torch, see :mod:`~wordcraft_kg.envs.arrays`.
+
+Read :meth:`BatchEngine.step` first. It is the rules (``_step_env``, ``_combine``, ``_put_on_table``
+and ``_shaping``, without new episodes) and then :meth:`BatchEngine.begin_where`, which replaces
+finished episodes. Below, N is the number of environments, r the largest number of results of a
+pair, R a number of environments in which something happens.
+
+Speed bends the code in three places. On the CPU, rows in which nothing happens are left out, and a
+table is not written if its episode ends anyway. On a device, reading a value would wait for all
+pending work, so there all rows are computed, and masks select.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,13 +26,14 @@ from wordcraft_kg.envs.draws import Ahead, Draws
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
-IN_PROGRESS, GOAL, OUT_OF_ATTEMPTS = 0, 1, 2
+IN_PROGRESS = 0
+GOAL = 1
+OUT_OF_ATTEMPTS = 2
 OUTCOMES = ("in_progress", "goal", "out_of_attempts")
 """Names of the outcomes of a step; a code is an index into this tuple."""
 
-_DENSE_LIMIT = (
-    4_096  # entities up to which pairs are looked up in a square table, of 4 bytes a cell
-)
+# Largest number of entities for a square table of all pairs, with 4 bytes a cell: 64 MiB.
+_DENSE_LIMIT = 4_096
 
 
 class Step(NamedTuple):
@@ -31,11 +41,12 @@ class Step(NamedTuple):
 
     Attributes:
         reward: float32, including shaped rewards.
-        over: whether the step ended the episode.
+        over: bool, whether the step ended the episode. If so, the state after the step is the first
+            of the next episode, while all arrays here belong to the episode that ended.
         outcome: int8, index into :data:`OUTCOMES`.
-        by_plan: whether the goal was made by the last pair of one of the task's plans.
-        illegal: whether the action chose an empty slot.
-        task: index into the world's tasks.
+        by_plan: bool, whether the goal was made by the last pair of one of the task's plans.
+        illegal: bool, whether the action chose an empty slot.
+        task: int64, index into the world's tasks.
     """
 
     reward: Array
@@ -47,7 +58,7 @@ class Step(NamedTuple):
 
 
 class State(NamedTuple):
-    """The state of N environments, never modified by a step. Shape (N,), int64, unless stated otherwise.
+    """The state of N environments, never modified by a step. Shape (N,), int64, unless stated.
 
     Attributes:
         engine: the engine that made this state.
@@ -58,10 +69,11 @@ class State(NamedTuple):
         task: index into the world's tasks.
         selection: id of the selected entity, or of nothing.
         attempts_left: attempts left in the episode; 0 after the end.
-        wide: shape (N, num_slots + 1), ids: the table, and a spare column for writes without effect.
-        count: number of entities on the table, int64.
-        tried: shape (N, attempts, 2): ids of the pairs combined in the episode, padded with the id of nothing; not
-            kept for episodes of one attempt.
+        wide: shape (N, num_slots + 1), ids: the table, and a spare column for writes without
+            effect, when nothing new is made and the table is full.
+        count: number of entities on the table; these come first.
+        tried: shape (N, attempts, 2): ids of the pairs combined in the episode, padded with the id
+            of nothing; not kept for episodes of one attempt.
         episode: number of the next episode.
     """
 
@@ -95,7 +107,7 @@ class State(NamedTuple):
 
     @property
     def table(self) -> Array:
-        """The entity in each slot, shape (N, num_slots), int64, ids; empty slots hold the id of nothing."""
+        """Ids of the entities in the slots, (N, num_slots); empty slots hold the id of nothing."""
         return self.wide[:, :-1]
 
     def action_masks(self) -> Array:
@@ -103,7 +115,8 @@ class State(NamedTuple):
         return self.table != self.engine.nothing
 
     def random_actions(self, numbers: Array) -> Array:
-        """Return a legal action for each environment, drawn with uniform numbers in [0, 1), shape (N,)."""
+        """Return a legal action for each environment, by uniform numbers in [0, 1), shape (N,)."""
+        # Entities fill the first slots, so any slot below the count is legal.
         return self.engine.arrays.cast(numbers * self.count, "int64")
 
     def saved(self) -> dict[str, NDArray[Any]]:
@@ -111,7 +124,13 @@ class State(NamedTuple):
         return {name: self.engine.arrays.numpy(getattr(self, name)) for name in _SAVED}
 
     def restored(self, saved: Mapping[str, NDArray[Any]]) -> "State":
-        """Return the environments' state from :meth:`saved` arrays; ConfigError if shapes differ from this state's."""
+        """Return the environments' state from :meth:`saved` arrays.
+
+        Seed and engine are those of this state, which must have been made in the same way.
+
+        Raises:
+            ConfigError: if an array is missing, or its shape differs from this state's.
+        """
         for name in _SAVED:
             expected = tuple(getattr(self, name).shape)
             if name not in saved or tuple(saved[name].shape) != expected:
@@ -119,37 +138,82 @@ class State(NamedTuple):
                     f"this is the state of another engine: '{name}' should have shape {expected}."
                 )
         array = self.engine.arrays.array
-        copies: dict[str, Any] = {
-            name: array(np.array(saved[name], dtype=np.int64)) for name in _SAVED
-        }
+        copies: dict[str, Any] = {}
+        for name in _SAVED:
+            copies[name] = array(np.array(saved[name], dtype=np.int64))
         # Episodes drawn ahead are drawn again: they depend only on seed, environment and episode.
         ahead = Ahead(self.ahead.draws, self.keys, copies["episode"])
-        return self._replace(ahead=ahead, age=0, **copies)
+        return self._replace(
+            ahead=ahead,
+            age=0,
+            **copies,
+        )
 
 
 _GOAL = State._fields.index("goal")
-_SAVED: tuple[str, ...] = State._fields[_GOAL:]
+_SAVED: tuple[str, ...] = State._fields[_GOAL:]  # fields before follow from engine and seed
+
+
+class _Begun(NamedTuple):
+    """The first states of R episodes: the fields of :class:`State` from ``goal`` to ``tried``."""
+
+    goal: Array
+    task: Array
+    selection: Array
+    attempts_left: Array
+    wide: Array
+    count: Array  # type: ignore[assignment] # hides the method of tuples
+    tried: Array
+
+
+class _Made(NamedTuple):
+    """Attempts that make something.
+
+    Attributes:
+        rows: shape (R,): indices of the environments; on a device all N environments.
+        makes: shape (R,), bool: whether the pair makes something, False on a device only.
+        results: shape (R, r): ids of the results, padded with nothing.
+        is_goal: shape (R,), bool: whether a result is the goal.
+    """
+
+    rows: Array
+    makes: Array
+    results: Array
+    is_goal: Array
 
 
 class _PairNumbers:
-    """Pair numbers by entity ids: from a square table for a small graph, otherwise by search."""
+    """Numbers of pairs by entity ids: a table for a small graph, otherwise a binary search.
+
+    Attributes:
+        no_pair: the number of all pairs without a result, equal to the number of other pairs.
+    """
 
     def __init__(self, graph: RecipeGraph, arrays: Arrays):
-        self.xp, self.size, self.no_pair = arrays.xp, graph.num_entities + 1, graph.num_pairs
+        self.xp = arrays.xp
+        self.size = graph.num_entities + 1
+        self.no_pair = graph.num_pairs
+        # Recipes are sorted by pair, so the first recipe of each pair gives the pair, a <= b.
         a, b, _ = graph.recipes[graph.pair_starts[:-1]].T
         self.is_dense = graph.num_entities <= _DENSE_LIMIT
         if self.is_dense:
+            # Row and column E, of nothing, keep `no_pair`, so callers need no mask.
             table = np.full((self.size, self.size), self.no_pair, dtype=np.int32)
-            table[a, b] = table[b, a] = np.arange(self.no_pair)
+            table[a, b] = np.arange(self.no_pair)
+            table[b, a] = table[a, b]
             self._table = arrays.array(table.reshape(-1))
         else:
-            self._keys = arrays.array(np.append(a * self.size + b, np.iinfo("int64").max))
+            # A sentinel at the end, so that a search for any key ends at a valid index.
+            sentinel = np.iinfo("int64").max
+            self._keys = arrays.array(np.append(a * self.size + b, sentinel))
 
     def __call__(self, one: Array, other: Array) -> Array:
-        """Return pair numbers, for ids of equal shapes."""
+        """Return pair numbers, for ids of equal shapes, in any order."""
         if self.is_dense:
             return self._table.take(one * self.size + other)
-        keys = self.xp.minimum(one, other) * self.size + self.xp.maximum(one, other)
+        lower = self.xp.minimum(one, other)
+        higher = self.xp.maximum(one, other)
+        keys = lower * self.size + higher
         places = self.xp.searchsorted(self._keys, keys)
         return self.xp.where(self._keys[places] == keys, places, self.no_pair)
 
@@ -160,9 +224,15 @@ class BatchEngine:
     When an episode ends, the environment begins the next episode.
 
     Attributes:
+        world: graph, tasks and settings.
+        config: the world's settings.
+        num_envs: N.
+        first_env: number of the first environment.
+        num_slots: size of a table.
         nothing: the id for an empty slot or no selection, equal to the number of entities.
         arrays: array operations by NumPy or torch.
-        pairs: function from two arrays of ids to pair numbers; ``num_pairs`` for pairs without a result.
+        pairs: function from two arrays of ids to pair numbers; ``num_pairs`` for pairs without a
+            result.
 
     Example:
         >>> engine = BatchEngine(World("kitchen", WordCraftConfig(num_distractors=2)), 4)
@@ -172,39 +242,59 @@ class BatchEngine:
         ([False, False, False, False], True)
     """
 
-    def __init__(self, world: World, num_envs: int, *, device: str = "cpu", first_env: int = 0):
+    def __init__(
+        self,
+        world: World,
+        num_envs: int,
+        *,
+        device: str = "cpu",
+        first_env: int = 0,
+    ):
         """Prepare N environments.
 
-        ``device`` is ``cpu``, or a torch device such as ``cuda``; ``torch:cpu`` runs the code for devices on the CPU.
-        ``first_env``, the number of the first environment, seeds the random draws: two engines for environments 0 to 63
-        and 64 to 127 draw the same episodes as one engine for 128.
+        Args:
+            world: graph, tasks and settings.
+            num_envs: N, 1 or more.
+            device: ``cpu``, or a torch device such as ``cuda``; ``torch:cpu`` runs the code for
+                devices on the CPU, for tests.
+            first_env: number of the first environment, which seeds the random draws: two engines
+                for environments 0 to 63 and 64 to 127 draw the same episodes as one engine for 128.
+
+        Raises:
+            ConfigError: for a number out of range, or a device that is not available.
         """
         self.num_envs = whole("num_envs", num_envs, 1, MAX_SIZE)
         self.first_env = whole("first_env", first_env, 0)
-        self.world, self.config = world, world.config
-        self.nothing, self.num_slots = world.nothing, world.num_slots
+        self.world = world
+        self.config = world.config
+        self.nothing = world.nothing
+        self.num_slots = world.num_slots
         self.arrays = arrays_of(device)
         self.pairs = _PairNumbers(world.graph, self.arrays)
         self._draws = Draws(world, self.arrays)
-        self._goals, self._made, self._finals, self._results = map(
-            self.arrays.array,
-            (
-                world.tasks.goals,
-                world.tasks.intermediates,
-                world.tasks.final_pairs,
-                _results(world),
-            ),
+        array = self.arrays.array
+        self._goals = array(world.tasks.goals)
+        self._intermediates = array(world.tasks.intermediates)
+        self._final_pairs = array(world.tasks.final_pairs)
+        self._results = array(_results(world))
+        rewards = self.config.rewards
+        # Shaped rewards depend on what is new on the table, so tables are then always written.
+        self._is_shaped = bool(
+            rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward
         )
-        self._rows = self.arrays.array(np.arange(self.num_envs))
-        self._numbers = self.arrays.array(np.arange(self.config.attempts))
-        self._offsets = self._rows * (
-            self.num_slots + 1
-        )  # of the environments' tables in `State.wide`
+        self._rows = array(np.arange(self.num_envs))
+        self._attempt_numbers = array(np.arange(self.config.attempts))
+        # Where each environment's table begins in the flat view of `State.wide`.
+        self._offsets = self._rows * (self.num_slots + 1)
 
-    # --- episodes ----------------------------------------------------------------------------------------------------
+    # --- episodes ---------------------------------------------------------------------------------
 
     def reset(self, seed: int = 0) -> State:
-        """Begin the first episode of a seed in every environment; a negative seed raises a :class:`ConfigError`."""
+        """Begin the first episode of a seed in every environment.
+
+        Raises:
+            ConfigError: for a negative seed.
+        """
         return self._begin(self._keys(seed), self.arrays.full((self.num_envs,), 0))
 
     def restart(self, state: State) -> State:
@@ -212,214 +302,367 @@ class BatchEngine:
         return self._begin(state.keys, state.episode)
 
     def pose(
-        self, tasks: Array, episode: int = 0, *, seed: int = 0, tables: Array | None = None
+        self,
+        tasks: Array,
+        episode: int = 0,
+        *,
+        seed: int = 0,
+        tables: Array | None = None,
     ) -> State:
         """Begin an episode with a given task in each environment, for evaluation.
 
-        ``tasks`` are task indices, shape (N,). Later episodes have drawn tasks. Distractors depend only on seed,
-        environment number, ``episode`` and task, unless ``tables`` are given: ids in slot order, padded with nothing,
-        shape (N, at most num_slots).
+        Later episodes have drawn tasks.
+
+        Args:
+            tasks: shape (N,): task indices.
+            episode: number of the episode. Distractors depend only on seed, environment number,
+                episode and task.
+            seed: random seed, 0 or more.
+            tables: shape (N, at most num_slots): ids in slot order, padded with nothing. None for
+                drawn distractors.
+
+        Raises:
+            ConfigError: for a negative seed.
         """
-        keys, number = self._keys(seed), self.arrays.full((self.num_envs,), episode)
-        tasks = (
-            self.arrays.array(np.array(tasks, dtype=np.int64))
-            if isinstance(tasks, list | np.ndarray)
-            else tasks
-        )
+        keys = self._keys(seed)
+        number = self.arrays.full((self.num_envs,), episode)
+        if isinstance(tasks, list | np.ndarray):
+            tasks = self.arrays.array(np.array(tasks, dtype=np.int64))
         if tables is None:
             tables = self._draws.tables(self._draws.keys(keys, number), tasks)
         begun = self._begun(tables, tasks)
-        return State._make(
-            (self, keys, Ahead(self._draws, keys, number + 1), 0, *begun, number + 1)
-        )
+        following = number + 1
+        return State(self, keys, Ahead(self._draws, keys, following), 0, *begun, following)
 
     def _keys(self, seed: int) -> Array:
         return self._draws.env_keys(seed, self.first_env, self.num_envs)
 
     def _begin(self, keys: Array, episode: Array) -> State:
+        """Begin the episodes with the given numbers, shape (N,), in all environments."""
         ahead = Ahead(self._draws, keys, episode)
-        return State._make(
-            (self, keys, ahead, 1, *self._begun(*ahead.take(self._rows, episode)), episode + 1)
-        )
+        begun = self._begun(*ahead.take(self._rows, episode))
+        # The cache has already given its first episode, hence age 1.
+        return State(self, keys, ahead, 1, *begun, episode + 1)
 
-    def _begun(self, tables: Array, tasks: Array) -> Sequence[Array]:
-        full, size = self.arrays.full, (len(tables),)
+    def _begun(self, tables: Array, tasks: Array) -> _Begun:
+        """Return the first states of R episodes, from tables (R, at most num_slots) and tasks."""
+        full = self.arrays.full
+        size = (len(tables),)
         wide = full((len(tables), self.num_slots + 1), self.nothing)
         wide[:, : tables.shape[1]] = tables
-        # Most tables are full at depth 1.
+        # Most tables are full at depth 1, so only the others are counted.
         count = full(size, tables.shape[1])
         rows = self.arrays.rows(tables[:, -1] == self.nothing)
         count[rows] = (tables[rows] != self.nothing).sum(1)
-        tried = full((*size, self.config.attempts, 2), self.nothing)
-        return (
-            self._goals[tasks],
-            tasks,
-            full(size, self.nothing),
-            full(size, self.config.attempts),
-            wide,
-            count,
-            tried,
+        return _Begun(
+            goal=self._goals[tasks],
+            task=tasks,
+            selection=full(size, self.nothing),
+            attempts_left=full(size, self.config.attempts),
+            wide=wide,
+            count=count,
+            tried=full((*size, self.config.attempts, 2), self.nothing),
         )
 
-    def begin_where(self, now: State, over: Array, before: State | None = None) -> State:
-        """Begin the next episode where ``over``, shape (N,), is True; arrays not in ``before`` may be written to."""
-        on_device = self.arrays.on_device
-        rows = self._rows if on_device else over.nonzero()[0]
+    def begin_where(
+        self,
+        now: State,
+        over: Array,
+        before: State | None = None,
+    ) -> State:
+        """Begin the next episode in some environments.
+
+        Args:
+            now: current state.
+            over: shape (N,), bool: True where the next episode begins.
+            before: the state before a step, which stays unchanged. Arrays of ``now`` that are not
+                in ``before`` belong to nobody else, and are written to without a copy. By default
+                ``now`` itself stays unchanged.
+        """
+        if self.arrays.on_device:
+            return self._begin_where_on_device(now, over)
+        rows = over.nonzero()[0]
         if not len(rows):
             return now
         begun = self._begun(*now.ahead.take(rows, now.episode[rows]))
+        episode = now.episode + over
+        if len(rows) == self.num_envs:
+            return State(self, now.keys, now.ahead, now.age, *begun, episode)
         current: Any = now[_GOAL:-1]
         earlier: Any = (before or now)[_GOAL:-1]
-        episode, ahead, age = now.episode + over, now.ahead, now.age
-        if on_device:
-            # Without reading from the device: every environment is written, with the old state or the next episode.
-            masks = (over.reshape(-1, *[1] * (new.ndim - 1)) for new in begun)
-            begun = list(map(self.arrays.xp.where, masks, begun, current))
-            age += 1
-            if age == ahead.size:
-                ahead, age = Ahead(self._draws, now.keys, episode), 0
-        elif len(rows) < self.num_envs:
-            own = [
-                old.copy() if old is was else old for old, was in zip(current, earlier, strict=True)
-            ]
-            for array, new in zip(own, begun, strict=True):
-                array[rows] = new
-            begun = own
-        return State._make((self, now.keys, ahead, age, *begun, episode))
+        merged = []
+        for new, old, was in zip(begun, current, earlier, strict=True):
+            # An array that a step did not replace still belongs to the state before.
+            mine = old.copy() if old is was else old
+            mine[rows] = new
+            merged.append(mine)
+        return State(self, now.keys, now.ahead, now.age, *_Begun._make(merged), episode)
 
-    # --- steps -------------------------------------------------------------------------------------------------------
+    def _begin_where_on_device(self, now: State, over: Array) -> State:
+        """Write every environment, with the old state or the next episode, to read no count."""
+        begun = self._begun(*now.ahead.take(self._rows, now.episode))
+        current: Any = now[_GOAL:-1]
+        merged = []
+        for new, old in zip(begun, current, strict=True):
+            mask = over.reshape(-1, *[1] * (new.ndim - 1))  # for arrays with further axes
+            merged.append(self.arrays.xp.where(mask, new, old))
+        episode = now.episode + over
+        ahead = now.ahead
+        age = now.age + 1
+        if age == ahead.size:
+            # One environment may have used all its cached episodes by now. Which one, only the
+            # device knows, so all are drawn again.
+            ahead = Ahead(self._draws, now.keys, episode)
+            age = 0
+        return State(self, now.keys, ahead, age, *_Begun._make(merged), episode)
+
+    # --- steps ------------------------------------------------------------------------------------
 
     def step(self, state: State, actions: Array) -> tuple[State, Step]:
-        """Choose a slot in each environment; the next episode begins in the step that ends an episode.
+        """Choose a slot in each environment; finished episodes are replaced in the same step.
 
-        ``actions`` are slots, integers of shape (N,), checked on the CPU only. ``state`` stays unchanged. ActionError
-        for a number that is not a slot, or for an empty slot if ``illegal_action`` is ``raise``.
+        Args:
+            state: state of this engine, which stays unchanged.
+            actions: shape (N,), integers: slots, checked on the CPU only.
+
+        Returns:
+            The next state, and the outcome of the actions in the episodes that they belong to.
+
+        Raises:
+            ActionError: for a number that is not a slot, or for an empty slot if
+                ``illegal_action`` is ``raise``.
         """
-        now, done = self._step(state, actions, is_replaced=True)
+        now, done = self._step_env(state, actions, is_replaced=True)
         return self.begin_where(now, done.over, state), done
 
     def step_once(self, state: State, actions: Array) -> tuple[State, Step]:
-        """Like :meth:`step`, but an environment without attempts left stays unchanged."""
+        """Like :meth:`step`, but an environment without attempts left stays unchanged.
+
+        No episode is replaced, so a caller plays one episode in each environment.
+
+        Raises:
+            EpisodeError: if all episodes are over, on the CPU.
+        """
         if not self.arrays.on_device and not (state.attempts_left > 0).any():
             raise EpisodeError("all episodes are over; call pose() or reset().")
-        now, done = self._step(state, actions, is_replaced=False)
-        return now._replace(
-            attempts_left=self.arrays.xp.where(done.over, 0, now.attempts_left)
-        ), done
+        now, done = self._step_env(state, actions, is_replaced=False)
+        # A goal ends the episode with attempts left, and 0 marks the end.
+        attempts_left = self.arrays.xp.where(done.over, 0, now.attempts_left)
+        return now._replace(attempts_left=attempts_left), done
 
-    def _step(self, state: State, actions: Array, *, is_replaced: bool) -> tuple[State, Step]:
-        """Step without new episodes; with ``is_replaced``, tables of finished episodes may be skipped."""
-        nothing, cast = self.nothing, self.arrays.cast
+    # --- rules ------------------------------------------------------------------------------------
+
+    def _step_env(
+        self,
+        state: State,
+        actions: Array,
+        *,
+        is_replaced: bool,
+    ) -> tuple[State, Step]:
+        """Apply the rules, without new episodes.
+
+        Args:
+            state: state before the actions.
+            actions: shape (N,).
+            is_replaced: whether finished episodes are replaced next, so that their tables need not
+                be right.
+        """
+        cast = self.arrays.cast
+        rewards = self.config.rewards
         if not self.arrays.on_device:
             actions = self._checked(actions)
         running = state.attempts_left > 0
+        # One index into the flat tables: faster than an index along two axes.
         chosen = state.wide.take(self._offsets + actions)
-        empty = chosen == nothing
-        illegal = empty & running
+        is_empty = chosen == self.nothing
+        illegal = is_empty & running
         if self.config.illegal_action == "raise" and bool(illegal.any()):
-            env = int(illegal.nonzero()[0][0])
-            raise ActionError(
-                f"action {int(actions[env])} of environment {env}: the slot is empty; slots 0 to "
-                f"{int(state.count[env]) - 1} hold entities."
-            )
-        second = state.selection != nothing
-        # An empty selection or an empty slot makes nothing: the table of pairs has a row for nothing.
+            raise self._illegal(state, actions, illegal)
+
+        # The second action of an attempt, and any choice of an empty slot, ends the attempt.
+        is_second = state.selection != self.nothing
+        is_attempt = is_second | is_empty
+        is_pair = is_second & ~is_empty & running  # two entities are combined
+        attempts_left = state.attempts_left - cast(is_attempt & running, "int64")
+        selection = self.arrays.xp.where(is_attempt, self.nothing, chosen)
+
+        # Without a selection or with an empty slot nothing is made: pairs with nothing have no
+        # results.
         pair = self.pairs(state.selection, chosen)
-        wide, count, made_goal, by_plan, shaped = self._land(state, pair, running, is_replaced)
-        attempts_left = state.attempts_left - cast((second | empty) & running, "int64")
-        selection = self.arrays.xp.where(second | empty, nothing, chosen)
+        size = (self.num_envs,)
+        made_goal = self.arrays.full(size, 0, "bool")
+        by_plan = self.arrays.full(size, 0, "bool")
+        shaped = self.arrays.full(size, 0, "float32") if self._is_shaped else None
+        wide = state.wide
+        count = state.count
+        made = self._combine(state, pair, running)
+        if made is not None:
+            rows = made.rows
+            final_pairs = self._final_pairs[state.task[rows]]
+            made_goal[rows] = made.is_goal
+            is_final = (final_pairs == pair[rows][:, None]).any(1)
+            by_plan[rows] = made.is_goal & is_final
+            if not (is_replaced and self._are_all_over(state, made)):
+                wide, count, news = self._put_on_table(state, made)
+                if shaped is not None:
+                    shaped[rows] = self._shaping(state, made, news)
+
         over = running & (made_goal | (attempts_left == 0))
         reward = cast(made_goal, "float32")
         if shaped is not None:
-            wrong = second & ~empty & running & (pair == self.pairs.no_pair)
-            reward = (
-                reward + shaped - self.config.rewards.wrong_pair_penalty * cast(wrong, "float32")
-            )
+            is_wrong = is_pair & (pair == self.pairs.no_pair)
+            reward = reward + shaped - rewards.wrong_pair_penalty * cast(is_wrong, "float32")
+        # A goal is also over: 2 - 1 is GOAL, 2 - 0 is OUT_OF_ATTEMPTS, 0 is IN_PROGRESS.
         outcome = cast(over, "int8") * OUT_OF_ATTEMPTS - cast(made_goal, "int8")
-        kept = self, state.keys, state.ahead, state.age, state.goal, state.task
-        tried = self._noted(state, chosen, second & ~empty & running)
-        now = State(*kept, selection, attempts_left, wide, count, tried, state.episode)
-        return now, Step(cast(reward, "float32"), over, outcome, by_plan, illegal, state.task)
-
-    def _noted(self, state: State, chosen: Array, is_tried: Array) -> Array:
-        attempts, xp = self.config.attempts, self.arrays.xp
-        if attempts == 1:
-            return state.tried
-        number = attempts - state.attempts_left
-        is_now = is_tried[:, None] & (self._numbers == number[:, None])
-        return xp.where(
-            is_now[:, :, None], xp.stack([state.selection, chosen], 1)[:, None], state.tried
+        tried = self._noted(state, chosen, is_pair)
+        now = State(
+            self,
+            state.keys,
+            state.ahead,
+            state.age,
+            state.goal,
+            state.task,
+            selection,
+            attempts_left,
+            wide,
+            count,
+            tried,
+            state.episode,
         )
+        done = Step(cast(reward, "float32"), over, outcome, by_plan, illegal, state.task)
+        return now, done
 
-    def _land(
-        self, state: State, pair: Array, running: Array, is_replaced: bool
-    ) -> tuple[Array, Array, Array, Array, Array | None]:
-        """Return tables with results, table sizes, masks for goals and for goals by plan, and shaped rewards."""
-        arrays, rewards = self.arrays, self.config.rewards
+    def _combine(
+        self,
+        state: State,
+        pair: Array,
+        running: Array,
+    ) -> _Made | None:
+        """Return the attempts that make something; None if there is none, as after most actions."""
         makes = (pair != self.pairs.no_pair) & running
-        made_goal, by_plan = (arrays.full((self.num_envs,), 0, "bool") for _ in range(2))
-        is_shaped = bool(
-            rewards.wrong_pair_penalty or rewards.irrelevant_penalty or rewards.intermediate_reward
-        )
-        shaped = arrays.full((self.num_envs,), 0, "float32") if is_shaped else None
-        rows = arrays.rows(makes)
+        rows = self.arrays.rows(makes)
         if not len(rows):
-            return state.wide, state.count, made_goal, by_plan, shaped
-        results, goal, task, makes = (
-            self._results[pair[rows]],
-            state.goal[rows],
-            state.task[rows],
-            makes[rows],
-        )
-        hit = (results == goal[:, None]).any(1) & makes
-        made_goal[rows] = hit
-        by_plan[rows] = hit & (self._finals[task] == pair[rows][:, None]).any(1)
-        if (
-            is_replaced
-            and shaped is None
-            and not arrays.on_device
-            and (hit | (state.attempts_left[rows] == 1)).all()
-        ):
-            return state.wide, state.count, made_goal, by_plan, shaped
-        made = self._made[task]
-        first, relevant = arrays.full((len(rows),), 0), hit
-        tables, count, wide = state.wide[rows], state.count[rows], arrays.copy(state.wide)
-        for i in range(results.shape[1]):
-            result = results[:, i]
-            is_new = makes & (result != self.nothing) & ~(tables == result[:, None]).any(1)
-            if is_shaped:
-                is_made = (made == result[:, None]).any(1) & (result != self.nothing)
-                first, relevant = first + (is_made & is_new), relevant | is_made
-            # Where nothing is new, the id of nothing is written to the first free slot, which holds this id already.
-            wide[rows, count] = arrays.xp.where(is_new, result, wide[rows, count])
+            return None
+        makes = makes[rows]
+        results = self._results[pair[rows]]
+        is_goal = (results == state.goal[rows][:, None]).any(1) & makes
+        return _Made(rows, makes, results, is_goal)
+
+    def _are_all_over(self, state: State, made: _Made) -> bool:
+        """Return whether all episodes with results end, so that their tables are never seen.
+
+        With one attempt in an episode, the default at depth 1, this is so in every step, and saves
+        the copy of all tables. False for shaped rewards, which depend on the tables, and on a
+        device, where asking would wait.
+        """
+        if self._is_shaped or self.arrays.on_device:
+            return False
+        is_last = state.attempts_left[made.rows] == 1
+        return bool((made.is_goal | is_last).all())
+
+    def _put_on_table(self, state: State, made: _Made) -> tuple[Array, Array, list[Array]]:
+        """Put new results into the first free slots.
+
+        Returns:
+            Tables with the spare column, (N, num_slots + 1), and their counts, (N,), as copies;
+            and for each of r results whether it is new, (R,), bool.
+        """
+        rows = made.rows
+        tables = state.wide[rows]
+        wide = self.arrays.copy(state.wide)
+        count = state.count[rows]
+        news = []
+        # All results of a pair differ, so each is compared with the table before the attempt.
+        for i in range(made.results.shape[1]):
+            result = made.results[:, i]
+            is_on_table = (tables == result[:, None]).any(1)
+            is_new = made.makes & (result != self.nothing) & ~is_on_table
+            # Where nothing is new, the first free slot, or the spare column of a full table, gets
+            # the id of nothing, which it holds already.
+            wide[rows, count] = self.arrays.xp.where(is_new, result, wide[rows, count])
             count = count + is_new
-        counts = arrays.copy(state.count)
+            news.append(is_new)
+        counts = self.arrays.copy(state.count)
         counts[rows] = count
-        if shaped is not None:
-            irrelevant = arrays.cast(makes & ~relevant, "float32")
-            shaped[rows] = (
-                rewards.intermediate_reward * arrays.cast(first, "float32")
-                - rewards.irrelevant_penalty * irrelevant
-            )
-        return wide, counts, made_goal, by_plan, shaped
+        return wide, counts, news
+
+    def _shaping(
+        self,
+        state: State,
+        made: _Made,
+        news: Sequence[Array],
+    ) -> Array:
+        """Return the shaped rewards of attempts that make something, shape (R,), float32.
+
+        An intermediate is rewarded when it is new, but is relevant whenever it is made.
+        """
+        cast = self.arrays.cast
+        intermediates = self._intermediates[state.task[made.rows]]
+        num_first = self.arrays.full((len(made.rows),), 0)
+        is_relevant = made.is_goal
+        for i, is_new in enumerate(news):
+            result = made.results[:, i]
+            is_listed = (intermediates == result[:, None]).any(1)
+            is_intermediate = is_listed & (result != self.nothing)  # both are padded with nothing
+            num_first = num_first + (is_intermediate & is_new)
+            is_relevant = is_relevant | is_intermediate
+        reward = self.config.rewards.intermediate_reward * cast(num_first, "float32")
+        is_irrelevant = cast(made.makes & ~is_relevant, "float32")
+        return reward - self.config.rewards.irrelevant_penalty * is_irrelevant
+
+    def _noted(
+        self,
+        state: State,
+        chosen: Array,
+        is_tried: Array,
+    ) -> Array:
+        """Return the tried pairs with those of this step, shape (N, attempts, 2)."""
+        attempts = self.config.attempts
+        if attempts == 1:
+            return state.tried  # no later attempt could read them
+        number = attempts - state.attempts_left  # of the current attempt, from 0
+        is_now = is_tried[:, None] & (self._attempt_numbers == number[:, None])
+        pairs = self.arrays.xp.stack([state.selection, chosen], 1)
+        return self.arrays.xp.where(is_now[:, :, None], pairs[:, None], state.tried)
+
+    # --- checks -----------------------------------------------------------------------------------
 
     def _checked(self, actions: Array) -> NDArray[Any]:
         actions = np.asarray(actions)
         if actions.shape != (self.num_envs,) or actions.dtype.kind not in "iu":
             raise ActionError(
-                f"actions of shape {actions.shape}, {actions.dtype}: expected ({self.num_envs},), whole numbers."
+                f"actions of shape {actions.shape}, {actions.dtype}: "
+                f"expected ({self.num_envs},), whole numbers."
             )
         if len(actions) and (actions.min() < 0 or actions.max() >= self.num_slots):
             wrong = int(((actions < 0) | (actions >= self.num_slots)).argmax())
             raise ActionError(
-                f"action {int(actions[wrong])} of environment {wrong}: expected 0 to {self.num_slots - 1}."
+                f"action {int(actions[wrong])} of environment {wrong}: "
+                f"expected 0 to {self.num_slots - 1}."
             )
         return actions
 
+    def _illegal(
+        self,
+        state: State,
+        actions: Array,
+        illegal: Array,
+    ) -> ActionError:
+        env = int(illegal.nonzero()[0][0])
+        return ActionError(
+            f"action {int(actions[env])} of environment {env}: the slot is empty; slots 0 to "
+            f"{int(state.count[env]) - 1} hold entities."
+        )
+
 
 def _results(world: World) -> NDArray[np.int64]:
+    """Return the results of each pair, padded with nothing: shape (num_pairs + 1, r).
+
+    The last row, of pairs without results, is empty.
+    """
     graph = world.graph
-    starts, sizes = graph.pair_starts[:-1], np.diff(graph.pair_starts)
+    starts = graph.pair_starts[:-1]
+    sizes = np.diff(graph.pair_starts)
     results = np.full((graph.num_pairs + 1, world.max_results), world.nothing)
     for i in range(world.max_results):
         rows = starts + (sizes - 1 if world.config.ambiguity == "last" else i)

@@ -6,11 +6,19 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal, get_args, get_origin
 
 from wordcraft_kg.base.errors import ConfigError, UnknownSettingError
-from wordcraft_kg.base.settings import MAX_SIZE, nearest, number_in, one_of, require, whole
+from wordcraft_kg.base.settings import (
+    MAX_SIZE,
+    nearest,
+    number_in,
+    one_of,
+    require,
+    whole,
+)
 from wordcraft_kg.graphs.task_search import DRAWN_TASKS, MAX_DEPTH
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 
 MAX_ATTEMPTS = 1_000
+"""Most attempts in an episode; each attempt adds free slots to every table."""
 DistractorWeighting = Literal["use", "uniform"]
 DistractorPolicy = Literal["any", "no_shortcut", "no_train_shortcut"]
 Ambiguity = Literal["all", "last"]
@@ -33,8 +41,8 @@ class RewardConfig:
 
     Attributes:
         wrong_pair_penalty: subtracted if an attempt makes nothing.
-        irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate (an earlier product of a
-            plan).
+        irrelevant_penalty: subtracted if an attempt makes neither the goal nor an intermediate (an
+            earlier product of a plan).
         intermediate_reward: added when an attempt first makes an intermediate.
     """
 
@@ -43,18 +51,17 @@ class RewardConfig:
     intermediate_reward: float = 0.0
 
     def __post_init__(self) -> None:
+        most = sys.float_info.max
         for entry in fields(self):
-            number_in(
-                entry.name,
-                getattr(self, entry.name),
-                0,
-                sys.float_info.max,
-                "a finite number, 0 or more",
-            )
+            value = getattr(self, entry.name)
+            number_in(entry.name, value, 0, most, "a finite number, 0 or more")
 
 
 REWARDS = {"sparse": RewardConfig(), "official": RewardConfig(0.1, 0.1, 1.0)}
-"""Reward presets by name; ``official`` has the values in the paper's released code, with sub-goal rewards enabled."""
+"""Reward presets by name.
+
+``official`` has the values in the paper's released code, with sub-goal rewards enabled.
+"""
 
 
 @dataclass(frozen=True)
@@ -67,18 +74,23 @@ class WordCraftConfig:
         num_distractors: entities on the table that no plan needs; 1, 2 and 8 in the paper.
         max_attempts: attempts in an episode; None means ``depth``.
         reward: a preset's name (``sparse``, ``official``) or a :class:`RewardConfig`.
-        distractor_weighting: weights of entities for drawing distractors without replacement: ``use`` is 1 + the number
-            of train recipes that use the entity as an ingredient, ``uniform`` is equal. By ``use``, entities with few
-            uses are rarely distractors, so the player :func:`~wordcraft_kg.agents.players.fewest_uses` is better than
-            chance.
-        distractor_policy: ``any``; ``no_shortcut``: no distractor opens an additional way to the goal; or
-            ``no_train_shortcut``: no distractor opens an additional way by train recipes alone.
-        task_weighting: draw a ``task`` uniformly, or first a ``goal`` and then a task with this goal.
-        ambiguity: a pair with several results makes ``all``, or only the ``last`` by label (as in the paper's released
-            code).
-        illegal_action: effect of choosing an empty slot: ``waste`` the attempt, or ``raise`` an error.
+        distractor_weighting: weights of entities for drawing distractors without replacement:
+            ``use`` is 1 + the number of train recipes that use the entity as an ingredient,
+            ``uniform`` is equal. By ``use``, entities with few uses are rarely distractors, so the
+            player :func:`~wordcraft_kg.agents.players.fewest_uses` is better than chance.
+        distractor_policy: ``any``; ``no_shortcut``: no distractor opens an additional way to the
+            goal; or ``no_train_shortcut``: no distractor opens an additional way by train recipes
+            alone.
+        task_weighting: draw a ``task`` uniformly, or first a ``goal`` and then a task with this
+            goal.
+        ambiguity: a pair with several results makes ``all``, or only the ``last`` by label (as in
+            the paper's released code).
+        illegal_action: effect of choosing an empty slot: ``waste`` the attempt, or ``raise`` an
+            error.
         num_tasks: number of tasks to sample at depth 3 and above, and at depth 2 in large graphs.
         task_seed: random seed for this sample.
+        rewards: the shaped rewards that ``reward`` stands for; derived, not a setting.
+        attempts: attempts in an episode; derived, not a setting.
 
     Example:
         >>> WordCraftConfig(depth=2, num_distractors=8).attempts
@@ -97,8 +109,16 @@ class WordCraftConfig:
     illegal_action: IllegalAction = "waste"
     num_tasks: int = DRAWN_TASKS
     task_seed: int = 0
-    rewards: RewardConfig = field(init=False, repr=False, compare=False)
-    attempts: int = field(init=False, repr=False, compare=False)
+    rewards: RewardConfig = field(
+        init=False,
+        repr=False,
+        compare=False,
+    )
+    attempts: int = field(
+        init=False,
+        repr=False,
+        compare=False,
+    )
 
     def __post_init__(self) -> None:
         self._whole("depth", 1, MAX_DEPTH)
@@ -106,44 +126,60 @@ class WordCraftConfig:
         if self.max_attempts is not None:
             self._whole("max_attempts", 1, MAX_ATTEMPTS)
             enough = self.max_attempts >= self.depth
-            require(
-                self,
-                "max_attempts",
-                enough,
-                f"{self.depth} or more, which a task of depth {self.depth} takes",
-            )
+            expected = f"{self.depth} or more, which a task of depth {self.depth} takes"
+            require(self, "max_attempts", enough, expected)
         self._whole("num_tasks", 1, MAX_SIZE)
         self._whole("task_seed", 0, None)
         for entry in fields(self):
-            if choices := get_args(entry.type) if get_origin(entry.type) is Literal else ():
-                one_of(entry.name, getattr(self, entry.name), choices)
+            if get_origin(entry.type) is Literal:
+                one_of(entry.name, getattr(self, entry.name), get_args(entry.type))
+        # A name is kept as the setting, for records; its values are the derived field.
         rewards = self.reward
         if not isinstance(rewards, RewardConfig):
             one_of("reward", rewards, tuple(REWARDS))
             rewards = REWARDS[rewards]
         attempts = self.max_attempts or self.depth
+        # Ways to the goal are searched for each drawn table; their number explodes with attempts.
         searchable = self.distractor_policy == "any" or attempts <= MAX_DEPTH
         policy = f"`distractor_policy` {self.distractor_policy!r}"
         expected = f"at most {MAX_DEPTH} with {policy}, which searches all ways to the goal"
         require(self, "max_attempts", searchable, expected)
+        # A frozen dataclass sets its derived fields by the way around.
         object.__setattr__(self, "rewards", rewards)
         object.__setattr__(self, "attempts", attempts)
 
     @classmethod
     def of(cls, settings: Mapping[str, Any]) -> "WordCraftConfig":
-        """Create a configuration from keyword arguments; an unknown name raises an :class:`UnknownSettingError`."""
+        """Create a configuration from keyword arguments.
+
+        Raises:
+            UnknownSettingError: for an unknown name, with the nearest known name.
+            ConfigError: for a value out of range.
+        """
         known = [entry.name for entry in fields(cls) if entry.init]
         for name in settings:
             if name not in known:
                 raise UnknownSettingError(
-                    f"unexpected keyword argument '{name}'; expected one of {', '.join(known)}.{nearest(name, known)}"
+                    f"unexpected keyword argument '{name}'; "
+                    f"expected one of {', '.join(known)}.{nearest(name, known)}"
                 )
         return cls(**settings)
 
     def variant(self, **changes: Any) -> "WordCraftConfig":
-        """Return a copy with new values for the settings named in ``changes``."""
+        """Return a copy with new values for the settings named in ``changes``.
+
+        Raises:
+            UnknownSettingError: for an unknown name.
+            ConfigError: for a value out of range.
+        """
         mine = {entry.name: getattr(self, entry.name) for entry in fields(self) if entry.init}
         return self.of(mine | changes)
 
-    def _whole(self, name: str, low: int, high: int | None) -> None:
+    def _whole(
+        self,
+        name: str,
+        low: int,
+        high: int | None,
+    ) -> None:
+        """Check a whole number, and store it as an int: NumPy's numbers would not be saved."""
         object.__setattr__(self, name, whole(name, getattr(self, name), low, high))

@@ -8,7 +8,12 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError, UnknownEntityError
+from wordcraft_kg.base.errors import (
+    ActionError,
+    ConfigError,
+    EpisodeError,
+    UnknownEntityError,
+)
 from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
 from wordcraft_kg.envs.config import METADATA, IllegalAction, check_mode
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
@@ -16,29 +21,41 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 
 Observation = dict[str, Any]
+Info = dict[str, Any]
 
 
 class Discovery:
     """The state of an open-ended game: known entities and tried pairs.
 
-    ``base`` has the ids known at the start, ascending; ``known`` all known ids in order of discovery, as the keys of a
-    dictionary; ``tried`` the combined pairs ``(a, b)`` with ``a <= b``. ``reachable`` counts the entities that can
-    become known, including the base.
+    Combining two known entities makes all results of the pair known; nothing is used up.
+
+    Attributes:
+        base: ids known at the start, ascending.
+        reachable: number of entities that can become known, including the base.
+        known: all known ids in order of discovery, as the keys of a dictionary without values.
+        tried: the combined pairs ``(a, b)`` with ``a <= b``.
     """
 
     def __init__(self, graph: RecipeGraph, base: Iterable[Entity] | None = None):
-        """Prepare a game on a graph; ``base`` (known ids or labels) replaces the graph's base entities."""
+        """Prepare a game on a graph.
+
+        Args:
+            graph: recipe graph.
+            base: known ids or labels instead of the graph's base entities.
+
+        Raises:
+            ConfigError: if an entity of the base is unknown, or nothing can be made from the base.
+        """
         try:
             if isinstance(base, str):  # one label, not its letters
                 base = [base]
-            ids = (
-                graph.base_ids.tolist()
-                if base is None
-                else {graph.id_of(entity) for entity in base}
-            )
+            if base is None:
+                base = graph.base_ids.tolist()
+            ids = {graph.id_of(entity) for entity in base}
         except UnknownEntityError as error:
             raise ConfigError(f"`base`: {error}") from None
         self.base: tuple[int, ...] = tuple(sorted(ids))
+        # Layer -1 stands for entities that no sequence of attempts can make.
         self.reachable = int((layers(graph, self.base) >= 0).sum())
         if self.reachable == len(self.base):
             labels = ", ".join(graph.labels(self.base)) or "(empty)"
@@ -59,7 +76,12 @@ class Discovery:
         return len(self.known) == self.reachable
 
     def combine(self, one: int, other: int) -> tuple[tuple[int, ...], bool]:
-        """Combine two known entities; return the ids of new results, and whether the pair was tried before."""
+        """Combine two known entities.
+
+        Returns:
+            Ids of results that were unknown, and whether the pair was tried before.
+        """
+        # The order of ingredients has no meaning; pairs are kept in ascending order.
         pair = (one, other) if one <= other else (other, one)
         repeated = pair in self.tried
         self.tried.add(pair)
@@ -69,16 +91,17 @@ class Discovery:
 
 
 class OpenEndedEnv(gym.Env[Observation, Any]):
-    """Discover entities without a goal: ``WordCraft-OpenEnded-v0``, proposed in the paper's outlook.
+    """Discover entities without a goal: the paper's outlook, ``WordCraft-OpenEnded-v0``.
 
     ## Description
-    The agent starts with the base entities and combines two known entities in each attempt. All results become known
-    for good; nothing is used up. Episodes have no goal.
+    The agent starts with the base entities and combines two known entities in each attempt. All
+    results become known for good; nothing is used up. Episodes have no goal.
 
     ## Action space
-    ``MultiDiscrete([E, E])``: the ids of the two entities to combine, in any order, possibly equal. An unknown entity
-    wastes the attempt and sets ``info["illegal_action"]``; with ``illegal_action="raise"`` it raises an error. An
-    action outside the space always raises an error. ``action_masks`` returns the known entities for both choices.
+    ``MultiDiscrete([E, E])``: the ids of the two entities to combine, in any order, possibly equal.
+    An unknown entity wastes the attempt and sets ``info["illegal_action"]``; with
+    ``illegal_action="raise"`` it raises an error. An action outside the space always raises an
+    error. ``action_masks`` returns the known entities for both choices.
 
     ## Observation space
     ``Dict`` of masks by entity id, fresh arrays each time.
@@ -96,16 +119,17 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     The base entities are known; nothing is random. ``reset`` takes no options.
 
     ## Episode end
-    *Terminated* when no attempt is left (the budget is observed, so nothing is bootstrapped) or all reachable entities
-    are known. ``info["outcome"]`` is ``in_progress``, ``out_of_attempts`` or ``all_known``. Never truncated.
+    *Terminated* when no attempt is left (the budget is observed, so nothing is bootstrapped) or all
+    reachable entities are known. ``info["outcome"]`` is ``in_progress``, ``out_of_attempts`` or
+    ``all_known``. Never truncated.
 
-    ``info`` also holds ``known`` (number of known entities), ``new_entities`` (ids that the attempt made known) and
-    ``repeated`` (whether the pair was combined earlier in the episode).
+    ``info`` also holds ``known`` (number of known entities), ``new_entities`` (ids that the attempt
+    made known) and ``repeated`` (whether the pair was combined earlier in the episode).
 
     ## Arguments
-    ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; ``max_attempts`` is the number
-    of attempts in an episode; ``base`` holds ids or labels known at the start, by default the graph's base;
-    ``illegal_action`` is ``waste`` or ``raise``.
+    ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph;
+    ``max_attempts`` is the number of attempts in an episode; ``base`` holds ids or labels known at
+    the start, by default the graph's base; ``illegal_action`` is ``waste`` or ``raise``.
 
     ## Version history
     v0: first version.
@@ -122,6 +146,11 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         illegal_action: IllegalAction = "waste",
         render_mode: str | None = None,
     ):
+        """Open the graph; see "Arguments".
+
+        Raises:
+            ConfigError: for a value out of range, or a base from which nothing can be made.
+        """
         check_mode(render_mode)
         one_of("illegal_action", illegal_action, get_args(IllegalAction))
         self.render_mode = render_mode
@@ -142,8 +171,8 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode with the base entities."""
+    ) -> tuple[Observation, Info]:
+        """Begin an episode with the base entities; no option exists, and the seed has no effect."""
         super().reset(seed=seed)
         if options:
             raise ConfigError(
@@ -155,24 +184,36 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         self._last = "nothing tried yet"
         return self._seen(()), self._info((), repeated=False, illegal=False)
 
-    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Combine two entities, given by id."""
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
+        """Combine two entities, given by id.
+
+        Returns:
+            Observation, number of new entities, whether the episode is over, False, and info.
+
+        Raises:
+            ActionError: for an action outside the space, or an unknown entity if
+                ``illegal_action`` is ``raise``.
+            EpisodeError: before :meth:`reset`, or after the end of the episode.
+        """
         if self._outcome != "in_progress":
+            is_new = self._outcome == "not_begun"
             raise EpisodeError(
-                "call reset() before step()."
-                if self._outcome == "not_begun"
-                else "the episode is over; call reset()."
+                "call reset() before step()." if is_new else "the episode is over; call reset()."
             )
         one, other = self._checked_action(action)
         names = self.graph.entities
         unknown = [entity for entity in (one, other) if entity not in self.discovery.known]
         if unknown and self.illegal_action == "raise":
             raise ActionError(f"action {[one, other]}: '{names[unknown[0]]}' is not known yet.")
-        new, repeated = ((), False) if unknown else self.discovery.combine(one, other)
+        new: tuple[int, ...] = ()
+        repeated = False
+        if not unknown:
+            new, repeated = self.discovery.combine(one, other)
+        # A repeated pair and an unknown entity use up an attempt, too.
         self._attempts_left -= 1
-        self._last = (
-            f"{names[one]} + {names[other]} -> {', '.join(self.graph.labels(new)) or 'nothing new'}"
-        )
+        made = ", ".join(self.graph.labels(new)) or "nothing new"
+        self._last = f"{names[one]} + {names[other]} -> {made}"
+        # With nothing left to discover, further attempts would only add zeros to the return.
         if self.discovery.is_complete:
             self._outcome = "all_known"
         elif self._attempts_left == 0:
@@ -182,12 +223,16 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         return self._seen(new), float(len(new)), over, False, info
 
     def action_masks(self) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Return the mask of known entities, shape (E,), bool, twice: for the first and the second chosen entity."""
+        """Return the mask of known entities, shape (E,), bool, for each of the two choices."""
         known = self._mask(self.discovery.known).astype(bool)
         return known, known.copy()
 
     def render(self) -> str | None:
-        """Return the state in words; None without a ``render_mode``."""
+        """Return the state in words; None without a ``render_mode``.
+
+        Raises:
+            EpisodeError: before :meth:`reset`.
+        """
         if self._outcome == "not_begun" and self.render_mode is not None:
             raise EpisodeError("call reset() before render().")
         return None if self.render_mode is None else self._words()
@@ -195,8 +240,9 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     def _words(self) -> str:
         known = self.discovery.known
         return (
-            f"known: {len(known)} of {self.discovery.reachable}   attempts left: {self._attempts_left}   "
-            f"{self._last}\n{', '.join(self.graph.labels(known))}"
+            f"known: {len(known)} of {self.discovery.reachable}   "
+            f"attempts left: {self._attempts_left}   {self._last}\n"
+            f"{', '.join(self.graph.labels(known))}"
         )
 
     def _checked_action(self, action: Any) -> tuple[int, int]:
@@ -226,7 +272,13 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
             "attempts_left": np.int64(self._attempts_left),
         }
 
-    def _info(self, new: tuple[int, ...], *, repeated: bool, illegal: bool) -> dict[str, Any]:
+    def _info(
+        self,
+        new: tuple[int, ...],
+        *,
+        repeated: bool,
+        illegal: bool,
+    ) -> dict[str, Any]:
         return {
             "outcome": self._outcome,
             "known": len(self.discovery.known),

@@ -17,16 +17,18 @@ Arrays = dict[str, NDArray[Any]]
 
 
 class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
-    """N crafting environments at once: ``gym.make_vec("WordCraft-v0", vectorization_mode="vector_entry_point", ...)``.
+    """N crafting environments at once, by the batched engine.
 
-    Observations are as in :class:`~wordcraft_kg.envs.wordcraft.WordCraftEnv` with a first axis of length N, fresh
-    arrays each time. ``autoreset_mode`` is one of Gymnasium's modes. SAME_STEP, the default: where ``terminated`` is
-    True, the observation is the first of the next episode, while reward, flags and infos belong to the step that ended.
-    NEXT_STEP: the next step begins the new episode without acting. DISABLED: ``reset(options={"reset_mask": mask})``
-    begins it.
+    Made by ``gym.make_vec("WordCraft-v0", vectorization_mode="vector_entry_point", ...)``.
 
-    Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``. ``final_obs`` is
-    missing, since episodes only terminate and nothing is bootstrapped.
+    Observations are as in :class:`~wordcraft_kg.envs.wordcraft.WordCraftEnv` with a first axis of
+    length N, fresh arrays each time. ``autoreset_mode`` is one of Gymnasium's modes. SAME_STEP, the
+    default: where ``terminated`` is True, the observation is the first of the next episode, while
+    reward, flags and infos belong to the step that ended. NEXT_STEP: the next step begins the new
+    episode without acting. DISABLED: ``reset(options={"reset_mask": mask})`` begins it.
+
+    Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``.
+    ``final_obs`` is missing, since episodes only terminate and nothing is bootstrapped.
     """
 
     def __init__(
@@ -38,6 +40,19 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         **settings: Any,
     ):
+        """Prepare N environments.
+
+        Args:
+            num_envs: N, 1 or more.
+            graph: as for the single environment.
+            render_mode: None; many environments are not rendered.
+            autoreset_mode: when a new episode begins, see above.
+            **settings: settings of :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+
+        Raises:
+            ConfigError: for an unknown setting, or a value out of range.
+            TaskError: if the graph has no such task.
+        """
         if render_mode is not None:
             raise ConfigError(
                 f"`render_mode` {render_mode!r}: expected None; many environments are not rendered."
@@ -64,19 +79,34 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         self._state: State | None = None
 
     def reset(
-        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | list[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Arrays, dict[str, Any]]:
-        """Restart all environments; a seed gives each environment a separate random stream, None continues these.
+        """Begin the next episodes.
 
-        The option ``reset_mask``, booleans of shape (N,), restarts only the environments where it is True.
+        Args:
+            seed: begins the first episode of a seed, whose random stream is separate in each
+                environment; None continues the streams, or at first draws a seed from the system.
+            options: ``reset_mask``, booleans of shape (N,), restarts only the environments where it
+                is True, and takes no seed.
+
+        Returns:
+            Observations and infos of all environments.
+
+        Raises:
+            ConfigError: for a list of seeds, another option, or a mask of another shape or type.
         """
         if isinstance(seed, list | tuple | np.ndarray):
             raise ConfigError(
                 "`seed`: expected one integer, which seeds a separate stream for each environment."
             )
-        if others := {*(options or {})} - {"reset_mask"}:
+        others = {*(options or {})} - {"reset_mask"}
+        if others:
             raise ConfigError(
-                f"unknown reset option '{min(others)}': expected reset_mask; set tasks with the engine's pose()."
+                f"unknown reset option '{min(others)}': expected reset_mask; "
+                "set tasks with the engine's pose()."
             )
         mask = None if not options else np.asarray(options["reset_mask"])
         if mask is not None and (
@@ -85,45 +115,64 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             raise ConfigError(
                 f"`reset_mask`: expected booleans of shape ({self.num_envs},), and no seed."
             )
+        # Without a seed, the first reset draws one, and all later resets go on from there.
         if seed is None and self._state is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
+        # A mask resets finished episodes in place, in the mode DISABLED.
         if mask is not None:
             state = self.engine.begin_where(self.state, mask)
+        elif seed is None:
+            state = self.engine.restart(self.state)
         else:
-            state = self.engine.restart(self.state) if seed is None else self.engine.reset(seed)
-        self._state, zeros = state, np.zeros(self.num_envs, dtype=bool)
-        return self._observations(), self._infos(
-            np.zeros(self.num_envs, np.int8), zeros, zeros, state.task
-        )
+            state = self.engine.reset(seed)
+        self._state = state
+        nothing_done = self._no_step()
+        return self._observations(), self._infos(nothing_done, state.task)
 
     def step(
         self, actions: NDArray[np.int64]
-    ) -> tuple[Arrays, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
-        """Choose a slot in each environment; ``actions`` has shape (N,)."""
-        zeros, ended = np.zeros(self.num_envs, dtype=bool), self.state.attempts_left == 0
+    ) -> tuple[
+        Arrays,
+        NDArray[np.float64],
+        NDArray[np.bool_],
+        NDArray[np.bool_],
+        dict[str, Any],
+    ]:
+        """Choose a slot in each environment; ``actions`` has shape (N,).
+
+        Returns:
+            Observations, rewards (float64), terminated, truncated (always False) and infos.
+
+        Raises:
+            ActionError: for a number that is not a slot, or for an empty slot if
+                ``illegal_action`` is ``raise``.
+            EpisodeError: before :meth:`reset`, or in the mode DISABLED after an episode's end.
+        """
+        before = self.state
+        ended = before.attempts_left == 0  # never in the mode SAME_STEP
         if self._mode is AutoresetMode.SAME_STEP:
-            self._state, done = self.engine.step(self.state, actions)
+            self._state, done = self.engine.step(before, actions)
         elif self._mode is AutoresetMode.DISABLED and ended.any():
             raise EpisodeError(
                 f"environment {int(ended.argmax())} has ended; call reset() with a `reset_mask`."
             )
         elif ended.all():
-            done = Step(
-                zeros.astype(np.float32),
-                zeros,
-                zeros.astype(np.int8),
-                zeros,
-                zeros,
-                self.state.task,
-            )
+            done = self._no_step()  # the engine refuses a step without a running episode
         else:
-            self._state, done = self.engine.step_once(self.state, actions)
+            self._state, done = self.engine.step_once(before, actions)
         if self._mode is AutoresetMode.NEXT_STEP:
             self._state = self.engine.begin_where(self.state, ended)
-        infos = self._infos(
-            done.outcome, done.by_plan, done.illegal, self.state.task if ended.any() else done.task
+        # Where a new episode began in place of a step, infos name its task.
+        task = self.state.task if ended.any() else done.task
+        never = np.zeros(self.num_envs, dtype=bool)
+        reward = done.reward.astype(np.float64)
+        return (
+            self._observations(),
+            reward,
+            done.over,
+            never,
+            self._infos(done, task),
         )
-        return self._observations(), done.reward.astype(np.float64), done.over, zeros, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (N, num_slots)."""
@@ -131,13 +180,18 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
 
     @property
     def state(self) -> State:
-        """The batched state; an EpisodeError before the first :meth:`reset`."""
+        """The batched state.
+
+        Raises:
+            EpisodeError: before the first :meth:`reset`.
+        """
         if self._state is None:
             raise EpisodeError("call reset() before step().")
         return self._state
 
     def _observations(self) -> Arrays:
         state = self.state
+        # Copies, because callers may keep observations, and the engine's arrays are shared.
         return {
             "action_mask": state.action_masks().astype(np.int8),
             "attempts_left": state.attempts_left.copy(),
@@ -146,12 +200,23 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             "table": state.table.copy(),
         }
 
+    def _no_step(self) -> Step:
+        """Return the outcome of no action in any environment."""
+        no = np.zeros(self.num_envs, dtype=bool)
+        return Step(
+            reward=no.astype(np.float32),
+            over=no,
+            outcome=no.astype(np.int8),
+            by_plan=no,
+            illegal=no,
+            task=self.state.task,
+        )
+
     @staticmethod
-    def _infos(outcome: Any, by_plan: Any, illegal: Any, task: Any) -> dict[str, Any]:
-        names = np.array(OUTCOMES)[outcome]
+    def _infos(done: Step, task: Any) -> dict[str, Any]:
         return {
-            "outcome": names,
-            "by_plan": by_plan,
-            "illegal_action": illegal,
+            "outcome": np.array(OUTCOMES)[done.outcome],
+            "by_plan": done.by_plan,
+            "illegal_action": done.illegal,
             "task": np.array(task),
         }

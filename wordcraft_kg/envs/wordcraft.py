@@ -1,4 +1,8 @@
-"""The crafting environment, one episode at a time: the readable reference for the rules."""
+"""The crafting environment, one episode at a time: the readable reference for the rules.
+
+``batch`` computes the same rules for many environments, and tests compare the two step for step: a
+change of a rule belongs into both. Read :class:`WordCraftEnv`'s docstring, then ``_attempt``.
+"""
 
 import operator
 from bisect import bisect_right
@@ -16,15 +20,27 @@ from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
 from wordcraft_kg.base.settings import whole
 from wordcraft_kg.envs.config import METADATA, check_mode
 from wordcraft_kg.envs.world import GraphLike, World
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import CraftingTask
 
 Observation = dict[str, Any]
+Info = dict[str, Any]
 _DRAWN_AT_ONCE = 1_024  # uniform numbers taken from the generator in one call
 
 
-def observation_space(num_entities: int, num_slots: int, attempts: int) -> spaces.Dict:
-    """Return the crafting environment's observation space: ids and masks; ``num_entities`` is the id of nothing."""
+def observation_space(
+    num_entities: int,
+    num_slots: int,
+    attempts: int,
+) -> spaces.Dict:
+    """Return the crafting environment's observation space: ids and masks.
+
+    Args:
+        num_entities: number of entities, which is also the id of nothing.
+        num_slots: size of the table.
+        attempts: attempts in an episode.
+    """
     return spaces.Dict(
         {
             "goal": spaces.Discrete(num_entities),
@@ -38,10 +54,15 @@ def observation_space(num_entities: int, num_slots: int, attempts: int) -> space
 
 @dataclass
 class State:
-    """The state of an episode, in ids; ``table`` has no empty slots.
+    """The state of an episode, in ids.
 
-    ``task`` is an index into the world's tasks, -1 before the first episode; ``outcome`` is ``not_begun``,
-    ``in_progress``, ``goal`` or ``out_of_attempts``.
+    Attributes:
+        task: index into the world's tasks, -1 before the first episode.
+        goal: entity to make.
+        table: entities in the slots, without empty slots.
+        selection: selected entity, or the id of nothing.
+        attempts_left: attempts left, including the current attempt.
+        outcome: ``not_begun``, ``in_progress``, ``goal`` or ``out_of_attempts``.
     """
 
     task: int
@@ -56,14 +77,16 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     """Make a goal by combining entities on a table: the paper's task, ``WordCraft-v0``.
 
     ## Description
-    An episode poses a goal, an entity to make, and puts the starting ingredients on the table, shuffled among
-    distractors, which no plan needs. An action chooses an entity; two actions make an attempt. All results of the pair
-    join the table (each once), and nothing is used up. All graph recipes apply, for train, valid and test tasks alike.
+    An episode poses a goal, an entity to make, and puts the starting ingredients on the table,
+    shuffled among distractors, which no plan needs. An action chooses an entity; two actions make
+    an attempt. All results of the pair join the table (each once), and nothing is used up. All
+    graph recipes apply, for train, valid and test tasks alike.
 
     ## Action space
-    ``Discrete(num_slots)``: the slot to choose; a slot may be chosen twice. Choosing an empty slot wastes the attempt:
-    nothing is made, the selection is cleared, ``info["illegal_action"]`` is set; with ``illegal_action="raise"`` an
-    error is raised. A number outside the space always raises an error.
+    ``Discrete(num_slots)``: the slot to choose; a slot may be chosen twice. Choosing an empty slot
+    wastes the attempt: nothing is made, the selection is cleared, ``info["illegal_action"]`` is
+    set; with ``illegal_action="raise"`` an error is raised. A number outside the space always
+    raises an error.
 
     ## Observation space
     ``Dict`` of ids and masks, fresh arrays each time; ``num_entities`` is the id of nothing.
@@ -76,39 +99,52 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     | attempts_left | () | attempts left, including the current attempt |
     | action_mask | (num_slots,) | 1 for slots with an entity |
 
-    ``num_slots = (depth + 1) + num_distractors + r * attempts``, where a pair has at most r results.
+    ``num_slots = (depth + 1) + num_distractors + r * attempts``, where a pair has at most r
+    results.
 
     ## Rewards
-    +1 when the goal is made. A :class:`~wordcraft_kg.envs.config.RewardConfig` may add shaped rewards; success never
-    depends on shaping.
+    +1 when the goal is made. A :class:`~wordcraft_kg.envs.config.RewardConfig` may add shaped
+    rewards; success never depends on shaping.
 
     ## Starting state
-    A task from the chosen part of the split, and distractors drawn without replacement. Goal, starting ingredients and
-    intermediates of the task's plans are never distractors. In the train part no distractor completes a held-out recipe
-    for the goal with the starting ingredients or their products. ``reset(options={"task": 3})`` poses a given task of
-    ``tasks``; ``"table"`` sets the entities in the first slots, by id or label.
+    A task from the chosen part of the split, and distractors drawn without replacement. Goal,
+    starting ingredients and intermediates of the task's plans are never distractors. In the train
+    part no distractor completes a held-out recipe for the goal with the starting ingredients or
+    their products. ``reset(options={"task": 3})`` poses a given task of ``tasks``; ``"table"`` sets
+    the entities in the first slots, by id or label.
 
     ## Episode end
-    *Terminated* when the goal is made or no attempt is left: the budget is observed, so nothing is bootstrapped.
-    ``info["outcome"]`` is ``in_progress``, ``goal`` or ``out_of_attempts``; ``info["by_plan"]`` is true if the last
-    pair of a plan made the goal; ``info["goal"]`` is the goal's label. Never truncated; add
-    ``gymnasium.wrappers.TimeLimit`` for truncation.
+    *Terminated* when the goal is made or no attempt is left: the budget is observed, so nothing is
+    bootstrapped. ``info["outcome"]`` is ``in_progress``, ``goal`` or ``out_of_attempts``;
+    ``info["by_plan"]`` is true if the last pair of a plan made the goal; ``info["goal"]`` is the
+    goal's label. Never truncated; add ``gymnasium.wrappers.TimeLimit`` for truncation.
 
     ## Arguments
-    ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; further arguments are the
-    settings in :class:`~wordcraft_kg.envs.config.WordCraftConfig`. If ``graph`` is a
-    :class:`~wordcraft_kg.envs.world.World`, which has settings and may be shared between environments, further settings
-    are refused.
+    ``graph`` is a graph folder, a book's name or file, a RecipeGraph or an OpenedGraph; further
+    arguments are the settings in :class:`~wordcraft_kg.envs.config.WordCraftConfig`. If ``graph``
+    is a :class:`~wordcraft_kg.envs.world.World`, which has settings and may be shared between
+    environments, further settings are refused.
 
     ## Version history
-    v0: first version. docs/environment.md lists the differences from the environment of Jiang et al. 2020.
+    v0: first version. docs/environment.md lists the differences from the environment of Jiang et
+    al. 2020.
     """
 
     metadata = METADATA
 
     def __init__(
-        self, graph: GraphLike | World, *, render_mode: str | None = None, **settings: Any
+        self,
+        graph: GraphLike | World,
+        *,
+        render_mode: str | None = None,
+        **settings: Any,
     ):
+        """Open the graph and prepare the tasks; see "Arguments".
+
+        Raises:
+            ConfigError: for an unknown setting, a value out of range, or settings next to a world.
+            TaskError: if the graph has no such task.
+        """
         check_mode(render_mode)
         self.render_mode = render_mode
         self.world = World.of(graph, settings)
@@ -119,55 +155,70 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self.observation_space = observation_space(
             self.world.nothing, self.num_slots, self.config.attempts
         )
+        # Plain lists, because single look-ups in arrays are slow.
         self._outcomes = self.world.outcomes
         self._nothing = self.world.nothing
         self._weight_ends = list(accumulate(self.world.distractor_weights.tolist()))
         self._task_ends = list(accumulate(self.tasks.weights(self.config.task_weighting).tolist()))
         self._uniform: list[float] = []
         self._guarded = self._guarded_pairs()
-        self._goals, self._starts, self._made, self._makeable = (
-            [[entity for entity in row if entity != self._nothing] for row in rows.tolist()]
-            for rows in (
-                self.tasks.goals[:, None],
-                self.tasks.starts,
-                self.tasks.intermediates,
-                self.world.makeable,
-            )
-        )
-        pairs = self.world.graph.recipes[self.world.graph.pair_starts[:-1], :2].tolist()
-        self._last_pairs = [
-            {tuple(pairs[i]) for i in row if i >= 0} for row in self.tasks.final_pairs.tolist()
-        ]
+        self._goals: list[int] = self.tasks.goals.tolist()
+        self._starts = self._unpadded(self.tasks.starts)
+        self._intermediates = self._unpadded(self.tasks.intermediates)
+        self._makeable = self._unpadded(self.world.makeable)
+        self._last_pairs = self._pairs_by_task()
         self.state = State(-1, self._nothing, [], self._nothing, 0, "not_begun")
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; see "Starting state" for ``options``."""
+    ) -> tuple[Observation, Info]:
+        """Begin an episode.
+
+        Args:
+            seed: seeds the generator of tasks and tables; None continues it.
+            options: ``task`` and ``table``, see "Starting state"; None draws both.
+
+        Returns:
+            The observation and the info.
+
+        Raises:
+            ConfigError: for an unknown option, task or table.
+        """
         super().reset(seed=seed)
         if seed is not None:
-            self._uniform = []
+            self._uniform = []  # numbers of the generator before
         options = options or {}
         unknown = set(options) - {"task", "table"}
         if unknown:
             raise ConfigError(f"unknown reset option '{min(unknown)}'; expected task or table.")
-        index = (
-            self._draw_task()
-            if "task" not in options
-            else whole("task", options["task"], 0, len(self.tasks) - 1)
-        )
+        last = len(self.tasks) - 1
+        task = whole("task", options["task"], 0, last) if "task" in options else self._draw_task()
         if "table" in options:
             table = self._checked_table(options["table"])
         else:
-            table = [*self._starts[index], *self._draw_distractors(index)]
+            table = [*self._starts[task], *self._draw_distractors(task)]
             self._shuffle(table)
         self.state = State(
-            index, self._goals[index][0], table, self._nothing, self.config.attempts, "in_progress"
+            task,
+            self._goals[task],
+            table,
+            self._nothing,
+            self.config.attempts,
+            "in_progress",
         )
         return self._seen(), self._info(illegal=False, by_plan=False)
 
-    def step(self, action: int) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Choose the entity in a slot; every second action completes an attempt."""
+    def step(self, action: int) -> tuple[Observation, float, bool, bool, Info]:
+        """Choose the entity in a slot; every second action completes an attempt.
+
+        Returns:
+            Observation, reward, whether the episode is over, False (never truncated), and info.
+
+        Raises:
+            ActionError: for a number that is not a slot, or for an empty slot if
+                ``illegal_action`` is ``raise``.
+            EpisodeError: before :meth:`reset`, or after the end of the episode.
+        """
         state = self.state
         if state.outcome != "in_progress":
             is_new = state.outcome == "not_begun"
@@ -175,14 +226,18 @@ class WordCraftEnv(gym.Env[Observation, Any]):
                 "call reset() before step()." if is_new else "the episode is over; call reset()."
             )
         slot = self._checked_action(action)
-        reward, by_plan, illegal = 0.0, False, slot >= len(state.table)
+        reward = 0.0
+        by_plan = False
+        illegal = slot >= len(state.table)
         if illegal and self.config.illegal_action == "raise":
             raise ActionError(
-                f"action {slot}: the slot is empty; slots 0 to {len(state.table) - 1} hold entities."
+                f"action {slot}: the slot is empty; "
+                f"slots 0 to {len(state.table) - 1} hold entities."
             )
         if not illegal and state.selection == self._nothing:
             state.selection = state.table[slot]
         else:
+            # The second action, or an empty slot at any time, ends the attempt.
             if not illegal:
                 reward, by_plan = self._attempt(state.selection, state.table[slot])
             state.selection = self._nothing
@@ -190,14 +245,24 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         if state.outcome == "in_progress" and state.attempts_left == 0:
             state.outcome = "out_of_attempts"
         over = state.outcome != "in_progress"
-        return self._seen(), reward, over, False, self._info(illegal=illegal, by_plan=by_plan)
+        return (
+            self._seen(),
+            reward,
+            over,
+            False,
+            self._info(illegal=illegal, by_plan=by_plan),
+        )
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (num_slots,)."""
         return np.arange(self.num_slots) < len(self.state.table)
 
     def render(self) -> str | None:
-        """Return the state in words; None without a ``render_mode``."""
+        """Return the state in words; None without a ``render_mode``.
+
+        Raises:
+            EpisodeError: before :meth:`reset`.
+        """
         if self.state.outcome == "not_begun" and self.render_mode is not None:
             raise EpisodeError("call reset() before render().")
         return None if self.render_mode is None else self._words()
@@ -207,17 +272,21 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         """The task of the current episode."""
         return self.tasks[self.state.task]
 
-    # --- rules -------------------------------------------------------------------------------------------------------
+    # --- rules ------------------------------------------------------------------------------------
 
     def _attempt(self, one: int, other: int) -> tuple[float, bool]:
-        rewards, state = self.config.rewards, self.state
+        """Combine two entities; return the reward, and whether a plan's last pair made the goal."""
+        rewards = self.config.rewards
+        state = self.state
         pair = (one, other) if one <= other else (other, one)
         results = self._outcomes.get(pair, ())
+        # Each entity is on the table once, however often it is made.
         fresh = [result for result in results if result not in state.table]
         state.table += fresh
         if not results:
             return 0.0 - rewards.wrong_pair_penalty, False  # never -0.0
-        intermediates = self._made[state.task]
+        intermediates = self._intermediates[state.task]
+        # Rewarded when first made, but never irrelevant.
         reward = rewards.intermediate_reward * sum(result in intermediates for result in fresh)
         if state.goal in results:
             state.outcome = "goal"
@@ -241,18 +310,22 @@ class WordCraftEnv(gym.Env[Observation, Any]):
 
     def _checked_table(self, table: Iterable[Entity]) -> list[int]:
         ids = [self.world.graph.id_of(entity) for entity in table]
+        # All results of all attempts must fit behind the given entities.
         most = self.num_slots - self.world.max_results * self.config.attempts
         if not 1 <= len(ids) <= most:
             raise ConfigError(
-                f"`table` of {len(ids)} entities: expected 1 to {most}, which leaves room for results."
+                f"`table` of {len(ids)} entities: expected 1 to {most}, which leaves room for "
+                "results."
             )
+        # Twice the same entity would have two slots with one meaning.
         if len(set(ids)) < len(ids):
             raise ConfigError("`table` holds an entity twice: expected different entities.")
         return ids
 
-    # --- starting state ----------------------------------------------------------------------------------------------
+    # --- starting state ---------------------------------------------------------------------------
 
     def _random(self) -> float:
+        """Draw a uniform number; many at once, because a call of the generator is slow."""
         if not self._uniform:
             self._uniform = self.np_random.random(_DRAWN_AT_ONCE).tolist()
         return self._uniform.pop()
@@ -260,16 +333,17 @@ class WordCraftEnv(gym.Env[Observation, Any]):
     def _draw_task(self) -> int:
         if self.config.task_weighting == "task":
             return int(self._random() * len(self.tasks))
-        return min(
-            bisect_right(self._task_ends, self._random() * self._task_ends[-1]), len(self.tasks) - 1
-        )
+        index = bisect_right(self._task_ends, self._random() * self._task_ends[-1])
+        return min(index, len(self.tasks) - 1)  # a product may be rounded up to the end
 
     def _shuffle(self, items: list[int]) -> None:
+        """Shuffle in place (Fisher and Yates)."""
         for last in range(len(items) - 1, 0, -1):
             other = int(self._random() * (last + 1))
             items[last], items[other] = items[other], items[last]
 
     def _draw_distractors(self, task: int) -> list[int]:
+        """Draw distractors, again and again while they open a longer shortcut to the goal."""
         drawn = self._draw_once(task)
         if self.config.distractor_policy != "any" and self.config.attempts > 1:
             tries = 0
@@ -280,43 +354,66 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         return drawn
 
     def _draw_once(self, task: int) -> list[int]:
-        goal, start = self._goals[task][0], self._starts[task]
-        guarded = self._guarded.get(goal, ())
-        taken = {goal, self._nothing, *start, *self._made[task]}
-        near = {*start, *self._makeable[task]}
+        """Draw distractors by weight, skipping those that are not allowed on this table."""
+        goal = self._goals[task]
+        start = self._starts[task]
+        guarded = self._guarded.get(goal, [])
+        taken = {goal, self._nothing, *start, *self._intermediates[task]}
+        near = {*start, *self._makeable[task]}  # on the table, or to be made
         drawn: list[int] = []
-        ends, total = self._weight_ends, self._weight_ends[-1]
+        total = self._weight_ends[-1]
+        # With all entities and the id of nothing taken, entities have run out.
         while len(drawn) < self.config.num_distractors and len(taken) <= self._nothing:
-            entity = bisect_right(ends, int(self._random() * total))
+            entity = bisect_right(self._weight_ends, int(self._random() * total))
             if entity in taken:
                 continue
             taken.add(entity)
-            if guarded and any(
-                (a == entity and (b == entity or b in near)) or (b == entity and a in near)
-                for a, b in guarded
-            ):
+            if _completes(entity, near, guarded):
                 continue
             near.add(entity)
             drawn.append(entity)
         return drawn
 
     def _guarded_pairs(self) -> dict[int, list[tuple[int, int]]]:
+        """Return the pairs of guarded recipes by goal."""
         pairs: dict[int, list[tuple[int, int]]] = {}
         for a, b, result in self.world.graph.recipes[self.world.guarded_recipes].tolist():
             pairs.setdefault(result, []).append((a, b))
         return pairs
 
-    # --- observations ------------------------------------------------------------------------------------------------
+    def _unpadded(self, ids: Ids) -> list[list[int]]:
+        """Return padded rows of ids as lists of entities."""
+        return [self._without_nothing(row) for row in ids.tolist()]
+
+    def _without_nothing(self, row: list[int]) -> list[int]:
+        return [entity for entity in row if entity != self._nothing]
+
+    def _pairs_by_task(self) -> list[set[tuple[int, int]]]:
+        """Return the last pairs of each task's plans; their numbers are padded with -1."""
+        graph = self.world.graph
+        # Recipes are sorted by pair, so the first recipe of each pair gives the pair.
+        first_recipes = graph.recipes[graph.pair_starts[:-1]]
+        pairs = [(a, b) for a, b, _ in first_recipes.tolist()]
+        by_task = []
+        for numbers in self.tasks.final_pairs.tolist():
+            by_task.append({pairs[number] for number in numbers if number >= 0})
+        return by_task
+
+    # --- observations -----------------------------------------------------------------------------
 
     def _words(self) -> str:
-        names, state = self.world.graph.entities, self.state
+        names = self.world.graph.entities
+        state = self.state
         selected = names[state.selection] if state.selection != self._nothing else "nothing"
         table = "  ".join(f"{slot}:{names[entity]}" for slot, entity in enumerate(state.table))
-        facts = f"goal: {names[state.goal]}   selection: {selected}   attempts left: {state.attempts_left}"
-        return f"{facts}\ntable: {table}"
+        return (
+            f"goal: {names[state.goal]}   selection: {selected}   "
+            f"attempts left: {state.attempts_left}\ntable: {table}"
+        )
 
     def _seen(self) -> Observation:
-        state, count = self.state, len(self.state.table)
+        state = self.state
+        count = len(state.table)
         table = np.full(self.num_slots, self._nothing)
         table[:count] = state.table
         mask = np.zeros(self.num_slots, dtype=np.int8)
@@ -329,7 +426,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             "action_mask": mask,
         }
 
-    def _info(self, *, illegal: bool, by_plan: bool) -> dict[str, Any]:
+    def _info(self, *, illegal: bool, by_plan: bool) -> Info:
         state = self.state
         facts = {
             "outcome": state.outcome,
@@ -338,3 +435,13 @@ class WordCraftEnv(gym.Env[Observation, Any]):
             "task": state.task,
         }
         return facts | {"goal": self.world.graph.entities[state.goal]}
+
+
+def _completes(entity: int, near: set[int], pairs: list[tuple[int, int]]) -> bool:
+    """Return whether an entity completes one of some pairs, alone or with an entity near it."""
+    for a, b in pairs:
+        if a == entity and (b == entity or b in near):
+            return True
+        if b == entity and a in near:
+            return True
+    return False

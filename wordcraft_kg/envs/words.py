@@ -1,7 +1,8 @@
 """Crafting games as text, for people, programs and language models.
 
-Entities are numbered from 1 in table order; :mod:`wordcraft_kg.base.labels` parses answers. Results record the hash of
-:data:`PROMPTS`, because different prompts make a different experiment.
+Entities are numbered from 1 in table order; :mod:`wordcraft_kg.base.labels` parses answers. All
+texts come from :data:`PROMPTS`, whose hash is in each result, because different prompts make a
+different experiment: a changed character there makes earlier results incomparable.
 """
 
 import hashlib
@@ -12,28 +13,33 @@ from wordcraft_kg.envs.wordcraft import Observation, WordCraftEnv
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 
 NOTHING = "nothing"
+"""The word for an empty list or no selection."""
 PROMPTS = {
     "rules": (
-        "This is a crafting game. In each attempt, you combine two items, or one item with itself. Any item you make "
-        "becomes available, and ingredients are never used up. Most combinations make nothing."
+        "This is a crafting game. In each attempt, you combine two items, or one item with itself. "
+        "Any item you make becomes available, and ingredients are never used up. "
+        "Most combinations make nothing."
     ),
     "goal": (
-        "Make the goal item before you run out of attempts. It can always be made from the items on the table."
+        "Make the goal item before you run out of attempts. "
+        "It can always be made from the items on the table."
     ),
     "discover": (
-        "There is no goal item. You start with a few known items, and every item you make becomes known. Discover as "
-        "many different items as you can before you run out of attempts."
+        "There is no goal item. You start with a few known items, and every item you make becomes "
+        "known. Discover as many different items as you can before you run out of attempts."
     ),
     "answer": (
-        "Answer with the two items in this format: first + second. You may reason first, but only the last line of "
-        "your answer counts."
+        "Answer with the two items in this format: first + second. "
+        "You may reason first, but only the last line of your answer counts."
     ),
     "look_up": (
-        "Instead of making an attempt, you may look up an item in this format: look up water. A look-up does not use "
-        "up an attempt. You have {look_ups}."
+        "Instead of making an attempt, you may look up an item in this format: look up water. "
+        "A look-up does not use up an attempt. You have {look_ups}."
     ),
     "task": "Goal: {goal}\nTable: {table}\nAttempts left: {attempts_left}",
-    "selection": "Goal: {goal}\nTable: {table}\nFirst pick: {selection}\nAttempts left: {attempts_left}",
+    "selection": (
+        "Goal: {goal}\nTable: {table}\nFirst pick: {selection}\nAttempts left: {attempts_left}"
+    ),
     "world": "Known items ({known}): {table}\nAttempts left: {attempts_left}",
     "made": "{first} + {second} -> {made}",
     "nothing_new": "nothing new",
@@ -68,27 +74,63 @@ def prompt_text(name: str, **values: object) -> str:
 
 
 def numbered(labels: Iterable[str]) -> str:
-    """Return labels as one text, numbered from 1: ``1 water, 2 earth``."""
+    """Return labels as one text, numbered from 1; :data:`NOTHING` without labels.
+
+    Example:
+        >>> numbered(["water", "earth"])
+        '1 water, 2 earth'
+    """
     return ", ".join(f"{place} {label}" for place, label in enumerate(labels, start=1)) or NOTHING
 
 
-def combined(pair: Sequence[str], made: Sequence[str], otherwise: str = NOTHING) -> str:
-    """Return a pair with its results as one text, ``water + earth -> mud``; ``otherwise`` replaces missing results."""
+def combined(
+    pair: Sequence[str],
+    made: Sequence[str],
+    otherwise: str = NOTHING,
+) -> str:
+    """Return an attempt as one text, such as ``water + earth -> mud``.
+
+    Args:
+        pair: labels of the two combined entities, in the order of the player.
+        made: labels of the results.
+        otherwise: text in place of results if there are none.
+    """
     first, second = pair
-    return prompt_text("made", first=first, second=second, made=", ".join(made) or otherwise)
+    return prompt_text(
+        "made",
+        first=first,
+        second=second,
+        made=", ".join(made) or otherwise,
+    )
 
 
 def table_labels(env: WordCraftEnv, observation: Observation) -> tuple[str, ...]:
-    """Return the labels of the entities on an observed table, in slot order, without empty slots."""
+    """Return the labels on an observed table, in slot order, without empty slots."""
     return env.world.graph.labels(observation["table"][observation["action_mask"] == 1])
 
 
-def results_of(env: WordCraftEnv, one: Entity, other: Entity) -> tuple[str, ...]:
-    """Return the labels of all results for a pair of entities; empty if the pair makes nothing."""
+def results_of(
+    env: WordCraftEnv,
+    one: Entity,
+    other: Entity,
+) -> tuple[str, ...]:
+    """Return the labels of all results of a pair of entities.
+
+    Args:
+        env: environment whose setting ``ambiguity`` applies.
+        one: label or id.
+        other: label or id; the order of the two does not matter.
+
+    Returns:
+        Labels in alphabetical order; empty if the pair makes nothing.
+
+    Raises:
+        UnknownEntityError: for a label or id that the graph lacks.
+    """
     a, b = sorted(map(env.world.graph.id_of, (one, other)))
     return env.world.graph.labels(env.world.outcomes.get((a, b), ()))
 
 
 def characters(graph: RecipeGraph) -> frozenset[str]:
-    """Return all characters that prompts about a graph may contain."""
+    """Return all characters that prompts about a graph may contain, for a space of texts."""
     return frozenset("0123456789").union(*PROMPTS.values(), *graph.entities)

@@ -1,4 +1,7 @@
-"""The world behind an environment: tasks, outcomes, distractors and sizes."""
+"""The world behind an environment: tasks, outcomes of pairs, distractors and sizes.
+
+The readable environment and the batched engine share it, so that both play the same game.
+"""
 
 from collections.abc import Callable, Hashable, Mapping
 from itertools import combinations_with_replacement
@@ -20,28 +23,41 @@ from wordcraft_kg.graphs.tasks import TaskSet
 GraphLike = str | Path | RecipeGraph | OpenedGraph
 """A graph folder, a book's file or name, a graph (with the default split) or an opened graph."""
 SHORTCUT_TRIES = 1_000
+"""Samples of distractors after which a table without shortcut is taken to be impossible."""
 _T = TypeVar("_T")
 
 
 def open_world_graph(graph: GraphLike) -> OpenedGraph:
-    """Open a graph with the split, for an environment."""
+    """Open a graph with its split, for an environment; a bare graph has the default split.
+
+    Raises:
+        ConfigError: for a value of another type, or a graph that does not exist.
+    """
     if isinstance(graph, OpenedGraph):
         return graph
     if isinstance(graph, RecipeGraph):
         return OpenedGraph(graph, default_split(graph), graph.name)
     if not isinstance(graph, str | Path):
         raise ConfigError(
-            f"`graph` {graph!r}: expected a graph folder, a book's file or name, a RecipeGraph or an OpenedGraph."
+            f"`graph` {graph!r}: expected a graph folder, a book's file or name, a RecipeGraph or "
+            "an OpenedGraph."
         )
     return open_graph(graph)
 
 
 def _derived_from(*settings: str) -> Callable[[Callable[["World"], _T]], _T]:
-    """Declare a property that depends only on these settings, computed once for all variants with equal values."""
+    """Declare a property of a world that depends only on these settings.
+
+    It is computed once for all variants with equal values, when first read.
+    """
 
     def declare(make: Callable[["World"], _T]) -> Any:
         def get(world: "World") -> Any:
-            key = (make.__name__, *(getattr(world.config, name) for name in settings))
+            key = (
+                make.__name__,
+                *(getattr(world.config, name) for name in settings),
+            )
+            # Variants share this dictionary, so a value is found whatever the other settings are.
             if key not in world._derived:
                 world._derived[key] = make(world)
             return world._derived[key]
@@ -55,16 +71,22 @@ _TASKS = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
 
 
 class World:
-    """A recipe graph, a split and environment settings, with the tasks and look-up tables derived from them; immutable.
+    """A recipe graph, a split and environment settings, and all that follows from them; immutable.
 
-    Variants of a world share everything that the changed settings do not affect. All recipes of the graph apply in
-    every part.
+    Engines, environments, evaluators and reports take a world instead of building one. Variants of
+    a world share everything that the changed settings do not affect, such as tasks and look-up
+    tables.
 
     Attributes:
+        graph: the recipe graph. All its recipes apply, whatever the part of the tasks.
+        split: train, valid and test recipes.
+        config: the settings.
         nothing: the id for an empty slot or no selection, equal to the number of entities.
         max_results: largest number of results of a pair.
-        max_distractors: largest number of distractors that the graph's entities allow for every task.
-        num_slots: table size: starting ingredients, distractors, and room for all results of all attempts.
+        max_distractors: largest number of distractors that the graph's entities allow for every
+            task.
+        num_slots: table size, fixed: starting ingredients, distractors, and room for all results of
+            all attempts.
 
     Example:
         >>> world = World("kitchen", WordCraftConfig(num_distractors=8))
@@ -73,43 +95,63 @@ class World:
     """
 
     def __init__(
-        self, graph: "GraphLike | World", config: WordCraftConfig, tasks: TaskSet | None = None
+        self,
+        graph: "GraphLike | World",
+        config: WordCraftConfig,
+        tasks: TaskSet | None = None,
     ):
-        """Open the graph, or share another world's graph; make the tasks (TaskError if there is none) unless given."""
+        """Open the graph and make the tasks.
+
+        Args:
+            graph: the graph, or another world, with which this world shares what their settings do
+                not change.
+            config: the settings.
+            tasks: tasks instead of those that the settings describe; None to make these.
+
+        Raises:
+            ConfigError: if the graph has too few entities for so many distractors, or no split for
+                a policy that needs one.
+            TaskError: if there is no task.
+        """
         opened = graph if isinstance(graph, World) else open_world_graph(graph)
         self.graph: RecipeGraph = opened.graph
         self.split: Split = opened.split
         self._derived: dict[Hashable, Any] = graph._derived if isinstance(graph, World) else {}
         self.config = config
+        # Given tasks take the place in which made tasks would be kept.
         if tasks is not None:
             self._derived[("tasks", *(getattr(config, name) for name in _TASKS))] = tasks
         self.nothing = self.graph.num_entities
-        self.max_results = (
-            1 if config.ambiguity == "last" else int(np.diff(self.graph.pair_starts).max(initial=1))
-        )
-        self.num_slots = (
-            config.depth + 1 + config.num_distractors + self.max_results * config.attempts
-        )
+        num_results = np.diff(self.graph.pair_starts)
+        self.max_results = 1 if config.ambiguity == "last" else int(num_results.max(initial=1))
+        # A plan of depth d starts with at most d + 1 ingredients.
+        num_given = config.depth + 1 + config.num_distractors
+        self.num_slots = num_given + self.max_results * config.attempts
         # Never distractors: the goal, the starting ingredients and the intermediates of the plans.
-        needed = (
-            np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1) != self.nothing
-        )
-        reserved = 1 + int(needed.sum(axis=1).max())
+        needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1)
+        reserved = 1 + int((needed != self.nothing).sum(axis=1).max())
         self.max_distractors = self.nothing - reserved
         if config.distractor_policy == "no_train_shortcut" and self.split.is_in("train").all():
             raise ConfigError(
-                f"`distractor_policy` 'no_train_shortcut': {self.graph.name} has no split, so all recipes are train "
-                "recipes; give a graph with a split (`build-graph`), or `distractor_policy` no_shortcut."
+                f"`distractor_policy` 'no_train_shortcut': {self.graph.name} has no split, so all "
+                "recipes are train recipes; give a graph with a split (`build-graph`), or "
+                "`distractor_policy` no_shortcut."
             )
         if config.num_distractors > self.max_distractors:
             raise ConfigError(
-                f"`num_distractors` {config.num_distractors}: {self.graph.name} has {self.nothing} entities, of which "
-                f"a task needs up to {reserved}; expected at most {self.max_distractors}."
+                f"`num_distractors` {config.num_distractors}: {self.graph.name} has "
+                f"{self.nothing} entities, of which a task needs up to {reserved}; "
+                f"expected at most {self.max_distractors}."
             )
 
     @classmethod
     def of(cls, graph: "GraphLike | World", settings: Mapping[str, Any]) -> "World":
-        """Return the given world, or a new world; settings next to a given world raise a :class:`ConfigError`."""
+        """Return the world that an environment's arguments describe: a given world, or a new one.
+
+        Raises:
+            ConfigError: for settings next to a given world, which has settings; or as the
+                constructors of the world and its settings.
+        """
         if not isinstance(graph, World):
             return cls(graph, WordCraftConfig.of(settings))
         if settings:
@@ -120,11 +162,18 @@ class World:
         return graph
 
     def variant(self, **changes: Any) -> "World":
-        """Return a world with the same graph and some changed settings."""
+        """Return a world with some changed settings, which shares all that they do not affect.
+
+        Raises:
+            ConfigError: for an unknown setting, or as the constructor.
+            TaskError: if there is no task.
+        """
         return World(self, self.config.variant(**changes))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> "World":
-        return self  # gymnasium copies the arguments of an environment whenever its spec is read
+        # Gymnasium copies the arguments of an environment whenever its spec is read; immutable, a
+        # world may be shared, and a copy of a large graph would be slow.
+        return self
 
     @_derived_from()
     def search(self) -> SolutionSearch:
@@ -165,15 +214,17 @@ class World:
         """Each entity's weight as a distractor, shape (E,), int64."""
         weights = np.ones(self.nothing, dtype=np.int64)
         if self.config.distractor_weighting == "use":
+            # Train recipes only: weights by all recipes would reveal which entities test recipes use.
             weights += self.split.train_uses
         return frozen(weights)
 
     @_derived_from("distractor_policy", "part")
     def guarded_recipes(self) -> NDArray[np.bool_]:
-        """A mask of guarded recipes: no distractor may complete one that makes the goal. Shape (num_recipes,).
+        """A mask of guarded recipes, (num_recipes,): none that makes the goal may be completed.
 
-        With the policy ``no_shortcut`` all recipes are guarded, with ``no_train_shortcut`` the train recipes. In the
-        train part the held-out recipes are always guarded, so that training never shows a test pair with the goal.
+        With the policy ``no_shortcut`` all recipes are guarded, with ``no_train_shortcut`` the
+        train recipes. In the train part the held-out recipes are always guarded, so that training
+        never shows a test pair with the goal: distractors must not leak the test set.
         """
         in_train = self.split.is_in("train")
         guarded = {
@@ -181,49 +232,60 @@ class World:
             "no_shortcut": np.ones_like(in_train),
             "no_train_shortcut": in_train,
         }
+        # Test tasks may well meet train recipes; only train tasks must not meet test recipes.
         by_policy = guarded[self.config.distractor_policy]
         return by_policy | ~in_train if self.config.part == "train" else by_policy
 
     @_derived_from(*_TASKS, "attempts", "ambiguity", "distractor_policy")
     def makeable(self) -> Ids:
-        """Ids makeable from N tasks before the last attempt, padded; empty without :attr:`guarded_recipes`."""
-        rows: list[list[int]] = []
-        outcomes = self.outcomes
-        for start in (
-            self.tasks.starts.tolist() if self.guarded_recipes.any() else [[]] * len(self.tasks)
-        ):
-            at_hand = {entity for entity in start if entity < self.nothing}
-            made: set[int] = set()
-            for _ in range(self.config.attempts - 1):
-                pairs = combinations_with_replacement(sorted(at_hand | made), 2)
-                more = (
-                    {result for pair in pairs for result in outcomes.get(pair, ())} - at_hand - made
-                )
-                if not more:
-                    break
-                made |= more
-            rows.append(sorted(made))
+        """Ids makeable from each task's start in all attempts but the last: (N, W), padded.
+
+        A distractor must not complete a guarded recipe with any of these. Computed only if there
+        are :attr:`guarded_recipes`; otherwise W is 0.
+        """
+        if not self.guarded_recipes.any():
+            return frozen(padded([[]] * len(self.tasks), self.nothing))
+        rows = [self._makeable(start) for start in self.tasks.starts.tolist()]
         return frozen(padded(rows, self.nothing))
 
+    def _makeable(self, start: list[int]) -> list[int]:
+        """Return what can be made from padded ids in all attempts but the last, ascending."""
+        at_hand = self._without_nothing(start)
+        made: set[int] = set()
+        for _ in range(self.config.attempts - 1):
+            more: set[int] = set()
+            for pair in combinations_with_replacement(sorted(at_hand | made), 2):
+                more.update(self.outcomes.get(pair, ()))
+            more -= at_hand | made
+            if not more:
+                break
+            made |= more
+        return sorted(made)
+
+    def _without_nothing(self, ids: list[int]) -> set[int]:
+        """Return the ids of entities among padded ids."""
+        return {entity for entity in ids if entity < self.nothing}
+
     def has_shortcut(self, task: int, distractors: list[int]) -> bool:
-        """Return whether distractors (ids) open a further way to a task's goal, as the distractor policy counts."""
-        start = frozenset(
-            entity for entity in self.tasks.starts[task].tolist() if entity < self.nothing
-        )
-        goal, attempts, search = (
-            int(self.tasks.goals[task]),
-            self.config.attempts,
-            self.shortcut_search,
-        )
-        return search.ways(goal, start.union(distractors), attempts) != search.ways(
-            goal, start, attempts
-        )
+        """Return whether distractors (ids) open a further way to a task's goal.
+
+        Ways are those of all recipes or of train recipes, as the distractor policy says.
+        """
+        start = frozenset(self._without_nothing(self.tasks.starts[task].tolist()))
+        goal = int(self.tasks.goals[task])
+        attempts = self.config.attempts
+        ways = self.shortcut_search.ways(goal, start, attempts)
+        return self.shortcut_search.ways(goal, start.union(distractors), attempts) != ways
 
     def check_tries(self, tries: int, task: int) -> None:
-        """Raise a ConfigError after too many samples of distractors that open an additional way to the goal."""
+        """Give up on a task whose distractors, drawn ``tries`` times, always open a shortcut.
+
+        Raises:
+            ConfigError: above :data:`SHORTCUT_TRIES`.
+        """
         if tries > SHORTCUT_TRIES:
             raise ConfigError(
-                f"`num_distractors` {self.config.num_distractors}: found no distractors without a shortcut to "
-                f"'{self.graph.entities[self.tasks.goals[task]]}' in {SHORTCUT_TRIES} tries; "
-                "take fewer, or `distractor_policy` any."
+                f"`num_distractors` {self.config.num_distractors}: found no distractors without a "
+                f"shortcut to '{self.graph.entities[self.tasks.goals[task]]}' in {SHORTCUT_TRIES} "
+                "tries; take fewer, or `distractor_policy` any."
             )

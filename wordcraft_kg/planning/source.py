@@ -10,12 +10,8 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
-from wordcraft_kg.models.policies.sources.source import (
-    Attempts,
-    Evidence,
-    ScoreView,
-    check_constants,
-)
+from wordcraft_kg.models.policies.sources.source import Evidence, ScoreView, check_constants
+from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge, knowledge_of
 from wordcraft_kg.models.scorers.protocol import TripleScorer
@@ -96,18 +92,15 @@ class BestPlan(BestRecipe):
             self._search = PlanSearch(self.knowledge, curve, width=int(width))
         return self._search
 
-    def pair_scores(
-        self, goal: Tensor, table: Tensor, model: Tensor, attempts: Attempts | None
-    ) -> Tensor:
+    def pair_scores(self, states: States, model: Tensor) -> Tensor:
         """Return log Q for all slot pairs, shape (B, A, A); ValueError without ``attempts``."""
+        attempts = states.attempts
         if attempts is None:
             raise ValueError(
                 "the source p needs `attempts`: the number of attempts left in each state."
             )
-        attempts = Attempts(
-            *attempts
-        )  # environment wrappers, which know no models, pass a plain pair
-        return self.search.values(goal, table, model, attempts.left, self._tried(table, attempts))
+        tried = self._tried(states.table, attempts)
+        return self.search.values(states.goal, states.table, model, attempts.left, tried)
 
     def _tried(self, table: Tensor, attempts: Attempts) -> Tensor | None:
         """Return a mask of the tried slot pairs, shape (B, A, A); None if unknown."""
@@ -134,15 +127,9 @@ class BestPlan(BestRecipe):
         )
         return source
 
-    def evidence(  # noqa: D102 - inherited
-        self,
-        goal: Tensor,
-        selection: Tensor,
-        table: Tensor,
-        task: Tensor | None = None,
-        attempts: Attempts | None = None,
-    ) -> tuple[Evidence | None, ...]:
-        evidence = super().evidence(goal, selection, table, task, attempts)
+    def evidence(self, states: States) -> tuple[Evidence | None, ...]:  # noqa: D102 - inherited
+        goal, selection, table, task, attempts = states
+        evidence = super().evidence(states)
         if attempts is None:
             return evidence
         models, left, entities = self.model_of(task), int(attempts.left), table[0].tolist()

@@ -16,6 +16,7 @@ from wordcraft_kg.apps.people.summary import view_people
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import checked_values
 from wordcraft_kg.base.statistics import wilson_interval
+from wordcraft_kg.models.policies.states import States
 
 
 def session(protocol, right, seconds=1.0):
@@ -131,9 +132,7 @@ def is_solved(policy, env, seen):
     number = torch.tensor([env.state.task]) if env.config.part == "train" else None
     for _ in range(2):
         batch = [torch.as_tensor(seen[name])[None] for name in ("goal", "selection", "table")]
-        seen, _, _, _, info = env.step(
-            int(policy(*batch, policy.weights(), number).logits.argmax())
-        )
+        seen, _, _, _, info = env.step(int(policy(States(*batch, task=number)).logits.argmax()))
     return info["outcome"] == "goal"
 
 

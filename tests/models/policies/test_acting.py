@@ -17,6 +17,7 @@ from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_policy
 from wordcraft_kg.models.policies.policy import EntityVectors
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
 GRAPH = random_graph(num_entities=8, num_recipes=20)
@@ -37,7 +38,7 @@ def policy(request):
 
 
 def probabilities(policy, goal, selection, table):
-    output = policy(torch.tensor([goal]), torch.tensor([selection]), torch.tensor([table]))
+    output = policy(States(torch.tensor([goal]), torch.tensor([selection]), torch.tensor([table])))
     return torch.softmax(output.logits[0], dim=0).tolist()
 
 

@@ -37,6 +37,7 @@ from wordcraft_kg.models.policies.folder import load_policy, make_policy, save_p
 from wordcraft_kg.models.policies.sources import registry
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.saving import save_scorer
 from wordcraft_kg.models.scorers import cross_fitting
 from wordcraft_kg.models.scorers import folder as scorer_folder
@@ -124,7 +125,7 @@ def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
             posed, np.zeros(len(world.tasks), dtype=np.int64)
         )  # something is in hand
         state = states_of(held)
-        found = torch.stack([source(*state[:4]) for source in sources])
+        found = torch.stack([source(state) for source in sources])
         expected = expected_scores(opened, scorer, view, state, folds)
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=1e-4)
     assert (part == "test") == (state.task is None)
@@ -135,12 +136,11 @@ def test_without_a_task_and_for_another_one_the_model_of_all_train_recipes_answe
     (of_all,) = make_sources(["v"], scorer.whole)
     (source,) = make_sources(["v"], scorer, tasks=world.tasks)
     goal = torch.arange(20)
-    state = goal, goal + 1, goal[:, None] + torch.arange(6)
-    torch.testing.assert_close(source(*state), of_all(*state), rtol=0, atol=0)
-    torch.testing.assert_close(
-        source(*state, torch.full((20,), len(world.tasks))), of_all(*state), rtol=0, atol=0
-    )
-    assert not torch.equal(source(*state, torch.arange(20)), of_all(*state))
+    state = States(goal, goal + 1, goal[:, None] + torch.arange(6))
+    other = state._replace(task=torch.full((20,), len(world.tasks)))
+    torch.testing.assert_close(source(state), of_all(state), rtol=0, atol=0)
+    torch.testing.assert_close(source(other), of_all(state), rtol=0, atol=0)
+    assert not torch.equal(source(state._replace(task=torch.arange(20))), of_all(state))
     assert of_all.reads_task is False
     of_all.bind(world.tasks)  # asks for nothing
 
@@ -151,7 +151,7 @@ def test_a_number_that_no_task_has_is_an_error_and_not_another_row(opened, score
     goal = torch.zeros(1, dtype=torch.int64)
     for number in (-1, len(world.tasks) + 1):
         with pytest.raises((IndexError, RuntimeError), match="index out of range"):
-            source(goal, goal, goal[:, None], torch.tensor([number]))
+            source(States(goal, goal, goal[:, None], torch.tensor([number])))
 
 
 def test_sources_without_tasks_serve_no_train_task(opened, scorer):
@@ -159,9 +159,9 @@ def test_sources_without_tasks_serve_no_train_task(opened, scorer):
     (source,) = make_sources(["v"], scorer)
     assert source.scores.ndim == 2
     goal = torch.zeros(1, dtype=torch.int64)
-    source(goal, goal, goal[:, None])
+    source(States(goal, goal, goal[:, None]))
     with pytest.raises(LeakError):
-        source(goal, goal, goal[:, None], goal)
+        source(States(goal, goal, goal[:, None], goal))
     with refuses("tasks", LeakError):
         source.bind(world.tasks)
     with pytest.raises(LeakError):
@@ -342,9 +342,11 @@ def test_wrappers_give_the_scores_of_models_that_have_not_seen_the_task(opened, 
     for observations, tasks in ((seen, [env.unwrapped.state.task]), (several, infos["task"])):
         state = [torch.as_tensor(np.atleast_1d(observations[key])) for key in ("goal", "selection")]
         state.append(torch.as_tensor(np.atleast_2d(observations["table"])))
-        expected = sources[1](*state, torch.as_tensor(tasks))
+        expected = sources[1](States(*state, torch.as_tensor(tasks)))
         np.testing.assert_array_equal(np.atleast_2d(observations["v"]), expected.numpy())
-        assert not np.array_equal(np.atleast_2d(observations["v"]), of_all[1](*state).numpy())
+        assert not np.array_equal(
+            np.atleast_2d(observations["v"]), of_all[1](States(*state)).numpy()
+        )
 
 
 def test_a_wrapper_refuses_sources_that_cannot_be_honest_about_its_tasks(opened, scorer):
@@ -399,11 +401,11 @@ def test_stable_baselines_learns_on_scores_of_models_that_have_not_seen_the_task
     model = library.PPO(ours.SB3Policy, env, n_steps=32, batch_size=16, **options)
     seen, _ = env.reset(seed=0)
     rows = {key: torch.as_tensor(np.asarray(value))[None] for key, value in seen.items()}
-    state = rows["goal"], rows["selection"], rows["table"]
+    state = States(rows["goal"], rows["selection"], rows["table"])
     asked = model.policy.get_distribution(rows).distribution.probs
-    expected = torch.softmax(network(*state, task=rows["task"]).logits, dim=1)
+    expected = torch.softmax(network(state._replace(task=rows["task"])).logits, dim=1)
     torch.testing.assert_close(asked, expected)
-    assert not torch.allclose(asked, torch.softmax(network(*state).logits, dim=1))
+    assert not torch.allclose(asked, torch.softmax(network(state).logits, dim=1))
     model.learn(64)
     copied = copy.deepcopy(model.policy.network)
     Evaluator(world, distractor_seeds=1)(PolicyPlayer(copied))

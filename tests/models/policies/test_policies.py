@@ -23,6 +23,7 @@ from wordcraft_kg.models.policies.attention import (
 )
 from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, log_policy
+from wordcraft_kg.models.policies.states import States
 
 SIZE = 7
 NOTHING = SIZE
@@ -190,7 +191,7 @@ def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(
 ):
     monkeypatch.setattr("wordcraft_kg.models.policies.attention.FOLD_LIMIT", fold_limit)
     policy, state = KINDS[kind](), states()
-    logits = policy(*state).logits
+    logits = policy(States(*state)).logits
     for i, (goal, selection, real, row) in enumerate(one_by_one(state)):
         alpha = Slow(policy).alpha(goal, selection, row)
         close(logits[i, real], alpha)
@@ -204,14 +205,14 @@ def test_the_value_is_an_mlp_of_the_attention_weighted_table(kind):
     expected = [
         slow.head("value", slow.alpha(g, s, row), row)[0] for g, s, _, row in one_by_one(state)
     ]
-    close(policy(*state).value, expected)
+    close(policy(States(*state)).value, expected)
     assert max(expected) - min(expected) > 0.01
 
 
 @pytest.mark.parametrize("kind", KNOWING)
 def test_beta_mixes_alpha_u_and_v_by_lambda_an_mlp_of_the_attention_weighted_table(kind):
     policy, state = KINDS[kind](), states()
-    slow, output = Slow(policy), policy(*state)
+    slow, output = Slow(policy), policy(States(*state))
     for i, (goal, selection, real, row) in enumerate(one_by_one(state)):
         close(output.lambdas[i], slow.lambdas(slow.alpha(goal, selection, row), row))
         for channel, expected in zip(
@@ -229,7 +230,7 @@ def test_beta_mixes_alpha_u_and_v_by_lambda_an_mlp_of_the_attention_weighted_tab
 @pytest.mark.parametrize("features", FEATURES)
 def test_the_mlp_has_one_hidden_layer_on_goal_selection_and_all_slots_in_their_order(features):
     policy, state = mlp(features), states()
-    output = policy(*state)
+    output = policy(States(*state))
     for i, whole in enumerate(zip(*(part.tolist() for part in state), strict=True)):
         logits, value = Slow(policy).mlp(*whole)
         real = [slot for slot, entity in enumerate(whole[2]) if entity != NOTHING]
@@ -240,7 +241,7 @@ def test_the_mlp_has_one_hidden_layer_on_goal_selection_and_all_slots_in_their_o
 @any_policy
 def test_outputs_have_their_shapes_and_are_minus_infinity_exactly_where_a_slot_is_empty(kind):
     policy, (goal, selection, table) = KINDS[kind](), states()
-    output = policy(goal, selection, table)
+    output = policy(States(goal, selection, table))
     count = len(policy.labels)
     shapes = {"logits": (9, SLOTS), "value": (9,)}
     if count:
@@ -258,14 +259,15 @@ def test_outputs_have_their_shapes_and_are_minus_infinity_exactly_where_a_slot_i
 @any_policy
 def test_rows_of_a_batch_equal_single_states_unlike_in_the_released_code(kind):
     policy, state = KINDS[kind](), states()
-    batch = channels(policy(*state))
+    batch = channels(policy(States(*state)))
     for i in range(9):
-        for name, single in channels(policy(*(part[i : i + 1] for part in state))).items():
+        for name, single in channels(policy(States(*(part[i : i + 1] for part in state)))).items():
             torch.testing.assert_close(batch[name][i : i + 1], single, **CLOSE)
     if policy.labels:
         scores = slice(0 if policy.config.kg_only else 1, None)
         singles = [
-            policy(*(part[i : i + 1] for part in state)).sources[:, scores] for i in range(9)
+            policy(States(*(part[i : i + 1] for part in state))).sources[:, scores]
+            for i in range(9)
         ]
         assert torch.equal(batch["sources"][:, scores], torch.cat(singles))
 
@@ -275,27 +277,30 @@ def test_weights_that_are_passed_in_are_the_ones_in_use(kind):
     policy, other = KINDS[kind](), KINDS[kind]()
     for parameter in other.parameters():
         parameter.data = parameter.data.flip(0) * 0.9 + 0.05
-    found = policy(*states(), other.weights())
-    same(found, other(*states()), exactly=True)
-    assert not torch.allclose(found.value, policy(*states()).value, atol=1e-3)
+    found = policy(States(*states()), other.weights())
+    same(found, other(States(*states())), exactly=True)
+    assert not torch.allclose(found.value, policy(States(*states())).value, atol=1e-3)
 
 
 @any_policy
 def test_tables_with_other_strides_are_read_in_the_same_order(kind):
     policy, (goal, selection, table) = KINDS[kind](), states()
-    same(policy(goal, selection, table.T.contiguous().T), policy(goal, selection, table))
+    same(
+        policy(States(goal, selection, table.T.contiguous().T)),
+        policy(States(goal, selection, table)),
+    )
 
 
 @any_policy
 def test_a_batch_without_states_has_an_output_without_rows(kind):
-    output = KINDS[kind]()(*(part[:0] for part in states()))
+    output = KINDS[kind]()(States(*(part[:0] for part in states())))
     assert (tuple(output.logits.shape), tuple(output.value.shape)) == ((0, SLOTS), (0,))
 
 
 @any_policy
 def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind):
     policy, state = KINDS[kind](), states()
-    logits, value, *_ = policy(*state)
+    logits, value, *_ = policy(States(*state))
     taken = (state[2] != NOTHING).int().argmax(1)
     (torch.log_softmax(logits, 1)[torch.arange(9), taken].sum() + (value**2).sum()).backward()
     for name, parameter in policy.named_parameters():
@@ -319,7 +324,10 @@ def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind):
 @given(order=st.permutations(range(SLOTS)), seed=st.integers(0, 20))
 def test_permuting_the_slots_permutes_the_logits_and_leaves_the_value(kind, order, seed):
     policy, (goal, selection, table) = KINDS[kind](), states(seed=seed)
-    plain, permuted = policy(goal, selection, table), policy(goal, selection, table[:, order])
+    plain, permuted = (
+        policy(States(goal, selection, table)),
+        policy(States(goal, selection, table[:, order])),
+    )
     sources = None if plain.sources is None else plain.sources[:, :, order]
     same(permuted, plain._replace(logits=plain.logits[:, order], sources=sources))
 
@@ -327,8 +335,8 @@ def test_permuting_the_slots_permutes_the_logits_and_leaves_the_value(kind, orde
 @any_attention
 def test_empty_slots_at_the_end_of_a_table_change_nothing(kind):
     policy, (goal, selection, table) = KINDS[kind](), states()
-    plain = policy(goal, selection, table)
-    wide = policy(goal, selection, torch.cat([table, torch.full((9, 3), NOTHING)], dim=1))
+    plain = policy(States(goal, selection, table))
+    wide = policy(States(goal, selection, torch.cat([table, torch.full((9, 3), NOTHING)], dim=1)))
     torch.testing.assert_close(wide.logits[:, :SLOTS], plain.logits, **CLOSE)
     torch.testing.assert_close(wide.value, plain.value, **CLOSE)
     assert wide.logits[:, SLOTS:].isneginf().all()
@@ -343,7 +351,7 @@ def test_a_source_that_is_switched_off_takes_no_weight_unlike_in_the_released_co
     use, scores, kg_only
 ):
     policy = attention(knows=True, use=use, kg_only=kg_only, mixing="softmax")
-    output = policy(*states())
+    output = policy(States(*states()))
     names = scores if kg_only else ("alpha", *scores)
     assert tuple(label.name for label in policy.labels) == names
     assert output.lambdas.shape == (9, len(names))
@@ -357,12 +365,12 @@ def test_with_nothing_selected_u_cannot_change_the_policy(kg_only):
     goal, _, table = states()
     nothing = torch.full_like(goal, NOTHING)
     policy = attention(knows=True, kg_only=kg_only)
-    before = policy(goal, nothing, table)
+    before = policy(States(goal, nothing, table))
     assert not before.sources[:, [label.name for label in policy.labels].index("u")].any()
     policy.sources["u"].scores[:NOTHING] += 100
-    assert torch.equal(policy(goal, nothing, table).logits, before.logits)
+    assert torch.equal(policy(States(goal, nothing, table)).logits, before.logits)
     held = torch.zeros_like(goal)
-    assert (policy(goal, held, table).sources - before.sources).abs().max() > 50
+    assert (policy(States(goal, held, table)).sources - before.sources).abs().max() > 50
 
 
 def test_free_coefficients_begin_at_about_one_for_every_source():
@@ -377,7 +385,7 @@ def test_the_mlp_refuses_another_size_of_table_and_says_which_it_was_made_for(nu
     with pytest.raises(
         ConfigError, match=rf"tables have {num_slots} slots: this mlp was made for {SLOTS}"
     ):
-        mlp()(table[:, 0], table[:, 0], table)
+        mlp()(States(table[:, 0], table[:, 0], table))
 
 
 SIZES_OF = ("key_size", "value_size", "hidden_size", "embedding_size")

@@ -23,6 +23,7 @@ from wordcraft_kg.models.policies.folder import (
     write_constants,
     write_parameters,
 )
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.runs.record import end_run, start_run
@@ -109,12 +110,12 @@ def assert_equal_bits(one, other):
     assert one.state_dict().keys() == other.state_dict().keys()
     for name, tensor in one.state_dict().items():
         assert torch.equal(tensor, other.state_dict()[name]), name
-    for found, expected in zip(one(*states()), other(*states()), strict=True):
+    for found, expected in zip(one(States(*states())), other(States(*states())), strict=True):
         assert (found is None and expected is None) or torch.equal(found, expected)
 
 
 def train_a_step(policy):
-    logits, value, *_ = policy(*states())
+    logits, value, *_ = policy(States(*states()))
     (logits[logits.isfinite()].sum() + value.sum()).backward()
     torch.optim.SGD(policy.parameters(), lr=0.1).step()
 
@@ -151,7 +152,7 @@ def test_vectors_are_those_of_the_features_for_the_seed(features, policy, vector
     if not made.vectors.is_one_hot:
         np.testing.assert_array_equal(made.vectors.vectors.numpy(), expected.vectors)
         assert not made.vectors.vectors.requires_grad
-    assert made(*states()).logits.shape == (10, SLOTS)
+    assert made(States(*states())).logits.shape == (10, SLOTS)
 
 
 def test_learned_features_have_the_size_of_the_settings_and_no_description():

@@ -11,6 +11,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.graphs.folds import OUTSIDE
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -48,35 +49,40 @@ def slow_w(scorer, goal, held, table):
 
 def test_w_is_the_score_with_the_entity_held_or_with_the_best_partner(w, scorer):
     goal, selection, table = states(w.num_entities)
-    found = w(goal, selection, table)
+    found = w(States(goal, selection, table))
     for row in range(len(goal)):
         expected = slow_w(scorer, int(goal[row]), int(selection[row]), table[row].tolist())
         torch.testing.assert_close(found[row], torch.tensor(expected), rtol=1e-4, atol=1e-4)
-        single = w(goal[row : row + 1], selection[row : row + 1], table[row : row + 1])
+        single = w(States(goal[row : row + 1], selection[row : row + 1], table[row : row + 1]))
         torch.testing.assert_close(single[0], found[row], rtol=1e-4, atol=1e-4)
 
 
 def test_permuting_the_slots_permutes_w(w):
     goal, selection, table = states(w.num_entities)
     order = torch.tensor([3, 0, 5, 1, 4, 2])
-    expected = w(goal, selection, table)[:, order]
-    torch.testing.assert_close(w(goal, selection, table[:, order]), expected, rtol=1e-4, atol=1e-4)
+    expected = w(States(goal, selection, table))[:, order]
+    torch.testing.assert_close(
+        w(States(goal, selection, table[:, order])), expected, rtol=1e-4, atol=1e-4
+    )
 
 
 def test_the_scores_that_are_kept_do_not_answer_for_another_state(scorer):
     (kept,) = make_sources(["w"], scorer)
     goal, selection, table = states(kept.num_entities)
-    first = kept(goal, selection, table)
+    first = kept(States(goal, selection, table))
     changed = table.clone()
     changed[:, 0] = (changed[:, 0] + 1) % kept.num_entities
     (fresh,) = make_sources(["w"], scorer)
     torch.testing.assert_close(
-        kept(goal, selection, changed), fresh(goal, selection, changed), rtol=0, atol=0
+        kept(States(goal, selection, changed)),
+        fresh(States(goal, selection, changed)),
+        rtol=0,
+        atol=0,
     )
-    torch.testing.assert_close(kept(goal, selection, table), first, rtol=0, atol=0)
+    torch.testing.assert_close(kept(States(goal, selection, table)), first, rtol=0, atol=0)
     table[:, 0] = changed[:, 0]  # in place, as an engine does
     torch.testing.assert_close(
-        kept(goal, selection, table), fresh(goal, selection, table), rtol=0, atol=0
+        kept(States(goal, selection, table)), fresh(States(goal, selection, table)), rtol=0, atol=0
     )
 
 
@@ -86,14 +92,14 @@ def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(cro
     state = engine_states.states_of(
         BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks)))
     )
-    found = source(*state)
+    found = source(state)
     seen = set()
     for row in range(0, len(world.tasks), 4):
         folds = {
             int(cross_fitted.of_recipe[step]) for plan in world.tasks.plans[row] for step in plan
         } - {OUTSIDE}
         one = state.rows(row, row + 1)
-        evidence = source.evidence(*one)
+        evidence = source.evidence(one)
         seen.add(len(folds))
         if len(folds) > 1:  # every model has seen one of its recipes
             assert not found[row].any()
@@ -131,7 +137,7 @@ def test_the_partner_of_a_slot_is_the_entity_held(w):
         torch.tensor([3]),
         torch.tensor([[3, 4, nothing, 5]]),
     )
-    evidence = w.evidence(goal, selection, table)
+    evidence = w.evidence(States(goal, selection, table))
     assert [told and told.partner for told in evidence] == [3, 3, None, 3]
     assert all(len(told.supporting) <= 3 for told in evidence if told)
 
@@ -145,6 +151,6 @@ def test_sources_of_links_have_no_evidence_and_a_scorer_of_links_has_no_w(scorer
     )
     (v,) = make_sources(["v"], links)
     goal, selection, table = states(v.num_entities, rows=1)
-    assert v.evidence(goal, selection, table) == (None,) * 6
+    assert v.evidence(States(goal, selection, table)) == (None,) * 6
     with pytest.raises(ConfigError, match="needs recipe scores"):
         BestRecipe.of_scorer(links, None)

@@ -39,6 +39,7 @@ from wordcraft_kg.models.policies.sources.registry import (
     source_class,
 )
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers import folder as scorer_folder
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.protocol import TripleScorer
@@ -55,7 +56,7 @@ SCORER = BareScorer(SIZE)
 def knowledge_of(names, scorer=SCORER):
     """Return a function of states that gives the scores of all sources, shape (B, S, A)."""
     sources = make_sources(names, scorer)
-    return lambda *state: torch.stack([source(*state) for source in sources], dim=1)
+    return lambda *state: torch.stack([source(States(*state)) for source in sources], dim=1)
 
 
 def states(size=7, num_slots=4):
@@ -126,7 +127,7 @@ def test_scores_are_constants_even_if_the_scorer_is_being_trained():
     for source in make_sources(["u", "v"], SCORER):
         assert list(source.parameters()) == []
         assert list(source.state_dict()) == ["scores"]
-        assert not source(*states()).requires_grad
+        assert not source(States(*states())).requires_grad
 
 
 def test_later_changes_of_the_scorer_do_not_change_the_scores():
@@ -176,8 +177,10 @@ def test_sources_of_factors_score_like_tables_and_nothing_scores_zero(
     monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
     for table, factors in zip(tables, make_sources(names, Factored(SIZE), view), strict=True):
         assert "scores" not in factors.state_dict()
-        torch.testing.assert_close(factors(*state), table(*state), atol=1e-5, rtol=1e-4)
-        assert not factors(*state)[state[2] == NOTHING].any()
+        torch.testing.assert_close(
+            factors(States(*state)), table(States(*state)), atol=1e-5, rtol=1e-4
+        )
+        assert not factors(States(*state))[state[2] == NOTHING].any()
 
 
 @pytest.mark.parametrize("by_factors", [False, True])
@@ -189,9 +192,9 @@ def test_a_source_is_restored_from_its_constants(name, by_factors, monkeypatch):
     constants = full.state_dict()
     empty = source_class(name).restored(SIZE, constants)
     assert ("scores" in constants) is not by_factors
-    assert not empty(*states()).any()
+    assert not empty(States(*states())).any()
     empty.load_state_dict(constants)
-    assert torch.equal(empty(*states()), full(*states()))
+    assert torch.equal(empty(States(*states())), full(States(*states())))
 
 
 def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_scales_that_do(
@@ -254,7 +257,8 @@ class Triple(Source):
     def restored(cls, num_entities, constants):
         return cls(num_entities, torch.empty_like(constants["offsets"]))
 
-    def forward(self, goal, selection, table, task=None):
+    def forward(self, states):
+        goal, selection, table, task, _ = states
         product = torch.sin(1.0 + table * (goal + 1)[:, None] * (selection + 1)[:, None])
         shift = 0 if task is None else self.offsets[task][:, None]
         return torch.where(table == self.num_entities, 0.0, product + shift)

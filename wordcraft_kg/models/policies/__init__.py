@@ -1,8 +1,15 @@
-"""Policies choose table slots: from ids (goal, selection, table) to slot logits and a state value.
+"""Policies choose table slots: from states of B episodes to slot logits and state values.
 
-Read ``config`` (settings), then ``policy`` (the base class) and both kinds, ``attention`` and ``mlp``; ``folder``
-makes, writes and loads policies::
+Read ``states`` (the input), then ``policy`` (the base class) and both kinds: ``attention``, the
+paper's self-attention actor-critic with knowledge mixed in, and ``mlp``, the paper's baseline.
+``config`` holds the settings, ``sources`` the knowledge that may be mixed in; ``folder`` makes,
+writes and loads policies::
 
     policy = load_policy("runs/guided")
-    logits, value, sources, lambdas = policy(goal, selection, table)
+    logits, value, sources, lambdas = policy(States(goal, selection, table))
+
+Free to change: how a network computes its outputs, as long as the tests against slow references
+pass. Not free: names of parameters and buffers, which are the tensors' names in existing run
+folders; and the order of operations in ``attention``, since another rounding changes all trained
+figures (then raise ``VERSIONS`` in ``studies/plan.py``).
 """

@@ -1,7 +1,8 @@
 """The self-attention actor-critic, alone or with scores from knowledge sources.
 
-Tables have few slots, so product shapes matter more than sizes: ``index_select`` fetches vectors, a row's slots are
-columns in a single small product, and softmax runs along the first axis.
+Tables have few slots, so product shapes matter more than sizes: ``index_select`` fetches vectors, a
+row's slots are columns in a single small product, and softmax runs along the first axis. Below, B
+is the number of states, A of slots, F the length of an entity vector, d the size of keys.
 """
 
 import math
@@ -21,27 +22,53 @@ from wordcraft_kg.models.policies.policy import (
     look_up,
 )
 from wordcraft_kg.models.policies.sources.source import Source
+from wordcraft_kg.models.policies.states import States
 
 FOLD_LIMIT = 300
-"""Dimensions up to which query and key weights are multiplied once per update."""
+"""Dimensions F up to which query and key weights are multiplied once per update.
+
+The product has F columns instead of d: cheaper than both products in each step as long as F is not
+much larger than d, which is 300 by default.
+"""
 AHEAD = 10.0
-"""First λ of sources that look ahead. With 1 or 5, agents explore so much at first that they forget their planner."""
+"""First λ of sources that look ahead.
+
+With 1 or 5, agents explore so much at first that they forget their planner.
+"""
 
 
 class AttentionPolicy(Policy):
-    """Self-attention actor-critic, alone or guided by knowledge sources; permuting slots permutes logits.
+    """Self-attention actor-critic, alone or guided by knowledge sources.
 
-    With vectors x for goal g, selection s and slot i, ``α_i = Q([x_g; x_s]) · K(x_i) / √d``, ``V = MLP(wᵀ x)`` with ``w
-    = softmax(α)`` over the slots (or the raw α), and with sources ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)``
-    with separate weights. Logits are β, or α without sources. An MLP is a linear map W with bias, a rectifier and a
-    linear map; W is applied after the sum over slots.
+    With vectors x for goal g, selection s and slot i, ``α_i = Q([x_g; x_s]) · K(x_i) / √d``,
+    ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α), and with sources
+    ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with separate weights. Logits are β, or α
+    without sources. An MLP is a linear map W with bias, a rectifier and a linear map; W is applied
+    after the sum over slots.
 
-    Source: Jiang et al. 2020, sections "Self-attention Actor-Critic Network" and "Learning Mixing Coefficients".
+    Permuting the slots permutes the logits and leaves the value as it is, so the policy takes any
+    table size.
+
+    Source: Jiang et al. 2020, sections "Self-attention Actor-Critic Network" and "Learning Mixing
+    Coefficients".
     """
 
     def __init__(
-        self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()
+        self,
+        config: PolicyConfig,
+        vectors: EntityVectors,
+        sources: Iterable[Source] = (),
     ):
+        """Draw a network by torch's global generator.
+
+        Args:
+            config: settings.
+            vectors: entity vectors.
+            sources: knowledge sources in mixing order; without sources there is no mixture.
+
+        Raises:
+            ConfigError: for ``kg_only`` without sources.
+        """
         super().__init__(config, vectors, sources)
         if config.kg_only and not self.sources:
             raise ConfigError("`kg_only` mixes only scorer scores; give a `scorer` too.")
@@ -49,19 +76,24 @@ class AttentionPolicy(Policy):
         self.value = _head(vectors.dim, config.value_size, 1)
         if self.sources:
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
-            last = self.mixture[2]
-            assert isinstance(last, nn.Linear)
-            ahead = [source.label for source in self.sources.values() if source.reads_attempts]
-            if (
-                config.mixing == "free" and ahead
-            ):  # start as the planner: other sources value one pair only
-                nn.init.zeros_(last.weight)
-                with torch.no_grad():
-                    last.bias.copy_(
-                        torch.tensor([AHEAD * (label in ahead) for label in self.labels])
-                    )
-            elif config.mixing == "free":  # all sources start with about the same weight
-                nn.init.ones_(last.bias)
+            if config.mixing == "free":
+                self._set_first_lambdas()
+
+    @torch.no_grad()
+    def _set_first_lambdas(self) -> None:
+        """Set the mixing weights λ with which training begins."""
+        last = self.mixture[2]
+        assert isinstance(last, nn.Linear)
+        ahead = [source.label for source in self.sources.values() if source.reads_attempts]
+        if not ahead:
+            # All sources start with about the same weight; the drawn weights add small differences.
+            nn.init.ones_(last.bias)
+            return
+        # Start as the planner alone: the other sources value one pair only, and would lead away
+        # from plans of several attempts.
+        nn.init.zeros_(last.weight)
+        for place, label in enumerate(self.labels):
+            last.bias[place] = AHEAD if label in ahead else 0.0
 
     def weights(self) -> Weights:  # noqa: D102 - inherited
         mixture = _head_weights("mixture", self.mixture) if self.sources else {}
@@ -74,117 +106,180 @@ class AttentionPolicy(Policy):
 
     def output(  # noqa: D102 - inherited
         self,
-        goal: Tensor,
-        selection: Tensor,
-        table: Tensor,
+        states: States,
         weights: Weights,
         external_scores: Tensor | None,
     ) -> PolicyOutput:
+        table = states.table
         mask = table != self.num_entities
         slots = Slots(weights.get("vectors"), table)
-        alpha = slots.dot(self.attention.rows(weights, goal, selection))
+        # Attention logits, shape (B, A). Empty slots have zero vectors, so their α is 0 until
+        # masked.
+        alpha = slots.dot(self.attention.rows(weights, states.goal, states.selection))
         is_softmax = self.config.value_readout == "softmax"
-        state = slots.sum(
-            masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0),
-            self.num_entities,
-        )
-        value = _mlp(state, weights, "value")[:, 0]
+        readout = masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0)
+        # The state's encoding before W, shape (B, F): the readout pools the slots' vectors. The
+        # value and the mixing weights see the table only through it.
+        encoding = slots.sum(readout, self.num_entities)
+        value = _mlp(encoding, weights, "value")[:, 0]
         if external_scores is None:
             return PolicyOutput(alpha.masked_fill(~mask, -torch.inf), value)
-        sources = (
-            external_scores
-            if self.config.kg_only
-            else torch.cat([alpha[:, None], external_scores], dim=1)
-        )
-        lambdas = _mlp(state, weights, "mixture")
+        sources = external_scores
+        if not self.config.kg_only:
+            sources = torch.cat([alpha[:, None], external_scores], dim=1)
+        lambdas = _mlp(encoding, weights, "mixture")
         if self.config.mixing == "softmax":
             lambdas = torch.softmax(lambdas, dim=1)
         return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)
 
 
-def mix_logits(logits: Tensor, lambdas: Tensor, slot_mask: Tensor) -> Tensor:
+def mix_logits(
+    logits: Tensor,
+    lambdas: Tensor,
+    slot_mask: Tensor,
+) -> Tensor:
     """Mix the sources' scores into a logit for each slot: ``β_i = Σ_s λ_s · source_s,i``.
 
-    ``logits`` are scores, shape (B, S, A), with a channel for each source in use; attention logits α first if in use.
-    ``lambdas`` are mixing weights, shape (B, S), and ``slot_mask``, shape (B, A), is True for occupied slots. Empty
-    slots become -inf *after* mixing, so no λ can revive empty slots.
+    Empty slots become -inf *after* mixing, so no choice of λ can revive them.
 
-    Source: Jiang et al. 2020, appendix "Learning Mixing Coefficients"; differs by masking after mixing.
+    Args:
+        logits: shape (B, S, A): scores, with a channel for each source in use; attention logits α
+            first if in use.
+        lambdas: shape (B, S): mixing weights. A source that is not in use has no entry.
+        slot_mask: shape (B, A), bool: True for occupied slots.
+
+    Returns:
+        shape (B, A): exactly -inf where ``slot_mask`` is False.
+
+    Source: Jiang et al. 2020, appendix "Learning Mixing Coefficients"; differs by masking after
+    mixing.
     """
-    return torch.bmm(lambdas[:, None, :], logits)[:, 0].masked_fill(~slot_mask, -torch.inf)
+    # (1, S) by (S, A) for each state.
+    mixed = torch.bmm(lambdas[:, None, :], logits)[:, 0]
+    return mixed.masked_fill(~slot_mask, -torch.inf)
 
 
 def masked_softmax(logits: Tensor, mask: Tensor) -> Tensor:
     """Return the softmax over slots where ``mask`` is True, shape (B, A); exactly 0 elsewhere."""
-    return torch.softmax(logits.masked_fill(~mask, -torch.inf).T.contiguous(), dim=0).T
+    # Slots first, as in `log_policy`: many states per row, few slots per column.
+    by_slot = logits.masked_fill(~mask, -torch.inf).T.contiguous()
+    return torch.softmax(by_slot, dim=0).T
 
 
 class TableAttention(nn.Module):
-    """Scaled dot-product attention from goal g and selection s to each slot: ``α_i = Q([x_g; x_s]) · K(x_i) / √d``.
+    """Scaled dot-product attention from goal and selection to each slot.
 
-    As ``q · K x = (Kᵀ q) · x``, and vectors do not depend on the sample, keys are folded into the query. K has no bias,
-    which would shift all slots equally.
+    ``α_i = Q([x_g; x_s]) · K(x_i) / √d`` for goal g, selection s and slot i. As
+    ``q · K x = (Kᵀ q) · x``, and vectors do not depend on the sample, keys are folded into the
+    query: no slot's key is ever computed. K has no bias, which would shift all slots equally.
 
-    Source: Jiang et al. 2020, section "Self-attention Actor-Critic Network". The paper's query also has the second
-    selection, which is always empty when an action is chosen.
+    Source: Jiang et al. 2020, section "Self-attention Actor-Critic Network". The paper's query also
+    has the second selection, which is always empty when an action is chosen.
     """
 
     def __init__(self, dim: int, key_size: int):
+        """Draw the maps Q, from 2 F to d, and K, from F to d; ``dim`` is F, ``key_size`` d."""
         super().__init__()
         self.query = nn.Linear(2 * dim, key_size)
         self.key = nn.Linear(dim, key_size, bias=False)
 
-    def weights(self) -> dict[str, Tensor]:
-        """Return the tensors for :meth:`rows`: ``query``, ``query.bias`` and, unless folded into the query, ``key``."""
+    def weights(self) -> Weights:
+        """Return the tensors for :meth:`rows`.
+
+        Returns:
+            ``query``, ``query.bias`` and, unless folded into these, ``key``.
+        """
+        # Dividing the key weights by √d once replaces a division of each α.
         key = self.key.weight / math.sqrt(self.key.out_features)
-        query, bias = self.query.weight.T, cast("Tensor", self.query.bias)
+        query = self.query.weight.T
+        bias = cast("Tensor", self.query.bias)
         if self.key.in_features <= FOLD_LIMIT:
             return {"query": query @ key, "query.bias": bias @ key}
-        return {"query": query, "query.bias": bias, "key": key}
+        return {
+            "query": query,
+            "query.bias": bias,
+            "key": key,
+        }
 
     @staticmethod
-    def rows(weights: Mapping[str, Tensor], goal: Tensor, selection: Tensor) -> Tensor:
-        """Return ``Kᵀ q / √d``, shape (B, F); the dot product with a slot's entity vector is the slot's α."""
-        query, bias, vectors = weights["query"], weights["query.bias"], weights.get("vectors")
+    def rows(
+        weights: Mapping[str, Tensor],
+        goal: Tensor,
+        selection: Tensor,
+    ) -> Tensor:
+        """Return ``Kᵀ q / √d``; its dot product with a slot's entity vector is the slot's α.
+
+        Args:
+            weights: results of :meth:`weights` and :meth:`EntityVectors.weights`.
+            goal: shape (B,), int64.
+            selection: shape (B,), int64; E, whose vector is zero, without a selection.
+
+        Returns:
+            shape (B, F).
+        """
+        query = weights["query"]
+        bias = weights["query.bias"]
+        vectors = weights.get("vectors")
         if vectors is not None:
+            # Both vectors side by side, shape (B, 2 F).
             both = look_up(vectors, torch.stack([goal, selection], dim=1)).flatten(1)
             projected = torch.addmm(bias, both, query)
         else:
-            by_goal, by_selection = nn.functional.pad(
-                query.view(2, -1, query.shape[1]), (0, 0, 0, 1)
-            )
-            projected = (
-                bias + by_goal.index_select(0, goal) + by_selection.index_select(0, selection)
-            )
+            # One-hot vectors: the query's upper half has a row for each goal, the lower half for
+            # each selection; the row of zeros below each is that of E.
+            halves = query.view(2, -1, query.shape[1])
+            by_goal, by_selection = nn.functional.pad(halves, (0, 0, 0, 1))
+            of_goal = by_goal.index_select(0, goal)
+            of_selection = by_selection.index_select(0, selection)
+            projected = bias + of_goal + of_selection
         return projected @ weights["key"] if "key" in weights else projected
 
 
 class Slots:
-    """Entity vectors at B tables of A ids, from ``vectors`` for all ids (E + 1, F), or one-hot vectors if None."""
+    """Entity vectors at B tables of A ids: products with them, and weighted sums of them."""
 
     def __init__(self, vectors: Tensor | None, table: Tensor):
+        """Fetch the vectors of a table (B, A) from those for all ids, (E + 1, F).
+
+        None stands for one-hot vectors, which are never written out.
+        """
         self.table = table
         self.vectors = None if vectors is None else look_up(vectors, table)
 
     def dot(self, rows: Tensor) -> Tensor:
-        """Return each slot's dot product ``r · x_i`` with the row r for its table: rows (B, F) -> (B, A)."""
+        """Return each slot's dot product ``r · x_i`` with its table's r: rows (B, F) -> (B, A)."""
         if self.vectors is not None:
             return torch.bmm(rows[:, None, :], self.vectors.transpose(1, 2))[:, 0]
+        # The product with a one-hot vector is an entry of the row; E has the appended 0.
         return nn.functional.pad(rows, (0, 1)).gather(1, self.table)
 
     def sum(self, weights: Tensor, num_entities: int) -> Tensor:
-        """Return each table's weighted sum of entity vectors, ``Σ_i w_i x_i``: weights (B, A) -> (B, F)."""
+        """Return each table's weighted sum of entity vectors, ``Σ_i w_i x_i``.
+
+        Args:
+            weights: shape (B, A).
+            num_entities: E, the length of one-hot vectors.
+
+        Returns:
+            shape (B, F).
+        """
         if self.vectors is not None:
             return torch.bmm(weights[:, None, :].contiguous(), self.vectors)[:, 0]
+        # Weights of one-hot vectors are added up by entity; the column of E is cut off.
         sums = weights.new_zeros(len(weights), num_entities + 1)
         return sums.scatter_add(1, self.table, weights)[:, :-1]
 
 
-def _head(dim: int, size: int, outputs: int) -> nn.Sequential:
+def _head(
+    dim: int,
+    size: int,
+    outputs: int,
+) -> nn.Sequential:
     return nn.Sequential(nn.Linear(dim, size), nn.ReLU(), nn.Linear(size, outputs))
 
 
 def _head_weights(name: str, head: nn.Sequential) -> Weights:
+    # Transposed, so that `addmm` takes them as they are.
     first, _, second = head
     assert isinstance(first, nn.Linear)
     assert isinstance(second, nn.Linear)
@@ -196,6 +291,12 @@ def _head_weights(name: str, head: nn.Sequential) -> Weights:
     }
 
 
-def _mlp(state: Tensor, weights: Weights, name: str) -> Tensor:
-    hidden = torch.relu(torch.addmm(weights[f"{name}.first.bias"], state, weights[f"{name}.first"]))
+def _mlp(
+    encoding: Tensor,
+    weights: Weights,
+    name: str,
+) -> Tensor:
+    """Apply a head's weights, named as by :func:`_head_weights`, to encodings (B, F)."""
+    first = torch.addmm(weights[f"{name}.first.bias"], encoding, weights[f"{name}.first"])
+    hidden = torch.relu(first)
     return torch.addmm(weights[f"{name}.second.bias"], hidden, weights[f"{name}.second"])

@@ -1,9 +1,20 @@
-"""Policy settings; imports no torch."""
+"""Policy settings: names, defaults and allowed values.
+
+Imports no torch, so that commands show these settings in ``--help`` at once. The class docstring is
+the help text of each option.
+"""
 
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from wordcraft_kg.base.settings import MAX_DIM, nearest, one_of, refuse, require, whole
+from wordcraft_kg.base.settings import (
+    MAX_DIM,
+    nearest,
+    one_of,
+    refuse,
+    require,
+    whole,
+)
 from wordcraft_kg.models.policies.sources import source_names
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
@@ -18,31 +29,32 @@ class PolicyConfig:
     """Settings for a policy and the knowledge mixed in.
 
     Attributes:
-        policy: attention (self-attention over the table, as in the paper) or mlp (a hidden layer on the ordered table,
-            the paper's baseline; for a fixed table size).
-        features: entity vectors: glove, minilm, auto, one-hot, random, learned, shuffled:<any but learned>, a vector
-            file, or a folder from encode.
+        policy: attention (self-attention over the table, as in the paper) or mlp (a hidden layer on
+            the ordered table, the paper's baseline; for a fixed table size).
+        features: entity vectors: glove, minilm, auto, one-hot, random, learned, shuffled:<any but
+            learned>, a vector file, or a folder from encode.
         pooling: combines word vectors for labels with several words: mean or max.
         allow_missing: use zeros for entities without a vector, without a limit on the number.
         key_size: query and key dimensions; 300 in the paper.
         value_size: encoding dimensions for the value and for λ; 300 in the paper.
         hidden_size: hidden units in the mlp; 300 in the paper.
         embedding_size: dimensions for learned features; by default as many as GloVe has.
-        use: knowledge sources to mix in, comma-separated: u (combinesWith score with the selection), v (componentOf
-            score with the goal), w (recipe score with the selection, or without a selection with the best partner on
-            the table), p (log-probability of the most probable plan that begins with the slot); w and p need a scorer
-            from train-recipes.
+        use: knowledge sources to mix in, comma-separated: u (combinesWith score with the
+            selection), v (componentOf score with the goal), w (recipe score with the selection, or
+            without a selection with the best partner on the table), p (log-probability of the most
+            probable plan that begins with the slot); w and p need a scorer from train-recipes.
         plan_width: most intermediates in the search of p; 0 for the default, see docs/planning.md.
         kg_only: mix only the sources' scores, without attention logits.
-        mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This and the next three
-            defaults were chosen on validation tasks, see docs/agents.md.
+        mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This
+            and the next three defaults were chosen on validation tasks, see docs/agents.md.
         scale: common scale for scores before mixing: standardise, ranks, log-softmax or none.
-        self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges observed in the scorer's
-            training triples, or drop; a dropped score becomes the mean over all pairs.
-        in_sample: score train tasks with the model trained on their recipes, as in the paper, even if the scorer has
-            out-of-sample models.
-        value_readout: slot weights in the encodings for value and λ: softmax of α, or the raw logits α, as in the
-            paper's released code.
+        self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges
+            observed in the scorer's training triples, or drop; a dropped score becomes the mean
+            over all pairs.
+        in_sample: score train tasks with the model trained on their recipes, as in the paper, even
+            if the scorer has out-of-sample models.
+        value_readout: slot weights in the encodings for value and λ: softmax of α, or the raw
+            logits α, as in the paper's released code.
 
     Example:
         >>> PolicyConfig(use="v").sources
@@ -67,22 +79,44 @@ class PolicyConfig:
     value_readout: _ValueReadout = "softmax"
 
     def __post_init__(self) -> None:
-        for name in ("policy", "pooling", "mixing", "scale", "self_edges", "value_readout"):
-            one_of(name, getattr(self, name), get_args(PolicyConfig.__annotations__[name]))
+        for name in (
+            "policy",
+            "pooling",
+            "mixing",
+            "scale",
+            "self_edges",
+            "value_readout",
+        ):
+            one_of(
+                name,
+                getattr(self, name),
+                get_args(PolicyConfig.__annotations__[name]),
+            )
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
         whole("plan_width", self.plan_width, 0, MAX_DIM)
         for name in ("allow_missing", "kg_only", "in_sample"):
+            # A text such as "false" from a configuration file would count as true.
             require(self, name, isinstance(getattr(self, name), bool), "true or false")
-        _ = self.sources
+        _ = self.sources  # raises ConfigError for an unknown name
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Names of the knowledge sources in use, in mixing order."""
+        """Names of the knowledge sources in use, in mixing order, whatever the order in ``use``.
+
+        Raises:
+            ConfigError: for an unknown name, with the nearest known name.
+        """
+        # The order of λ is fixed, so that "v,u" and "u,v" name the same policy.
         names = [source.strip() for source in self.use.split(",")]
         known = source_names()
         unknown = [source for source in names if source not in known]
         if unknown:
             hint = nearest(unknown[0], known)
-            raise refuse("use", self.use, f"names among {', '.join(known)}, comma-separated", hint)
+            raise refuse(
+                "use",
+                self.use,
+                f"names among {', '.join(known)}, comma-separated",
+                hint,
+            )
         return tuple(source for source in known if source in names)

@@ -1,4 +1,9 @@
-"""Make policies; write and load self-contained policy folders."""
+"""Make policies for a graph; write and load policy folders.
+
+A policy folder holds all that a policy needs: neither graph, scorer nor feature file is read again.
+Parts that never change during training (features, scores) lie in ``constants.safetensors``, written
+once at the start; trained parameters in ``policy.safetensors``.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
@@ -48,18 +53,22 @@ def make_policy(
     tasks: TaskSet | None = None,
     seed: int = 0,
 ) -> tuple[Policy, EntityFeatures | None]:
-    """Return an untrained policy for a graph, and its entity features (None for learned vectors).
+    """Return an untrained policy for a graph, and its entity features.
 
     Args:
         config: policy settings.
         graph: recipe graph.
         num_slots: table slots, used by an mlp only.
-        scorer: knowledge graph model whose triple scores the policy mixes into its logits; None for no mixing. Each
-            source in ``config.sources`` turns triple scores into slot scores.
-        observed: ids of the scorer's training triples, shape (T, 3). Required if ``config.self_edges`` is
-            "observed", which keeps the score of an entity combined with itself only for a training triple.
+        scorer: knowledge graph model whose triple scores the policy mixes into its logits; None for
+            no mixing. Each source in ``config.sources`` turns triple scores into slot scores.
+        observed: ids of the scorer's training triples, shape (T, 3). Required if
+            ``config.self_edges`` is "observed", which keeps the score of an entity combined with
+            itself only for a training triple.
         tasks: training tasks, such as ``world.tasks``; required by cross-fitted scorers.
         seed: random seed for parameters and random features; global generators stay unchanged.
+
+    Returns:
+        The policy, and its features; None for learned vectors.
 
     Raises:
         ConfigError: if settings conflict or do not fit the graph.
@@ -80,9 +89,11 @@ def make_policy(
         if config.policy == "mlp":
             raise ConfigError("`policy` mlp cannot mix in scorer scores; leave out `scorer`.")
         check_scorer(scorer, graph)
+        # In-sample scores are those of the model of all train recipes, without its folds.
         view = ScoreView(config.scale, config.self_edges, observed, width=config.plan_width)
         scorer = whole_of(scorer) if config.in_sample else scorer
         sources = make_sources(config.sources, scorer, view, tasks=tasks)
+    # torch draws parameters from its global generator, which is set here and restored.
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(seed)  # torch.manual_seed would seed all devices too
         vectors = (
@@ -91,12 +102,16 @@ def make_policy(
         learned_dim = config.embedding_size if config.features == LEARNED else 0
         entities = EntityVectors(graph.num_entities, vectors, learned_dim=learned_dim)
         policy = _policy(config, entities, num_slots, sources)
-    policy.entities, policy.graph_hash = graph.entities, graph.hash
+    policy.entities = graph.entities
+    policy.graph_hash = graph.hash
     return policy, features
 
 
 def _policy(
-    config: PolicyConfig, vectors: EntityVectors, num_slots: int, sources: Iterable[Source]
+    config: PolicyConfig,
+    vectors: EntityVectors,
+    num_slots: int,
+    sources: Iterable[Source],
 ) -> Policy:
     if config.policy == "mlp":
         return MLPPolicy(config, vectors, num_slots)
@@ -104,7 +119,10 @@ def _policy(
 
 
 def write_constants(folder: Path, policy: Policy) -> None:
-    """Write a policy's untrained parts (features, scores): ``policy.json`` and ``constants.safetensors``."""
+    """Write a policy's untrained parts (features, scores), which training never changes.
+
+    The files are ``policy.json``, with the settings, and ``constants.safetensors``.
+    """
     description = {
         "format": _POLICY_FORMAT,
         "graph": policy.graph_hash,
@@ -114,6 +132,7 @@ def write_constants(folder: Path, policy: Policy) -> None:
         "num_slots": policy.num_slots if isinstance(policy, MLPPolicy) else None,
         "dim": 0 if policy.vectors.is_one_hot else policy.vectors.dim,
     }
+    # Everything that is not a parameter: buffers of vectors and sources.
     constants = {name: tensor.cpu().contiguous() for name, tensor in policy.state_dict().items()}
     for name, _ in policy.named_parameters():
         del constants[name]
@@ -127,17 +146,35 @@ def write_parameters(folder: Path, policy: Policy) -> None:
     write_atomically(folder / "policy.safetensors", safetensors.torch.save(parameters))
 
 
-def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]) -> Policy:
-    """Rebuild a policy from folder, constants as bytes and parameters by name; ArtefactError if inconsistent."""
+def read_policy(
+    folder: Path,
+    constants: bytes,
+    parameters: Mapping[str, Tensor],
+) -> Policy:
+    """Rebuild a policy from a folder's files, which may be damaged.
+
+    Args:
+        folder: folder with ``policy.json``.
+        constants: content of ``constants.safetensors``, verified by the caller.
+        parameters: trained parameters by name, of the end of training or of a checkpoint.
+
+    Returns:
+        The policy in evaluation mode, on the CPU.
+
+    Raises:
+        ArtefactError: if the files do not fit each other.
+    """
     description = read_json(folder / "policy.json")
     tensors = read_tensors(folder / "constants.safetensors", constants)
     try:
         if description["format"] != _POLICY_FORMAT:
             raise ValueError(f"unknown format {description['format']!r}")
         config = PolicyConfig(**description["settings"])
-        size, dim = len(description["entities"]), description["dim"]
+        size = len(description["entities"])
+        dim = description["dim"]
         is_learned = config.features == LEARNED
         with torch.random.fork_rng(devices=[]):  # modules draw parameters, which are replaced below
+            # Zeros stand for vectors that are loaded below; only shapes matter here.
             constant = torch.zeros(size, dim) if dim and not is_learned else None
             vectors = EntityVectors(size, constant, learned_dim=dim if is_learned else 0)
             sources = [
@@ -147,12 +184,13 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
             policy = _policy(config, vectors, description["num_slots"], sources)
         weights = {**tensors, **parameters}
         for name, tensor in policy.state_dict().items():
-            if (
-                name in weights and weights[name].dtype != tensor.dtype
-            ):  # load_state_dict would convert the type
+            # load_state_dict would convert another type in silence.
+            if name in weights and weights[name].dtype != tensor.dtype:
                 raise ValueError(f"{name} has type {weights[name].dtype}, not {tensor.dtype}")
+        # Assigned, not copied: the tensors may be large.
         policy.load_state_dict(weights, assign=True)
-        policy.entities, policy.graph_hash = tuple(description["entities"]), description["graph"]
+        policy.entities = tuple(description["entities"])
+        policy.graph_hash = description["graph"]
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:
         raise ArtefactError(
             f"{folder / 'policy.json'} and the weights do not make a policy ({reason(error)}). "
@@ -161,11 +199,25 @@ def read_policy(folder: Path, constants: bytes, parameters: Mapping[str, Tensor]
     return policy.eval()
 
 
-def save_policy(folder: str | Path, policy: Policy, *, force: bool = False) -> Path:
-    """Write a policy into a folder for :func:`load_policy`.
+def save_policy(
+    folder: str | Path,
+    policy: Policy,
+    *,
+    force: bool = False,
+) -> Path:
+    """Write a policy, such as one trained further, into a folder for :func:`load_policy`.
 
-    OutputExistsError if ``folder`` exists and ``force`` is False, ConfigError if the policy has no entities, or a
-    parameter is not finite.
+    Args:
+        folder: folder to write.
+        policy: a policy from :func:`make_policy` or :func:`load_policy`, which have entity labels.
+        force: replace the folder if it exists.
+
+    Returns:
+        The folder.
+
+    Raises:
+        OutputExistsError: if ``folder`` exists and ``force`` is False.
+        ConfigError: if the policy has no entity labels, or a parameter is not finite.
 
     Example:
         >>> policy = load_policy("runs/kitchen")
@@ -176,6 +228,7 @@ def save_policy(folder: str | Path, policy: Policy, *, force: bool = False) -> P
         raise ConfigError("the policy has no `entities`: use make_policy or load_policy.")
     if not all(torch.isfinite(parameter).all() for parameter in policy.parameters()):
         raise ConfigError("some policy parameters are not finite numbers. Nothing was written.")
+    # Written into a folder beside, which takes the place of the old one at the end.
     out = with_a_name(Path(folder))
     with staged_folder(out, force=force) as staging:
         write_constants(staging, policy)
@@ -190,7 +243,8 @@ def _card(policy: Policy) -> str:
     return f"""{front_matter("reinforcement-learning", "knowledge-graph")}
 # A policy for crafting tasks
 
-Decides among the {policy.num_entities:,} entities in graph `{policy.graph_hash[:12]}`. A program saved this policy with
+Decides among the {policy.num_entities:,} entities in graph `{policy.graph_hash[:12]}`. \
+A program saved this policy with
 wordcraft-kg, so training settings are not recorded here and training cannot be reproduced.
 
 {usage(policy.entities)}
@@ -211,7 +265,10 @@ policy.act(goal={goal!r}, table=[{one!r}, {other!r}])  # the first action
 def load_policy(folder: str | Path) -> Policy:
     """Load a policy from a finished run or a saved policy; neither graph nor scorer is needed.
 
-    ArtefactError if the run is unfinished, or a file is missing or damaged.
+    All files are verified by the hashes in ``run.json``.
+
+    Raises:
+        ArtefactError: if the run is unfinished, or a file is missing or damaged.
 
     Example:
         >>> policy = load_policy("runs/kitchen")
@@ -222,9 +279,12 @@ def load_policy(folder: str | Path) -> Policy:
     """
     folder = Path(folder)
     files = RunFiles(
-        folder, read_finished_run(folder, "a run folder from train-agent", "policy.safetensors")
+        folder,
+        read_finished_run(folder, "a run folder from train-agent", "policy.safetensors"),
     )
     files.bytes("policy.json")
     return read_policy(
-        folder, files.bytes("constants.safetensors"), files.tensors("policy.safetensors")
+        folder,
+        files.bytes("constants.safetensors"),
+        files.tensors("policy.safetensors"),
     )

@@ -1,4 +1,4 @@
-"""Policies as torch modules: from goal, selection and table ids to slot logits and a state value."""
+"""Policies as torch modules: from states of B episodes to slot logits and state values."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple, cast
@@ -12,7 +12,8 @@ from wordcraft_kg.graphs.recipe_graph import Entity
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.sources import ALPHA, Label
-from wordcraft_kg.models.policies.sources.source import Attempts, Source, ask
+from wordcraft_kg.models.policies.sources.source import Source
+from wordcraft_kg.models.policies.states import Attempts, States
 
 Weights = dict[str, Tensor]
 """Tensors derived from parameters only, by name."""
@@ -24,8 +25,8 @@ class PolicyOutput(NamedTuple):
     Attributes:
         logits: β, shape (B, A): unnormalised log-probabilities, -inf for empty slots.
         value: V, shape (B,): expected discounted return.
-        sources: mixed scores, shape (B, S, A): attention logits α if in use, then the knowledge sources' scores; None
-            without sources.
+        sources: mixed scores, shape (B, S, A): attention logits α if in use, then the knowledge
+            sources' scores; None without sources.
         lambdas: mixing weights λ, shape (B, S); None without sources.
     """
 
@@ -36,7 +37,13 @@ class PolicyOutput(NamedTuple):
 
 
 class Action(NamedTuple):
-    """The choice of a table slot: the entity's label and the slot's probability."""
+    """The choice of a table slot.
+
+    Attributes:
+        slot: index of the slot on the table.
+        entity: label of the slot's entity.
+        probability: the slot's probability under the policy.
+    """
 
     slot: int
     entity: str
@@ -44,12 +51,35 @@ class Action(NamedTuple):
 
 
 class EntityVectors(nn.Module):
-    """Entity vectors x, of length ``dim``: constant, learned or one-hot; the id E (empty slot) has zeros."""
+    """Entity vectors x: constant, learned or one-hot; the id E (empty slot) has zeros.
+
+    One-hot vectors are never written out, because a product with a one-hot vector is a row of the
+    other factor.
+
+    Attributes:
+        num_entities: E.
+        dim: length of a vector, F; E for one-hot vectors.
+        is_one_hot: whether the vectors are the rows of an identity matrix.
+        vectors: parameter (learned) or buffer, shape (E, F); empty for one-hot vectors.
+    """
 
     vectors: Tensor
 
-    def __init__(self, num_entities: int, vectors: Tensor | None = None, *, learned_dim: int = 0):
-        """Use ``vectors``, constant, (E, F); else learned vectors with ``learned_dim`` > 0; else one-hot."""
+    def __init__(
+        self,
+        num_entities: int,
+        vectors: Tensor | None = None,
+        *,
+        learned_dim: int = 0,
+    ):
+        """Take constant vectors, or draw learned vectors, or make one-hot vectors.
+
+        Args:
+            num_entities: E.
+            vectors: constant vectors, shape (E, F), copied; None for another kind.
+            learned_dim: F of learned vectors, drawn from a standard normal distribution by torch's
+                global generator; 0, without ``vectors``, for one-hot vectors.
+        """
         super().__init__()
         self.num_entities = num_entities
         self.is_one_hot = vectors is None and not learned_dim
@@ -61,111 +91,131 @@ class EntityVectors(nn.Module):
             self.register_buffer("vectors", torch.empty(0, 0))
         self.dim = num_entities if self.is_one_hot else self.vectors.shape[1]
 
-    def weights(self) -> dict[str, Tensor]:
-        """Return all vectors as ``vectors``, shape (E + 1, F); an empty mapping for one-hot vectors."""
-        return {} if self.is_one_hot else {"vectors": nn.functional.pad(self.vectors, (0, 0, 0, 1))}
+    def weights(self) -> Weights:
+        """Return all vectors as ``vectors``, shape (E + 1, F); nothing for one-hot vectors."""
+        if self.is_one_hot:
+            return {}
+        # A row of zeros at the end, so that the id of an empty slot is a valid index.
+        return {"vectors": nn.functional.pad(self.vectors, (0, 0, 0, 1))}
 
 
 def look_up(vectors: Tensor, ids: Tensor) -> Tensor:
     """Return the vectors for ids with any shape: shape (*ids, F) from vectors (E + 1, F)."""
+    # `index_select` takes flat ids only, but is faster than an index, forward and backward.
     return vectors.index_select(0, ids.reshape(-1)).view(*ids.shape, vectors.shape[1])
 
 
 class Policy(nn.Module):
-    """Base class of policies: ``policy(goal, selection, table)`` for batches of ids, :meth:`act` for one state.
+    """Base class of policies: ``policy(States(...))`` for batches, :meth:`act` for one state.
 
-    Ids equal environment ids: entities 0 to E - 1, and E for an empty slot or no selection.
+    Needs no trainer of this package: a policy is a plain torch module. Ids equal environment ids:
+    entities 0 to E - 1, and E for an empty slot or no selection.
+
+    A subclass defines :meth:`weights` and :meth:`output`. The split lets an actor and a learner
+    share what depends on parameters only, computed once per update.
 
     Attributes:
         config: settings.
         num_entities: E, the number of entities.
         sources: knowledge sources by name; see :mod:`wordcraft_kg.models.policies.sources`.
-        labels: names of the mixed scores, in order: ``alpha`` (attention) if in use, then the sources.
-        entities: entity labels in id order; like ``graph_hash``, set by ``make_policy`` and ``load_policy``.
+        labels: names of the mixed scores, in order: ``alpha`` (attention) if in use, then the
+            sources; empty without sources.
+        entities: entity labels in id order; like ``graph_hash``, set by ``make_policy`` and
+            ``load_policy``, and empty before.
         graph_hash: content hash of the recipe graph.
     """
 
     def __init__(
-        self, config: PolicyConfig, vectors: EntityVectors, sources: Iterable[Source] = ()
+        self,
+        config: PolicyConfig,
+        vectors: EntityVectors,
+        sources: Iterable[Source] = (),
     ):
+        """Store settings, entity vectors and knowledge sources.
+
+        Args:
+            config: settings.
+            vectors: entity vectors.
+            sources: knowledge sources in mixing order, which become submodules.
+        """
         super().__init__()
         self.entities: tuple[str, ...] = ()
         self.graph_hash = ""
         self.config = config
         self.vectors = vectors
         self.num_entities = vectors.num_entities
+        # As submodules, sources move to a device and are saved with the policy.
         modules = nn.ModuleDict({source.name: source for source in sources})
         self.sources = cast("Mapping[str, Source]", modules)
+        # Without sources nothing is mixed, and the attention logits are the policy's.
         own = (ALPHA,) if self.sources and not config.kg_only else ()
-        self.labels: tuple[Label, ...] = (*own, *(source.label for source in self.sources.values()))
+        self.labels: tuple[Label, ...] = (
+            *own,
+            *(source.label for source in self.sources.values()),
+        )
 
     @property
     def reads_task(self) -> bool:
-        """Whether a source's scores depend on the task, so that :meth:`forward` needs task numbers."""
+        """Whether a source's scores depend on the task, so that states need task numbers."""
         return any(source.reads_task for source in self.sources.values())
 
     def bind(self, tasks: TaskSet) -> None:
-        """Set the task set that task numbers in later calls index; no effect unless :attr:`reads_task`."""
+        """Set the tasks that ``states.task`` indexes in later calls, if :attr:`reads_task`.
+
+        Raises:
+            LeakError: if a source would score a task by a model trained on the task's recipes.
+            GraphMismatchError: if the tasks belong to another graph or split.
+        """
         for source in self.sources.values():
             source.bind(tasks)
 
     def weights(self) -> Weights:
-        """Return tensors computed from parameters only, which several :meth:`forward` calls can share."""
+        """Return tensors computed from parameters only, which :meth:`forward` calls can share."""
         raise NotImplementedError
 
     def forward(
         self,
-        goal: Tensor,
-        selection: Tensor,
-        table: Tensor,
+        states: States,
         weights: Weights | None = None,
-        task: Tensor | None = None,
         external_scores: Tensor | None = None,
-        attempts: Attempts | None = None,
     ) -> PolicyOutput:
         """Return logits and values for a batch of states.
 
         Args:
-            goal: shape (B,), int64: entity to make.
-            selection: shape (B,), int64: selected entity, E without selection.
-            table: shape (B, A), int64: entities on the table, E for empty slots. Each row has an entity.
+            states: states of B episodes. ``task`` may be None unless :attr:`reads_task`, and
+                ``attempts`` unless a source looks ahead.
             weights: result of :meth:`weights`; computed by default.
-            task: shape (B,), int64: index into the tasks given to :meth:`bind`, or the number of tasks for unlisted
-                tasks; None for tasks without train recipes, or if :attr:`reads_task` is False.
-            external_scores: result of :meth:`external_scores`; computed by default.
-            attempts: attempts left, for sources that look ahead; unused with ``external_scores``.
+            external_scores: result of :meth:`external_scores` for these states, (B, S, A); computed
+                by default.
+
+        Returns:
+            Logits (B, A) and values (B,); with sources, also their scores and mixing weights.
         """
         if external_scores is None:
-            external_scores = self.external_scores(goal, selection, table, task, attempts)
-        return self.output(goal, selection, table, weights or self.weights(), external_scores)
+            external_scores = self.external_scores(states)
+        return self.output(states, weights or self.weights(), external_scores)
 
     def output(
         self,
-        goal: Tensor,
-        selection: Tensor,
-        table: Tensor,
+        states: States,
         weights: Weights,
         external_scores: Tensor | None,
     ) -> PolicyOutput:
-        """Return what :meth:`forward` does, given weights and, with sources, their scores."""
+        """Return the result of :meth:`forward`; to be defined by each kind of policy.
+
+        Args:
+            states: states of B episodes; only goal, selection and table are read.
+            weights: result of :meth:`weights`, perhaps of an earlier update.
+            external_scores: scores of the sources, (B, S, A); None without sources.
+        """
         raise NotImplementedError
 
     @torch.no_grad()
-    def external_scores(
-        self,
-        goal: Tensor,
-        selection: Tensor,
-        table: Tensor,
-        task: Tensor | None = None,
-        attempts: Attempts | None = None,
-    ) -> Tensor | None:
-        """Return the knowledge sources' scores, (B, S, A), for reuse in :meth:`forward`; None without sources."""
+    def external_scores(self, states: States) -> Tensor | None:
+        """Return the sources' scores, (B, S, A), for reuse in :meth:`forward`; None without."""
         if not self.sources:
             return None
-        state = goal, selection, table, task
-        return torch.stack(
-            [ask(source, *state, attempts) for source in self.sources.values()], dim=1
-        )
+        return torch.stack([source(states) for source in self.sources.values()], dim=1)
 
     @torch.no_grad()
     def act(
@@ -177,30 +227,51 @@ class Policy(nn.Module):
         attempts_left: int = 1,
         generator: torch.Generator | None = None,
     ) -> Action:
-        """Choose a slot in a single state; entities are labels or ids.
+        """Choose a slot in a single state.
 
-        Empty slots in ``table``, and ``selection`` without a selected entity, are None. ``generator``, on the CPU,
-        samples the slot; by default the first most probable slot is chosen. Sources that look ahead use
-        ``attempts_left``. UnknownEntityError with the nearest labels, ConfigError if the table is empty.
+        Args:
+            goal: entity to make; like all entities here, a label or an id.
+            table: entities on the table; None for an empty slot.
+            selection: the selected entity; None without a selection.
+            attempts_left: attempts left, including the current attempt, for sources that look
+                ahead.
+            generator: samples the slot, on the CPU. By default, the most probable slot is chosen,
+                and the first of equally probable slots.
+
+        Returns:
+            The chosen slot, its entity's label and its probability.
+
+        Raises:
+            UnknownEntityError: for a label or id that the policy does not know, with the nearest
+                labels.
+            ConfigError: if the table is empty.
         """
         if all(entity is None for entity in table):
             raise refuse("table", list(table), "at least an entity")
         device = next(self.parameters()).device
-        ids = [self.id_of(entity) for entity in (goal, selection, *table)]
-        state = [torch.tensor(part, device=device) for part in (ids[:1], ids[1:2], [ids[2:]])]
-        logits = self(
-            *state, attempts=Attempts(torch.tensor([attempts_left], device=device))
-        ).logits
-        probabilities = torch.softmax(logits[0], dim=0).cpu()
-        slot = int(
-            probabilities.argmax()
-            if generator is None
-            else probabilities.multinomial(1, generator=generator)
-        )
-        return Action(slot, self.entities[ids[2 + slot]], float(probabilities[slot]))
+
+        def batch(numbers: object) -> Tensor:
+            return torch.tensor([numbers], device=device)
+
+        goal_id = self.id_of(goal)
+        selection_id = self.id_of(selection)
+        slots = [self.id_of(entity) for entity in table]
+        attempts = Attempts(batch(attempts_left))
+        states = States(batch(goal_id), batch(selection_id), batch(slots), attempts=attempts)
+        # On the CPU, where the generator is: the same slot on every device.
+        probabilities = torch.softmax(self(states).logits[0], dim=0).cpu()
+        if generator is None:
+            slot = int(probabilities.argmax())
+        else:
+            slot = int(probabilities.multinomial(1, generator=generator))
+        return Action(slot, self.entities[slots[slot]], float(probabilities[slot]))
 
     def id_of(self, entity: Entity | None) -> int:
-        """Return the id for a label or id (None: the id of nothing). UnknownEntityError names the nearest labels."""
+        """Return the id for a label or id; E for None.
+
+        Raises:
+            UnknownEntityError: naming the nearest labels, or the range of ids.
+        """
         if entity is None:
             return self.num_entities
         if isinstance(entity, str):
@@ -217,5 +288,7 @@ class Policy(nn.Module):
 
 
 def log_policy(logits: Tensor) -> Tensor:
-    """Convert logits (B, A) to log-probabilities, slots first: shape (A, B); -inf for empty slots."""
+    """Convert logits (B, A) to log-probabilities, slots first: (A, B); -inf for empty slots."""
+    # A table has few slots and a batch has many states: along the first axis, softmax reads and
+    # writes whole rows of states at a time.
     return torch.log_softmax(logits.T.contiguous(), dim=0)

@@ -1,16 +1,23 @@
 """Sources: knowledge as a score for each table slot.
 
-A source scores table slots: ``source(goal, selection, table) -> (B, A)``. Policies mix sources, environment wrappers
-add source scores to observations, scripted players follow scores, and reports have a column per source. A policy's own
-attention logits are called :data:`ALPHA`.
+A source scores table slots: ``source(States(goal, selection, table)) -> (B, A)``. Policies mix
+sources, environment wrappers add source scores to observations, scripted players follow scores, and
+reports have a column per source. A policy's own attention logits are called :data:`ALPHA`.
 
-To add a source, subclass :class:`~wordcraft_kg.models.policies.sources.source.Source`. An entry point in the group
-``wordcraft_kg.sources`` makes the source known to all commands;
-:func:`~wordcraft_kg.models.policies.sources.registry.register_source` registers in the running process only. This
-package imports no torch::
+Read ``source`` first: the base class, and ``FoldedSource`` for sources with a model per
+left-out fold, which keeps train tasks from scores that were learned from their own recipes.
+``pairs`` holds u and v, ``recipe`` holds w, ``registry`` finds sources by name. This module holds
+names only, and imports no torch, so that ``--help`` stays fast::
 
     sources = make_sources(["u", "v"], load_scorer("models/mine"))
-    sources[0](goal, selection, table)
+    sources[0](States(goal, selection, table))
+
+To add a source, subclass :class:`~wordcraft_kg.models.policies.sources.source.Source`. An entry
+point in the group ``wordcraft_kg.sources`` makes the source known to all commands;
+:func:`~wordcraft_kg.models.policies.sources.registry.register_source` registers in the running
+process only. Free to change: how a source computes its scores, and new sources. Not free: a
+source's name, and the names, types and shapes of its buffers, which are in the folders of existing
+policies.
 """
 
 from dataclasses import dataclass
@@ -26,11 +33,11 @@ class Label:
     """The names under which a source appears in settings, formulas and reports.
 
     Attributes:
-        name: name in settings and records.
-        symbol: symbol in formulas.
+        name: name in settings (``--use``) and records.
+        symbol: symbol in formulas, such as ``v``.
         about: column header in tables; ``{selection}`` is replaced by the selected entity.
         words: name in running text; by default ``name``.
-        meaning: explanatory sentence for reports.
+        meaning: explanatory sentence for reports; empty for none.
     """
 
     name: str
@@ -53,7 +60,7 @@ class Label:
         return f"λ{self.symbol}"
 
     def title(self, selection: str | None) -> str:
-        """Return the column header for tables, given the selected entity (None without selection)."""
+        """Return the column header for tables, given the selected entity, if any."""
         return f"{self.about.format(selection=selection or 'nothing')} ({self.symbol})"
 
 
@@ -84,7 +91,8 @@ W = Label(
     "w",
     "makes the goal with its best partner",
     "recipe score",
-    "How plausible a slot and the selection are as a recipe for the goal; without selection, with the best partner.",
+    "How plausible a slot and the selection are as a recipe for the goal; "
+    "without selection, with the best partner.",
 )
 BUILT_IN = {label.name: label for label in (U, V, W)}
 LABELS = dict(BUILT_IN)
@@ -93,18 +101,25 @@ LABELS = dict(BUILT_IN)
 
 @cache
 def installed_sources() -> dict[str, EntryPoint]:
-    """Return installed packages' entry points for slot scores (sources) that a policy may mix, by name."""
+    """Return the sources of installed packages by name, as entry points that are not loaded yet."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
 def source_names() -> tuple[str, ...]:
-    """Return the names of all slot scores (sources) that policies mix: u, v, w, then plug-ins by name."""
+    """Return the names of all sources: u, v, w, then those of plug-ins in alphabetical order.
+
+    The order is that of the mixing weights λ in a policy.
+    """
     plug_ins = {*LABELS, *installed_sources()} - BUILT_IN.keys()
     return (*BUILT_IN, *sorted(plug_ins))
 
 
 def label_of(name: str) -> Label:
-    """Return the label for a source's name, or for ``alpha``, the attention's logits; KeyError for unknown names."""
+    """Return the label for a source's name, or for ``alpha``, the attention's logits.
+
+    Raises:
+        KeyError: if no source has this name.
+    """
     if name == ALPHA.name:
         return ALPHA
     if name in LABELS:

@@ -11,12 +11,18 @@ from torch import Tensor
 from wordcraft_kg.base.tensors import lazily_zero
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources import U, V
-from wordcraft_kg.models.policies.sources.source import FoldedSource, ScoreView, check_constants
+from wordcraft_kg.models.policies.sources.source import (
+    FoldedSource,
+    ScoreView,
+    check_constants,
+)
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.config import SelfEdges
-from wordcraft_kg.models.scorers.cross_fitting import folds_of
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.scales import scaled_factors, scaled_table
 
+# Axis names and types of the buffers, for `check_constants`; N is E + 1.
 _TABLE = {"scores": "N N float32"}
 _FACTORS = {
     "left": "N m float32",
@@ -28,16 +34,24 @@ _FACTORS = {
 
 
 class PairSource(FoldedSource):
-    """Scores each slot's entity with a key entity (the goal or the selection), by a score table or matrix factors.
+    """Scores each slot's entity with a key entity (the goal or the selection).
 
-    For cross-fitted scorers (a model per left-out fold), each buffer has a first axis with K + 2 models: one trained on
-    all K folds, one without each fold, and an empty model that scores 0. The task selects the model, by default the
-    first.
+    Scores come from a table of all pairs or, for graphs too large for a table, from matrix factors.
+    Only the buffers of one of the two kinds exist.
+
+    For cross-fitted scorers (a model per left-out fold), each buffer has a first axis with K + 2
+    models: one trained on all K folds, one without each fold, and an empty model that scores 0. The
+    task selects the model, by default the first.
 
     Attributes:
-        scores: buffer, shape (E + 1, E + 1): score table by key and slot's entity; 0 for empty slots.
-        left, right, shift, dropped, itself: buffers with the matrix factors, as in
-            :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`, and a zero row for empty slots.
+        scores: buffer, shape (E + 1, E + 1): score table by key and slot's entity; 0 for empty
+            slots and for the key E.
+        left: buffer, shape (E + 1, m): factors by the slot's entity; like ``right``, with a row of
+            zeros for E. See :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`.
+        right: buffer, shape (E + 1, m): factors by the key.
+        shift: buffer, shape (): subtracted from each product.
+        dropped: buffer, shape (E + 1,), bool: entities whose score with itself is replaced.
+        itself: buffer, shape (): the score that replaces these.
     """
 
     scores: Tensor
@@ -48,6 +62,7 @@ class PairSource(FoldedSource):
     itself: Tensor
 
     def __init__(self, num_entities: int, constants: Mapping[str, Tensor]):
+        """Take the buffers: ``scores``, or those of factors; and ``fold_of_recipe`` with folds."""
         super().__init__(num_entities, constants.get("fold_of_recipe"))
         self.is_table = "scores" in constants
         for name in _TABLE if self.is_table else _FACTORS:
@@ -55,104 +70,188 @@ class PairSource(FoldedSource):
 
     @classmethod
     def of_pairs(
-        cls, scorer: TripleScorer, relation: int, view: ScoreView, *, self_edges: SelfEdges = "keep"
+        cls,
+        scorer: TripleScorer,
+        relation: int,
+        view: ScoreView,
+        *,
+        self_edges: SelfEdges = "keep",
     ) -> Self:
-        """Make slot scores from a scorer's triples (slot's entity, relation, key entity), scaled as ``view`` says."""
+        """Make slot scores from the triples (slot's entity, relation, key entity).
+
+        Args:
+            scorer: any scorer of triples, cross-fitted or not.
+            relation: number of the relation.
+            view: scale, and the tasks to score by cross-fitted scorers.
+            self_edges: treatment of triples with equal head and tail, instead of the view's.
+
+        Raises:
+            LeakError: if a left-out model was trained on other recipes than its folds say.
+        """
+        view = replace(view, self_edges=self_edges)
         size = len(scorer.entities)
-        constants = _constants(scorer, relation, replace(view, self_edges=self_edges))
+        constants = _constants(scorer, relation, view)
         folded = folds_of(scorer)
         if folded is None:
             return cls(size, constants)
         of_recipe = cls.fold_numbers(folded, view)
         if view.tasks is not None:
-            graph = view.tasks.graph
-            of_folds = [
-                _constants(
-                    folded.left_out(fold),
-                    relation,
-                    replace(view, self_edges=self_edges, observed=folded.trained_on(fold, graph)),
-                )
-                for fold in range(folded.count)
-            ]
-            empty = {name: torch.zeros_like(tensor) for name, tensor in constants.items()}
-            models = (constants, *of_folds, empty)
-            constants = {name: torch.stack([model[name] for model in models]) for name in constants}
+            constants = _stacked(constants, _without_each_fold(folded, relation, view))
         return cls(size, {**constants, "fold_of_recipe": of_recipe}).bound(view)
 
     @classmethod
-    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
-        layouts, folds = _TABLE if "scores" in constants else _FACTORS, cls.num_folds(constants)
+    def restored(  # noqa: D102 - inherited
+        cls, num_entities: int, constants: Mapping[str, Tensor]
+    ) -> Self:
+        layouts = _TABLE if "scores" in constants else _FACTORS
+        folds = cls.num_folds(constants)
         if folds is not None:
             layouts = {name: f"models {layout}" for name, layout in layouts.items()}
         check_constants(constants, layouts, N=num_entities + 1, models=(folds or 0) + 2)
-        return cls(num_entities, {name: lazily_zero(tensor) for name, tensor in constants.items()})
+        return cls(
+            num_entities,
+            {name: lazily_zero(tensor) for name, tensor in constants.items()},
+        )
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
         return (len(scorer.entities) + 1) ** 2 * 4
 
     @abstractmethod
-    def key(self, goal: Tensor, selection: Tensor) -> Tensor:
+    def key(self, states: States) -> Tensor:
         """Return the entity to score slots with (goal or selection), shape (B,)."""
 
-    def forward(
-        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None
-    ) -> Tensor:
-        """Return the score of each table slot, as :meth:`Source.forward`."""
-        key = self.key(goal, selection)[:, None]
-        rows, width = table, self.num_entities + 1
-        model = self.model_of(task)
+    def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
+        key = self.key(states)
+        model = self.model_of(states.task)
         if self.is_table:
-            cells = torch.add(
-                table, key if model is None else key + width * model[:, None], alpha=width
-            )
-            return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
-        shift, itself, keys = self.shift, self.itself, key[:, 0]
-        if self.left.ndim == 3:  # there are several models
-            model = torch.zeros_like(goal) if model is None else model
-            shift, itself = shift[model][:, None], itself[model][:, None]
-            rows, keys = table + width * model[:, None], keys + width * model
-        slots = self.left.flatten(0, -2).index_select(0, rows.reshape(-1)).view(*table.shape, -1)
-        scores = torch.bmm(slots, self.right.flatten(0, -2)[keys][:, :, None])[:, :, 0] - shift
-        scores = torch.where((table == key) & self.dropped.view(-1)[rows], itself, scores)
-        return scores.masked_fill((table == self.num_entities) | (key == self.num_entities), 0)
+            return self._from_table(states.table, key, model)
+        return self._from_factors(states.table, key, model)
+
+    def _from_table(
+        self,
+        table: Tensor,
+        key: Tensor,
+        model: Tensor | None,
+    ) -> Tensor:
+        # Models lie one below the other in one long table, and the key's row in it is
+        # `width * model + key`. So a single `index_select` on the flat view reads all scores.
+        width = self.num_entities + 1
+        rows = key if model is None else key + width * model
+        cells = torch.add(table, rows[:, None], alpha=width)
+        return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
+
+    def _from_factors(
+        self,
+        table: Tensor,
+        key: Tensor,
+        model: Tensor | None,
+    ) -> Tensor:
+        nothing = self.num_entities
+        shift = self.shift
+        itself = self.itself
+        slot_rows = table
+        key_rows = key
+        if self.left.ndim == 3:  # with folds: rows of all models one below the other, as above
+            model = torch.zeros_like(key) if model is None else model
+            first_row = (nothing + 1) * model
+            shift = shift[model][:, None]
+            itself = itself[model][:, None]
+            slot_rows = table + first_row[:, None]
+            key_rows = key + first_row
+        left = self.left.flatten(0, -2).index_select(0, slot_rows.reshape(-1))
+        right = self.right.flatten(0, -2)[key_rows]
+        # One small product for each state: (A, m) by (m, 1).
+        products = torch.bmm(left.view(*table.shape, -1), right[:, :, None])[:, :, 0]
+        scores = products - shift
+        is_dropped = (table == key[:, None]) & self.dropped.view(-1)[slot_rows]
+        scores = torch.where(is_dropped, itself, scores)
+        # The zero rows give -shift, not 0, so scores of E are set here.
+        return scores.masked_fill((table == nothing) | (key == nothing)[:, None], 0)
 
 
 class CombinesWith(PairSource):
-    """The source u of Jiang et al. 2020, ``u_i = L(e_i, combinesWith, e_s)``: slot i with selection s, else 0."""
+    """The source u, ``u_i = L(e_i, combinesWith, e_s)``: slot i with selection s, else 0.
+
+    Source: Jiang et al. 2020, section "Link Prediction Model".
+    """
 
     label = U
 
     @classmethod
-    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "CombinesWith":  # noqa: D102 - inherited
+    def of_scorer(  # noqa: D102 - inherited
+        cls, scorer: TripleScorer, view: ScoreView
+    ) -> "CombinesWith":
         return cls.of_pairs(scorer, COMBINES_WITH, view, self_edges=view.self_edges)
 
-    def key(self, goal: Tensor, selection: Tensor) -> Tensor:  # noqa: D102 - inherited
-        return selection
+    def key(self, states: States) -> Tensor:  # noqa: D102 - inherited
+        return states.selection
 
 
 class ComponentOf(PairSource):
-    """The source v of Jiang et al. 2020, ``v_i = L(e_i, componentOf, e_g)``: slot i with the goal g."""
+    """The source v, ``v_i = L(e_i, componentOf, e_g)``: slot i with the goal g.
+
+    Source: Jiang et al. 2020, section "Link Prediction Model".
+    """
 
     label = V
 
     @classmethod
-    def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "ComponentOf":  # noqa: D102 - inherited
+    def of_scorer(  # noqa: D102 - inherited
+        cls, scorer: TripleScorer, view: ScoreView
+    ) -> "ComponentOf":
+        # The setting `self_edges` is about combinesWith alone; here all scores are kept.
         return cls.of_pairs(scorer, COMPONENT_OF, view)
 
-    def key(self, goal: Tensor, selection: Tensor) -> Tensor:  # noqa: D102 - inherited
-        return goal
+    def key(self, states: States) -> Tensor:  # noqa: D102 - inherited
+        return states.goal
 
 
-def _constants(scorer: TripleScorer, relation: int, view: ScoreView) -> dict[str, Tensor]:
+def _without_each_fold(
+    folded: CrossFitted,
+    relation: int,
+    view: ScoreView,
+) -> list[dict[str, Tensor]]:
+    """Return the buffers of the model without each fold; LeakError if one has seen its fold."""
+    assert view.tasks is not None
+    constants = []
+    for fold in range(folded.count):
+        # Observed self edges are those of this model's own training triples.
+        trained_on = folded.trained_on(fold, view.tasks.graph)
+        own_view = replace(view, observed=trained_on)
+        constants.append(_constants(folded.left_out(fold), relation, own_view))
+    return constants
+
+
+def _stacked(whole: dict[str, Tensor], without_folds: list[dict[str, Tensor]]) -> dict[str, Tensor]:
+    """Stack buffers along a first axis: the whole model's, the folds', and zeros for no model."""
+    stacked = {}
+    for name, tensor in whole.items():
+        of_folds = [constants[name] for constants in without_folds]
+        stacked[name] = torch.stack([tensor, *of_folds, torch.zeros_like(tensor)])
+    return stacked
+
+
+def _constants(
+    scorer: TripleScorer,
+    relation: int,
+    view: ScoreView,
+) -> dict[str, Tensor]:
+    """Return the buffers for one model's scores of all pairs."""
     size = len(scorer.entities)
-    settings: dict[str, Any] = {"self_edges": view.self_edges, "observed": view.observed}
+    settings: dict[str, Any] = {
+        "self_edges": view.self_edges,
+        "observed": view.observed,
+    }
     if not view.by_factors:
         table = torch.zeros(size + 1, size + 1)
-        table[:-1, :-1] = scaled_table(scorer, relation, view.scale, **settings).detach().cpu().T
+        scores = scaled_table(scorer, relation, view.scale, **settings)
+        # Heads are slots and tails are keys; transposed, a state's slots share a row in memory.
+        table[:-1, :-1] = scores.detach().cpu().T
         return {"scores": table}
     assert isinstance(scorer, FactoredScorer)
     constants = dict(vars(scaled_factors(scorer, relation, view.scale, **settings)))
     for name in ("left", "right", "dropped"):
+        # A row for E; zeros, so that the factors' product is finite there.
         constants[name] = torch.cat([constants[name], torch.zeros_like(constants[name][:1])])
     return constants

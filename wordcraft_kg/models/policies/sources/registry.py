@@ -30,40 +30,69 @@ _CLASSES: dict[str, type[Source]] = {
 
 
 def register_source(kind: _SourceT) -> _SourceT:
-    """Register a source by ``kind.label.name``, in this process only; ConfigError for a built-in name."""
+    """Register a source by ``kind.label.name``, in this process only; works as a decorator.
+
+    An entry point in the group ``wordcraft_kg.sources`` registers a source for all commands. An
+    earlier source with the same name is replaced.
+
+    Raises:
+        ConfigError: for the name of a built-in source, which policies in existing folders use.
+    """
     name = kind.label.name
     if name == ALPHA.name or name in BUILT_IN:
         raise ConfigError(
             f"the source '{name}' is built in; give the label of {kind.__name__} another name."
         )
-    _CLASSES[name], LABELS[name] = kind, kind.label
+    _CLASSES[name] = kind
+    LABELS[name] = kind.label
     return kind
 
 
 def source_class(name: str) -> type[Source]:
-    """Return the class of slot scores with a name, such as u. Raises ConfigError for unknown names."""
+    """Return the class of a source, such as u, loading an installed package only when needed.
+
+    Raises:
+        ConfigError: if no source has this name.
+    """
     if name not in _CLASSES:
         point = installed_sources().get(name)
         if point is None:
             raise ConfigError(
-                f"unknown source '{name}'; expected a name among {', '.join(source_names())}. Install the package that "
-                "provides this source, or register the class."
+                f"unknown source '{name}'; expected a name among {', '.join(source_names())}. "
+                "Install the package that provides this source, or register the class."
             )
+        # Loading imports the other package, so only now, and not for `--help`.
         register_source(point.load())
     return _CLASSES[name]
 
 
-def pairs_need_factors(names: Iterable[str], scorer: TripleScorer, scale: Scale) -> bool:
-    """Return whether score tables would be too large, so that factors score; ConfigError if impossible."""
+def pairs_need_factors(
+    names: Iterable[str],
+    scorer: TripleScorer,
+    scale: Scale,
+) -> bool:
+    """Return whether score tables would be too large, so that sources must score by factors.
+
+    Checked before any table is computed.
+
+    Args:
+        names: names of the sources.
+        scorer: their scorer.
+        scale: common scale of the scores.
+
+    Raises:
+        ConfigError: if the tables would be too large, and the scorer or the scale needs them; the
+            message gives their size and the alternatives.
+    """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
-    if needed <= TABLE_LIMIT or BestRecipe.serves(
-        scorer
-    ):  # only a recipe scorer's training needs more
-        if (folded := folds_of(scorer)) is not None:
-            check_memory(
-                "folds", folded.count, "score tables, a table for each", needed * (folded.count + 2)
-            )
+    # A recipe scorer has no limit here: its training already needed more memory than its sources.
+    if needed <= TABLE_LIMIT or BestRecipe.serves(scorer):
+        folded = folds_of(scorer)
+        if folded is not None:
+            # A table each: trained on all folds, without each fold, and the empty model's.
+            in_all = needed * (folded.count + 2)
+            check_memory("folds", folded.count, "score tables, a table for each", in_all)
         return False
     cost = (
         f"score tables for {size:,} entities take {needed / 2**20:,.0f} MiB; expected at most "
@@ -87,24 +116,36 @@ def make_sources(
     *,
     tasks: TaskSet | None = None,
 ) -> list[Source]:
-    """Make sources, functions that score table slots, by name from a scorer, on the scale in ``view``.
+    """Make sources, functions that score table slots, by name from a scorer.
 
-    ``tasks`` are the tasks to score, such as ``world.tasks``; without tasks, cross-fitted scorers score only test
-    tasks. ConfigError if the scorer cannot serve a source, or would need a table that is too large, LeakError if a
-    model has seen all recipes of a plan, GraphMismatchError if the tasks belong to another graph or split than
-    the scorer's folds.
+    Args:
+        names: names of the sources, such as ``["u", "v"]``.
+        scorer: model whose scores the sources use.
+        view: scale of the scores and treatment of self edges; by default raw scores.
+        tasks: tasks to score, such as ``world.tasks``, which replace the view's. Without tasks,
+            sources of a cross-fitted scorer score only tasks that use no train recipe.
+
+    Returns:
+        One source for each name, in the given order.
+
+    Raises:
+        ConfigError: if the scorer cannot serve a source, or would need a table that is too large.
+        LeakError: if a model has seen all recipes of a task's plan.
+        GraphMismatchError: if the tasks belong to another graph or split than the scorer's folds.
 
     Example:
         >>> u, v = make_sources(["u", "v"], load_scorer("models/kitchen"))
         >>> u.label.symbol, v.graph_hash == open_graph("kitchen").graph.hash
         ('u', True)
     """
-    names = tuple(names)
+    names = tuple(names)  # read twice below
     if tasks is not None:
         view = replace(view, tasks=tasks)
+    # Before any table is computed, which may take the memory of the machine.
     if pairs_need_factors(names, scorer, view.scale):
         view = replace(view, by_factors=True)
     sources = [source_class(name).of_scorer(scorer, view) for name in names]
+    # Not in `of_scorer`, so that no subclass can forget it.
     for source in sources:
         source.graph_hash = scorer.graph_hash
     return sources

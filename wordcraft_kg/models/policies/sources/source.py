@@ -1,9 +1,9 @@
 """Base classes: for sources, and for sources with a model per left-out fold."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -13,6 +13,7 @@ from wordcraft_kg.base.errors import GraphMismatchError, LeakError
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import Label
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
 from wordcraft_kg.models.scorers.pair_features import Support
@@ -26,10 +27,12 @@ class ScoreView:
     Attributes:
         scale: common scale, see :func:`~wordcraft_kg.models.scorers.scales.scaled_table`.
         self_edges: keep or drop scores of an entity with itself, or keep only ``observed`` triples.
-        observed: the scorer's training triples, shape (T, 3).
+        observed: ids of the scorer's training triples, shape (T, 3); None unless ``self_edges`` is
+            ``observed``.
         by_factors: use the scorer's matrix factors, for graphs too large for a score table.
         width: most intermediates per search for a plan; 0 for the default.
-        tasks: tasks to score, required by scorers with a model per left-out fold, see :meth:`Source.bind`.
+        tasks: tasks to score, required by scorers with a model per left-out fold, see
+            :meth:`Source.bind`. None for tasks without train recipes.
     """
 
     scale: Scale = "none"
@@ -44,20 +47,17 @@ AS_IS = ScoreView()
 """Raw scores."""
 
 
-class Attempts(NamedTuple):
-    """Attempts left in B episodes, and the pairs combined so far (B, n, 2), padded with E; None if unknown."""
-
-    left: Tensor
-    tried: Tensor | None = None
-
-
 class Source(nn.Module, ABC):
-    """Base class of sources, which score each table slot without gradients, from buffers saved with a policy.
+    """Base class of sources, which score each table slot, from buffers saved with a policy.
+
+    Scores have no gradients: nothing that an agent learns changes a source. A subclass defines
+    ``label``, :meth:`of_scorer` and :meth:`forward`, and registers as a buffer whatever its scores
+    need; buffers travel with the policy, so an agent's folder is complete without the scorer.
 
     Attributes:
         label: name and symbol of the source.
-        reads_task: True if scores depend on the task.
-        reads_attempts: True if scores depend on :class:`Attempts`, a further argument ``attempts`` of calls.
+        reads_task: True if scores depend on ``states.task``.
+        reads_attempts: True if scores depend on ``states.attempts``, which are then required.
         num_entities: E, also the id for empty slots and no selection.
         graph_hash: content hash of the recipe graph; empty for sources restored with a policy.
     """
@@ -67,6 +67,7 @@ class Source(nn.Module, ABC):
     reads_attempts: ClassVar[bool] = False
 
     def __init__(self, num_entities: int):
+        """Prepare a source for E entities, without buffers."""
         super().__init__()
         self.num_entities = num_entities
         self.graph_hash = ""
@@ -79,64 +80,90 @@ class Source(nn.Module, ABC):
     @classmethod
     @abstractmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> "Source":
-        """Make slot scores from a scorer, as ``view`` says; ConfigError if the scorer lacks the needed scores."""
+        """Make slot scores from a scorer, as ``view`` says.
+
+        Raises:
+            ConfigError: if the scorer lacks the scores that the source needs.
+        """
 
     @classmethod
     def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> "Source":
-        """Return a source with buffers that have the saved constants' shapes, before loading values."""
+        """Return a source whose buffers have the saved shapes, before values are loaded.
+
+        Args:
+            num_entities: E.
+            constants: the buffers in a policy folder by name, as found, perhaps damaged.
+
+        Raises:
+            KeyError: if a buffer is missing.
+            ValueError: if a buffer has an unexpected type or shape.
+        """
         return cls(num_entities)
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:
-        """Estimate how many bytes the source's buffers would take for a scorer."""
+        """Estimate the size of the source's buffers for a scorer, before they are computed."""
         return 0
 
     def bind(self, tasks: TaskSet) -> None:
-        """Set the tasks that task numbers index, if :attr:`reads_task`; LeakError or GraphMismatchError."""
+        """Set the tasks that ``states.task`` indexes from now on, if :attr:`reads_task`.
+
+        Raises:
+            LeakError: if a task would be scored by a model that was trained on its recipes.
+            GraphMismatchError: if the tasks belong to another graph or split.
+        """
 
     @abstractmethod
-    def forward(
-        self, goal: Tensor, selection: Tensor, table: Tensor, task: Tensor | None = None
-    ) -> Tensor:
-        """Score every slot: shape (B, A), float32; 0 for empty slots. Arguments as for a policy's ``forward``."""
+    def forward(self, states: States) -> Tensor:
+        """Score every slot of B tables.
 
-    def evidence(
-        self,
-        goal: Tensor,
-        selection: Tensor,
-        table: Tensor,
-        task: Tensor | None = None,
-        attempts: Attempts | None = None,
-    ) -> "tuple[Evidence | None, ...]":
-        """Return up to three recipes that support each slot's score in a single state (B = 1); None without any."""
-        return (None,) * table.shape[1]
+        Returns:
+            shape (B, A), float32; 0 for empty slots.
+        """
 
+    def score_observation(self, observation: Mapping[str, Any], task: Any = None) -> Tensor:
+        """Score the slots in an environment's observation, for wrappers, which know no models.
 
-def ask(
-    source: Callable[..., Tensor],
-    goal: Tensor,
-    selection: Tensor,
-    table: Tensor,
-    task: Tensor | None = None,
-    attempts: Attempts | None = None,
-) -> Tensor:
-    """Return a source's scores, (B, A); ``attempts`` go only to sources that look ahead."""
-    if getattr(source, "reads_attempts", False):
-        return source(goal, selection, table, task, attempts=attempts)
-    return source(goal, selection, table, task)
+        Args:
+            observation: see :meth:`States.of_observation`.
+            task: index into the tasks of :meth:`bind`; None for tasks without train recipes.
+
+        Returns:
+            shape (B, A), float32; B is 1 for a single environment.
+        """
+        return self(States.of_observation(observation, task))
+
+    def evidence(self, states: States) -> "tuple[Evidence | None, ...]":
+        """Return the recipes behind each slot's score in a single state (B = 1).
+
+        Returns:
+            Evidence with up to three recipes for each of A slots; None for empty slots, and for
+            slots whose score this source cannot justify by recipes. By default None everywhere.
+        """
+        return (None,) * states.table.shape[1]
 
 
 def check_constants(
-    constants: Mapping[str, Tensor], layouts: Mapping[str, str], **sizes: int
+    constants: Mapping[str, Tensor],
+    layouts: Mapping[str, str],
+    **sizes: int,
 ) -> None:
-    """Check types and shapes of a source's saved tensors; KeyError if one is missing, ValueError if one is wrong.
+    """Check types and shapes of a source's saved tensors, which may come from a damaged folder.
 
-    ``layouts`` gives each tensor's axis names, then the type, such as ``N N float32``; axes with the same name have the
-    same size. ``sizes`` are known sizes by axis name.
+    Args:
+        constants: tensors by name.
+        layouts: each expected tensor's axis names, then its type, such as ``N N float32``. Axes
+            with the same name have the same size, also across tensors.
+        **sizes: known sizes by axis name; the first tensor with another axis sets the axis's size.
+
+    Raises:
+        KeyError: if a tensor is missing.
+        ValueError: if a type or shape is wrong.
     """
     for name, layout in layouts.items():
         *axes, dtype = layout.split()
         tensor = constants[name]
+        # With too few or too many axes, the comparison of `ndim` below fails.
         expected = [
             sizes.setdefault(axis, size) for axis, size in zip(axes, tensor.shape, strict=False)
         ]
@@ -151,11 +178,13 @@ def check_constants(
 
 
 class Evidence(NamedTuple):
-    """Evidence for a slot's score: the assumed second ingredient, and supporting recipes, largest share first.
+    """Evidence for the score of a slot's entity.
 
     Attributes:
-        plan: expected attempts, each as ids of both ingredients and the result, and the result's probability; empty
-            for sources that do not look ahead.
+        partner: id of the assumed second ingredient: the selection, or the best partner.
+        supporting: training recipes that speak for the pair, largest share of the score first.
+        plan: expected attempts, each as ids of both ingredients and the result, and the result's
+            probability; empty for sources that do not look ahead.
     """
 
     partner: int
@@ -166,17 +195,22 @@ class Evidence(NamedTuple):
 class FoldedSource(Source):
     """A source that scores each task by a model that has not seen all recipes of any plan.
 
+    Such models exist for cross-fitted scorers: one for each left-out fold of the train recipes.
     Models are numbered as in :func:`~wordcraft_kg.models.scorers.cross_fitting.seen_by_models`.
 
     Attributes:
-        fold_of_recipe: buffer, the fold of each recipe, shape (num_recipes,), int64; empty if made without tasks.
-        model_of_task: model number for each of N tasks, then 0 for unlisted tasks, shape (N + 1,). Not saved.
+        fold_of_recipe: buffer, the fold of each recipe, shape (num_recipes,), int64; empty if made
+            without tasks, and so without the models of the folds.
+        model_of_task: model number for each of N tasks, then 0 for unlisted tasks, shape (N + 1,).
+            Not saved, because the numbers belong to the tasks of :meth:`bind`, not to the policy.
+        bound_to: hash of these tasks; empty before :meth:`bind`.
     """
 
     fold_of_recipe: Tensor
     model_of_task: Tensor
 
     def __init__(self, num_entities: int, fold_of_recipe: Tensor | None):
+        """Take each recipe's fold, shape (num_recipes,); None for a single model."""
         super().__init__(num_entities)
         self.reads_task = fold_of_recipe is not None
         if fold_of_recipe is not None:
@@ -184,15 +218,16 @@ class FoldedSource(Source):
             self.register_buffer(
                 "model_of_task", torch.zeros(0, dtype=torch.int64), persistent=False
             )
-        self.bound_to = ""  # task hash
+        self.bound_to = ""
 
     @staticmethod
     def num_folds(constants: Mapping[str, Tensor]) -> int | None:
-        """Return the number of left-out folds in a policy folder's tensors by name; None for a single model."""
+        """Return the number of left-out folds in saved buffers; None for a single model."""
         if "fold_of_recipe" not in constants:
             return None
         check_constants(constants, {"fold_of_recipe": "recipes int64"})
         of_recipe = constants["fold_of_recipe"]
+        # Recipes outside train have the number -1. Without tasks there were no models of folds.
         return int(of_recipe.max()) + 1 if len(of_recipe) else None
 
     @staticmethod
@@ -201,6 +236,7 @@ class FoldedSource(Source):
         if view.tasks is None:
             return torch.empty(0, dtype=torch.int64)
         check_scorer(scorer, view.tasks.graph)
+        # Copied, because a buffer on a shared array would change with it.
         return torch.from_numpy(scorer.of_recipe.copy())
 
     def bound(self, view: ScoreView) -> Self:
@@ -210,33 +246,46 @@ class FoldedSource(Source):
         return self
 
     def bind(self, tasks: TaskSet) -> None:  # noqa: D102 - inherited
+        # Binding again and again is cheap, so that trainers and players bind before each use.
         if not self.reads_task or tasks.hash == self.bound_to:
             return
         if not len(self.fold_of_recipe):
             raise LeakError(
-                f"source '{self.name}' was made from a cross-fitted scorer without folds, so train tasks would have "
-                "in-sample scores. Make the source with the `tasks` to score, such as `world.tasks`, or with the "
-                "scorer's `whole` for in-sample scores."
+                f"source '{self.name}' was made from a cross-fitted scorer without folds, so train "
+                "tasks would have in-sample scores. Make the source with the `tasks` to score, "
+                "such as `world.tasks`, or with the scorer's `whole` for in-sample scores."
             )
-        if len(self.fold_of_recipe) != tasks.graph.num_recipes or self.graph_hash not in (
-            "",
-            tasks.graph.hash,
-        ):
+        # A restored source has no graph hash: the number of recipes is all that can be checked.
+        is_same_graph = self.graph_hash in ("", tasks.graph.hash)
+        if len(self.fold_of_recipe) != tasks.graph.num_recipes or not is_same_graph:
             raise GraphMismatchError(
-                f"source '{self.name}' and the tasks belong to different graphs; the tasks to '{tasks.graph.name}', "
-                f"{tasks.graph.hash[:12]}. Use a scorer for the tasks' graph."
+                f"source '{self.name}' and the tasks belong to different graphs; the tasks to "
+                f"'{tasks.graph.name}', {tasks.graph.hash[:12]}. Use a scorer for the tasks' graph."
             )
         models = models_of_tasks(self.fold_of_recipe.cpu().numpy(), tasks)
+        # The last number, for unlisted tasks, is 0: the model that was trained on all folds.
         self.model_of_task = torch.from_numpy(np.append(models, 0)).to(self.fold_of_recipe.device)
         self.bound_to = tasks.hash
 
     def model_of(self, task: Tensor | None) -> Tensor | None:
-        """Return each state's model number, (B,); LeakError before :meth:`bind`, IndexError out of range."""
+        """Return the number of the model that scores each state.
+
+        Args:
+            task: shape (B,), int64, as in :class:`States`.
+
+        Returns:
+            shape (B,), int64; None if the model of all train recipes scores all states.
+
+        Raises:
+            LeakError: before :meth:`bind`, because a model trained on the task's recipes could
+                score it.
+            IndexError: for a number without a task.
+        """
         if task is None or not self.reads_task:
             return None
         if not self.bound_to:
             raise LeakError(
-                f"source '{self.name}' has a model per fold and needs the tasks to choose an out-of-sample model: call "
-                "`bind` first, for example with `world.tasks`."
+                f"source '{self.name}' has a model per fold and needs the tasks to choose an "
+                "out-of-sample model: call `bind` first, for example with `world.tasks`."
             )
         return self.model_of_task.index_select(0, task)

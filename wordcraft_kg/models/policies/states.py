@@ -1,0 +1,108 @@
+"""States of environments as tensors: the single argument of policies and sources.
+
+Environments know no torch, and policies know no environment: an agent converts a batched state by
+``wordcraft_kg.agents.states.states_of``, a wrapper an observation by :meth:`States.of_observation`.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+
+
+class Attempts(NamedTuple):
+    """The attempts of B episodes, for sources that look ahead.
+
+    Attributes:
+        left: shape (B,), int64: attempts left, including the current attempt.
+        tried: shape (B, n, 2), int64: ids of the pairs combined so far in each episode, padded with
+            E. None if unknown: then a source may recommend a pair that has failed before.
+    """
+
+    left: Tensor
+    tried: Tensor | None = None
+
+
+class States(NamedTuple):
+    """The states of B episodes, on tables with A slots.
+
+    Ids equal environment ids: entities 0 to E - 1, and E for an empty slot or no selection. Only
+    ``goal``, ``selection`` and ``table`` are always needed::
+
+        policy(States(goal, selection, table))
+
+    Attributes:
+        goal: shape (B,), int64: the entity to make.
+        selection: shape (B,), int64: the selected entity, E without a selection.
+        table: shape (B, A), int64: the entities on the table, E for empty slots. A policy needs an
+            entity in each row, in any slot.
+        task: shape (B,), int64: index into the tasks given to ``bind``, or the number of these
+            tasks for a task that is not among them. None for tasks whose plans use no train
+            recipe, or if no source reads tasks.
+        attempts: attempts left and pairs tried; None if no source looks ahead.
+    """
+
+    goal: Tensor
+    selection: Tensor
+    table: Tensor
+    task: Tensor | None = None
+    attempts: Attempts | None = None
+
+    def rows(
+        self,
+        start: int,
+        stop: int,
+        device: torch.device | str = "cpu",
+    ) -> "States":
+        """Return a part of the states, on a device.
+
+        Args:
+            start: first row.
+            stop: row after the last; rows beyond B are left out.
+            device: device of the returned tensors. On the states' own device nothing is copied.
+
+        Returns:
+            States with B = stop - start or fewer.
+        """
+
+        def part(tensor: Tensor) -> Tensor:
+            return tensor[start:stop].to(device)
+
+        attempts = self.attempts
+        if attempts is not None:
+            tried = None if attempts.tried is None else part(attempts.tried)
+            attempts = Attempts(part(attempts.left), tried)
+        task = None if self.task is None else part(self.task)
+        return States(part(self.goal), part(self.selection), part(self.table), task, attempts)
+
+    @classmethod
+    def of_observation(cls, observation: Mapping[str, Any], task: Any = None) -> "States":
+        """Return the states in an observation of one environment (B = 1) or of B environments.
+
+        Ids may have any number type, and single numbers the shape (), (B,) or (B, 1): rollout
+        buffers of other libraries store ids as floats, and add an axis to single numbers.
+
+        Args:
+            observation: arrays or tensors ``goal``, ``selection``, ``table`` with A slots in the
+                last axis and, for sources that look ahead, ``attempts_left``. Further keys are
+                ignored. Pairs tried are not observed, so ``attempts.tried`` is None.
+            task: task indices in the same shape as ``goal``, see :attr:`task`; None without.
+        """
+        # Only the table has an axis of its own, so its last axis tells slots from episodes.
+        table = torch.as_tensor(observation["table"]).long()
+        attempts = None
+        if "attempts_left" in observation:
+            attempts = Attempts(_numbers(observation["attempts_left"]))
+        return cls(
+            goal=_numbers(observation["goal"]),
+            selection=_numbers(observation["selection"]),
+            table=table.reshape(-1, table.shape[-1]),
+            task=None if task is None else _numbers(task),
+            attempts=attempts,
+        )
+
+
+def _numbers(values: Any) -> Tensor:
+    """Return numbers of any type and shape as int64, shape (B,)."""
+    return torch.as_tensor(values).long().reshape(-1)

@@ -68,7 +68,7 @@ def main() -> None:
                 "player": name,
             }
             row |= {"tasks": len(rates), "success": float(rates.mean())}
-            low, high = rate_interval(rates[None])
+            low, high = rate_interval(rates[None], result.groups)
             row |= {"low": low, "high": high, "by_plan": float(result.by_plan.mean())}
             row |= {"weights": model.run.outputs[WEIGHTS], "seed": model.seed}
             row = {

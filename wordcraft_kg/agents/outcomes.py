@@ -23,7 +23,7 @@ class Success(Record):
 
     Attributes:
         mean: share of episodes that made the goal.
-        ci_low, ci_high: 95 % interval over tasks.
+        ci_low, ci_high: 95 % interval over tasks, resampling groups that the split holds out together.
         tasks, distractor_seeds: sample size: tasks, and tables per task.
         by_plan: share of episodes in which a plan's last pair made the goal.
         actions: mean episode length in actions.

@@ -244,8 +244,9 @@ def scorer_players(
 class PlayerSuccess(Record):
     """A player's success rate on tables with a given number of distractors.
 
-    ``success`` is the share of episodes that made the goal, with a 95 % interval over tasks from ``low`` to ``high``,
-    because a task's episodes are not independent; in ``by_plan`` of the episodes a plan's last pair made the goal.
+    ``success`` is the share of episodes that made the goal, with a 95 % interval from ``low`` to ``high`` over groups
+    of tasks, see :attr:`World.groups`, because their episodes are not independent; in ``by_plan`` of the episodes a
+    plan's last pair made the goal.
     """
 
     player: str
@@ -293,11 +294,9 @@ def play_all(
                     state, step = engine.step_once(state, player(state, rng))
                     success[:, distractor_seed] |= step.outcome == GOAL
                     by_plan[:, distractor_seed] |= step.by_plan
-            rates, interval = (
-                (float(success.mean()), float(by_plan.mean())),
-                task_bootstrap(success),
-            )
-            rows.append(PlayerSuccess(name, amount, success.size, rates[0], *interval, rates[1]))
+            low, high = task_bootstrap(success, world.groups)
+            rate, own = float(success.mean()), float(by_plan.mean())
+            rows.append(PlayerSuccess(name, amount, success.size, rate, low, high, own))
     return tuple(rows)
 
 

@@ -164,6 +164,6 @@ def view_baselines(
         tasks=len(world.tasks),
         distractor_seeds=rows[0].episodes // len(world.tasks),
         seed=seed,
-        intervals="95 %, bootstrap over tasks",
+        intervals=f"95 %, bootstrap over {opened.split.unit}",
         rows=rows,
     )

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
+from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, cluster_interval
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import RELATIONS, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
@@ -196,24 +197,30 @@ def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
     )
 
 
-def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
-    """Return, for each triple (T, 3), the index of the first ingredient pair with a recipe that gives the triple; (T,).
+def triple_groups(split: Split, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
+    """Return each triple's resampling group, shape (T,): the first group with a recipe that gives the triple.
 
-    Queries from the same pair are dependent (mirrored combinesWith triples most), so intervals resample pairs. Only
-    recipes in the mask ``recipes``, shape (num_recipes,), count.
+    Queries from the same recipe are dependent (mirrored combinesWith triples most), and so are recipes that the split
+    holds out together, such as all recipes of a goal: intervals resample the groups of the split.
+
+    Args:
+        split: the split whose :attr:`~wordcraft_kg.graphs.splits.Split.groups` count.
+        recipes: the recipes that count, such as those of the test part, bool, shape (num_recipes,).
+        triples: triples that these recipes give, shape (T, 3).
     """
+    graph = split.graph
     a, b, result = graph.recipes[recipes].T
-    pair = graph.pair_of_recipe[recipes]
+    group = split.groups[recipes]
     given = np.concatenate(
         [
             np.column_stack([head, np.full(len(head), relation), tail])
             for head, relation, tail in ((a, 0, b), (b, 0, a), (a, 1, result), (b, 1, result))
         ]
     )
-    keys, pairs = triple_keys(given, graph.num_entities), np.tile(pair, 4)
-    order = np.lexsort((pairs, keys))
-    keys, pairs = keys[order], pairs[order]
-    return pairs[np.searchsorted(keys, triple_keys(triples, graph.num_entities))]
+    keys, groups = triple_keys(given, graph.num_entities), np.tile(group, 4)
+    order = np.lexsort((groups, keys))
+    keys, groups = keys[order], groups[order]
+    return groups[np.searchsorted(keys, triple_keys(triples, graph.num_entities))]
 
 
 def with_interval(
@@ -223,10 +230,10 @@ def with_interval(
     metrics = ranking_metrics(ranks)
     if len(np.unique(clusters)) < _FEWEST_CLUSTERS:
         return metrics
-    means = bootstrap(
-        1 / ranks["rank"].to_numpy(dtype=float), clusters, resamples=resamples, seed=seed
-    )
-    return msgspec.structs.replace(metrics, mrr_ci=interval(means))
+    reciprocal = 1 / ranks["rank"].to_numpy(dtype=float)
+    means = bootstrap(reciprocal, clusters, resamples=resamples, seed=seed)
+    low, high = cluster_interval(reciprocal, clusters, means)
+    return msgspec.structs.replace(metrics, mrr_ci=(max(low, 0.0), high))
 
 
 def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:

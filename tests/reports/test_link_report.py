@@ -47,8 +47,8 @@ from wordcraft_kg.models.scorers.ranking import (
     random_metrics,
     rank_triples,
     ranking_metrics,
+    triple_groups,
 )
-from wordcraft_kg.models.scorers.ranking import triple_groups
 from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.link_report import make_link_report
 from wordcraft_kg.reports.pages import render, write_report

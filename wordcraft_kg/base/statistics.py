@@ -394,10 +394,11 @@ def split_interval(
 ) -> tuple[float, float]:
     """Return the interval for the mean score over splits of a book, never narrower than the task noise of a split.
 
-    ``mean ± h`` with ``h² = t²_(S-1) max(s² - e², 0) / S + z² e²``, where s is the sample deviation of the S scores
-    and e² the mean squared standard error of a score within its split. Three scores may be alike by chance, and then
-    Student's t alone is narrower than the noise of the tasks in each. The noise e is not divided by S: splits share a
-    book, so their test parts overlap and their trainings share most recipes. A single split has the noise of its tasks.
+    ``mean ± h``: with s the sample deviation of the S scores and e² the mean squared standard error of a score within
+    its split, h² is the larger of Student's ``t²_(S-1) s² / S`` and ``t²_(S-1) max(s² - e², 0) / S + z² e²``. Three
+    scores may be alike by chance, and Student's t alone is then narrower than the noise of the tasks in each. The noise
+    e is not divided by S: splits share a book, so their test parts overlap and their trainings share most recipes. A
+    single split has the noise of its tasks.
 
     Args:
         scores: a score for each split, shape (S,).
@@ -424,8 +425,9 @@ def split_interval(
     shared = float((noise**2).mean())
     half = _Z * math.sqrt(shared)
     if len(values) > 1:
-        between = max(float(values.var(ddof=1)) - shared, 0.0) / len(values)
-        half = math.hypot(half, stdtrit(len(values) - 1, (1 + _LEVEL) / 2) * math.sqrt(between))
+        t, varied = float(stdtrit(len(values) - 1, (1 + _LEVEL) / 2)), float(values.var(ddof=1))
+        between = t**2 * max(varied - shared, 0.0) / len(values)
+        half = max(math.sqrt(between + half**2), t * math.sqrt(varied / len(values)))
     mean, (lowest, highest) = float(values.mean()), within
     return max(mean - half, lowest), min(mean + half, highest)
 

@@ -107,7 +107,8 @@ def main() -> None:
                 [[int(count) / run["distractor_seeds"] for count in run["won"]] for run in runs]
             )
             own = np.array([alone[graph["split"], depth, distractors, run["seed"]] for run in runs])
-            (value, low, high), p_value = crossed_difference(won - own, groups_of(study, runs[0]))
+            groups = groups_of(study, runs[0])
+            (value, low, high), p_value = crossed_difference(won - own, groups)
             figures = {
                 "agent": won.mean(),
                 "scorer": own.mean(),
@@ -126,6 +127,8 @@ def main() -> None:
             row |= {name: round(float(figure), 6) for name, figure in figures.items()} | {
                 "p": float(f"{p_value:.3g}")
             }
+            if groups is not None:
+                row["groups"] = len(set(groups))
             row["weights"] = [
                 scorers[graph["split"], run["seed"]].run.outputs[WEIGHTS] for run in runs
             ]

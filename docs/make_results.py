@@ -62,6 +62,8 @@ NO_AGENT = (
     "planner, p",
 )
 TRAIN_RATIO = SplitConfig().train_ratio
+OVER_TASKS = "†"
+"""Mark of an interval over tasks where tasks are in groups: no success by task was kept, so it is too narrow."""
 PLAYED = "graph", "split", "depth", "distractors", "distractor_seeds", "tasks"
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
 """The folders of an absolute path."""
@@ -211,9 +213,11 @@ def against_table(path: Path) -> Iterator[str]:
         )
         ends = ", ".join(signed(row[name]) for name in ("low", "high"))
         p_value = "< .001" if corrected[id(row)] < 0.001 else share(corrected[id(row)])
+        is_grouped = row["depth"] > 1 or row["kind"] != "by-recipe"
+        mark = OVER_TASKS if is_grouped and "groups" not in row else ""
         yield (
             f"| {BOOKS[row['book']]}, {split} | {row['depth']} | {row['distractors']} | {row['variant']} | "
-            f"{share(row['agent'])} | {share(row['scorer'])} | {signed(row['difference'])} [{ends}] | {p_value} |"
+            f"{share(row['agent'])} | {share(row['scorer'])} | {signed(row['difference'])} [{ends}]{mark} | {p_value}{mark} |"
         )
 
 
@@ -412,10 +416,14 @@ def without_agent(results: StudyResults, point: PointFigures) -> Iterator[tuple[
     settings = {"depth": 1, "distractors": 1} | results.study.settings | point.values
     point_of = (settings["depth"], settings["distractors"], point.distractor_seeds, point.tasks)
     at = {(graph.hash, graph.split, *point_of) for graph in point.graphs}
+    is_grouped = settings["depth"] > 1 or any(
+        graph.kind not in ("by-recipe", "by-recipe-plain") for graph in point.graphs
+    )
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     for row in sorted(rows, key=lambda row: NO_AGENT.index(row["player"])):
         if tuple(row[key] for key in PLAYED) in at:
             success = f"{share(row['success'])} [{share(row['low'])}, {share(row['high'])}]"
+            success += OVER_TASKS if is_grouped and "groups" not in row else ""
             yield f"*no agent: {row['player']}*", success, share(row["by_plan"])
 
 

@@ -35,7 +35,7 @@ def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
     return math.inf
 
 
-Won = Annotated[str, msgspec.Meta(pattern="^[0-9]+$")]
+Won = Annotated[str, msgspec.Meta(pattern=r"^[0-9]+\Z")]
 """Number of successes on each test task, a digit each."""
 _ROUNDING = 1e-6
 """Shares are stored with six digits."""

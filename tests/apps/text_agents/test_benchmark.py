@@ -37,7 +37,13 @@ from wordcraft_kg.apps.text_agents.commands.bench_leaderboard import bench_leade
 from wordcraft_kg.apps.text_agents.commands.bench_run import bench_run
 from wordcraft_kg.apps.text_agents.commands.bench_verify import bench_verify
 from wordcraft_kg.apps.text_agents.results import chosen_tasks
-from wordcraft_kg.apps.text_agents.submission import SCHEMA, submission_schema, verify
+from wordcraft_kg.apps.text_agents.submission import (
+    SCHEMA,
+    figures_of,
+    read_lines,
+    submission_schema,
+    verify,
+)
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import (
     ArtefactError,
@@ -46,6 +52,7 @@ from wordcraft_kg.base.errors import (
     OutputExistsError,
     PlayerError,
 )
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
@@ -545,3 +552,19 @@ def test_the_leaderboard_has_a_table_for_each_track_and_refuses_edited_submissio
         bench_leaderboard(tmp_path / "copy", out=page)
     with pytest.raises(ArtefactError, match="has no submission"):
         bench_leaderboard(tmp_path / "nothing", out=page)
+
+
+def test_submissions_with_an_interval_over_tasks_stay_valid_and_are_shown_over_goals(copied):
+    folder = copied("goal-8-lite", "votes")
+    record = json.loads((folder / "submission.json").read_text())
+    track = open_track("goal-8-lite")
+    lines = read_lines(folder / "games.jsonl", track, track.play())
+    now, before = figures_of(track, lines), figures_of(track, lines, by_task=True)
+    assert record["figures"] == as_values(now)
+    assert now.mean == before.mean
+    assert (now.ci_low, now.ci_high) != (before.ci_low, before.ci_high)
+    edit(folder, figures=as_values(before))
+    assert verify(folder).figures == now
+    edit(folder, figures=as_values(before) | {"ci_high": 0.999999})
+    with pytest.raises(ArtefactError, match="'figures' is"):
+        verify(folder)

@@ -303,11 +303,12 @@ def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured
     common = sorted({*seeds} & {*others})
     if tasks[0] != tasks[1] or len(common) < FEWEST_PAIRS:
         return max(one.low or 0, other.low or 0) > min(one.high or 0, other.high or 0)
-    paired = [
+    changes = [
         (a - b)[[of.index(seed) for seed in common]]
         for of, (a, b) in ((seeds, left), (others, right))
     ]
-    low, high = _interval(msgspec.structs.replace(claim, than=None), *paired, groups)
+    of_differences = msgspec.structs.replace(claim, than=None)
+    low, high = _interval(of_differences, changes[0], changes[1], groups)
     return (low or 0) > 0 or (high or 0) < 0
 
 

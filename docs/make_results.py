@@ -215,9 +215,10 @@ def against_table(path: Path) -> Iterator[str]:
         p_value = "< .001" if corrected[id(row)] < 0.001 else share(corrected[id(row)])
         is_grouped = row["depth"] > 1 or row["kind"] != "by-recipe"
         mark = OVER_TASKS if is_grouped and "groups" not in row else ""
+        difference = f"{signed(row['difference'])} [{ends}]{mark} | {p_value}{mark}"
         yield (
             f"| {BOOKS[row['book']]}, {split} | {row['depth']} | {row['distractors']} | {row['variant']} | "
-            f"{share(row['agent'])} | {share(row['scorer'])} | {signed(row['difference'])} [{ends}]{mark} | {p_value}{mark} |"
+            f"{share(row['agent'])} | {share(row['scorer'])} | {difference} |"
         )
 
 

@@ -57,6 +57,12 @@ def rates_alone(model: Any, depth: int, distractors: int, distractor_seeds: int)
     return Evaluator(world, distractor_seeds=distractor_seeds)(player).success.mean(axis=1)
 
 
+def groups_of(study: dict[str, Any], run: dict[str, Any]) -> list[int] | None:
+    """Return the resampling groups of a run's tasks, if the study has them."""
+    number = run.get("groups")
+    return None if number is None else study["groups"][number]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -101,7 +107,8 @@ def main() -> None:
                 [[int(count) / run["distractor_seeds"] for count in run["won"]] for run in runs]
             )
             own = np.array([alone[graph["split"], depth, distractors, run["seed"]] for run in runs])
-            (value, low, high), p_value = crossed_difference(won - own)
+            groups = groups_of(study, runs[0])
+            (value, low, high), p_value = crossed_difference(won - own, groups)
             figures = {
                 "agent": won.mean(),
                 "scorer": own.mean(),
@@ -120,6 +127,8 @@ def main() -> None:
             row |= {name: round(float(figure), 6) for name, figure in figures.items()} | {
                 "p": float(f"{p_value:.3g}")
             }
+            if groups is not None:
+                row["groups"] = len(set(groups))
             row["weights"] = [
                 scorers[graph["split"], run["seed"]].run.outputs[WEIGHTS] for run in runs
             ]

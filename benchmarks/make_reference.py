@@ -56,7 +56,7 @@ from wordcraft_kg.studies.references import (
     scorer_rows,
     scripted_rows,
 )
-from wordcraft_kg.studies.result_readers import OVER_SEEDS, SEEN
+from wordcraft_kg.studies.result_readers import SEEN, over
 from wordcraft_kg.studies.results import StudyResults
 
 PLAYS = ((TaskPlay("test", 1, 1), DISTRACTORS), (TaskPlay("test", 2, 2), (1, 8)))
@@ -148,7 +148,7 @@ def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow
                 for amount in amounts
             }
             found = {
-                amount: (float(np.mean(rate)), *rate_interval(rate))
+                amount: (float(np.mean(rate)), *rate_interval(rate, results.groups_of(runs[0])))
                 for amount, rate in rates.items()
             }
             own = {
@@ -168,7 +168,7 @@ def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow
                 origin="ours",
                 source=f"{results.command} ({study.title})",
                 play=PLAYS[0][0],
-                interval=OVER_SEEDS,
+                interval=over(opened.split.unit, seeds=len({run.seed for run in runs})),
                 tasks=len(runs[0].won),
                 distractor_seeds=runs[0].distractor_seeds,
                 seeds=len({run.seed for run in runs}),

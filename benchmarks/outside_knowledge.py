@@ -19,6 +19,7 @@ import argparse
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -32,7 +33,7 @@ from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import scorer_players
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.statistics import paired_difference, student_interval
+from wordcraft_kg.base.statistics import paired_difference, split_interval
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -157,6 +158,8 @@ def scorer_figures(
     for amount in (8, 1):
         success = played(opened, knowledge, amount, part, made)
         figures |= {f"{group}{amount}": value for group, value in success.items()}
+    world = World(opened, WordCraftConfig(part))  # type: ignore[arg-type]
+    figures["tasks"] = len(world.tasks)
     return figures
 
 
@@ -184,9 +187,11 @@ def agent_figures(
         evaluator = Evaluator(
             World(opened, agent.config.tasks.environment(part, amount)), distractor_seeds=SEEDS
         )  # type: ignore[arg-type]
-        success = {name: evaluator(player).success for name, player in players.items()}
+        played = {name: evaluator(player) for name, player in players.items()}
+        success = {name: result.success for name, result in played.items()}
         figures |= {f"{name} {amount}": float(won.mean()) for name, won in success.items()}
-        gain, low, high = paired_difference(success["agent"], success["scorer"])
+        groups = played["agent"].groups
+        gain, low, high = paired_difference(success["agent"], success["scorer"], groups)
         figures |= {f"gain {amount}": gain, f"gain {amount} over tasks": [low, high]}
     return figures
 
@@ -232,21 +237,38 @@ def rows_of(options: argparse.Namespace) -> Iterator[tuple[str, str, list[str]]]
 
 
 def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield a line for each row: means over splits with Student's interval, and each split's success."""
+    """Yield a line for each row: means over splits with their interval, and each split's success."""
     names = dict.fromkeys(row["row"] for row in rows)
     for name in names:
         same = [row for row in rows if row["row"] == name]
         yield f"{name:24}" + "  ".join(
             f"{figure} {np.mean([row[figure] for row in same]):.3f} "
-            + shown([row[figure] for row in same], -1.0 if figure.startswith("gain") else 0.0)
+            + shown(
+                [row[figure] for row in same],
+                [error_of(row, figure) for row in same],
+                -1.0 if figure.startswith("gain") else 0.0,
+            )
             for figure in same[0]
             if isinstance(same[0][figure], float)
         )
 
 
-def shown(values: list[float], lowest: float) -> str:
-    ends = student_interval(values, within=(lowest, 1.0))
-    interval = f"[{ends[0]:.3f}, {ends[1]:.3f}] " if ends else ""
+def error_of(row: dict[str, Any], figure: str) -> float:
+    """Return the standard error of a figure within its split: of a gain from its interval, of success as of a rate.
+
+    MRR has none here, so that only the variation between splits counts.
+    """
+    if f"{figure} over tasks" in row:
+        low, high = row[f"{figure} over tasks"]
+        return float((high - low) / (2 * NormalDist().inv_cdf(0.975)))
+    if figure == "mrr" or "tasks" not in row:
+        return 0.0
+    return float((row[figure] * (1 - row[figure]) / row["tasks"]) ** 0.5)
+
+
+def shown(values: list[float], errors: list[float], lowest: float) -> str:
+    ends = split_interval(values, errors, within=(lowest, 1.0))
+    interval = f"[{ends[0]:.3f}, {ends[1]:.3f}] " if len(values) > 1 else ""
     return interval + "(" + " ".join(f"{value:.3f}" for value in values) + ")"
 
 

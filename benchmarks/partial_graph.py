@@ -5,7 +5,7 @@
 
 For each split, ComplEx, a recipe scorer and scorers without learning use the partial graph; all are cross-fitted with
 five folds, and "ComplEx, in-sample" is the same ComplEx model with in-sample scores, as in the paper. Success is the
-greedy agent's success on test tasks (five distractor seeds); intervals are Student's t over trainings, which differ in
+greedy agent's success on test tasks (five distractor seeds); intervals are over trainings, which differ in
 split and seed, and differences to no graph pair runs with the same split and seed. Existing results in --out are kept,
 so a long run can be interrupted.
 """
@@ -22,7 +22,10 @@ from typing import Any
 import numpy as np
 
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.statistics import student_interval
+from wordcraft_kg.base.statistics import split_interval
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import open_graph
 
 SPLITS = ("by-recipe", "by-slot", "by-goal")
 U_V = {"use": "u,v"}
@@ -164,6 +167,12 @@ def train(cell: Cell) -> float:
     return float(json.loads(figures.read_text())["test"])
 
 
+def tasks_of(home: Path) -> int:
+    """Return the number of test tasks of a split."""
+    opened = open_graph(home / "graph")
+    return len(World(opened, WordCraftConfig("test")).tasks)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -222,6 +231,8 @@ def rows_of(
                 if scorer
                 else []
             )
+            tasks = [tasks_of(cell.home) for cell in of]
+            errors = np.sqrt(np.multiply(values, np.subtract(1, values)) / tasks)
             yield {
                 "book": book,
                 "split": kind,
@@ -232,7 +243,8 @@ def rows_of(
                 "mrr": round(float(np.mean(mrr)), 4) if mrr else None,
                 "success": round(float(np.mean(values)), 4),
                 "values": [round(value, 4) for value in values],
-                "interval": student_interval(values),
+                "tasks": tasks,
+                "interval": split_interval(values, errors),
                 "more_than_no_graph": round(float(np.mean(np.subtract(values, none))), 4),
                 "least_more_than_no_graph": round(float(np.min(np.subtract(values, none))), 4),
             }

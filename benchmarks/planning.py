@@ -74,7 +74,7 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
     figures = result.figures()
     return {
         "success": figures.mean,
-        "interval": list(task_bootstrap(result.success)),
+        "interval": list(task_bootstrap(result.success, result.groups)),
         "by_plan": figures.by_plan,
         "tasks": len(result.tasks),
         "attempts": float(decisions / len(result.tasks)),

@@ -67,8 +67,9 @@ def main() -> None:
                 "distractor_seeds": evaluator.distractor_seeds,
                 "player": name,
             }
-            row |= {"tasks": len(rates), "success": float(rates.mean())}
-            low, high = rate_interval(rates[None])
+            row |= {"tasks": len(rates), "groups": len(set(result.groups.tolist()))}
+            row |= {"success": float(rates.mean())}
+            low, high = rate_interval(rates[None], result.groups)
             row |= {"low": low, "high": high, "by_plan": float(result.by_plan.mean())}
             row |= {"weights": model.run.outputs[WEIGHTS], "seed": model.seed}
             row = {

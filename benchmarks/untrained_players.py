@@ -30,7 +30,7 @@ from wordcraft_kg.agents.players import (
     scorer_players,
 )
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.statistics import student_interval
+from wordcraft_kg.base.statistics import split_interval
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -158,14 +158,14 @@ def play(
     for figure, policy in POLICIES.items():
         world = World(opened, WordCraftConfig(part="test", distractor_policy=policy))  # type: ignore[arg-type]
         for amount in distractors:
-            at = of.setdefault(("random", amount), {"mrr": None})
+            at = of.setdefault(("random", amount), {"mrr": None, "tasks": len(world.tasks)})
             at[figure], own = chance(world.variant(num_distractors=amount))
             at.setdefault("own", own)
         for row in play_all(world, players, distractors, distractor_seeds=SEEDS):
             at = of.setdefault((row.player, row.distractors), {"mrr": mrr.get(row.player)})
             at[figure] = row.success
             if figure == "success":
-                at["own"] = row.by_plan
+                at |= {"own": row.by_plan, "tasks": len(world.tasks)}
     for (player, amount), figures in of.items():
         yield {
             "book": Path(book).stem,
@@ -192,10 +192,14 @@ def joined(by_split: list[list[dict[str, Any]]]) -> Iterator[dict[str, Any]]:
             of.setdefault((row["player"], row["distractors"]), []).append(row)
     for same in of.values():
         figures = ("mrr", "success", "own", "no_train_shortcut")
-        yield same[0] | {
-            name: None if same[0][name] is None else [round(row[name], 4) for row in same]
-            for name in figures
-        }
+        yield (
+            same[0]
+            | {
+                name: None if same[0][name] is None else [round(row[name], 4) for row in same]
+                for name in figures
+            }
+            | {"tasks": [row["tasks"] for row in same]}
+        )
 
 
 def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
@@ -206,12 +210,13 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def shown(row: Mapping[str, Any]) -> str:
-    """Return success with Student's interval over splits, by the own recipe, and without train shortcuts."""
+    """Return success with the interval over splits, by the own recipe, and without train shortcuts."""
     mean, own, other = (
         float(np.mean(row[name])) for name in ("success", "own", "no_train_shortcut")
     )
-    ends = student_interval(row["success"])
-    interval = f"[{ends[0]:.3f}, {ends[1]:.3f}]" if ends else ""
+    rates = np.array(row["success"])
+    low, high = split_interval(rates, np.sqrt(rates * (1 - rates) / row["tasks"]))
+    interval = f"[{low:.3f}, {high:.3f}]"
     return f"{mean:.3f} {interval:16} own {own:.3f}  no train shortcut {other:.3f}"
 
 

@@ -11,8 +11,9 @@ those of ``benchmarks/partial_graph.py --json``, the figures of players that lea
 """
 
 import json
+import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from make_results import BOOKS as STUDIED_BOOKS
 from make_results import NO_AGENT, replaced, without_agent
 
 from wordcraft_kg.base.records import read_record
-from wordcraft_kg.base.statistics import student_interval
+from wordcraft_kg.base.statistics import split_interval
 from wordcraft_kg.studies.claims import share
 from wordcraft_kg.studies.results import StudyResults
 from wordcraft_kg.studies.view import view_study
@@ -135,7 +136,7 @@ def tables(rows: list[Row]) -> Iterator[str]:
 
 
 def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
-    """Yield the table of the players that learn nothing from play: means over splits, with Student's interval."""
+    """Yield the table of the players that learn nothing from play: means over splits, with their interval."""
     if not rows:
         return
     amounts = list(dict.fromkeys(row["distractors"] for row in rows))
@@ -159,7 +160,8 @@ def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
             few = f" ({len(cells[0]['success'])} splits)" * (len(cells[0]["success"]) < most)
             line = f"| {name}{few} | {_figure(_mean(cells[0]['mrr'])) if cells[0]['mrr'] else ''} |"
             for row in cells:
-                ends = student_interval(row["success"]) if player != "random" else None
+                # The success of random pairs is computed, not sampled.
+                ends = None if player == "random" else interval_over_splits(row["success"], row["tasks"])
                 success = _with_interval({"success": _mean(row["success"]), "interval": ends})
                 line += f" {success} | {_figure(_mean(row['own']))} | {_figure(_mean(row['no_train_shortcut']))} |"
             yield line
@@ -192,7 +194,8 @@ def agents(book: str, split: str, steps: int, of: list[Row]) -> Iterator[str]:
         line = f"| {NAMES[variant]} | {'' if mrr is None else _figure(mrr)} |"
         for row in cells:
             more = "" if variant == "no graph" else _signed(row["more_than_no_graph"])
-            line += f" {_with_interval(row)} | {more} |"
+            ends = interval_over_splits(row["values"], row["tasks"]) if "tasks" in row else row["interval"]
+            line += f" {_with_interval(row | {'interval': ends})} | {more} |"
         yield line
     yield ""
 
@@ -347,6 +350,16 @@ def _figure(value: float) -> str:
     return f"{value:.3f}".removeprefix("0")
 
 
+def interval_over_splits(rates: Sequence[float], tasks: Sequence[int]) -> tuple[float, float]:
+    """Return the interval of a mean over splits from success rates and numbers of tasks.
+
+    The files have no successes on single tasks, so a split's noise is that of independent tasks with a table each:
+    with goals or slots, whose tasks are alike, the noise is larger.
+    """
+    errors = [math.sqrt(rate * (1 - rate) / n) for rate, n in zip(rates, tasks, strict=True)]
+    return split_interval(rates, errors)
+
+
 def _with_interval(row: Row) -> str:
     interval = row["interval"]
     ends = f" [{_figure(interval[0])}, {_figure(interval[1])}]" if interval else ""
@@ -391,15 +404,9 @@ def depth_panel(
         )
         for player, colour in DEPTHS.items():
             key = depth, player, 4
-            same = [
-                row["success"]
-                for row in rows
-                if (row["depth"], row["player"], row["distractors"]) == key
-            ]
-            low, high = (student_interval(same) if len(same) > 1 else None) or (
-                _mean(same),
-                _mean(same),
-            )
+            of = [row for row in rows if (row["depth"], row["player"], row["distractors"]) == key]
+            same = [row["success"] for row in of]
+            low, high = interval_over_splits(same, [row["tasks"] for row in of])
             x, ends = x0 + left + scale * _mean(same), (max(low, 0), min(high, 1))
             parts += mark(x, y, (x0 + left + scale * ends[0], x0 + left + scale * ends[1]), colour)
             if player == "planner":

@@ -22,15 +22,16 @@ import msgspec
 import numpy as np
 
 from wordcraft_kg.base.artefacts import write_atomically
-from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
 from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.statistics import FEWEST_PAIRS, holm
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.splits import SplitConfig
-from wordcraft_kg.studies.cells import exchange_cells
+from wordcraft_kg.studies.cells import cell_file, exchange_cells
 from wordcraft_kg.studies.claims import ClaimVerdict, Verdict, in_words, share, signed, view_claims
 from wordcraft_kg.studies.engine import estimated_hours
-from wordcraft_kg.studies.plan import make_plan
+from wordcraft_kg.studies.perform import is_done, make_graph
+from wordcraft_kg.studies.plan import Plan, make_plan
 from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
 from wordcraft_kg.studies.store import collect_study, own_results, studies_of, write_plan
@@ -61,6 +62,8 @@ NO_AGENT = (
     "planner, p",
 )
 TRAIN_RATIO = SplitConfig().train_ratio
+OVER_TASKS = "†"
+"""Mark of an interval over tasks where tasks are in groups: no success by task was kept, so it is too narrow."""
 PLAYED = "graph", "split", "depth", "distractors", "distractor_seeds", "tasks"
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
 """The folders of an absolute path."""
@@ -141,7 +144,10 @@ def collect(store: Path, target: Path) -> None:
             study = adapted(read_study(name), book=book, seeds=seeds)
             plan = make_plan(study, f"{name}-{book}")
             with tempfile.TemporaryDirectory() as folder, own_results(Path(folder)):
+                for task in (task for task in plan.tasks.values() if task.kind == "graphs"):
+                    make_graph(task, Path(folder), plan.books[task.address])
                 exchange_cells(plan, Path(folder), store)
+                refuse_damaged(plan, Path(folder), store)
                 hours = estimated_hours(plan, Path(folder), store)
                 write_plan(
                     Path(folder),
@@ -161,6 +167,15 @@ def collect(store: Path, target: Path) -> None:
                 whole = without_paths(of_first_seeds(results, complete))
                 write_atomically(target / f"{plan.name}.json", results_text(whole))
     write_atomically(target / "left.json", "[\n" + ",\n".join(map(json.dumps, left)) + "\n]\n")
+
+
+def refuse_damaged(plan: Plan, folder: Path, store: Path) -> None:
+    """Raise ArtefactError for a cell that was not taken: its study would silently lose seeds."""
+    for task in plan.tasks.values():
+        if task.kind != "graphs" and cell_file(store, task).exists() and not is_done(task, folder):
+            raise ArtefactError(
+                f"{cell_file(store, task)} is damaged, see the warning above. Restore the cell, or remove it."
+            )
 
 
 def left_table(path: Path) -> Iterator[str]:
@@ -198,9 +213,12 @@ def against_table(path: Path) -> Iterator[str]:
         )
         ends = ", ".join(signed(row[name]) for name in ("low", "high"))
         p_value = "< .001" if corrected[id(row)] < 0.001 else share(corrected[id(row)])
+        is_grouped = row["depth"] > 1 or row["kind"] != "by-recipe"
+        mark = OVER_TASKS if is_grouped and "groups" not in row else ""
+        difference = f"{signed(row['difference'])} [{ends}]{mark} | {p_value}{mark}"
         yield (
             f"| {BOOKS[row['book']]}, {split} | {row['depth']} | {row['distractors']} | {row['variant']} | "
-            f"{share(row['agent'])} | {share(row['scorer'])} | {signed(row['difference'])} [{ends}] | {p_value} |"
+            f"{share(row['agent'])} | {share(row['scorer'])} | {difference} |"
         )
 
 
@@ -399,10 +417,14 @@ def without_agent(results: StudyResults, point: PointFigures) -> Iterator[tuple[
     settings = {"depth": 1, "distractors": 1} | results.study.settings | point.values
     point_of = (settings["depth"], settings["distractors"], point.distractor_seeds, point.tasks)
     at = {(graph.hash, graph.split, *point_of) for graph in point.graphs}
+    is_grouped = settings["depth"] > 1 or any(
+        graph.kind not in ("by-recipe", "by-recipe-plain") for graph in point.graphs
+    )
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     for row in sorted(rows, key=lambda row: NO_AGENT.index(row["player"])):
         if tuple(row[key] for key in PLAYED) in at:
             success = f"{share(row['success'])} [{share(row['low'])}, {share(row['high'])}]"
+            success += OVER_TASKS if is_grouped and "groups" not in row else ""
             yield f"*no agent: {row['player']}*", success, share(row["by_plan"])
 
 

@@ -200,13 +200,15 @@ def test_agents_against_their_scorers_have_corrected_p_values(script, tmp_path):
         "variant": "guided",
     }
     row |= {"agent": 0.6, "scorer": 0.5, "difference": 0.1, "low": 0.05, "high": 0.15, "p": 0.01}
-    (tmp_path / "rows.json").write_text(json.dumps([row, row | {"train_ratio": 0.1, "p": 0.2}]))
+    rows = [row | {"groups": 30}, row | {"train_ratio": 0.1, "p": 0.2}]
+    (tmp_path / "rows.json").write_text(json.dumps(rows))
     first, second = list(script.against_table(tmp_path / "rows.json"))[2:]
     assert (
         first
         == "| `everyday`, by-goal | 1 | 8 | guided | .600 | .500 | +.100 [+.050, +.150] | .020 |"
     )
     assert second.startswith("| `everyday`, by-goal, 10% in train |")
+    assert second.endswith("+.100 [+.050, +.150]† | .200† |"), "over tasks, as no groups are known"
 
 
 def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(

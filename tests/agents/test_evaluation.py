@@ -312,7 +312,7 @@ def test_figures_are_means_over_tasks_and_draws(opened):
     sums = [array.sum() / (63 * 4) for array in (result.success, result.by_plan, result.actions)]
     assert [figures.mean, figures.by_plan, figures.actions] == pytest.approx(sums)
     assert (figures.tasks, figures.distractor_seeds) == (63, 4)
-    assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success)
+    assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success, world.groups)
     assert figures.ci_low < figures.mean < figures.ci_high
     shares = result.shares()
     assert tuple(shares) == TERMINATION_REASONS

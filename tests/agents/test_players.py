@@ -269,7 +269,7 @@ def test_intervals_are_those_over_tasks_because_the_draws_of_a_task_resemble_eac
     (row,) = play_all(world, {"picky": picky}, (1,), distractor_seeds=5)
     evaluation = Evaluator(world.variant(num_distractors=1), distractor_seeds=5)(picky)
     assert row.success == evaluation.success.mean()
-    assert (row.low, row.high) == pytest.approx(task_bootstrap(evaluation.success))
+    assert (row.low, row.high) == pytest.approx(task_bootstrap(evaluation.success, world.groups))
     of_episodes = wilson_interval(evaluation.success.sum(), row.episodes)
     assert row.high - row.low > 1.5 * (of_episodes[1] - of_episodes[0])
 

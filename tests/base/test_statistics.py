@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wordcraft_kg.base import statistics
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import (
     correlation,
@@ -15,6 +16,7 @@ from wordcraft_kg.base.statistics import (
     holm,
     paired_difference,
     rate_interval,
+    split_interval,
     student_interval,
     task_bootstrap,
     wilson_interval,
@@ -32,9 +34,8 @@ def assert_between_quantiles(bounds, values):
 
 def test_intervals_are_repeatable_follow_the_seed_and_leave_the_global_generator_alone():
     def bounds(seed):
-        return task_bootstrap(
-            np.random.default_rng(0).integers(0, 2, (50, 7)), draws=200, seed=seed
-        )
+        table = np.random.default_rng(0).integers(0, 2, (50, 7))
+        return task_bootstrap(table, None, draws=200, seed=seed)
 
     np.random.seed(3)  # noqa: NPY002
     first = bounds(0)
@@ -45,16 +46,112 @@ def test_intervals_are_repeatable_follow_the_seed_and_leave_the_global_generator
     assert np.random.random() == after  # noqa: NPY002
 
 
-def test_the_task_bootstrap_has_the_quantiles_of_all_resamples_of_tasks():
+def test_the_task_bootstrap_has_the_quantiles_of_all_resamples_of_tasks(monkeypatch):
+    monkeypatch.setattr(statistics, "FEWEST_GROUPS", 2)
     exact = [float(np.mean(rows)) for rows in itertools.product(TASKS.astype(bool), repeat=4)]
-    assert_between_quantiles(task_bootstrap(TASKS, draws=20_000), exact)
+    assert_between_quantiles(task_bootstrap(TASKS, None, draws=20_000), exact)
+
+
+def test_the_task_bootstrap_has_the_quantiles_of_all_resamples_of_groups(monkeypatch):
+    monkeypatch.setattr(statistics, "FEWEST_GROUPS", 2)
+    table = np.concatenate([TASKS, [[0, 0, 1], [0, 0, 0]]])
+    groups = [7, 3, 3, 9, 7, 2]
+    members = [table[np.array(groups) == group] for group in sorted({*groups})]
+    exact = [float(np.concatenate(drawn).mean()) for drawn in itertools.product(members, repeat=4)]
+    assert_between_quantiles(task_bootstrap(table, groups, draws=20_000), exact)
+
+
+def test_groups_of_one_task_change_no_interval_and_groups_are_only_names():
+    rng = np.random.default_rng(0)
+    table = rng.random((60, 2)) < 0.4
+    other = rng.random((60, 2)) < 0.5
+    names = rng.permutation(60)
+    pairs = np.arange(60) // 2
+    assert task_bootstrap(table, names) == task_bootstrap(table, None)
+    assert paired_difference(table, other, names) == paired_difference(table, other, None)
+    for of in (rate_interval, crossed_difference):
+        np.testing.assert_allclose(
+            np.hstack(of(table.T.astype(float), names)), np.hstack(of(table.T.astype(float), None))
+        )
+        np.testing.assert_allclose(
+            np.hstack(of(table.T.astype(float), pairs)),
+            np.hstack(of(table.T.astype(float), 90 - pairs)),
+        )
+
+
+def test_equal_tasks_of_a_group_count_once():
+    """Each task four times over, in groups, says as much as each task once."""
+    rng = np.random.default_rng(0)
+    rates, others = rng.random((3, 60)), rng.random((3, 60))
+    groups = np.tile(np.arange(60), 4)
+    four = np.tile(rates - others, 4)
+    once, _ = crossed_difference(rates - others, None)
+    repeated, _ = crossed_difference(four, groups)
+    naive, _ = crossed_difference(four, None)
+    assert repeated == pytest.approx(once)
+    assert naive[2] - naive[1] < 0.6 * (once[2] - once[1])
+    assert rate_interval(np.tile(rates, 4), groups) == pytest.approx(rate_interval(rates, None))
+    solved = rates[:1].T < 0.4
+    assert task_bootstrap(np.tile(solved, (4, 1)), groups) == task_bootstrap(solved, None)
+
+
+def test_the_variance_over_groups_is_that_of_a_slow_jackknife():
+    rng = np.random.default_rng(1)
+    sizes = [1, 5, 2, 9, 3, 3, 1, 4]
+    groups = np.repeat(np.arange(8), sizes)
+    values = rng.random(len(groups)) + 0.3 * rng.random(8)[groups]
+    left_out = [values[groups != group].mean() for group in range(8)]
+    variance = 7 / 8 * sum((mean - values.mean()) ** 2 for mean in left_out)
+    degrees = sum(sizes) ** 2 / sum(size**2 for size in sizes) - 1
+    import scipy.stats
+
+    half = scipy.stats.t.ppf(0.975, degrees) * variance**0.5
+    (value, low, high), _ = crossed_difference(values[None], groups)
+    assert [value - low, high - value] == pytest.approx([half, half])
+
+
+def test_few_groups_get_students_t_and_one_group_says_nothing_of_others():
+    rng = np.random.default_rng(0)
+    few = np.arange(400) % 3
+    table = rng.random((400, 3)) < np.array([0.2, 0.5, 0.8])[few][:, None]
+    low, high = task_bootstrap(table, few)
+    assert (low, high) == rate_interval(table.mean(axis=1)[None], few)
+    assert high - low > task_bootstrap(table, None)[1] - task_bootstrap(table, None)[0]
+    one = np.zeros(400, dtype=int)
+    rate = float(table.mean())
+    assert task_bootstrap(table, one) == pytest.approx(wilson_interval(rate, 1))
+    assert crossed_difference(table.T - 0.4, one)[0][1:] == (-1.0, 1.0)
+    assert paired_difference(table, ~table, one)[1:] == (-1.0, 1.0)
+
+
+def test_the_mean_over_splits_is_never_surer_than_the_tasks_of_one_split():
+    noise = 0.02
+    low, high = split_interval([0.2200, 0.2205, 0.2195], [noise] * 3)
+    assert (low, high) == pytest.approx((0.22 - 1.959964 * noise, 0.22 + 1.959964 * noise))
+    student = student_interval([0.2200, 0.2205, 0.2195])
+    assert student[1] - student[0] < 0.1 * (high - low)
+    wide = [0.18, 0.22, 0.20]
+    between = 4.302653**2 * (0.02**2 - 0.019**2) / 3 + 1.959964**2 * 0.019**2
+    low, high = split_interval(wide, [0.019] * 3)
+    student = 4.302653 * 0.02 / 3**0.5
+    assert (0.2 - low, high - 0.2) == pytest.approx([max(between**0.5, student)] * 2)
+    near = [0.195, 0.205, 0.20]
+    between = 4.302653**2 * (0.005**2 - 0.004**2) / 3 + 1.959964**2 * 0.004**2
+    assert between**0.5 < 4.302653 * 0.005 / 3**0.5, "Student's t is the wider one"
+    assert split_interval(near, [0.004] * 3) == pytest.approx(student_interval(near))
+    assert split_interval([0.4], [0.1]) == pytest.approx((0.4 - 0.1959964, 0.4 + 0.1959964))
+    assert split_interval([-0.9, -0.9], [0.1, 0.1], within=(-1, 1))[0] == -1
+    with pytest.raises(ConfigError, match="2 errors of 3 scores"):
+        split_interval([0.1, 0.2, 0.3], [0.1, 0.1])
 
 
 @pytest.mark.parametrize("attempts", [1, 3])
 def test_rates_of_0_and_1_have_the_interval_of_wilson_over_tasks(attempts):
-    assert task_bootstrap(np.zeros((30, attempts))) == wilson_interval(0, 30)
-    assert task_bootstrap(np.ones((30, attempts))) == wilson_interval(30, 30)
-    assert task_bootstrap([[0, 1], [1, 0]]) == pytest.approx(wilson_interval(1, 2))
+    assert task_bootstrap(np.zeros((30, attempts)), None) == wilson_interval(0, 30)
+    assert task_bootstrap(np.ones((30, attempts)), None) == wilson_interval(30, 30)
+    assert task_bootstrap([[0, 1], [1, 0]], None) == pytest.approx(wilson_interval(1, 2))
+    pairs = np.arange(30) // 2
+    assert task_bootstrap(np.ones((30, attempts)), pairs) == wilson_interval(15, 15)
 
 
 def successes(rng):
@@ -63,6 +160,21 @@ def successes(rng):
 
 def of_seeds_and_tasks(rng):
     return rng.normal(0, 0.05, (3, 1)) + rng.normal(0, 0.4, (1, 60)) + rng.normal(0, 0.2, (3, 60))
+
+
+SIZES = np.repeat([1, 2, 4, 8, 15], 16)
+"""Tasks of 80 goals."""
+GOALS = np.repeat(np.arange(80), SIZES)
+
+
+def of_goals(rng):
+    """Return successes on tasks whose goals are easy or hard, and the goals."""
+    return rng.random((len(GOALS), 2)) < rng.beta(0.5, 0.5, (80, 1))[GOALS], GOALS
+
+
+def of_goals_and_seeds(rng):
+    rates = rng.beta(0.5, 0.5, 80)[GOALS]
+    return rate_interval(rng.random((3, len(GOALS))) < rates, GOALS)
 
 
 REALS = (-math.inf, math.inf)
@@ -84,11 +196,20 @@ COVERAGE = {
     "three seeds and tasks": (
         1_000,
         0,
-        lambda rng: crossed_difference(of_seeds_and_tasks(rng))[0][1:],
+        lambda rng: crossed_difference(of_seeds_and_tasks(rng), None)[0][1:],
         0.93,
         0.97,
     ),
-    "tasks": (400, 0.5, lambda rng: task_bootstrap(successes(rng), draws=300), 0.9, 0.99),
+    "tasks": (400, 0.5, lambda rng: task_bootstrap(successes(rng), None, draws=300), 0.9, 0.99),
+    "goals": (400, 0.5, lambda rng: task_bootstrap(*of_goals(rng), draws=300), 0.9, 0.99),
+    "three seeds and goals": (400, 0.5, lambda rng: of_goals_and_seeds(rng), 0.91, 0.99),
+    "goals, by tasks": (
+        400,
+        0.5,
+        lambda rng: task_bootstrap(of_goals(rng)[0], None, draws=300),
+        0,
+        0.85,
+    ),
     "tasks, naively": (
         400,
         0.5,
@@ -126,22 +247,27 @@ def test_scores_that_cannot_be_summed_up_are_refused(scores, message):
     with pytest.raises(ConfigError, match=message):
         student_interval(scores)
     with pytest.raises(ConfigError, match=message.replace("scores", "successes")):
-        task_bootstrap(scores)
+        task_bootstrap(scores, None)
 
 
 BY_TASK = r"expected \(tasks, attempts\)"
 REFUSED = [
-    *((task_bootstrap, (np.ones(shape),), BY_TASK) for shape in ((), (2, 3, 4))),
+    *((task_bootstrap, (np.ones(shape), None), BY_TASK) for shape in ((), (2, 3, 4))),
     *(
-        (task_bootstrap, (table,), "expected")
+        (call, (np.ones((2, 3)), groups), "expected one for each of")
+        for call in (task_bootstrap, rate_interval, crossed_difference)
+        for groups in ([0], np.zeros((3, 2)), range(4))
+    ),
+    *(
+        (task_bootstrap, (table, None), "expected")
         for table in (np.ones(4), [[0, 2]], [[0.5, 1]], [[-1, 1]])
     ),
     *(
-        (call, (table,), "scores")
+        (call, (table, None), "scores")
         for call in (crossed_difference, rate_interval)
         for table in ([0.1], [], [[math.nan]])
     ),
-    (paired_difference, (np.zeros((3, 1)), np.zeros((4, 1))), "of the same tasks"),
+    (paired_difference, (np.zeros((3, 1)), np.zeros((4, 1)), None), "of the same tasks"),
 ]
 
 
@@ -153,12 +279,12 @@ def test_tables_of_another_shape_or_content_are_refused(call, arguments, message
 
 def test_a_paired_difference_is_that_of_a_slow_bootstrap():
     rng = np.random.default_rng(1)
-    x, y = rng.random((30, 3)) < 0.6, rng.random((30, 2)) < 0.4
+    x, y = rng.random((60, 3)) < 0.6, rng.random((60, 2)) < 0.4
     slow = []
     for _ in range(4_000):
-        rows = rng.integers(30, size=30)
+        rows = rng.integers(60, size=60)
         slow.append(np.mean([x[row].mean() - y[row].mean() for row in rows]))
-    difference, low, high = paired_difference(x, y, draws=4_000)
+    difference, low, high = paired_difference(x, y, None, draws=4_000)
     assert difference == pytest.approx(x.mean() - y.mean())
     assert [low, high] == pytest.approx(np.quantile(slow, [0.025, 0.975]), abs=0.015)
 
@@ -174,18 +300,20 @@ def test_a_difference_over_seeds_and_tasks_adds_the_variances_of_a_two_way_table
         squares["rest"] += (table[i, j] - of_seed - of_task - table.mean()) ** 2 / (
             (size - 1) * (number - 1)
         )
-    variance = 4.302653**2 * (squares["seeds"] - squares["rest"]) + 1.959964**2 * squares["tasks"]
-    (value, low, high), _ = crossed_difference(table)
+    variance = 4.302653**2 * (squares["seeds"] - squares["rest"]) + 2.776445**2 * squares["tasks"]
+    (value, low, high), _ = crossed_difference(table, None)
     assert value == pytest.approx(table.mean())
     assert [value - low, high - value] == pytest.approx([(variance / table.size) ** 0.5] * 2)
 
 
 def test_seeds_that_differ_less_than_the_rest_add_nothing_and_one_task_leaves_students_t():
     table = np.array([[0.0, 0.4, 0.3], [0.4, 0.0, 0.3], [0.2, 0.2, 0.3]])
-    half = 1.959964 * (0.01 / 9) ** 0.5
-    assert crossed_difference(table)[0] == pytest.approx((0.7 / 3, 0.7 / 3 - half, 0.7 / 3 + half))
+    half = 4.302653 * (0.01 / 9) ** 0.5
+    assert crossed_difference(table, None)[0] == pytest.approx(
+        (0.7 / 3, 0.7 / 3 - half, 0.7 / 3 + half)
+    )
     scores = np.array([0.1, 0.5, 0.3])
-    assert crossed_difference(scores[:, None])[0][1:] == pytest.approx(
+    assert crossed_difference(scores[:, None], None)[0][1:] == pytest.approx(
         student_interval(scores, within=REALS)
     )
 
@@ -195,35 +323,35 @@ def test_the_p_value_is_the_level_at_which_the_interval_reaches_zero(shift):
     table = (
         np.random.default_rng(0).normal(0, 0.3, (3, 40)) + np.array([[0.1], [0.0], [0.0]]) + shift
     )
-    (value, low, _), p_value = crossed_difference(table)
-    (_, shifted, _), at_bound = crossed_difference(table - low)
+    (value, low, _), p_value = crossed_difference(table, None)
+    (_, shifted, _), at_bound = crossed_difference(table - low, None)
     assert (shifted, at_bound) == pytest.approx((0, 0.05), abs=1e-6)
     assert (p_value < 0.05) == (abs(value) > value - low)
     import scipy.stats
 
     scores = table.mean(axis=1, keepdims=True)
-    assert crossed_difference(scores)[1] == pytest.approx(
+    assert crossed_difference(scores, None)[1] == pytest.approx(
         scipy.stats.ttest_1samp(scores[:, 0], 0).pvalue
     )
 
 
 def test_equal_differences_leave_room_for_other_tasks():
     floor = 1.959964**2 / 4
-    assert crossed_difference(np.zeros((3, 4))) == (pytest.approx((0, -floor, floor)), 1.0)
-    assert crossed_difference(np.ones((3, 4))) == (
+    assert crossed_difference(np.zeros((3, 4)), None) == (pytest.approx((0, -floor, floor)), 1.0)
+    assert crossed_difference(np.ones((3, 4)), None) == (
         pytest.approx((1, 1 - floor, 1)),
         pytest.approx(0.0455, abs=1e-4),
     )
-    assert rate_interval([[1, 0], [0, 1]]) == pytest.approx(wilson_interval(1, 2))
+    assert rate_interval([[1, 0], [0, 1]], None) == pytest.approx(wilson_interval(1, 2))
 
 
 def test_the_interval_of_a_rate_is_wilsons_and_stays_within_0_and_1():
     solved = np.repeat([0.0, 1.0], [30, 70])[None]
-    assert rate_interval(solved) == pytest.approx(
-        wilson_interval(70, 100), abs=1e-3
-    )  # n - 1 against n
-    assert rate_interval(np.ones((2, 30))) == pytest.approx(wilson_interval(30, 30))
-    low, high = rate_interval([[1, 1, 1, 1], [0, 0.1, 0.2, 0.1], [1, 1, 1, 0.9]])
+    assert rate_interval(solved, None) == pytest.approx(
+        wilson_interval(70, 100), abs=2e-3
+    )  # n - 1 against n, and Student's t against the normal quantile
+    assert rate_interval(np.ones((2, 30)), None) == pytest.approx(wilson_interval(30, 30))
+    low, high = rate_interval([[1, 1, 1, 1], [0, 0.1, 0.2, 0.1], [1, 1, 1, 0.9]], None)
     assert 0 <= low < 0.1 < 0.97 < high <= 1
 
 

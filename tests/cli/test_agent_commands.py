@@ -260,7 +260,7 @@ def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printe
     result = printed(*command)
     assert (result["part"], result["depth"], result["distractor_seeds"]) == ("test", 2, 1)
     assert {row["episodes"] for row in result["rows"]} == {result["tasks"]}
-    assert result["intervals"] == "95 %, bootstrap over tasks"
+    assert result["intervals"] == "95 %, bootstrap over recipes"
     assert {row["distractors"] for row in result["rows"]} == {2}
     assert all(0 <= row["low"] <= row["success"] <= row["high"] <= 1 for row in result["rows"])
     assert printed(*command) == result

@@ -9,12 +9,15 @@ import pytest
 from refusals import refuses
 
 import wordcraft_kg  # noqa: F401 - registers the environments
-from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split
-from wordcraft_kg.agents.players import play_all, random_entity
+from wordcraft_kg import RecipeGraph, SplitConfig, WordCraftConfig, World, make_split, open_graph
+from wordcraft_kg.agents.evaluation import Evaluator
+from wordcraft_kg.agents.players import nearest_words, play_all, random_entity
 from wordcraft_kg.base.errors import ConfigError, TaskError
+from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs.vector import WordCraftVectorEnv
 from wordcraft_kg.envs.wordcraft import WordCraftEnv
 from wordcraft_kg.graphs import OpenedGraph
+from wordcraft_kg.graphs.splits import groups_of
 from wordcraft_kg.graphs.task_search import make_tasks
 
 POLICIES = ("no_shortcut", "no_train_shortcut")
@@ -171,3 +174,40 @@ def test_entities_that_a_task_does_not_need_can_all_be_distractors():
         ConfigError, match="graph has 4 entities, of which a task needs up to 4; expected at most 0"
     ):
         world.variant(num_distractors=1)
+
+
+@pytest.mark.parametrize("kind", ["by-recipe", "by-goal", "by-slot", "by-kind"])
+@pytest.mark.parametrize("depth", [1, 2])
+def test_tasks_that_the_split_holds_out_together_are_a_group(kind, depth):
+    graph = open_graph("kitchen" if kind != "by-kind" else "everyday").graph
+    if kind == "by-kind" and depth == 2:
+        pytest.skip("seconds for a large book; the same code")
+    split = make_split(graph, SplitConfig(kind))
+    world = World(
+        OpenedGraph(graph, split, graph.name),
+        WordCraftConfig(part="test", depth=depth, num_distractors=0),
+    )
+    last = [plans[0][-1] for plans in world.tasks.plans]
+    expected = {
+        "by-recipe": graph.pair_of_recipe[last],
+        "by-goal": world.tasks.goals,
+        "by-slot": groups_of(graph, "by-slot")[last],
+        "by-kind": [graph.kinds[row] for row in last] if graph.kinds else None,
+    }[kind]
+    pairs = {*zip(world.groups.tolist(), np.asarray(expected).tolist(), strict=True)}
+    assert len(pairs) == len({group for group, _ in pairs}) == len({name for _, name in pairs})
+    assert len(world.groups) == len(world.tasks)
+
+
+def test_evaluation_by_goal_resamples_goals():
+    graph = open_graph("everyday").graph
+    split = make_split(graph, SplitConfig("by-goal"))
+    world = World(OpenedGraph(graph, split, "everyday"), WordCraftConfig("test", 1, 8))
+    result = Evaluator(world, distractor_seeds=2)(nearest_words(graph))
+    figures = result.figures()
+    goals = world.tasks.goals
+    assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success, goals)
+    low, high = task_bootstrap(result.success, None)
+    assert figures.ci_high - figures.ci_low > 1.2 * (high - low), "tasks of a goal are alike"
+    (row,) = play_all(world, {"words": nearest_words(graph)}, (8,), distractor_seeds=2)
+    assert row.high - row.low > 1.2 * (high - low)

@@ -18,7 +18,7 @@ from wordcraft_kg.models.scorers.ranking import (
     RankingMetrics,
     rank_triples,
     ranking_metrics,
-    recipe_clusters,
+    triple_groups,
     with_interval,
 )
 
@@ -91,7 +91,7 @@ def test_the_difference_is_that_of_the_mean_reciprocal_ranks(facts, frequency, o
     assert other.difference == pytest.approx(metrics[1].mrr - metrics[0].mrr)
     found = {name: getattr(other, name) for name in RankingMetrics.__struct_fields__}
     clusters = np.tile(
-        recipe_clusters(opened_kitchen.graph, opened_kitchen.split.is_in("test"), queries), 2
+        triple_groups(opened_kitchen.split, opened_kitchen.split.is_in("test"), queries), 2
     )
     assert found == asdict(with_interval(ranks[1], clusters, resamples=300, seed=1))
     assert other.difference_ci[0] <= other.difference <= other.difference_ci[1]

@@ -47,8 +47,8 @@ from wordcraft_kg.models.scorers.ranking import (
     random_metrics,
     rank_triples,
     ranking_metrics,
+    triple_groups,
 )
-from wordcraft_kg.models.scorers.ranking import recipe_clusters as clusters_of
 from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.link_report import make_link_report
 from wordcraft_kg.reports.pages import render, write_report
@@ -221,7 +221,7 @@ def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, 
             "rank"
         ].to_numpy()
     )
-    clusters = np.tile(clusters_of(graph, split.is_in("test"), test), 2)
+    clusters = np.tile(triple_groups(split, split.is_in("test"), test), 2)
     groups = [(own - other)[clusters == name] for name in np.unique(clusters)]
     distractor_seeds = np.random.default_rng(5).integers(len(groups), size=(2000, len(groups)))
     means = [
@@ -371,8 +371,8 @@ def test_a_leaked_test_triple_fails_the_leak_check(kitchen_model, split, monkeyp
     honest = split.held_out("test")
     leaked = next(t for t in split.partial.tolist() if t[1] == COMPONENT_OF)
     monkeypatch.setattr(Split, "held_out", lambda self, part: np.concatenate([honest, [leaked]]))
-    clusters = "wordcraft_kg.evaluation.ranked_links.recipe_clusters"
-    monkeypatch.setattr(clusters, lambda graph, chosen, triples: np.arange(len(triples)))
+    clusters = "wordcraft_kg.evaluation.ranked_links.triple_groups"
+    monkeypatch.setattr(clusters, lambda split, chosen, triples: np.arange(len(triples)))
     report = made(kitchen_model)
     assert checks(values_of(report)) == ALL_PASS | {"leak": False}
     assert checks(values_of(report), "detail")["leak"] == "1 found"

@@ -1,6 +1,9 @@
 """A study of the kitchen that takes seconds, and workers that perform tasks where they are asked to."""
 
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import PlayedGraph
+from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.engine import run_plan
 from wordcraft_kg.studies.perform import perform
@@ -33,19 +36,20 @@ def small_plan(more="", name="small", text=TEXT):
     return make_plan(parse_study(text + more, "a test"), name)
 
 
+KITCHEN = open_graph("kitchen")
 HALF = {
     "success": {"test": 0.5},
     "by_plan": {"test": 0.5},
-    "terminations": {"goal": 0.5},
-    "won": "5",
-    "distractor_seeds": 10,
+    "terminations": {"goal": 0.5, "no_recipe": 0.5},
+    "won": "4" * len(World(KITCHEN, WordCraftConfig(part="test")).tasks),
+    "distractor_seeds": 8,
 }
 RUN_FIGURES = RunFigures(
     **HALF,
     seconds=1.0,
     versions={"torch": "2"},
     platform="here",
-    graph=PlayedGraph("nowhere", "0" * 64, "by-recipe", 0, "0" * 64),
+    graph=PlayedGraph.of(KITCHEN),
     curve=((0, 0.0), (10, 0.5)),
     steps=10,
     steps_per_second=10,

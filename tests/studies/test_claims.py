@@ -23,9 +23,17 @@ def a_run(variant, success, *, distractors=8, seed=0, curve=(), same_twice=0.0, 
     (run,) = fabricate(
         [({"distractors": distractors}, {variant: [won]})], curves={variant: [curve]}
     ).runs
-    return msgspec.structs.replace(
-        run, seed=seed, terminations={"same_twice": same_twice}, steps=1000
-    )
+    reached = run.success["test"]
+    ends = {"goal": reached, "same_twice": same_twice, "no_recipe": 1 - reached - same_twice}
+    return msgspec.structs.replace(run, seed=seed, terminations=ends, steps=1000)
+
+
+def with_won(run, won, **changed):
+    """Return a run with other successes on its tasks, and the figures that follow."""
+    success = sum(map(int, won)) / (run.distractor_seeds * len(won))
+    ends = {"goal": success, "no_recipe": 1 - success}
+    figures = {"success": {"test": success}, "by_plan": {"test": success / 2}}
+    return msgspec.structs.replace(run, won=won, terminations=ends, **figures, **changed)
 
 
 def results_of(*runs, points=(8,), claims=(), missing=()):
@@ -153,7 +161,7 @@ def test_a_claim_has_the_verdict_of_its_measure_and_points(sides, more, changed,
 def test_amounts_at_two_points_are_compared_by_seed_and_task():
     at_8 = both(0.6, 0.4).runs
     lost = [(run, run.won if run.variant == "right" else "0" * 20 + run.won[20:]) for run in at_8]
-    at_1 = [msgspec.structs.replace(run, values={"distractors": 1}, won=won) for run, won in lost]
+    at_1 = [with_won(run, won, values={"distractors": 1}) for run, won in lost]
     (entry,) = check_claim(
         results_of(*at_8, *at_1, points=(8, 1)), msgspec.structs.replace(CLAIM, expected="varies")
     )

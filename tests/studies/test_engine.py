@@ -11,11 +11,26 @@ from functools import partial
 import msgspec
 import pytest
 from refusals import refuses
-from small_study import RUN_FIGURES, TEXT, TRAINED, Inline, pretend, run_small, small_plan
+from small_study import (
+    HALF,
+    KITCHEN,
+    RUN_FIGURES,
+    TEXT,
+    TRAINED,
+    Inline,
+    pretend,
+    run_small,
+    small_plan,
+)
 
 from wordcraft_kg.base.artefacts import TEMPORARY
 from wordcraft_kg.base.errors import ArtefactError
-from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.records import as_values, parse_record
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.reference import PlayedGraph
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import end_run, start_run
@@ -25,7 +40,14 @@ from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.perform import make_graph, perform
 from wordcraft_kg.studies.plan import agent_config, make_plan
 from wordcraft_kg.studies.report import make_study_report
-from wordcraft_kg.studies.results import RunFigures, read_figures, write_figures
+from wordcraft_kg.studies.results import (
+    RunFigures,
+    StudyResults,
+    hash_of,
+    read_figures,
+    results_text,
+    write_figures,
+)
 from wordcraft_kg.studies.store import collect_study, failure_of, own_results
 from wordcraft_kg.studies.study import adapted
 from wordcraft_kg.studies.tables import lines_of
@@ -351,7 +373,9 @@ def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
             path = task.folder(root)
             write_figures(
                 path,
-                msgspec.structs.replace(read_figures(path, RunFigures), success={"train": 0.5}),
+                msgspec.structs.replace(
+                    read_figures(path, RunFigures), success={"train": 0.5}, by_plan={"train": 0.5}
+                ),
             )
         return outcome
 
@@ -424,7 +448,7 @@ def test_results_from_the_store_are_marked_with_platform_and_versions(tmp_path, 
     "damage",
     [
         lambda text: text[:-9],
-        lambda text: text.replace('"won":"5"', '"won":"9"'),
+        lambda text: text.replace('"won":"4', '"won":"8'),
         lambda text: text.replace('"distractors":1', '"distractors":2'),
         lambda text: text.replace('"graph":', '"grahp":'),
         lambda text: "[]",
@@ -441,13 +465,125 @@ def test_a_damaged_or_edited_cell_is_made_again_with_a_warning(tmp_path, store, 
     assert path.read_text() == text
 
 
+ALL_WON = HALF["won"]
+
+
+def forged(**changes):
+    """Return a change of a cell's figures; a dictionary changes some keys of a figure."""
+
+    def change(figures):
+        for name, value in changes.items():
+            figures[name] = figures[name] | value if isinstance(value, dict) else value
+
+    return change
+
+
+def cut_and_consistent(figures):
+    """Leave out a task, and keep all shares, which are the same with one task less."""
+    figures["won"] = ALL_WON[:-1]
+
+
+FORGERIES = {
+    "success above": (
+        forged(success={"test": 0.99}),
+        "'success.test' is 0.99, but 'won' gives 0.5",
+    ),
+    "goals above": (forged(terminations={"goal": 0.99}), "'terminations.goal' is 0.99"),
+    "no sum": (forged(terminations={"no_recipe": 0.9}), "do not add up to 1"),
+    "own above": (forged(by_plan={"test": 0.9}), "'by_plan.test' is 0.9; expected at most"),
+    "another part": (forged(by_plan={"train": 0.1}), "name different parts"),
+    "a task less": (cut_and_consistent, "expected {tasks}, all test tasks"),
+    "a task won more": (forged(won="5" + ALL_WON[1:]), "but 'won' gives 0.50"),
+    "no digits": (forged(won="zz"), "matching regex"),
+    "no tasks": (forged(won=""), "matching regex"),
+    "line break": (forged(won=ALL_WON + "\n"), "matching regex"),
+    "a number": (forged(won=1e308), "Expected 'str', got 'float'"),
+    "more than all": (forged(won="9" + ALL_WON[1:]), "expected at most 'distractor_seeds' 8"),
+    "endless tables": (forged(distractor_seeds=1e308), "Expected 'int', got 'float'"),
+    "no tables": (forged(distractor_seeds=0), "expected at most 'distractor_seeds' 0"),
+    "end of the curve": (forged(curve=[[0, 0.0], [10, 0.9]]), "'curve' ends at 0.9"),
+    "curve back": (forged(curve=[[10, 0.5], [0, 0.0]]), "steps out of order"),
+    "curve above": (forged(curve=[[0, 7.0], [10, 0.5]]), "a success outside 0 to 1"),
+    "another split": (forged(graph={"split": "0" * 64}), "has results of graph"),
+}
+
+
+@pytest.mark.parametrize(("forge", "message"), FORGERIES.values(), ids=FORGERIES)
+def test_a_cell_whose_figures_contradict_each_other_is_refused_by_name(
+    tmp_path, store, caplog, forge, message
+):
+    path = cell_file(store, the_run())
+    cell = json.loads(path.read_text())
+    forge(cell["figures"])
+    # The forger computes the hash anew, so only the figures tell.
+    cell["sha256"] = hash_of([cell["settings"], cell["figures"]])
+    path.write_text(json.dumps(cell))
+    assert the_run().title in run_small(tmp_path / "second", work=pretend, store=store).began
+    assert str(path) in caplog.text
+    assert message.format(tasks=len(ALL_WON)) in caplog.text
+
+
+def test_what_cannot_be_recomputed_from_single_tasks_is_taken_as_it_is(tmp_path, store):
+    path = cell_file(store, the_run())
+    cell = json.loads(path.read_text())
+    cell["figures"]["by_plan"] = {"test": 0.4}
+    cell["figures"]["curve"] = [[0, 0.3], [10, 0.5]]
+    cell["sha256"] = hash_of([cell["settings"], cell["figures"]])
+    path.write_text(json.dumps(cell))
+    assert the_run().title not in run_small(tmp_path / "second", work=pretend, store=store).began
+
+
+def test_results_of_fewer_tasks_in_a_results_folder_are_missing_with_a_reason(tmp_path):
+    def cut(task, root):
+        outcome = pretend(task, root)
+        if task.address == the_run().address:
+            figures = msgspec.structs.replace(RUN_FIGURES, won=ALL_WON[:-1])
+            write_figures(task.folder(root), figures)
+        return outcome
+
+    run_small(tmp_path, work=cut)
+    results = collect_study(tmp_path, "small")
+    (lost,) = results.missing
+    assert f"'won' has {len(ALL_WON) - 1} tasks; expected {len(ALL_WON)}" in lost.why
+    assert len(results.runs) == 7
+
+
+def test_results_of_a_study_have_the_groups_of_their_tasks(tmp_path):
+    text = TEXT.replace("[grid]", 'split = "by-goal"\n[grid]')
+    plan = small_plan(text=text)
+    goals = World(
+        OpenedGraph(KITCHEN.graph, make_split(KITCHEN.graph, SplitConfig("by-goal")), "kitchen"),
+        WordCraftConfig(part="test"),
+    ).tasks.goals
+
+    def of_goals(task, root):
+        outcome = pretend(task, root)
+        if task.kind == "runs":
+            opened = open_graph(str(root / task.needs[0]))
+            figures = msgspec.structs.replace(
+                RUN_FIGURES, won="4" * len(goals), graph=PlayedGraph.of(opened)
+            )
+            write_figures(task.folder(root), figures)
+        return outcome
+
+    run_small(tmp_path, plan, of_goals)
+    results = collect_study(tmp_path, "small")
+    assert len(results.runs) == 8
+    (groups,) = results.groups
+    assert len(set(groups)) == len(set(goals.tolist())) < len(goals)
+    assert len({*zip(groups, goals.tolist(), strict=True)}) == len(set(groups))
+    assert results.groups_of(results.runs[0]).tolist() == list(groups)
+    assert parse_record(results_text(results).encode(), StudyResults, "results.json") == results
+
+
 def test_other_results_of_the_same_platform_are_warned_of_and_the_cell_stays(
     tmp_path, store, caplog
 ):
     def another(task, root, platform="here"):
         outcome = pretend(task, root)
         if task.kind == "runs":
-            figures = msgspec.structs.replace(RUN_FIGURES, won="6", seconds=9.0, platform=platform)
+            won = "35" + RUN_FIGURES.won[2:]
+            figures = msgspec.structs.replace(RUN_FIGURES, won=won, seconds=9.0, platform=platform)
             write_figures(task.folder(root), figures)
         return outcome
 

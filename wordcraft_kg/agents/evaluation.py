@@ -71,6 +71,7 @@ class Evaluation:
 
     Attributes:
         tasks: shape (N,), int64: indices into the world's tasks.
+        groups: shape (N,), int64: each task's resampling group, see :attr:`World.groups`.
         success: shape (N, D), bool: the episode reached the goal.
         by_plan: shape (N, D), bool: a plan's last pair made the goal.
         actions: shape (N, D), int64: episode length in actions.
@@ -80,6 +81,7 @@ class Evaluation:
     """
 
     tasks: Ids
+    groups: Ids
     success: NDArray[np.bool_]
     by_plan: NDArray[np.bool_]
     actions: Ids
@@ -88,11 +90,11 @@ class Evaluation:
     decisions: Ids
 
     def figures(self) -> Success:
-        """Return the mean success with a 95 % interval over tasks, and the sample sizes."""
+        """Return the mean success with a 95 % interval over groups of tasks, and the sample sizes."""
         mean, by_plan, actions = (
             float(values.mean()) for values in (self.success, self.by_plan, self.actions)
         )
-        low, high = task_bootstrap(self.success)
+        low, high = task_bootstrap(self.success, self.groups)
         tasks, distractor_seeds = self.success.shape
         return Success(mean, low, high, tasks, distractor_seeds, by_plan, actions)
 
@@ -176,7 +178,10 @@ class Evaluator:
                     step.over
                 ]
                 last[step.over, distractor_seed] = np.column_stack([selection, action])[step.over]
-        return Evaluation(self.tasks, success, by_plan, actions, terminations, last, decisions)
+        groups = engine.world.groups[self.tasks]
+        return Evaluation(
+            self.tasks, groups, success, by_plan, actions, terminations, last, decisions
+        )
 
     def _termination(self, selection: Ids, action: Ids) -> NDArray[np.int64]:
         """Return an index into :data:`TERMINATION_REASONS` for each failed attempt."""

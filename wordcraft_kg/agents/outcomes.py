@@ -23,8 +23,8 @@ class Success(Record):
 
     Attributes:
         mean: share of episodes that made the goal.
-        ci_low: lower end of the 95 % interval of ``mean``, over tasks: episodes of one task are not
-            independent.
+        ci_low: lower end of the 95 % interval of ``mean``, over tasks: the interval resamples the
+            groups of tasks that the split holds out together.
         ci_high: upper end.
         tasks: number of tasks.
         distractor_seeds: tables per task.

@@ -271,9 +271,16 @@ def scorer_players(
 class PlayerSuccess(Record):
     """A player's success rate on tables with a given number of distractors.
 
-    ``success`` is the share of episodes that made the goal, with a 95 % interval over tasks from ``low`` to ``high``,
-    because a task's episodes are not independent; in ``by_plan`` of the episodes a plan's last pair made the goal.
-    ``goals`` names the group of goals that the row is about; it is empty for all tasks.
+    Attributes:
+        player: the player's name.
+        distractors: distractors on each table.
+        episodes: number of played tables.
+        success: share of episodes that made the goal.
+        low: lower end of the 95 % interval of ``success``, which resamples groups of tasks, see
+            :attr:`World.groups`, because their episodes are not independent.
+        high: upper end.
+        by_plan: share of episodes in which a plan's last pair made the goal.
+        goals: the group of goals that the row is about; empty for all tasks.
     """
 
     player: str
@@ -338,7 +345,7 @@ def play_all(
             for group, mask in {**everything, **(groups or {})}.items():
                 if mask.any():
                     of_group = success[mask]
-                    low, high = task_bootstrap(of_group)
+                    low, high = task_bootstrap(of_group, world.groups[mask])
                     rows.append(
                         PlayerSuccess(
                             name,

@@ -5,7 +5,8 @@ the resampling. Every function raises a ConfigError for scores that are empty, n
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Literal
 
@@ -21,6 +22,10 @@ Interval = tuple[float, float, float]
 Scores = NDArray[np.float64]
 RESAMPLES = 2_000
 """Bootstrap resamples, and with seed 0 the same everywhere: a metric has the same interval in every report."""
+Groups = NDArray[np.integer] | Sequence[int] | None
+"""Number of each task's group, shape (K,); None if each task is a group of its own."""
+FEWEST_GROUPS = 50
+"""Fewest groups for a bootstrap: percentiles of fewer groups hold the truth too seldom (.79 to .94 of 12 to 40)."""
 _LEVEL = 0.95
 _Z = NormalDist().inv_cdf((1 + _LEVEL) / 2)
 
@@ -47,6 +52,26 @@ def interval(means: Scores, level: float = _LEVEL) -> tuple[float, float]:
     """Return the percentile interval (lower and upper bound) at confidence ``level`` from bootstrap means."""
     low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
+
+
+def cluster_interval(
+    values: Scores, clusters: NDArray[np.int64], means: Scores, *, level: float = _LEVEL
+) -> tuple[float, float]:
+    """Return the interval for the mean of values: percentiles of ``means``, or Student's t over few clusters.
+
+    Args:
+        values: numbers from -1 to 1, such as reciprocal ranks or their differences, shape (N,).
+        clusters: cluster id of each value, shape (N,).
+        means: resampled means of ``values``, from :func:`bootstrap`.
+        level: confidence.
+
+    Returns:
+        lower and upper bound; below :data:`FEWEST_GROUPS` clusters those of :func:`crossed_difference`.
+    """
+    if len(np.unique(clusters)) >= FEWEST_GROUPS:
+        return interval(means, level)
+    _, low, high = crossed_difference(values[None], clusters, level=level)[0]
+    return low, high
 
 
 def finite(name: str, values: ArrayLike) -> Scores:
@@ -117,15 +142,29 @@ def wilson_interval(successes: float, n: int) -> tuple[float, float]:
 
 
 def task_bootstrap(
-    successes: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0
+    successes: ArrayLike, groups: Groups, *, draws: int = RESAMPLES, seed: int = 0
 ) -> tuple[float, float]:
-    """Return a bootstrap interval for a mean success rate; ``successes`` has shape (N tasks, D attempts), 0 and 1.
+    """Return a bootstrap interval for a mean success rate, resampling whole groups of tasks.
 
-    Attempts at one task are correlated, so whole tasks are resampled (cluster bootstrap): with a task's rate
-    ``m_i = sum_d s_id / D``, the bounds are quantiles of ``1/N sum_i m_(r_i)``, r_i uniform over 1..N. How often each
-    distinct rate is drawn is multinomial, so a draw's cost grows with the distinct rates, not the tasks.
+    Attempts at one task are correlated, and so are tasks that a split holds out together, such as all tasks of a goal:
+    whole groups are resampled with all tasks and attempts (cluster bootstrap). With a group's sum of rates ``s_g`` and
+    its ``n_g`` tasks, the bounds are quantiles of ``sum_g c_g s_g / sum_g c_g n_g``, where the counts c are multinomial
+    with G draws from G groups. Equal groups are drawn together, so a draw's cost grows with the distinct groups.
 
-    If all tasks have the same rate, resampling shows no variation; Wilson's interval for N trials is used instead.
+    If all groups have the same rate, resampling shows no variation; Wilson's interval for G trials is used instead.
+    Below :data:`FEWEST_GROUPS` groups resampling shows too little of it; :func:`rate_interval` is used instead.
+
+    Args:
+        successes: shape (N tasks, D attempts), 0 and 1.
+        groups: number of each task's group, shape (N,); None if each task is a group of its own.
+        draws: number of resamples.
+        seed: random seed.
+
+    Returns:
+        lower and upper bound, within 0 and 1.
+
+    Raises:
+        ConfigError: for a table of another shape, a value other than 0 and 1, or not one group for each task.
 
     Source: Davison and Hinkley 1997, "Bootstrap methods and their application", section 3.8; Wilson 1927.
     """
@@ -136,22 +175,38 @@ def task_bootstrap(
         raise ConfigError(
             f"successes: {wrong[0]:g} is neither 0 nor 1; expected single attempts, not rates."
         )
-    totals, tasks = np.unique(table.sum(axis=1), return_counts=True)
-    n, attempts = table.shape
-    if len(totals) == 1:
-        return wilson_interval(n * float(totals[0]) / attempts, n)
-    return interval(rng.multinomial(n, tasks / n, size=draws) @ totals / (n * attempts))
+    attempts = table.shape[1]
+    # Whole numbers, so that equal groups are equal to the bit.
+    solved, sizes = _group_sums(table.sum(axis=1), groups)
+    if np.ptp(solved / sizes) == 0:
+        rate = float(solved[0] / sizes[0]) / attempts
+        return wilson_interval(rate * len(sizes), len(sizes))
+    if len(sizes) < FEWEST_GROUPS:
+        return rate_interval(table.mean(axis=1)[None], groups)
+    return interval(_resampled_ratios(solved, sizes, draws, rng) / attempts)
 
 
 def paired_difference(
-    x: ArrayLike, y: ArrayLike, *, draws: int = RESAMPLES, seed: int = 0
+    x: ArrayLike, y: ArrayLike, groups: Groups, *, draws: int = RESAMPLES, seed: int = 0
 ) -> Interval:
     """Return the mean difference between two players' success on the same tasks, and its bootstrap interval.
 
-    With the rates ``a_i`` and ``b_i`` on task i, the difference is ``mean_i (a_i - b_i)``. Tasks are resampled in
-    pairs, so a task that is hard for both players does not widen the interval.
+    With the rates ``a_i`` and ``b_i`` on task i, the difference is ``mean_i (a_i - b_i)``. Whole groups of tasks are
+    resampled, as in :func:`task_bootstrap`, in pairs: a task that is hard for both players does not widen the
+    interval. Below :data:`FEWEST_GROUPS` groups, the interval is that of :func:`crossed_difference`.
 
-    ``x`` and ``y`` are the players' successes, 0 and 1, shapes (N tasks, D attempts) and (N tasks, D' attempts).
+    Args:
+        x: successes of the first player, 0 and 1, shape (N tasks, D attempts).
+        y: successes of the second player, 0 and 1, shape (N tasks, D' attempts).
+        groups: number of each task's group, shape (N,); None if each task is a group of its own.
+        draws: number of resamples.
+        seed: random seed.
+
+    Returns:
+        the difference with its lower and upper bound.
+
+    Raises:
+        ConfigError: for tables of other shapes, or not one group for each task.
 
     Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", chapter 13.
     """
@@ -160,48 +215,88 @@ def paired_difference(
         raise ConfigError(
             f"x of shape {a.shape} and y of shape {b.shape}: expected (tasks, attempts) of the same tasks."
         )
-    values, tasks = np.unique(a.mean(axis=1) - b.mean(axis=1), return_counts=True)
-    means = rng.multinomial(len(a), tasks / len(a), size=draws) @ values / len(a)
-    return float(values @ tasks / len(a)), *interval(means)
+    difference = a.mean(axis=1) - b.mean(axis=1)
+    sums, sizes = _group_sums(difference, groups)
+    if len(sizes) < FEWEST_GROUPS:
+        return crossed_difference(difference[None], groups)[0]
+    return float(difference.mean()), *interval(_resampled_ratios(sums, sizes, draws, rng))
 
 
-def rate_interval(scores: ArrayLike) -> tuple[float, float]:
-    """Return the interval for a mean success rate over seeds and tasks; ``scores`` has shape (S seeds, K tasks).
+def _resampled_ratios(sums: Scores, sizes: Scores, draws: int, rng: np.random.Generator) -> Scores:
+    """Return ratios of resampled sums and sizes over G groups, shape (draws,)."""
+    equal, times = np.unique(np.column_stack([sums, sizes]), axis=0, return_counts=True)
+    drawn = rng.multinomial(len(sizes), times / len(sizes), size=draws)
+    return np.asarray((drawn @ equal[:, 0]) / (drawn @ equal[:, 1]))
+
+
+def _group_sums(values: Scores, groups: Groups) -> tuple[Scores, Scores]:
+    """Return sums of values (..., K) over the G groups of K tasks, shape (..., G), and the groups' sizes, shape (G,).
+
+    Raises ConfigError unless there is one group number for each task.
+    """
+    tasks = values.shape[-1]
+    if groups is None:
+        return values, np.ones(tasks)
+    given = np.asarray(groups)
+    if given.shape != (tasks,):
+        raise ConfigError(f"groups of shape {given.shape}: expected one for each of {tasks} tasks.")
+    order = np.argsort(given, kind="stable")
+    _, starts, sizes = np.unique(given[order], return_index=True, return_counts=True)
+    return np.add.reduceat(values[..., order], starts, axis=-1), sizes.astype(float)
+
+
+def rate_interval(scores: ArrayLike, groups: Groups) -> tuple[float, float]:
+    """Return the interval for a mean success rate over seeds and tasks.
 
     Wilson's interval with the half-width h of :func:`crossed_difference` at the rate p: with ``q = h² / p (1 - p)`` the
-    bounds are ``(p + q/2 ± sqrt(q p (1 - p) + q²/4)) / (1 + q)``, within 0 and 1 and skewed near them. If all tasks
-    have the same rate, q grows by ``z² / K``. A single seed shows no variation between seeds: the interval then covers
+    bounds are ``(p + q/2 ± sqrt(q p (1 - p) + q²/4)) / (1 + q)``, within 0 and 1 and skewed near them. If all groups
+    have the same rate, q grows by ``z² / G``. A single seed shows no variation between seeds: the interval then covers
     tasks only.
+
+    ``scores`` has shape (S seeds, K tasks); ``groups`` is the number of each task's group, shape (K,), or None if each
+    task is a group of its own.
 
     Source: Wilson 1927, with the variance of two random effects in place of the binomial one.
     """
     table = by_task("scores", scores, "(seeds, tasks)")
+    parts = _crossed(table, groups)
     rate, spread = float(table.mean()), float(table.mean() * (1 - table.mean()))
-    q = (_half_width(table)(1 - _LEVEL) ** 2 / spread if spread else 0.0) + _Z**2 * _floor(table)
+    q = parts.half_width(1 - _LEVEL) ** 2 / spread if spread else 0.0
+    q += _Z**2 * parts.floor
     half = math.sqrt(q * spread + q**2 / 4)
     return max((rate + q / 2 - half) / (1 + q), 0.0), min((rate + q / 2 + half) / (1 + q), 1.0)
 
 
-def crossed_difference(scores: ArrayLike) -> tuple[Interval, float]:
+def crossed_difference(
+    scores: ArrayLike, groups: Groups, *, level: float = _LEVEL
+) -> tuple[Interval, float]:
     """Return a mean difference between two agents over seeds and tasks, its interval, and the p-value of "none".
 
-    ``scores``, shape (S seeds, K tasks), are differences of rates, paired by seed and task. With the mean squares of
-    seeds, tasks and rest of the two-way table, ``h² = (t²_(S-1) max(MS_seeds - MS_rest, 0) + z² MS_tasks) / (S K)``:
-    the few seeds get Student's t, tasks the normal quantile. The p-value is the level at which the interval reaches 0.
-    If all tasks have the same difference, their part is ``z² / K`` in place of 0, as for a rate of 0 or 1. One task
-    leaves the part of the seeds. ``benchmarks/interval_coverage.py`` simulates the coverage.
+    ``scores``, shape (S seeds, K tasks), are differences of rates, paired by seed and task. Tasks are in G groups that
+    a split holds out together: ``groups`` has the number of each task's group, shape (K,), or is None if each task is
+    a group of its own; ``level`` is the confidence.
+
+    ``h² = t²_(S-1) max(v_seeds - v_rest, 0) + t²_(H-1) v_groups`` adds the variance of the mean by seeds, without the
+    noise of single trainings on single groups, and by groups: ``v_groups`` and ``v_rest`` are jackknife variances over
+    groups. Few seeds and few groups get Student's t; ``H = K² / sum_g n_g²`` groups of equal size say as much as G
+    groups with n_g tasks. With groups of one task these are the mean squares of a two-way table.
+
+    The p-value is the level at which the interval reaches 0. If all groups have the same difference, their part is
+    ``z² / G`` in place of 0, as for a rate of 0 or 1. One task leaves the part of the seeds; one group of several
+    tasks says nothing of other groups. ``benchmarks/interval_coverage.py`` simulates the coverage.
 
     Source: Howe 1974, "Approximate confidence limits on the mean of X + Y where X and Y are two tabled independent
-    random variables".
+    random variables"; Cameron and Miller 2015, "A practitioner's guide to cluster-robust inference", section VI, for
+    the jackknife over groups and for Student's t with fewer groups than there are.
     """
     from scipy.special import ndtri
 
     table, least = by_task("scores", scores, "(seeds, tasks)"), 1e-100
-    value, varied = float(table.mean()), _half_width(table)
-    floor = _floor(table) if table.shape[1] > 1 else 0.0
+    value, parts = float(table.mean()), _crossed(table, groups)
+    floor = parts.floor if table.shape[1] > 1 else 0.0
 
     def half_width(p: float) -> float:
-        return math.hypot(varied(p), floor * ndtri(p / 2) ** 2)
+        return math.hypot(parts.half_width(p), floor * ndtri(p / 2) ** 2)
 
     if half_width(least) <= abs(value):
         p_value = 0.0 if value else 1.0
@@ -209,29 +304,61 @@ def crossed_difference(scores: ArrayLike) -> tuple[Interval, float]:
         from scipy.optimize import brentq
 
         p_value = float(brentq(lambda p: half_width(p) - abs(value), least, 1.0))
-    half = half_width(1 - _LEVEL)
+    half = half_width(1 - level)
     return (value, max(value - half, -1.0), min(value + half, 1.0)), p_value
 
 
-def _floor(table: Scores) -> float:
-    """Return 1 / K if the K tasks have the same mean, which does not say that all tasks are alike; else 0."""
-    return 1 / table.shape[1] if np.ptp(table.mean(axis=0)) < 1e-9 else 0.0  # up to rounding
+@dataclass(frozen=True)
+class _Crossed:
+    """What varies in a table of S seeds and K tasks in G groups.
+
+    Attributes:
+        of_seeds: standard error of the mean by seeds, without the noise of single trainings on single groups.
+        of_groups: standard error of the mean by groups of tasks, with this noise.
+        seeds: S.
+        groups: number of groups of equal size that say as much, at most G: ``K² / sum_g n_g²``.
+        floor: 1 / G if all groups have the same mean, which does not say that all groups are alike; else 0.
+    """
+
+    of_seeds: float
+    of_groups: float
+    seeds: int
+    groups: float
+    floor: float
+
+    def half_width(self, p: float) -> float:
+        """Return the half-width of the interval of the mean at the confidence 1 - p."""
+        from scipy.special import stdtrit
+
+        return math.hypot(
+            self.of_seeds * stdtrit(max(self.seeds - 1, 1), p / 2),
+            self.of_groups * stdtrit(max(self.groups - 1, 1), p / 2),
+        )
 
 
-def _half_width(table: Scores) -> Callable[[float], float]:
-    """Return the half-width of a mean's interval as a function of 1 - confidence."""
-    from scipy.special import ndtri, stdtrit
-
-    size, number = table.shape
-    by_seed, by_column = table.mean(axis=1), table.mean(axis=0)
-    of_tasks = by_column.var(ddof=1) / number if number > 1 else 0.0
-    of_seeds = 0.0
-    if size > 1:
-        rest = table - by_seed[:, None] - by_column + table.mean()
-        noise = (rest**2).sum() / max((size - 1) * (number - 1), 1) / table.size
-        of_seeds = max(by_seed.var(ddof=1) / size - noise, 0.0)
-    ends = math.sqrt(of_seeds), math.sqrt(of_tasks)
-    return lambda p: math.hypot(ends[0] * stdtrit(max(size - 1, 1), p / 2), ends[1] * ndtri(p / 2))
+def _crossed(table: Scores, groups: Groups) -> _Crossed:
+    seeds, tasks = table.shape
+    mean, by_seed, by_column = table.mean(), table.mean(axis=1), table.mean(axis=0)
+    deviations, sizes = _group_sums(by_column - mean, groups)
+    number, of_groups, of_seeds = len(sizes), 0.0, 0.0
+    if number > 1:
+        # Leaving out group g moves the mean by its summed deviation / (K - n_g): the jackknife over groups.
+        left, widened = tasks - sizes, (number - 1) / number
+        of_groups = math.sqrt(widened * ((deviations / left) ** 2).sum())
+    if seeds > 1:
+        of_seeds = by_seed.var(ddof=1) / seeds
+        if number > 1:
+            rest, _ = _group_sums(table - by_seed[:, None] - by_column + mean, groups)
+            of_seeds -= widened * ((rest / left) ** 2).sum() / (seeds - 1) / seeds
+        of_seeds = math.sqrt(max(of_seeds, 0.0))
+    is_alike = np.abs(deviations / sizes).max() < 1e-9  # up to rounding
+    return _Crossed(
+        of_seeds,
+        of_groups,
+        seeds,
+        tasks**2 / float((sizes**2).sum()),
+        1 / number if is_alike else 0.0,
+    )
 
 
 # --- several seeds ---------------------------------------------------------------------------------------------------
@@ -259,6 +386,49 @@ def student_interval(
         return None
     mean, (lowest, highest) = float(values.mean()), within
     half = float(t.ppf((1 + _LEVEL) / 2, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5)
+    return max(mean - half, lowest), min(mean + half, highest)
+
+
+def split_interval(
+    scores: ArrayLike, errors: ArrayLike, *, within: tuple[float, float] = (0.0, 1.0)
+) -> tuple[float, float]:
+    """Return the interval for the mean score over splits of a book, never narrower than the task noise of a split.
+
+    ``mean ± h``: with s the sample deviation of the S scores and e² the mean squared standard error of a score within
+    its split, h² is the larger of Student's ``t²_(S-1) s² / S`` and ``t²_(S-1) max(s² - e², 0) / S + z² e²``. Three
+    scores may be alike by chance, and Student's t alone is then narrower than the noise of the tasks in each. The noise
+    e is not divided by S: splits share a book, so their test parts overlap and their trainings share most recipes. A
+    single split has the noise of its tasks.
+
+    Args:
+        scores: a score for each split, shape (S,).
+        errors: standard error of each score within its split, shape (S,), such as ``sqrt(p (1 - p) / n)``.
+        within: lowest and highest possible value, to which the interval is cut.
+
+    Returns:
+        lower and upper bound.
+
+    Raises:
+        ConfigError: unless there is an error for each score.
+
+    Source: the variance between splits as in DerSimonian and Laird 1986, "Meta-analysis in clinical trials"; added to
+    the variance within as in Howe 1974; Nadeau and Bengio 2003, "Inference for the generalization error", on splits of
+    the same data, whose mean varies more than that of independent samples.
+    """
+    from scipy.special import stdtrit
+
+    values, noise = finite("scores", scores).ravel(), finite("errors", errors).ravel()
+    if len(values) != len(noise):
+        raise ConfigError(
+            f"{len(noise)} errors of {len(values)} scores: expected an error for each."
+        )
+    shared = float((noise**2).mean())
+    half = _Z * math.sqrt(shared)
+    if len(values) > 1:
+        t, varied = float(stdtrit(len(values) - 1, (1 + _LEVEL) / 2)), float(values.var(ddof=1))
+        between = t**2 * max(varied - shared, 0.0) / len(values)
+        half = max(math.sqrt(between + half**2), t * math.sqrt(varied / len(values)))
+    mean, (lowest, highest) = float(values.mean()), within
     return max(mean - half, lowest), min(mean + half, highest)
 
 

@@ -148,7 +148,8 @@ def _agents_text(view: "AgentsView", graph: str) -> Iterator[str]:
     for amount in map(str, view.distractors):
         yield f"{view.part} tasks of depth {view.depth}, {counted(int(amount), 'distractor')}"
         yield from aligned(
-            (f"  {agent.name}", *_success(agent.success.get(amount))) for agent in view.agents
+            (f"  {agent.name}", *_success(agent.success.get(amount), view.split.unit))
+            for agent in view.agents
         )
         for agent in view.agents:
             if amount not in agent.success:
@@ -159,14 +160,14 @@ def _agents_text(view: "AgentsView", graph: str) -> Iterator[str]:
         yield f"for comparison: {command_line('reference', graph, *options)}"
 
 
-def _success(success: "AgentSuccess | None") -> Iterator[str]:
+def _success(success: "AgentSuccess | None", unit: str) -> Iterator[str]:
     if success is None:
         yield "-"
         return
-    over = f"over {len(success.seeds)} seeds" if success.seed_ci else "over tasks, one seed"
+    over = f"over {len(success.seeds)} seeds" if success.seed_ci else f"over {unit}, one seed"
     yield f"{success.mean:.3f} {_interval(success.seed_ci or success.task_ci)} {over}"
     if success.difference is not None and success.difference_ci is not None:
-        yield f"{success.difference:+.3f} {_interval(success.difference_ci, '+')} over tasks"
+        yield f"{success.difference:+.3f} {_interval(success.difference_ci, '+')} over {unit}"
 
 
 def _interval(ends: tuple[float, float], sign: str = "") -> str:
@@ -225,7 +226,7 @@ def _links_text(view: "LinkComparison") -> Iterator[str]:
     widened = (
         f"; intervals for differences are widened for {view.pairs} pairs of models (Bonferroni)"
     )
-    yield "95 % intervals over recipes" + (widened if view.pairs > 1 else "")
+    yield f"95 % intervals over {view.unit}" + (widened if view.pairs > 1 else "")
     if view.out:
         yield f"wrote {view.out}   open {view.out}"
 

@@ -201,6 +201,11 @@ class World:
             search=self.search,
         )
 
+    @_derived_from(*_TASKS)
+    def groups(self) -> Ids:
+        """Each task's resampling group, shape (N,), see :meth:`~wordcraft_kg.graphs.tasks.TaskSet.groups_in`."""
+        return self.tasks.groups_in(self.split)
+
     @_derived_from("ambiguity")
     def outcomes(self) -> Mapping[tuple[int, int], tuple[int, ...]]:
         """Results by pair of ids ``(a, b)`` with ``a <= b``, ascending."""

@@ -33,7 +33,7 @@ class AgainstScorer(Record):
         differs: share of episodes in which the agent combines other pairs than the scorer alone.
         success, scorer_success: success rate of agent and scorer in these episodes; None without such episodes.
         gain: success rate of the agent minus that of the scorer, over all episodes.
-        gain_ci: 95 % interval for ``gain``, by resampling tasks.
+        gain_ci: 95 % interval for ``gain``, by resampling groups of tasks.
     """
 
     scorer: str
@@ -49,7 +49,7 @@ class AgentSuccess(Record):
 
     ``mean`` has intervals over training seeds (by Student's t; None for a single run) and over tasks; ``seeds`` has
     each run's rate. ``by_plan`` is the share of episodes that make the goal by one of the task's plans, ``actions`` the
-    mean per episode. ``difference`` to the first agent: by resampling tasks, None for the first agent.
+    mean per episode. ``difference`` to the first agent: by resampling groups of tasks, None for the first agent.
     ``against_scorer`` is None for an agent without a scorer.
     """
 
@@ -65,7 +65,7 @@ class AgentSuccess(Record):
 
 
 class SliceSuccess(Record):
-    """Success rate on a named group of tasks (a slice), with the 95 % interval by resampling tasks."""
+    """Success rate on a named group of tasks (a slice), with the 95 % interval by resampling groups of tasks."""
 
     slice: str
     tasks: Annotated[int, msgspec.Meta(ge=1)]
@@ -83,7 +83,7 @@ def compare_with_scorer(
     """Compare an agent's evaluated runs with its scorer alone, which follows the sources ``scorer``."""
     differs = np.concatenate([result.decisions != alone.decisions for result in results], axis=1)
     success, of_scorer = _successes(results), _successes([alone] * len(results))
-    gain, low, high = paired_difference(success, of_scorer)
+    gain, low, high = paired_difference(success, of_scorer, alone.groups)
     agent_there, scorer_there = (
         float(values[differs].mean()) if differs.any() else None for values in (success, of_scorer)
     )
@@ -102,7 +102,7 @@ def success_of(
     success = AgentSuccess(
         mean=float(np.mean(means)),
         seed_ci=student_interval(means),
-        task_ci=task_bootstrap(_successes(results)),
+        task_ci=task_bootstrap(_successes(results), results[0].groups),
         seeds=tuple(means),
         by_plan=float(np.mean([result.by_plan.mean() for result in results])),
         actions=float(np.mean([result.actions.mean() for result in results])),
@@ -110,7 +110,8 @@ def success_of(
     )
     if reference is None:
         return success
-    difference, low, high = paired_difference(_successes(results), _successes(reference))
+    groups = results[0].groups
+    difference, low, high = paired_difference(_successes(results), _successes(reference), groups)
     return msgspec.structs.replace(success, difference=difference, difference_ci=(low, high))
 
 
@@ -166,7 +167,10 @@ def slice_successes(
     success = _successes(results)
     return tuple(
         SliceSuccess(
-            name, int(mask.sum()), float(success[mask].mean()), task_bootstrap(success[mask])
+            name,
+            int(mask.sum()),
+            float(success[mask].mean()),
+            task_bootstrap(success[mask], results[0].groups[mask]),
         )
         for name, mask in groups.items()
         if mask.any()

@@ -40,11 +40,15 @@ class SharedGraph(Record):
 
 
 class SharedSplit(Record):
-    """The recipe split (train, valid, test) that all compared agents share: kind, seed and content hash."""
+    """The recipe split (train, valid, test) that all compared agents share: kind, seed and content hash.
+
+    ``unit`` names what the split holds out together, and intervals resample: recipes, goals, slots or kinds.
+    """
 
     kind: str
     seed: int
     hash: Hash
+    unit: str
 
 
 class AgentEntry(Record):
@@ -191,7 +195,7 @@ def view_agents(
     return AgentsView(
         format="wordcraft-kg agent report 1",
         graph=SharedGraph(graph.name, graph.hash, graph.num_entities, graph.num_recipes),
-        split=SharedSplit(split.config.kind, split.config.seed, split.hash),
+        split=SharedSplit(split.config.kind, split.config.seed, split.hash, split.unit),
         part=part,
         depth=first.config.tasks.depth,
         distractors=tuple(played),

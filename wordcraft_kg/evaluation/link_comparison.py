@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError, SplitError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.base.settings import MAX_SIZE, whole
-from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
+from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, cluster_interval
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers import ranking
@@ -42,6 +42,7 @@ class LinkComparison(Record, omit_defaults=True):
     """Models compared on the same queries; differences are to the first model.
 
     Attributes:
+        unit: what the split holds out together, and intervals resample: recipes, goals, slots or kinds.
         triples: number of ranked unseen triples, that is, test triples outside the training data.
         sampled_from: total unseen triple count if a uniform sample is ranked.
         best: model with the highest MRR among models that have not seen the test recipes.
@@ -51,6 +52,7 @@ class LinkComparison(Record, omit_defaults=True):
     graph: str
     hash: Hash
     split: Hash
+    unit: str
     triples: Count
     queries: Count
     resamples: Annotated[int, msgspec.Meta(ge=1)]
@@ -75,10 +77,10 @@ def compare(
 ) -> LinkComparison:
     """Compare models by MRR on test triples outside training (a sample if very many), with bootstrap intervals.
 
-    All models share the ingredient pair resamples: a paired difference is more precise than two separate intervals.
-    Reciprocal ranks are averaged over a model's seeds. ConfigError for a setting out of range, or different training
-    settings between a model's seeds, GraphMismatchError for models with different graphs or splits, SplitError for too
-    few unseen triples.
+    All models share the resamples of what the split holds out together, such as recipes or goals: a paired difference
+    is more precise than two separate intervals. Reciprocal ranks are averaged over a model's seeds. ConfigError for a
+    setting out of range, or different training settings between a model's seeds, GraphMismatchError for models with
+    different graphs or splits, SplitError for too few unseen triples.
     """
     whole("resamples", resamples, 1, MAX_SIZE)
     whole("seed", seed, 0)
@@ -92,7 +94,7 @@ def compare(
             f"only {len(queries)} unseen test triples to compare on; {ranking.MIN_TRIPLES} are needed. Build the graph "
             "with a split and a smaller `train_ratio`, such as 0.7."
         )
-    clusters = np.tile(ranking.recipe_clusters(graph, split.is_in("test"), queries), 2)
+    clusters = np.tile(ranking.triple_groups(split, split.is_in("test"), queries), 2)
     pairs = len(contenders) * (len(contenders) - 1) // 2
     confidence = 1 - 0.05 / pairs
 
@@ -100,14 +102,19 @@ def compare(
         return bootstrap(values, clusters, resamples=resamples, seed=seed)
 
     ranked = [_ranked(contender, queries) for contender in contenders]
-    models = _with_intervals(ranked, resampled, confidence)
+
+    def bounds(values: NDArray[np.float64], means: NDArray[np.float64], level: float) -> Bounds:
+        return cluster_interval(values, clusters, means, level=level)
+
+    models = _with_intervals(ranked, resampled, bounds, confidence)
     fair = [(model.name, values) for model, values in ranked if not model.has_seen_the_test_recipes]
     best = max(fair, key=lambda pair: float(pair[1].mean()), default=None)
-    leads = [(pair[0], resampled(best[1] - pair[1])) for pair in fair if best and pair is not best]
+    leads = [(pair[0], best[1] - pair[1]) for pair in fair if best and pair is not best]
     return LinkComparison(
         graph=graph.name,
         hash=graph.hash,
         split=split.hash,
+        unit=split.unit,
         triples=len(queries),
         queries=len(clusters),
         resamples=resamples,
@@ -115,17 +122,20 @@ def compare(
         sampled_from=len(everything) if len(everything) > len(queries) else None,
         models=tuple(models),
         best=best and best[0],
-        not_told_apart=tuple(name for name, means in leads if interval(means, confidence)[0] <= 0),
+        not_told_apart=tuple(
+            name for name, lead in leads if bounds(lead, resampled(lead), confidence)[0] <= 0
+        ),
     )
 
 
 def _with_intervals(
     ranked: Sequence[tuple[ComparedModel, NDArray[np.float64]]],
     resampled: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    bounds: Callable[[NDArray[np.float64], NDArray[np.float64], float], Bounds],
     confidence: float,
 ) -> list[ComparedModel]:
     models = [
-        msgspec.structs.replace(model, mrr_ci=interval(resampled(values)))
+        msgspec.structs.replace(model, mrr_ci=_from_zero(bounds(values, resampled(values), 0.95)))
         for model, values in ranked
     ]
     for i in range(1, len(models)):
@@ -134,10 +144,14 @@ def _with_intervals(
         models[i] = msgspec.structs.replace(
             models[i],
             difference=float(gain.mean()),
-            difference_ci=interval(means, confidence),
+            difference_ci=bounds(gain, means, confidence),
             probability_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
         )
     return models
+
+
+def _from_zero(ends: Bounds) -> Bounds:
+    return max(ends[0], 0.0), ends[1]
 
 
 def _check_alike(reference: Model, contender: Contender) -> None:

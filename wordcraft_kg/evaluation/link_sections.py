@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents import players
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.base.records import Record
-from wordcraft_kg.base.statistics import bootstrap, interval
+from wordcraft_kg.base.statistics import bootstrap, cluster_interval
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.bins import OPEN_END, Bounds, binned
@@ -36,7 +36,7 @@ LINKS_TO = "componentOf,"
 
 
 class Comparison(Record):
-    """A link predictor's MRR minus a baseline's, with the 95 % bootstrap interval over recipes and a verdict."""
+    """A link predictor's MRR minus a baseline's, with the 95 % interval over groups of recipes, and a verdict."""
 
     baseline: str
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -96,7 +96,8 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[Comparison, ...]:
     rows = []
     for name in best_first:
         difference = reciprocal_ranks - others[name]
-        low, high = interval(bootstrap(difference, links.clusters, seed=seed))
+        means = bootstrap(difference, links.clusters, seed=seed)
+        low, high = cluster_interval(difference, links.clusters, means)
         verdict: Literal["above", "level with", "below"] = (
             "above" if low > 0 else "below" if high < 0 else "level with"
         )

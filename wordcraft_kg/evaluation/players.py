@@ -203,7 +203,7 @@ def view_baselines(
         tasks=len(world.tasks),
         distractor_seeds=rows[0].episodes // len(world.tasks),
         seed=seed,
-        intervals="95 %, bootstrap over tasks",
+        intervals=f"95 %, bootstrap over {opened.split.unit}",
         rows=tuple(row for row in rows if not row.goals or row.player in grouped),
         shares={group: float(mask.mean()) for group, mask in groups.items()},
     )

@@ -18,7 +18,7 @@ from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, NeighbourScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import MAX_QUERIES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, recipe_clusters, sampled
+from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampled, triple_groups
 
 MAP_LIMIT = 3_000
 """Largest entity count for which all entity pairs are scored, for example by the neighbour baseline."""
@@ -71,12 +71,12 @@ class RankedLinks:
 
     @cached_property
     def clusters(self) -> Ids:
-        """Number of each query's ingredient pair, the unit for bootstrap resampling; shape (2 T,)."""
+        """Each query's resampling group, see :func:`triple_groups`; shape (2 T,)."""
         split = self.opened.split
         sources = (
             np.ones(self.graph.num_recipes, dtype=bool) if self.is_full else split.is_in("test")
         )
-        return np.tile(recipe_clusters(self.graph, sources, self.queries), 2)
+        return np.tile(triple_groups(split, sources, self.queries), 2)
 
     @cached_property
     def baseline_ranks(self) -> dict[str, pd.DataFrame]:

@@ -92,12 +92,14 @@ class SplitKind:
         draw: assigns recipes to parts; None for :func:`by_groups`.
         uses_kinds: whether the split depends on the kinds of recipes, which the graph's hash leaves
             out and the split's hash includes then.
+        unit: names several groups in a text, such as "goals": intervals resample them.
     """
 
     groups: Callable[[RecipeGraph], Ids]
     about: str
     draw: Callable[[RecipeGraph, "SplitConfig", np.random.Generator], Draw] | None = None
     uses_kinds: bool = False
+    unit: str = "recipes"
 
 
 class Split:
@@ -197,6 +199,19 @@ class Split:
             is_given = is_in(triples, self.triples_of(part), self.graph.num_entities)
             first[is_given] = PARTS.index(part)
         return first
+
+    @cached_property
+    def groups(self) -> Ids:
+        """Each recipe's group, shape (num_recipes,): recipes that the split holds out together, such as of a goal.
+
+        Recipes of a group are alike, so intervals resample whole groups, see :attr:`unit`.
+        """
+        return frozen(groups_of(self.graph, self.config.kind))
+
+    @property
+    def unit(self) -> str:
+        """Name of several groups in a text: recipes, goals, slots or kinds."""
+        return SPLITS[self.config.kind].unit
 
     @cached_property
     def uncovered(self) -> Ids:
@@ -450,10 +465,13 @@ _PAIRS: Callable[[RecipeGraph], Ids] = attrgetter("pair_of_recipe")
 SPLITS = {
     "by-recipe": SplitKind(_PAIRS, "pairs are held out, every entity stays in train", _by_recipe),
     "by-recipe-plain": SplitKind(_PAIRS, "pairs are held out, train may lack entities"),
-    "by-slot": SplitKind(_slots, "the ingredients of each result are held out"),
-    "by-goal": SplitKind(_goals, "goals are held out"),
+    "by-slot": SplitKind(_slots, "the ingredients of each result are held out", unit="slots"),
+    "by-goal": SplitKind(_goals, "goals are held out", unit="goals"),
     "by-kind": SplitKind(
-        _kinds, "kinds of reasoning are held out; the book names them", uses_kinds=True
+        _kinds,
+        "kinds of reasoning are held out; the book names them",
+        uses_kinds=True,
+        unit="kinds",
     ),
     "none": SplitKind(_PAIRS, "full graph only", _none),
 }

@@ -20,6 +20,7 @@ from wordcraft_kg.base.errors import TaskError
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
+from wordcraft_kg.graphs.splits import Split
 
 Rows = tuple[int, ...]
 """A plan: rows in ``graph.recipes`` in order of execution."""
@@ -146,6 +147,14 @@ class TaskSet:
             last_rows = [plan[-1] for plan in plans]
             final.append(sorted({pair_of[row] for row in last_rows}))
         return frozen(padded(final, -1))
+
+    def groups_in(self, split: Split) -> Ids:
+        """Return each task's resampling group, shape (N,): the split's group of the recipe that makes the goal.
+
+        Tasks of a group were held out together and are alike, so an interval resamples whole groups. If several plans
+        end in different recipes, the first plan counts.
+        """
+        return frozen(split.groups[[plans[0][-1] for plans in self.plans]])
 
     def weights(self, weighting: TaskWeighting = "task") -> NDArray[np.float64]:
         """Return sampling probabilities, shape (N,), that sum to 1.

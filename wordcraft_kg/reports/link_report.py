@@ -140,7 +140,7 @@ def comparison_page(view: LinkComparison) -> str:
             (model.name, (model.mrr or 0.0, *(model.mrr_ci or (None, None))))
             for model in view.models
         ],
-        "filtered MRR, 95 % over recipes",
+        f"filtered MRR, 95 % over {view.unit}",
         "MRR of each model with its interval",
     )
     differences = charts.intervals(

@@ -6,6 +6,7 @@ results without durations, so the same training on the same platform gives the s
 
 import json
 import logging
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,9 +15,14 @@ from msgspec import structs
 from wordcraft_kg.base.artefacts import read_small_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import Record, as_record, as_values, parse_record
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.library import open_book
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.studies.perform import FIGURES, is_done
 from wordcraft_kg.studies.plan import Plan
-from wordcraft_kg.studies.results import Figures, hash_of, read_figures, write_figures
+from wordcraft_kg.studies.played_tasks import PlayedTasks
+from wordcraft_kg.studies.results import Figures, RunFigures, hash_of, read_figures, write_figures
 from wordcraft_kg.studies.tasks import Task
 
 _UNTIMED = {"seconds": 0.0, "steps_per_second": 0, "stored": False}
@@ -42,19 +48,24 @@ def exchange_cells(plan: Plan, root: Path, store: Path) -> int:
         raise ConfigError(
             f"`store` '{store}' is a file; expected a folder of cells, which may be new."
         )
-    taken = 0
+    taken, played = 0, PlayedTasks(partial(_opened, plan))
     for task in (task for task in plan.tasks.values() if task.kind != "graphs"):
         if _is_here(task, root):
             keep_cell(task, root, store)
-        elif (figures := read_cell(task, store)) is not None:
+            continue
+        figures = read_cell(task, store, played)
+        if figures is not None:
             task.folder(root).mkdir(parents=True, exist_ok=True)
             write_figures(task.folder(root), structs.replace(figures, stored=True))
             taken += 1
     return taken
 
 
-def read_cell(task: Task, store: Path) -> Figures | None:
-    """Return a task's results from its cell (JSON file) in the folder ``store``; None if missing, damaged or edited."""
+def read_cell(task: Task, store: Path, played: PlayedTasks | None = None) -> Figures | None:
+    """Return a task's results from its cell (JSON file) in the folder ``store``; None if missing, damaged or edited.
+
+    Figures that contradict each other are damage, too; with ``played``, so are results of other tasks than the agent's.
+    """
     path = cell_file(store, task)
     if not path.exists():
         return None
@@ -64,12 +75,21 @@ def read_cell(task: Task, store: Path) -> Figures | None:
             raise ArtefactError(
                 f"{path} is damaged or was changed: the hash or the settings do not fit."
             )
-        return as_record(cell.figures, FIGURES[task.kind], path)
+        figures = as_record(cell.figures, FIGURES[task.kind], path)
+        if played is not None and isinstance(figures, RunFigures):
+            played.check(figures, task.needs[0], task.settings["settings"], path)
+        return figures
     except ArtefactError as error:
         logging.getLogger(__name__).warning(
             "%s The training is repeated, and the cell replaced.", error
         )
         return None
+
+
+def _opened(plan: Plan, address: str) -> OpenedGraph:
+    graph = RecipeGraph.from_book(open_book(plan.books[address]))
+    config = SplitConfig(**plan.tasks[address].settings["split"])
+    return OpenedGraph(graph, make_split(graph, config), plan.books[address])
 
 
 def keep_cell(task: Task, root: Path, store: Path) -> None:

@@ -16,10 +16,10 @@ is above 0 and another below; with one sign everywhere, it differs if the differ
 (in pairs; for other tasks: disjoint intervals) and else is not reproduced; it is not reproduced either if all intervals
 lie within ±.02, and else undecided. A claim without runs is *not run*.
 
-Intervals for success are over seeds and tasks (:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals
-for figures per run, such as steps, are over seeds: mean ± t · s / √S, with Student's t. Differences are paired by seed,
-task and table. Verdicts are not corrected for multiple claims. With fewer than three seeds, a verdict other than
-*undecided* is marked as provisional.
+Intervals for success are over seeds and over groups of tasks that the split holds out together, such as the tasks of a
+goal (:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals for figures per run, such as steps, are over
+seeds: mean ± t · s / √S, with Student's t. Differences are paired by seed, task and table. Verdicts are not corrected
+for multiple claims. With fewer than three seeds, a verdict other than *undecided* is marked as provisional.
 """
 
 from collections.abc import Iterable, Sequence
@@ -33,6 +33,7 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.statistics import (
     FEWEST_PAIRS,
+    Groups,
     Scores,
     crossed_difference,
     rate_interval,
@@ -61,7 +62,8 @@ _MEASURES = {
 class Measured(Record, frozen=True):
     """The measured values for a claim under fixed grid settings: means over common seeds for both sides.
 
-    The 95 % interval needs two seeds, else None; ``tasks`` is 0 for one value per run.
+    The 95 % interval needs two seeds, else None; ``tasks`` is 0 for one value per run. ``groups`` counts the groups of
+    tasks that the interval resamples, and is equal to ``tasks`` if each task is a group.
     """
 
     values: Values
@@ -72,6 +74,7 @@ class Measured(Record, frozen=True):
     high: float | None
     seeds: Count
     tasks: Count
+    groups: Count
 
 
 class ClaimVerdict(Record, frozen=True):
@@ -149,8 +152,13 @@ def _point(values: Values) -> str:
     return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
-def _sides(results: StudyResults, claim: Claim, point: Values) -> tuple[list[int], Scores, Scores]:
-    """Return the common seeds and both sides' figures, shapes (seeds, tasks) for success and else (seeds, 1)."""
+def _sides(
+    results: StudyResults, claim: Claim, point: Values
+) -> tuple[list[int], Scores, Scores, Groups]:
+    """Return the common seeds, both sides' figures, and the groups of tasks.
+
+    Figures have the shape (seeds, tasks) for success and else (seeds, 1).
+    """
     left = _runs(results, claim.left, point)
     right = _runs(results, claim.right, {**point, **claim.right_at}) if claim.right else left
     pairs = [(left[seed], right[seed]) for seed in sorted(left.keys() & right.keys())]
@@ -159,18 +167,17 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> tuple[list[int
     b = np.array([_figures(claim.measure, other, other) for _, other in pairs])
     if not claim.right:
         b = np.full_like(a, claim.than)
-    return [left.seed for left, _ in pairs], a, b
+    groups = results.groups_of(pairs[0][0]) if claim.measure == "success" else None
+    return [left.seed for left, _ in pairs], a, b, groups
 
 
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
-    seeds, a, b = _sides(results, claim, point)
-    low, high = _interval(claim, a, b)
-    left, right, tasks = (
-        float(a.mean()),
-        float(b.mean()),
-        a.shape[1] if claim.measure == "success" else 0,
-    )
-    return Measured(point, left, right, left - right, low, high, len(seeds), tasks)
+    seeds, a, b, groups = _sides(results, claim, point)
+    low, high = _interval(claim, a, b, groups)
+    left, right = float(a.mean()), float(b.mean())
+    tasks = a.shape[1] if claim.measure == "success" else 0
+    number = tasks if groups is None else len(set(groups))
+    return Measured(point, left, right, left - right, low, high, len(seeds), tasks, number)
 
 
 def _check_runs(
@@ -208,15 +215,17 @@ def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[flo
     return [min(steps_to(run.curve, level), run.steps) / run.steps]
 
 
-def _interval(claim: Claim, left: Scores, right: Scores) -> tuple[float, float] | tuple[None, None]:
+def _interval(
+    claim: Claim, left: Scores, right: Scores, groups: Groups
+) -> tuple[float, float] | tuple[None, None]:
     # An interval over tasks alone would be about two trainings, but the claim is about agents.
     if len(left) == 1:
         return None, None
     if claim.measure == "success" and claim.than is not None:
-        low, high = rate_interval(left)
+        low, high = rate_interval(left, groups)
         return low - claim.than, high - claim.than
     if claim.measure == "success":
-        return crossed_difference(left - right)[0][1:]
+        return crossed_difference(left - right, groups)[0][1:]
     within = (-1.0, 1.0) if claim.than is None else (-claim.than, 1 - claim.than)
     return student_interval((left - right)[:, 0], within=within) or (None, None)
 
@@ -285,7 +294,8 @@ def _varies(
 
 def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured) -> bool:
     """Return whether the difference of the sides surely changes between two points, paired by seed and task."""
-    (seeds, *left), (others, *right) = (_sides(results, claim, of.values) for of in (one, other))
+    seeds, *left, groups = _sides(results, claim, one.values)
+    others, *right, _ = _sides(results, claim, other.values)
     tasks = [
         {results.tasks_of(run) for run in _runs(results, claim.left, of.values).values()}
         for of in (one, other)
@@ -293,11 +303,12 @@ def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured
     common = sorted({*seeds} & {*others})
     if tasks[0] != tasks[1] or len(common) < FEWEST_PAIRS:
         return max(one.low or 0, other.low or 0) > min(one.high or 0, other.high or 0)
-    paired = [
+    changes = [
         (a - b)[[of.index(seed) for seed in common]]
         for of, (a, b) in ((seeds, left), (others, right))
     ]
-    low, high = _interval(msgspec.structs.replace(claim, than=None), *paired)
+    of_differences = msgspec.structs.replace(claim, than=None)
+    low, high = _interval(of_differences, changes[0], changes[1], groups)
     return (low or 0) > 0 or (high or 0) < 0
 
 
@@ -306,9 +317,11 @@ def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:
     left, right = (f"{mark}{side}{mark}" for side in claim.sides)
     interval = "" if measured.low is None else f" [{signed(measured.low)}, {signed(measured.high)}]"
     other = claim.sides[1] if claim.is_value else f"{right} {share(measured.right)}"
-    size = counted(measured.seeds, "seed") + (
-        f", {counted(measured.tasks, 'task')}" if measured.tasks else ""
-    )
+    size = counted(measured.seeds, "seed")
+    if measured.tasks:
+        size += f", {counted(measured.tasks, 'task')}"
+    if measured.groups < measured.tasks:
+        size += f" in {counted(measured.groups, 'group')}"
     sides = f"{left} {share(measured.left)} against {other}"
     return f"{_MEASURES[claim.measure]}{sides}: {signed(measured.difference)}{interval} ({size})"
 

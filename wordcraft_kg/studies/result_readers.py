@@ -35,6 +35,11 @@ from wordcraft_kg.models.scorers.folder import WEIGHTS
 from wordcraft_kg.runs.record import RUN_FILE, run_folders
 
 
+def over(unit: str, *, seeds: int = 1) -> str:
+    """Return how the interval of success is made, in words; ``unit`` names the groups of tasks, such as goals."""
+    return f"95 %, over seeds and {unit}" if seeds > 1 else f"95 %, bootstrap over {unit}"
+
+
 class TableGame(Record):
     """A player's recorded game on a crafting task, by labels.
 
@@ -55,8 +60,6 @@ class TableGame(Record):
 
 
 SEEN = "knows the recipes of the test tasks"
-OVER_SEEDS = "95 %, over seeds and tasks"
-OVER_TASKS = "95 %, bootstrap over tasks"
 _NO_RESULT = (
     "seed",
     "graph",
@@ -195,7 +198,7 @@ def agent_rows(
                 own[name][column] = sum(float(result.by_plan.mean()) for result in played) / len(
                     rates
                 )
-                estimates[name][column] = (mean, *rate_interval(rates))
+                estimates[name][column] = (mean, *rate_interval(rates, played[0].groups))
     rows = []
     for name, members in groups.items():
         if not estimates[name]:
@@ -238,7 +241,7 @@ def _agent_row(
         origin=origin,
         source=" ".join(("wordcraft-kg", *members[0].run.argv[1:])),
         play=play,
-        interval=OVER_SEEDS if len(members) > 1 else OVER_TASKS,
+        interval=over(members[0].opened.split.unit, seeds=len(members)),
         tasks=len(evaluator.tasks),
         distractor_seeds=evaluator.distractor_seeds,
         seeds=len(members),

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -35,6 +35,57 @@ def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
     return math.inf
 
 
+Won = Annotated[str, msgspec.Meta(pattern=r"^[0-9]+\Z")]
+"""Number of successes on each test task, a digit each."""
+_ROUNDING = 1e-6
+"""Shares are stored with six digits."""
+
+
+def check_played(figures: "RunResult | RunFigures") -> None:
+    """Raise ValueError for figures of an agent that contradict its successes on single tasks.
+
+    Success on test tasks and the share of the termination reason ``goal`` follow from ``won``; success by plan is a
+    part of success, and shares of termination reasons add up to 1. Everything else needs the agent or its scorer, and
+    cannot be recomputed: success on train tasks, success by plan below success, the other reasons, the course of the
+    curve, MRR and the duration.
+    """
+    won, tables, part = figures.won, figures.distractor_seeds, _part_of(figures.success)
+    if not tables or max(map(int, won)) > tables:
+        raise ValueError(
+            f"`won` has {max(won)} successes of a task; expected at most `distractor_seeds` {tables}"
+        )
+    rate = sum(map(int, won)) / (len(won) * tables)
+    goal = figures.terminations.get("goal", 0.0)
+    claimed = {f"success.{part}": figures.success[part]}
+    if figures.terminations:
+        claimed["terminations.goal"] = goal
+    for name, value in claimed.items():
+        if abs(value - rate) > _ROUNDING:
+            raise ValueError(f"`{name}` is {value:g}, but `won` gives {rate:g}")
+    if figures.terminations and abs(sum(figures.terminations.values()) - 1) > 1e-5:
+        raise ValueError("the shares of `terminations` do not add up to 1")
+    if figures.by_plan.keys() != figures.success.keys():
+        raise ValueError("`by_plan` and `success` name different parts")
+    for name, share in figures.by_plan.items():
+        if share > figures.success[name] + _ROUNDING:
+            raise ValueError(
+                f"`by_plan.{name}` is {share:g}; expected at most the success {figures.success[name]:g}"
+            )
+    steps = [step for step, _ in figures.curve]
+    if steps != sorted(set(steps)) or any(not 0 <= step <= figures.steps for step in steps):
+        raise ValueError(f"`curve` has steps out of order, or beyond the {figures.steps:,} steps")
+    if not all(0 <= value <= 1 for _, value in figures.curve):
+        raise ValueError("`curve` has a success outside 0 to 1")
+
+
+def _part_of(success: Mapping[str, float]) -> str:
+    """Return the part of the tasks in ``won``: test, or train in a graph without test tasks."""
+    part = "test" if "test" in success else "train"
+    if part not in success:
+        raise ValueError("`success` has neither test nor train tasks")
+    return part
+
+
 class RunResult(Record, frozen=True):
     """Results of one agent training in a study.
 
@@ -44,6 +95,7 @@ class RunResult(Record, frozen=True):
         graph, origin: positions in :attr:`StudyResults.graphs` and :attr:`StudyResults.origins`.
         success, by_plan: greedy success rate by split part, in all and by one of the task's plans.
         won: number of successes among ``distractor_seeds`` episodes, a digit for each test task.
+        groups: position in :attr:`StudyResults.groups`; None in results of earlier versions.
         curve: success on test tasks during training.
         mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has seen these triples.
         seconds: training time; 0 for results from a store.
@@ -58,14 +110,18 @@ class RunResult(Record, frozen=True):
     success: dict[str, Share]
     by_plan: dict[str, Share]
     terminations: dict[str, Share]
-    won: str
-    distractor_seeds: int
+    won: Won
+    distractor_seeds: Count
     curve: Curve
     mrr: Share | None
     steps: Count
     seconds: Annotated[float, msgspec.Meta(ge=0)]
     steps_per_second: Count
     origin: Count = 0
+    groups: Count | None = None
+
+    def __post_init__(self) -> None:
+        check_played(self)
 
     @property
     def rates(self) -> NDArray[np.float64]:
@@ -95,7 +151,8 @@ class StudyResults(Record, frozen=True):
     """A study, with all command line changes, and the results of all its trainings (``results.json``).
 
     ``runs`` are ordered by grid point, variant and seed; ``hours`` is the training time in this results folder;
-    ``origins`` are the platforms of the trainings, and whether their results are from a store of cells.
+    ``origins`` are the platforms of the trainings, and whether their results are from a store of cells; ``groups``
+    have the resampling group of each test task, see :attr:`World.groups`, numbered by first appearance.
     """
 
     format: Literal["wordcraft-kg results 1"]
@@ -108,6 +165,24 @@ class StudyResults(Record, frozen=True):
     missing: tuple[Missing, ...]
     hours: Annotated[float, msgspec.Meta(ge=0)]
     origins: tuple[Origin, ...] = ()
+    groups: tuple[tuple[Count, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        for run in self.runs:
+            if run.graph >= len(self.graphs):
+                raise ValueError(f"run {run.run} names a graph that is not listed")
+            if run.groups is None:
+                continue
+            if run.groups >= len(self.groups):
+                raise ValueError(f"run {run.run} names groups of tasks that are not listed")
+            if len(run.won) != (expected := len(self.groups[run.groups])):
+                raise ValueError(
+                    f"run {run.run} has {len(run.won)} tasks in `won`; expected {expected}"
+                )
+
+    def groups_of(self, run: RunResult) -> NDArray[np.int64] | None:
+        """Return the resampling group of each test task of a run, shape (K,); None if not recorded."""
+        return None if run.groups is None else np.array(self.groups[run.groups], dtype=np.int64)
 
     def tasks_of(self, run: RunResult) -> tuple[str, str, int, int]:
         """Return what identifies a run's test tasks."""
@@ -117,11 +192,11 @@ class StudyResults(Record, frozen=True):
 
 def results_text(results: StudyResults) -> str:
     """Return a study's results as JSON text with a line for each training, for readable diffs."""
+    dump = json.JSONEncoder(ensure_ascii=False, separators=(",", ":")).encode
     values = as_values(results)
-    runs = ",\n".join(
-        json.dumps(run, ensure_ascii=False, separators=(",", ":")) for run in values.pop("runs")
-    )
-    return f'{json.dumps(values, ensure_ascii=False)[:-1]}, "runs": [\n{runs}\n]}}\n'
+    runs = ",\n".join(map(dump, values.pop("runs")))
+    # The groups of tasks are thousands of numbers, so blanks would be a third of the text.
+    return f'{dump(values)[:-1]},"runs":[\n{runs}\n]}}\n'
 
 
 FIGURES_FILE = "figures.json"
@@ -151,11 +226,24 @@ class RunFigures(Figures, frozen=True, kw_only=True):
     success: dict[str, Share]
     by_plan: dict[str, Share]
     terminations: dict[str, Share]
-    won: str
+    won: Won
     distractor_seeds: Count
     curve: Curve
     steps: Count
     steps_per_second: Count
+
+    def __post_init__(self) -> None:
+        check_played(self)
+        step, end = self.curve[-1] if self.curve else (0, 0.0)
+        rate = self.success.get("test", end)
+        # A curve ends with all test tasks, unless there are too many, and has five digits.
+        if step == self.steps and abs(end - rate) > 1e-5:
+            from wordcraft_kg.agents.curves import CURVE_TASKS
+
+            if len(self.won) <= CURVE_TASKS:
+                raise ValueError(
+                    f"`curve` ends at {end:g}, but the success on test tasks is {rate:g}"
+                )
 
 
 def write_figures(folder: Path, figures: Figures) -> None:

@@ -9,7 +9,7 @@
 
 import logging
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Literal
@@ -21,7 +21,9 @@ from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Record, as_values, read_record
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.reference import PlayedGraph
+from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.studies.plan import Plan
+from wordcraft_kg.studies.played_tasks import PlayedTasks
 from wordcraft_kg.studies.results import (
     FIGURES_FILE,
     Missing,
@@ -152,26 +154,35 @@ _KEPT = ("won", "distractor_seeds", "curve", "steps", "seconds", "steps_per_seco
 def collect_study(root: Path, name: str) -> StudyResults:
     """Return the results that a study in a results folder has so far; ArtefactError for an unknown study."""
     plan = read_plan(root, name)
-    rows = list(zip(plan.cells, plan.runs, plan.scorers, strict=True))
-    return _results(root, name, plan.command, plan.study, rows)
+    return _results(root, name, plan)
 
 
-def _results(
-    root: Path, name: str, command: str, study: Study, rows: Sequence[tuple[Cell, str, str | None]]
-) -> StudyResults:
+def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
+    played = PlayedTasks(lambda address: open_graph(str(root / address)))
+    groups: dict[tuple[int, ...], int] = {}
     graphs: dict[PlayedGraph, int] = {}
     versions: dict[str, str] = {}
     scorers: dict[str, ScorerFigures] = {}
     origins: dict[str, tuple[int, Origin]] = {}
     runs, missing, seconds = [], [], {}
-    for cell, address, scorer in rows:
+    for cell, address, scorer, graph in zip(
+        plan.cells, plan.runs, plan.scorers, plan.graphs, strict=True
+    ):
         try:
             figures = _run_figures(root, address)
+            # The tasks are unknown if the graph's folder was removed.
+            is_known = (root / graph).exists()
+            if is_known:
+                played.check(figures, graph, cell.settings, root / address)
             if scorer is not None and scorer not in scorers:
                 scorers[scorer] = read_figures(root / scorer, ScorerFigures)
         except ArtefactError as error:
             missing.append(Missing(cell.variant, cell.values, cell.seed, str(error)))
             continue
+        number = None
+        if is_known:
+            of_tasks = tuple(played.groups(graph, cell.settings).tolist())
+            number = groups.setdefault(of_tasks, len(groups))
         versions |= figures.versions
         seconds[address] = figures.seconds
         runs.append(
@@ -186,6 +197,7 @@ def _results(
                 success=_rounded(figures.success),
                 by_plan=_rounded(figures.by_plan),
                 terminations=_rounded(figures.terminations),
+                groups=number,
                 **{name: getattr(figures, name) for name in _KEPT},
             )
         )
@@ -194,14 +206,15 @@ def _results(
     return StudyResults(
         format="wordcraft-kg results 1",
         name=name,
-        command=command,
-        study=study,
+        command=plan.command,
+        study=plan.study,
         graphs=tuple(graphs),
         versions=versions,
         runs=tuple(runs),
         missing=tuple(missing),
         hours=round(sum(seconds.values()) / 3600, 4),
         origins=tuple(origin for _, origin in origins.values()),
+        groups=tuple(groups),
     )
 
 

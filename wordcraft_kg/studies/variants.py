@@ -28,9 +28,9 @@ _ROUNDING = 1e-12
 class Comparison(Record):
     """A variant compared with the study's reference variant under the same grid settings.
 
-    ``difference`` of mean success on test tasks, with the 95 % interval over seeds and tasks, over ``pairs`` common
-    seeds. The p-value needs three pairs, else None; ``p_corrected`` has Holm's correction for all comparisons in
-    the study.
+    ``difference`` of mean success on test tasks, with the 95 % interval over seeds and groups of tasks, over ``pairs``
+    common seeds. The p-value needs three pairs, else None; ``p_corrected`` has Holm's correction for all comparisons
+    in the study.
     """
 
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -45,7 +45,7 @@ class VariantFigures(Record):
 
     Attributes:
         seed_interval: interval for ``mean`` over seeds, by Student's t; None for a single seed.
-        interval: interval for ``mean`` over seeds and tasks; over tasks for a single seed.
+        interval: interval for ``mean`` over seeds and groups of tasks, such as goals; over tasks for a single seed.
         train: mean success on train tasks; None if not measured.
         mrr: mean MRR of the agents' scorers on test triples outside training, or None.
         comparison: difference to the reference; None for the reference and without common seeds.
@@ -97,7 +97,7 @@ def figures_of(
         success=tuple(success),
         mean=mean_of(success),
         seed_interval=student_interval(success),
-        interval=rate_interval(_table(members)),
+        interval=rate_interval(_table(members), results.groups_of(members[0])),
         by_plan=mean_of([run.by_plan["test"] for run in members]),
         train=mean_of(train) if len(train) == len(members) else None,
         mrr=mean_of(mrr) if mrr else None,
@@ -129,7 +129,7 @@ def _comparison(
     if members is base or not pairs or results.tasks_of(members[0]) != results.tasks_of(base[0]):
         return None
     differences = _table([run for run, _ in pairs]) - _table([run for _, run in pairs])
-    (difference, *ends), exact = crossed_difference(differences)
+    (difference, *ends), exact = crossed_difference(differences, results.groups_of(base[0]))
     p_value = exact if len(pairs) >= FEWEST_PAIRS else None
     return Comparison(difference, (ends[0], ends[1]), len(pairs), p_value, p_corrected=p_value)
 

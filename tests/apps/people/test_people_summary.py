@@ -11,7 +11,7 @@ import torch
 from tests.apps.people.stored import answered, other_world
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.apps.people.comparison import agent_successes
-from wordcraft_kg.apps.people.protocol import HumanProtocol, Session
+from wordcraft_kg.apps.people.protocol import AgentGame, HumanProtocol, Session
 from wordcraft_kg.apps.people.summary import view_people
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import checked_values
@@ -65,7 +65,11 @@ def test_the_interval_over_people_is_that_of_all_resamples_of_people(protocol):
 @pytest.mark.parametrize("answers", ["111", "000"])
 def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(protocol, answers):
     people = [session(protocol, right) for right in (answers[:2], answers, answers[:1])]
-    made = {one.table_of(answer): answers == "111" for one in people for answer in one.answers}
+    made = {
+        one.table_of(answer): AgentGame(answers == "111", answer.number)
+        for one in people
+        for answer in one.answers
+    }
     row = summed(*people, agents={"agent": made}).conditions[0].parts["train"]
     right = 3 * (answers == "111")
     assert row.people_interval == wilson_interval(right, 3)
@@ -134,6 +138,25 @@ def is_solved(policy, env, seen):
         batch = [torch.as_tensor(seen[name])[None] for name in ("goal", "selection", "table")]
         seen, _, _, _, info = env.step(int(policy(States(*batch, task=number)).logits.argmax()))
     return info["outcome"] == "goal"
+
+
+def test_an_agents_interval_resamples_what_the_split_holds_out_together(protocol):
+    """Twelve tables in two groups: the two groups decide, not the tables."""
+    people = [session(HumanProtocol(protocol.world, 5, seed, tasks=3), "101") for seed in range(4)]
+    keys = [one.table_of(answer) for one in people for answer in one.answers]
+    alike = {key: AgentGame(number % 2 == 0, number % 2) for number, key in enumerate(keys)}
+    apart = {key: AgentGame(number % 2 == 0, number) for number, key in enumerate(keys)}
+    widths = []
+    for made in (alike, apart):
+        low, high = (
+            summed(*people, agents={"agent": made})
+            .conditions[0]
+            .parts["train"]
+            .agents["agent"]
+            .interval
+        )
+        widths.append(high - low)
+    assert widths[0] > 1.5 * widths[1]
 
 
 def test_an_agent_is_compared_at_the_table_of_each_answer(agent):

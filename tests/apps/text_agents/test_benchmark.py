@@ -46,6 +46,8 @@ from wordcraft_kg.apps.text_agents.submission import (
     SCHEMA,
     Played,
     acceptable,
+    figures_of,
+    read_lines,
     submission_schema,
     verify,
 )
@@ -59,6 +61,7 @@ from wordcraft_kg.base.errors import (
     PlayerError,
     WordCraftKGError,
 )
+from wordcraft_kg.base.records import as_values
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.evaluation_tables import EvaluationTables
 from wordcraft_kg.envs.words import prompt_hash
@@ -703,3 +706,19 @@ def test_a_game_that_would_have_gone_on_with_other_prompts_has_no_second_figure(
     assert re.fullmatch(
         r"grammar 2  not known: \d+ of 100 games would have gone on differently", lines[3]
     )
+
+
+def test_submissions_with_an_interval_over_tasks_stay_valid_and_are_shown_over_goals(copied):
+    folder = copied("goal-8-lite", "votes")
+    record = json.loads((folder / "submission.json").read_text())
+    track = open_track("goal-8-lite")
+    lines = read_lines(folder / "games.jsonl", track, track.play())
+    now, before = figures_of(track, lines), figures_of(track, lines, by_task=True)
+    assert record["figures"] == as_values(now)
+    assert now.mean == before.mean
+    assert (now.ci_low, now.ci_high) != (before.ci_low, before.ci_high)
+    edit(folder, figures=as_values(before))
+    assert verify(folder).figures == now
+    edit(folder, figures=as_values(before) | {"ci_high": 0.999999})
+    with pytest.raises(ArtefactError, match="'figures' is"):
+        verify(folder)

@@ -60,7 +60,8 @@ def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_
         actions = iter(slots[task, distractor_seed])
         return lambda _: f"{next(actions) + 1} + {next(actions) + 1}"
 
-    assert_same(evaluation_of(play_all(TaskGames(world), 2, speaker)), expected)
+    played = play_all(TaskGames(world), 2, speaker)
+    assert_same(evaluation_of(played, world.groups), expected)
     assert 0 < expected.success.mean() < 1 or name == "oracle"
 
 
@@ -309,7 +310,7 @@ def test_all_tasks_make_the_result_and_the_first_game_of_a_task_counts(kitchen, 
     before = path.read_bytes() + b'{"torn'
     path.write_bytes(before)
     result = read_games_result(path, kitchen)
-    assert result == result_of("MCP clients", settings, lines)
+    assert result == result_of("MCP clients", settings, lines, games.world.groups)
     assert 0 < result.success.mean < 1
     assert path.read_bytes() == before
 

@@ -136,7 +136,7 @@ def test_a_scripted_player_that_plays_by_tools_has_its_evaluation_to_the_last_di
             assert over["is_over"]
 
     play_by_tools(host, play, mode)
-    assert_same(evaluation_of(played), expected)
+    assert_same(evaluation_of(played, world.groups), expected)
     assert 0 < expected.success.mean() < 1
 
 

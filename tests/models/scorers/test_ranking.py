@@ -18,6 +18,7 @@ from small_scorers import table_scorer
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.statistics import bootstrap, interval
+from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples, triple_keys
 from wordcraft_kg.models.links.builders import scorer_tensors
 from wordcraft_kg.models.links.complex import ComplExN3
@@ -31,9 +32,9 @@ from wordcraft_kg.models.scorers.ranking import (
     random_metrics,
     rank_triples,
     ranking_metrics,
-    recipe_clusters,
     sampled,
     slice_masks,
+    triple_groups,
     with_interval,
 )
 
@@ -231,12 +232,26 @@ def test_slices_part_the_queries_by_relation_and_side(opened_kitchen):
 
 
 @given(st.integers(0, 10_000), st.integers(3, 9), st.integers(1, 25), st.floats(0.1, 1))
-def test_clusters_are_the_first_pairs_that_give_the_triples(seed, num_entities, num_recipes, share):
+@pytest.mark.parametrize("kind", ["by-recipe", "by-goal", "by-slot"])
+def test_groups_of_triples_are_the_first_groups_that_give_them(
+    kind, seed, num_entities, num_recipes, share
+):
     graph = random_graph(seed, num_entities, num_recipes)
     chosen = np.random.default_rng(seed).random(graph.num_recipes) < share
     chosen[0] = True
     triples = recipe_triples(graph.recipes[chosen])
-    assert recipe_clusters(graph, chosen, triples).tolist() == slow_clusters(graph, chosen, triples)
+    split = Split(graph, SplitConfig(kind), Draw(np.zeros(graph.num_recipes, dtype=np.int8)))
+    found = triple_groups(split, chosen, triples).tolist()
+    groups = split.groups[chosen].tolist()
+    for triple, group in zip(triples.tolist(), found, strict=True):
+        giving = [
+            number
+            for number, recipe in zip(groups, graph.recipes[chosen], strict=True)
+            if triple in recipe_triples(recipe[None]).tolist()
+        ]
+        assert group == min(giving)
+    if kind == "by-recipe":
+        assert found == slow_clusters(graph, chosen, triples)
 
 
 CONSTANT = ([0.3] * 20, np.arange(20) // 3, {0.3})

@@ -6,7 +6,7 @@ import numpy as np
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent
 from wordcraft_kg.agents.evaluation import PolicyPlayer
-from wordcraft_kg.apps.people.protocol import HumanProtocol, PosedTask, Session, TableKey
+from wordcraft_kg.apps.people.protocol import AgentGame, HumanProtocol, PosedTask, Session, TableKey
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
 from wordcraft_kg.envs.world import World
@@ -14,8 +14,8 @@ from wordcraft_kg.graphs.arrays import padded
 from wordcraft_kg.models.policies.policy import Policy
 
 
-def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[TableKey, bool]:
-    """Return whether an agent, acting greedily, makes the goal at each answered table.
+def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[TableKey, AgentGame]:
+    """Return whether an agent, acting greedily, makes the goal at each answered table, and each task's group.
 
     As in training, the model without a task's recipes scores a train task if the scorer is cross-fitted. Another graph
     or split is a GraphMismatchError, a table size that the agent cannot play a ConfigError.
@@ -40,14 +40,15 @@ def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Tab
                     f"{answer.part} task {answer.number} of seed {seed}, {distractors} distractors: "
                     "this version poses another task than the answered task."
                 )
-    successes: dict[TableKey, bool] = {}
+    games: dict[TableKey, AgentGame] = {}
     for distractors, part in sorted({(key[0], key[2]) for key in posed}):
         assert world is not None
         keys = [key for key in posed if (key[0], key[2]) == (distractors, part)]
         variant = world.variant(num_distractors=distractors, part=part)
         made = _greedy_successes(agent.policy, variant, [posed[key] for key in keys])
-        successes.update(zip(keys, made, strict=True))
-    return successes
+        groups = variant.groups[[posed[key].index for key in keys]].tolist()
+        games.update(zip(keys, map(AgentGame, made, groups), strict=True))
+    return games
 
 
 def _check_graph(agent: OpenedAgent, session: Session) -> None:

@@ -4,6 +4,7 @@ import copy
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -165,6 +166,13 @@ class HumanProtocol:
 
 TableKey = tuple[int, int, str, int]
 """Distractor count, seed, part, task number."""
+
+
+class AgentGame(NamedTuple):
+    """An agent's game at a table of people: whether the goal was made, and the task's resampling group."""
+
+    success: bool
+    group: int
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,24 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, Answer, Session, TableKey, check_alike
+from wordcraft_kg.apps.people.protocol import (
+    HUMAN_PARTS,
+    AgentGame,
+    Answer,
+    Session,
+    TableKey,
+    check_alike,
+)
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 
 
 class AgentRate(Record):
-    """An agent's results on people's tables, once per answer; 95 % bootstrap over tables, Wilson's if all equal."""
+    """An agent's results on people's tables, once per answer.
+
+    The 95 % interval is a bootstrap over groups of tasks, Wilson's for equal results.
+    """
 
     successes: Count
     rate: Share
@@ -68,9 +78,9 @@ class ExportedAnswers(Record):
 
 def view_people(
     sources: Mapping[Path, Sequence[Session]],
-    agents: Mapping[str, Mapping[TableKey, bool]] | None = None,
+    agents: Mapping[str, Mapping[TableKey, AgentGame]] | None = None,
 ) -> HumanSummary:
-    """Return success rates over sessions; ``agents`` holds the success of each agent by name and table.
+    """Return success rates over sessions; ``agents`` holds the games of each agent by name and table.
 
     Two studies with the same answers are an ArtefactError, other graphs or splits a GraphMismatchError, and other
     settings than the number of distractors, or no session, a ConfigError.
@@ -125,7 +135,7 @@ def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
 
 
 def _rate(
-    part: str, sessions: Sequence[Session], agents: Mapping[str, Mapping[TableKey, bool]]
+    part: str, sessions: Sequence[Session], agents: Mapping[str, Mapping[TableKey, AgentGame]]
 ) -> AnswerRate:
     given = [
         (person, answer)
@@ -152,11 +162,10 @@ def _rate(
     )
 
 
-def _agent_rate(made: Sequence[bool], keys: Sequence[TableKey]) -> AgentRate:
-    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys))}
-    won = np.array(made, dtype=float)
-    tables = np.array([numbers[key] for key in keys], dtype=np.int64)
-    return AgentRate(int(won.sum()), float(won.mean()), len(numbers), _over(won, tables))
+def _agent_rate(made: Sequence[AgentGame], keys: Sequence[TableKey]) -> AgentRate:
+    won = np.array([game.success for game in made], dtype=float)
+    groups = np.array([game.group for game in made], dtype=np.int64)
+    return AgentRate(int(won.sum()), float(won.mean()), len(set(keys)), _over(won, groups))
 
 
 def _over(right: NDArray[np.float64], clusters: NDArray[np.int64]) -> tuple[float, float] | None:

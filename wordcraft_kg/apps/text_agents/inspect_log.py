@@ -11,10 +11,11 @@ from wordcraft_kg.apps.text_agents.records import (
     PlayedWorld,
     TextResult,
 )
-from wordcraft_kg.apps.text_agents.results import result_of
+from wordcraft_kg.apps.text_agents.results import groups_of, result_of
 from wordcraft_kg.base.errors import ArtefactError, reason
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.base.records import Count, Record, as_record
+from wordcraft_kg.graphs.folder import OpenedGraph
 
 if TYPE_CHECKING:
     from inspect_ai.log import EvalLog, EvalSample
@@ -57,10 +58,14 @@ class LoggedGames:
     answers: Sequence[Sequence[str]] = ()
 
 
-def read_inspect_log(path: str | Path) -> TextResult:
-    """Read a language model's result from an Inspect log, see :func:`read_logged_games`."""
+def read_inspect_log(path: str | Path, opened: OpenedGraph | None = None) -> TextResult:
+    """Read a language model's result from an Inspect log, see :func:`read_logged_games`.
+
+    Intervals resample the groups of tasks that the split of ``opened`` holds out together; without the graph, tasks.
+    """
     logged = read_logged_games(Path(path))
-    return result_of(logged.model, logged.settings, logged.games)
+    groups = groups_of(opened, logged.settings) if opened else None
+    return result_of(logged.model, logged.settings, logged.games, groups)
 
 
 def read_logged_games(path: Path, *, with_answers: bool = False) -> LoggedGames:

@@ -10,6 +10,8 @@ from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from wordcraft_kg.apps.text_agents.benchmark import open_track
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
@@ -108,7 +110,7 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
         rules = play.settings
         if not isinstance(play.games, TaskGames):  # a track
             return _discovery(play)
-        tasks = play.games.world.tasks
+        tasks, groups = play.games.world.tasks, play.games.world.groups.tolist()
         samples = [
             _sample(
                 f"{rules.part}-{number}-{seed}",
@@ -116,6 +118,7 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
                 task=number,
                 distractor_seed=seed,
                 goal=tasks[number].goal,
+                group=groups[number],
             )
             for seed in range(rules.distractor_seeds)
             for number in chosen_tasks(play.games.world, rules.tasks).tolist()
@@ -225,7 +228,7 @@ def conversation(play: Play) -> Solver:
 
 @metric(scores="unreduced")
 def crafting_figures() -> Metric:
-    """Return an Inspect metric: success, actions per game, counts in the run, and the standard error over tasks."""
+    """Return an Inspect metric: success, actions per game, counts, and the standard error over groups of tasks."""
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
@@ -235,9 +238,15 @@ def crafting_figures() -> Metric:
             {one.task for one in played},
             {one.distractor_seed for one in played},
         )
+        by_task = {
+            game.task: one.sample_metadata["group"]
+            for one, game in zip(scores, played, strict=True)
+            if one.sample_metadata
+        }
+        groups = np.array([by_task.get(task, task) for task in range(max(tasks) + 1)])
         # The interval over tasks needs all distractor seeds.
         success = (
-            evaluation_of(played).figures()
+            evaluation_of(played, groups).figures()
             if len(played) == len(tasks) * len(distractor_seeds)
             else None
         )
@@ -247,7 +256,7 @@ def crafting_figures() -> Metric:
 
         return {
             "success": mean("success"),
-            "stderr": float(stderr(cluster="task")(scores)),  # type: ignore[arg-type]
+            "stderr": float(stderr(cluster="group")(scores)),  # type: ignore[arg-type]
             "ci_low": success.ci_low if success else None,
             "ci_high": success.ci_high if success else None,
             "by_plan": mean("by_plan"),

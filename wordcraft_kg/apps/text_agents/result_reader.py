@@ -16,7 +16,7 @@ from wordcraft_kg.apps.text_agents.records import (
     PlayedTask,
     TextResult,
 )
-from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, result_of
+from wordcraft_kg.apps.text_agents.results import chosen_tasks, groups_of, read_games, result_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE, Submission, read_lines
 from wordcraft_kg.base.errors import ConfigError
@@ -33,13 +33,13 @@ from wordcraft_kg.evaluation.reference import (
 )
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.studies.result_readers import (
-    OVER_TASKS,
     SEEN,
     ResultReader,
     TableGame,
     begins_with,
     check_hash,
     check_tasks,
+    over,
 )
 
 _LOGS = (".eval", ".json")
@@ -65,7 +65,9 @@ def _result(path: Path, opened: OpenedGraph) -> TextResult:
     if (path / SUBMISSION_FILE).is_file():
         raise ConfigError(f"'{path}' has the games of a track, not all tasks; see `bench run`.")
     result = (
-        read_inspect_log(path) if _is_log(path) else read_games_result(_games_file(path), opened)
+        read_inspect_log(path, opened)
+        if _is_log(path)
+        else read_games_result(_games_file(path), opened)
     )
     if result.settings.track is not None:
         raise ConfigError(
@@ -105,7 +107,10 @@ def read_games_result(path: Path, opened: OpenedGraph) -> TextResult:
             "distractor seed, because selected tasks are not representative."
         )
     return result_of(
-        header.player, msgspec.structs.replace(settings, distractor_seeds=seeds), [*first.values()]
+        header.player,
+        msgspec.structs.replace(settings, distractor_seeds=seeds),
+        [*first.values()],
+        groups_of(opened, settings),
     )
 
 
@@ -155,7 +160,7 @@ def _task_rows(
             )
         figures = figures_of({amount: (success.mean, success.ci_low, success.ci_high)})
         amounts = {"tasks": success.tasks, "distractor_seeds": success.distractor_seeds}
-        row = _row(path, result, play, figures, interval=OVER_TASKS, **amounts)
+        row = _row(path, result, play, figures, interval=over(opened.split.unit), **amounts)
         # A player with several results for the same tasks has a row per result.
         same = result.player, msgspec.structs.replace(settings, distractors=None)
         times = ((*same, time) for time in count())

@@ -23,6 +23,7 @@ from wordcraft_kg.apps.text_agents.records import (
     PlayedWorld,
     TextResult,
 )
+from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.artefacts import read_large_file
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
@@ -30,6 +31,7 @@ from wordcraft_kg.base.records import as_lines, parse_lines, parse_record
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.runs.folder import locked
 
 if TYPE_CHECKING:
@@ -101,8 +103,23 @@ def _termination_of(game: TaskGame) -> TerminationReason:
     )
 
 
-def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
-    """Convert the records of N tasks with D distractor seeds each to an evaluation, without pairs (-1)."""
+def groups_of(opened: OpenedGraph, settings: PlayedSettings) -> Ids | None:
+    """Return the resampling group of each task of recorded games; None without tasks, or for a track or other graph."""
+    hashes = settings.graph_hash, settings.split_hash
+    if settings.track is not None or hashes != (opened.graph.hash, opened.split.hash):
+        return None
+    if settings.part is None or settings.depth is None or settings.distractors is None:
+        return None
+    games = GameSettings(settings.part, settings.depth, settings.distractors, settings.attempts)
+    return World(opened, games.environment).groups
+
+
+def evaluation_of(played: Sequence[PlayedTask], groups: Ids | None = None) -> "Evaluation":
+    """Convert the records of N tasks with D distractor seeds each to an evaluation, without pairs (-1).
+
+    ``groups`` has the resampling group of each task of the world, see :attr:`World.groups`; None if each task is a
+    group of its own.
+    """
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
     tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
@@ -114,6 +131,7 @@ def evaluation_of(played: Sequence[PlayedTask]) -> "Evaluation":
     games = sorted(played, key=lambda one: (one.task, one.distractor_seed))
     return Evaluation(
         tasks,
+        tasks if groups is None else groups[tasks],
         np.array([one.success for one in games], dtype=bool).reshape(shape),
         np.array([one.by_plan for one in games], dtype=bool).reshape(shape),
         np.array([one.actions for one in games], dtype=np.int64).reshape(shape),
@@ -132,15 +150,25 @@ def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, floa
 
 
 def result_of(
-    player: str, settings: PlayedSettings, played: Sequence[PlayedTask | PlayedWorld]
+    player: str,
+    settings: PlayedSettings,
+    played: Sequence[PlayedTask | PlayedWorld],
+    groups: Ids | None = None,
 ) -> TextResult:
-    """Return a player's result: metrics and counts over all recorded games."""
+    """Return a player's result: metrics and counts over all recorded games.
+
+    Args:
+        player: name of the player.
+        settings: settings of the games.
+        played: all games.
+        groups: resampling groups of the tasks, see :func:`evaluation_of`.
+    """
     counts = {name: sum(getattr(one, name) for one in played) for name in COUNTS}
     curves = [
         (len(settings.base), *one.known_after) for one in played if isinstance(one, PlayedWorld)
     ]
     tasks = [one for one in played if isinstance(one, PlayedTask)]
-    evaluation = None if settings.is_open_ended else evaluation_of(tasks)
+    evaluation = None if settings.is_open_ended else evaluation_of(tasks, groups)
     return TextResult(
         player=player,
         settings=settings,
@@ -202,7 +230,8 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
             talk = play.begin(task, distractor_seed)
             played.append(record_of(talk, converse(talk, speak(talk)), distractor_seed))
             append_game(path, played[-1])
-    return result_of(player, settings, played)
+    groups = play.games.world.groups if isinstance(play.games, TaskGames) else None
+    return result_of(player, settings, played, groups)
 
 
 @contextmanager

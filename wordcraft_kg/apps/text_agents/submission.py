@@ -118,7 +118,8 @@ class Figures(Record, frozen=True, kw_only=True):
 
     Attributes:
         mean: share of made goals, or mean number of known entities after the last attempt.
-        ci_low, ci_high: 95 % interval: a bootstrap over tasks, or Student's t over open-ended games.
+        ci_low, ci_high: 95 % interval: a bootstrap over the groups of tasks that the track's split holds out together,
+            or Student's t over open-ended games. In earlier submissions the bootstrap is over tasks.
         by_plan: share of goals made by a plan's last pair; None in open-ended games.
         known: mean number of known entities by attempts; empty for tasks.
     """
@@ -247,8 +248,11 @@ def answers_text(lines: Sequence[GameLine]) -> str:
     return f"{invalid:,} of {answers:,} invalid ({invalid / max(answers, 1):.1%})"
 
 
-def figures_of(track: Track, lines: Sequence[GameLine]) -> Figures:
-    """Return the figures over all games of a track."""
+def figures_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False) -> Figures:
+    """Return the figures over all games of a track.
+
+    ``by_task``: with the interval of earlier submissions, as if a split held out tasks by themselves.
+    """
     known: dict[int, float] = {}
     by_plan = None
     if track.is_open_ended:
@@ -264,7 +268,8 @@ def figures_of(track: Track, lines: Sequence[GameLine]) -> Figures:
         )
     else:
         success = np.array([bool(line.success) for line in lines])
-        mean, interval = float(success.mean()), task_bootstrap(success[:, None])
+        groups = None if by_task else track.world.groups
+        mean, interval = float(success.mean()), task_bootstrap(success[:, None], groups)
         by_plan = _rounded(np.mean([bool(line.by_plan) for line in lines]))
     low, high = interval or (mean, mean)
     return Figures(
@@ -335,7 +340,14 @@ def _totals(track: Track, lines: Sequence[GameLine]) -> dict[str, Any]:
 
 
 def verify(folder: Path) -> Submission:
-    """Play a submission again, compare every byte and figure, and return it; ArtefactError naming file and line."""
+    """Play a submission again, compare every byte and figure, and return it.
+
+    The returned figures have the interval of :func:`figures_of`; an earlier submission may have
+    another, over tasks.
+
+    Raises:
+        ArtefactError: naming file and line, if anything differs from the replay.
+    """
     return verified_games(folder)[0]
 
 
@@ -349,15 +361,15 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     if submission.graph_hash != track.opened.graph.hash:
         raise _refused(path, "graph_hash", submission.graph_hash, track.opened.graph.hash)
     lines = read_lines(folder / GAMES_FILE, track, track.play(submission.knowledge))
-    for name, value in {
-        **_totals(track, lines),
-        "games_hash": sha256_of(folder / GAMES_FILE),
-    }.items():
-        if (given := getattr(submission, name)) != value:
+    totals = _totals(track, lines) | {"games_hash": sha256_of(folder / GAMES_FILE)}
+    for name, value in totals.items():
+        given = getattr(submission, name)
+        is_earlier = name == "figures" and given == figures_of(track, lines, by_task=True)
+        if given != value and not is_earlier:
             raise _refused(path, name, *(json.dumps(as_values(each)) for each in (given, value)))
     if dump_json(as_values(submission)).encode() != data:
         raise ArtefactError(f"{path} was edited: expected the form in which `bench run` writes it.")
-    return submission, lines
+    return msgspec.structs.replace(submission, figures=totals["figures"]), lines
 
 
 def check_declared(name: str, text: str, most: int = LONGEST_TEXT) -> None:

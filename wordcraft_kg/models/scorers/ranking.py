@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
-from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, interval
+from wordcraft_kg.base.statistics import RESAMPLES, bootstrap, cluster_interval
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS, triple_keys
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 
@@ -237,25 +238,27 @@ def random_metrics(ranks: pd.DataFrame) -> RankingMetrics:
     )
 
 
-def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
-    """Return, for each triple, the first ingredient pair with a recipe that gives the triple.
+def triple_groups(split: Split, recipes: NDArray[np.bool_], triples: Ids) -> Ids:
+    """Return the resampling group of each triple: the first group with a recipe that gives it.
 
-    Queries from the same pair are dependent (mirrored combinesWith triples most), so intervals
-    resample pairs, the unit of the split, instead of queries.
+    Queries from the same recipe are dependent (mirrored combinesWith triples most), and so are
+    recipes that the split holds out together, such as all recipes of a goal: intervals resample the
+    groups of the split.
 
     Args:
-        graph: the graph that the ids belong to.
+        split: the split whose :attr:`~wordcraft_kg.graphs.splits.Split.groups` count.
         recipes: shape (num_recipes,), bool: the recipes that count, such as those of the test part.
         triples: shape (T, 3); a recipe that counts gives each of them.
 
     Returns:
-        shape (T,): pair numbers, as in ``graph.pair_of_recipe``.
+        shape (T,): group numbers, as in ``split.groups``.
     """
+    graph = split.graph
     a, b, result = graph.recipes[recipes].T
-    pair = graph.pair_of_recipe[recipes]
+    group = split.groups[recipes]
     # Each recipe gives four triples: combinesWith in both directions, and componentOf twice.
-    combines = np.full(len(pair), COMBINES_WITH)
-    component = np.full(len(pair), COMPONENT_OF)
+    combines = np.full(len(group), COMBINES_WITH)
+    component = np.full(len(group), COMPONENT_OF)
     given = np.concatenate(
         [
             np.column_stack([a, combines, b]),
@@ -265,11 +268,11 @@ def recipe_clusters(graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids
         ]
     )
     keys = triple_keys(given, graph.num_entities)
-    pairs = np.tile(pair, 4)
-    # Sorted by triple and then by pair, so that the search finds the first pair of each triple.
-    order = np.lexsort((pairs, keys))
+    groups = np.tile(group, 4)
+    # Sorted by triple and then by group, so that the search finds the first group of each triple.
+    order = np.lexsort((groups, keys))
     place = np.searchsorted(keys[order], triple_keys(triples, graph.num_entities))
-    return pairs[order][place]
+    return groups[order][place]
 
 
 def with_interval(
@@ -289,10 +292,10 @@ def with_interval(
     metrics = ranking_metrics(ranks)
     if len(np.unique(clusters)) < _FEWEST_CLUSTERS:
         return metrics
-    means = bootstrap(
-        1 / ranks["rank"].to_numpy(dtype=float), clusters, resamples=resamples, seed=seed
-    )
-    return msgspec.structs.replace(metrics, mrr_ci=interval(means))
+    reciprocal = 1 / ranks["rank"].to_numpy(dtype=float)
+    means = bootstrap(reciprocal, clusters, resamples=resamples, seed=seed)
+    low, high = cluster_interval(reciprocal, clusters, means)
+    return msgspec.structs.replace(metrics, mrr_ci=(max(low, 0.0), high))
 
 
 def slice_masks(ranks: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:

@@ -11,7 +11,7 @@ from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.cli.options import Force
 
 if TYPE_CHECKING:
-    from wordcraft_kg.apps.people.protocol import Session, TableKey
+    from wordcraft_kg.apps.people.protocol import AgentGame, Session, TableKey
     from wordcraft_kg.apps.people.summary import AnswerRate, ExportedAnswers, HumanSummary
 
 GROUP = "Tasks and play"
@@ -23,7 +23,8 @@ EXAMPLES = (
 )
 NOTE = (
     "95 % intervals: Wilson for rates, as if all answers were independent; bootstrap",
-    "over people and tables (Wilson for equal results), too narrow for few people.",
+    "over people, and for agents over tasks that the split holds out together (Wilson for equal results),",
+    "too narrow for few people.",
 )
 
 
@@ -74,7 +75,9 @@ def _exported(folder: Path, out: Path, force: bool) -> tuple["ExportedAnswers", 
     return view, [f"wrote {out}: answers: {view.answers:,}, people: {view.people:,}"]
 
 
-def _compared(runs: list[Path], sessions: "list[Session]") -> "dict[str, dict[TableKey, bool]]":
+def _compared(
+    runs: list[Path], sessions: "list[Session]"
+) -> "dict[str, dict[TableKey, AgentGame]]":
     if not runs:
         return {}
     from wordcraft_kg.agents.agent_folder import open_agent

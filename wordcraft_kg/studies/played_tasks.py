@@ -1,0 +1,72 @@
+"""The test tasks that the agents of a study play: their resampling groups, and whether results fit them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.agents.config import TaskConfig
+from wordcraft_kg.base.errors import ArtefactError
+from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, distance_of
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.studies.results import RunFigures
+
+
+class PlayedTasks:
+    """The test tasks of a study's agents, found once for all agents that play the same."""
+
+    def __init__(self, open_address: Callable[[str], OpenedGraph]):
+        """Find tasks with a function that opens the graph of an address, such as ``graphs/2f65aebd52224b51``."""
+        self._open = open_address
+        self._opened: dict[str, OpenedGraph] = {}
+        self._groups: dict[tuple[str, int, str], Ids] = {}
+
+    def groups(self, address: str, settings: Mapping[str, Any]) -> Ids:
+        """Return the resampling group of each test task of an agent, shape (K,), numbered by first appearance.
+
+        ``settings`` are those of a cell or a task; only task settings matter. TaskError without test tasks.
+        """
+        names = [field.name for field in fields(TaskConfig) if field.name in settings]
+        config = TaskConfig(**{name: settings[name] for name in names}).environment("test")
+        key = address, config.depth, config.task_weighting
+        if key not in self._groups:
+            groups = World(self._graph(address), config).groups
+            # Of very many tasks, an even sample is played.
+            groups = groups[:: distance_of(len(groups), MOST_TASKS)]
+            _, first, number = np.unique(groups, return_index=True, return_inverse=True)
+            place = np.argsort(np.argsort(first))
+            self._groups[key] = place[number]
+        return self._groups[key]
+
+    def check(
+        self, figures: RunFigures, address: str, settings: Mapping[str, Any], where: Path
+    ) -> None:
+        """Raise ArtefactError if an agent's results are of another graph or split, or not of all test tasks.
+
+        Args:
+            figures: results of the agent.
+            address: address of the agent's graph.
+            settings: settings of the agent's cell or task.
+            where: file or folder with the results, for the error.
+        """
+        opened, tasks = self._graph(address), len(self.groups(address, settings))
+        graph, split = opened.graph.hash, opened.split.hash
+        if (figures.graph.hash, figures.graph.split) != (graph, split):
+            raise ArtefactError(
+                f"{where} has results of graph {figures.graph.hash[:12]}, split {figures.graph.split[:12]}; expected "
+                f"graph {graph[:12]}, split {split[:12]}. Train again."
+            )
+        if len(figures.won) != tasks:
+            raise ArtefactError(
+                f"{where} is damaged: 'won' has {len(figures.won):,} tasks; expected {tasks:,}, all test tasks. "
+                "Make it again, or restore a copy."
+            )
+
+    def _graph(self, address: str) -> OpenedGraph:
+        if address not in self._opened:
+            self._opened[address] = self._open(address)
+        return self._opened[address]

@@ -151,7 +151,7 @@ def check_constants(
 
 
 class Evidence(NamedTuple):
-    """Evidence for a slot's score: the assumed second ingredient, and supporting recipes, largest share first.
+    """Evidence for a slot's score: the assumed second ingredient, and supporting recipes, those for the goal first.
 
     Attributes:
         plan: expected attempts, each as ids of both ingredients and the result, and the result's probability; empty

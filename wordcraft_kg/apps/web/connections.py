@@ -92,8 +92,8 @@ class Connection(H11Protocol):
         return BODY_WAIT if self.cycle.more_body else None
 
 
-def end_overdue(connections: Collection[Connection]) -> None:
-    """End all connections whose clients have made the server wait for too long."""
+def end_overdue(connections: Collection[object]) -> None:
+    """End all connections, as uvicorn lists them, whose clients have made the server wait for too long."""
     for connection in list(connections):
-        if connection.is_overdue():
+        if isinstance(connection, Connection) and connection.is_overdue():
             connection.end()

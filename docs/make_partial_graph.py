@@ -161,7 +161,11 @@ def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
             line = f"| {name}{few} | {_figure(_mean(cells[0]['mrr'])) if cells[0]['mrr'] else ''} |"
             for row in cells:
                 # The success of random pairs is computed, not sampled.
-                ends = None if player == "random" else interval_over_splits(row["success"], row["tasks"])
+                ends = (
+                    None
+                    if player == "random"
+                    else interval_over_splits(row["success"], row["tasks"])
+                )
                 success = _with_interval({"success": _mean(row["success"]), "interval": ends})
                 line += f" {success} | {_figure(_mean(row['own']))} | {_figure(_mean(row['no_train_shortcut']))} |"
             yield line
@@ -194,7 +198,11 @@ def agents(book: str, split: str, steps: int, of: list[Row]) -> Iterator[str]:
         line = f"| {NAMES[variant]} | {'' if mrr is None else _figure(mrr)} |"
         for row in cells:
             more = "" if variant == "no graph" else _signed(row["more_than_no_graph"])
-            ends = interval_over_splits(row["values"], row["tasks"]) if "tasks" in row else row["interval"]
+            ends = (
+                interval_over_splits(row["values"], row["tasks"])
+                if "tasks" in row
+                else row["interval"]
+            )
             line += f" {_with_interval(row | {'interval': ends})} | {more} |"
         yield line
     yield ""

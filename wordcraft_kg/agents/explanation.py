@@ -63,7 +63,8 @@ class SlotEvidence(Record):
     Attributes:
         source: source of the recipe score.
         partner: the selection, or without selection the best partner on the table.
-        because: supporting recipes, strongest first; a cross-fitted scorer excludes the recipes for the task.
+        because: supporting recipes, those that make the goal itself (with a plan, the expected result) first, then by
+            share; a cross-fitted scorer excludes the recipes for the task.
         outside: evidence from outside the train recipes for slot, partner and this result, strongest first.
         plan: expected attempts, for sources that look ahead.
     """

@@ -7,7 +7,9 @@ above 0. The command line shows the option instead, ``--learning-rate``.
 import difflib
 import operator
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.base.errors import ConfigError
@@ -23,6 +25,11 @@ MAX_DIM = 2**16
 """Limit for the dimension of a vector."""
 MAX_THREADS = 1_024
 """Limit for CPU threads and processes."""
+_CONTAINER_LIMITS = (
+    "/sys/fs/cgroup/memory.max",
+    "/sys/fs/cgroup/memory/memory.limit_in_bytes",
+)
+"""Files with the memory limit of a Linux container, as of Docker: control groups of version 2 and version 1."""
 
 
 def refuse(
@@ -186,7 +193,26 @@ def memory() -> int:
         limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     except (ImportError, ValueError, OSError):  # not a Unix
         return MOST
-    return available if limit == resource.RLIM_INFINITY else min(available, limit)
+    available = min([available, *_container_limits()])
+    if limit == resource.RLIM_INFINITY:
+        return available
+    # The limit counts addresses, and loaded libraries take GiB of them.
+    return min(available, max(limit - _address_space(), 0))
+
+
+def _container_limits() -> Iterator[int]:
+    """Yield the limits of the container that this process runs in, in bytes."""
+    for path in _CONTAINER_LIMITS:
+        with suppress(OSError, ValueError):  # no container, or "max": no limit
+            yield int(Path(path).read_text())
+
+
+def _address_space() -> int:
+    """Return the bytes of the address space that this process takes, 0 where the system does not say."""
+    try:
+        return int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
 
 
 def one_of(

@@ -18,15 +18,18 @@ from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
+from wordcraft_kg.models.scorers.pair_features import LEAST_SHARE
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
 _Key = tuple[int, int, int]
 _SUPPORT = 3
-_LEAST_SHARE = 0.01
 
 
 class ScoredRecipe(Record):
-    """A recipe with score (higher: more plausible), split part or ``new``, and supporting train recipes by weight."""
+    """A recipe with score (higher: more plausible), split part or ``new``, and supporting train recipes.
+
+    Supporting recipes that make the result itself come first.
+    """
 
     ingredient_a: str
     ingredient_b: str
@@ -221,7 +224,7 @@ def score_recipe_queries(
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:
     """Return the supporting recipes with at least 1 % weight share, or else the first recipe."""
-    return [witness for witness in witnesses if witness.share >= _LEAST_SHARE] or witnesses[:1]
+    return [witness for witness in witnesses if witness.share >= LEAST_SHARE] or witnesses[:1]
 
 
 def because(witnesses: Sequence[Witness]) -> str:

@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 import urllib.error
 import urllib.request
 from contextlib import contextmanager
@@ -318,6 +319,38 @@ def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(term
         assert (server.returncode, out) == (0, "")
         assert "GET" not in err
         assert ("Traceback" in err, err.count("Invalid HTTP request")) == (False, 1)
+
+
+SLOW_PAGE = """
+import sys, time
+from wordcraft_kg.apps.explorer.pages import entities
+from wordcraft_kg.cli import main
+
+def list_entities(*_):
+    print("computing", flush=True)
+    time.sleep(60)
+
+entities.list_entities = list_entities
+sys.exit(main(["explore", "kitchen", "--no-browser", "--port", "0", "--json"]))
+"""
+
+
+def test_ctrl_c_ends_the_server_within_3_s_while_a_page_is_computed():
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen([sys.executable, "-c", SLOW_PAGE], **pipes) as server:
+        try:
+            address = json.loads(server.stdout.readline())["address"].removeprefix("http://")
+            host, port = address.split(":")
+            with socket.create_connection((host, int(port))) as visitor:
+                visitor.sendall(b"GET /entities HTTP/1.1\r\nHost: localhost\r\n\r\n")
+                assert server.stdout.readline() == "computing\n"
+                began = time.monotonic()
+                server.send_signal(signal.SIGINT)
+                _, err = server.communicate(timeout=30)
+                assert time.monotonic() - began < 3
+            assert (server.returncode, "Traceback" in err) == (0, False)
+        finally:
+            server.kill()
 
 
 @pytest.mark.parametrize(

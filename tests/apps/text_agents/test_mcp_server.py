@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import threading
+import time
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -476,6 +477,19 @@ def test_a_server_ends_on_a_signal_though_its_client_does_not_read(number):
         process.send_signal(number)
         assert process.wait(5) == -number
         writing.join()
+
+
+def test_a_client_that_leaves_within_its_request_is_no_error(caplog):
+    """200 such clients wrote 200 tracebacks."""
+    head = b"POST /mcp HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n"
+    head += b"Content-Type: application/json\r\nAccept: application/json, text/event-stream\r\n\r\n"
+    with served(hosted()) as address:
+        port = int(address.split(":")[2].removesuffix("/mcp"))
+        with socket.create_connection(("127.0.0.1", port)) as connection:
+            connection.sendall(head + b"{")
+            time.sleep(0.5)  # until the server waits for the rest
+        time.sleep(0.5)
+    assert [record.message for record in caplog.records if record.exc_info] == []
 
 
 def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_server_goes_on():

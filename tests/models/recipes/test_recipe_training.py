@@ -152,10 +152,14 @@ def test_a_large_book_has_the_features_of_a_small_one(monkeypatch, request):
         torch.testing.assert_close(found, expected, atol=1e-4, rtol=1e-4)
 
 
-@pytest.mark.parametrize("needed", [11, pytest.param(12, marks=pytest.mark.slow)])
-def test_a_book_whose_tables_do_not_fit_into_memory_is_refused(book, tmp_path, monkeypatch, needed):
-    monkeypatch.setattr(config, "memory", lambda: config.dense_bytes(needed))
-    if needed == 12:
+@pytest.mark.parametrize("missing", [1, pytest.param(0, marks=pytest.mark.slow)])
+def test_a_book_whose_tables_do_not_fit_into_memory_is_refused(
+    book, tmp_path, monkeypatch, missing
+):
+    graph = open_graph(str(book)).graph
+    needed = config.fit_bytes(graph.num_entities, graph.num_recipes, SMALL.folds)
+    monkeypatch.setattr(config, "memory", lambda: needed - missing)
+    if not missing:
         train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
         return
     with pytest.raises(
@@ -163,6 +167,30 @@ def test_a_book_whose_tables_do_not_fit_into_memory_is_refused(book, tmp_path, m
     ):
         train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
     assert not (tmp_path / "model").exists()
+
+
+def test_a_fit_of_4000_entities_is_expected_to_take_more_than_4_gib():
+    """Tables of 4,000 entities have 64 MB, and the fit held more than the 60 that were expected once."""
+    assert config.fit_bytes(4_000, 20_000, 5) > 4 * 2**30
+
+
+@pytest.mark.parametrize("at_once", [1, 2])
+def test_fits_run_in_parallel_only_if_their_memory_is_there(book, tmp_path, monkeypatch, at_once):
+    is_parallel = []
+
+    def jobs(waiting, threads, note, *, is_long):
+        is_parallel.append(is_long)
+        for job in waiting:
+            job.train(lambda steps: None)
+
+    graph = open_graph(str(book)).graph
+    needed = config.fit_bytes(graph.num_entities, graph.num_recipes, SMALL.folds)
+    monkeypatch.setattr(training, "cores", lambda: 2)
+    monkeypatch.setattr(training, "memory", lambda: at_once * needed)
+    monkeypatch.setattr(training, "ALONE", 1)
+    monkeypatch.setattr(training, "train_jobs", jobs)
+    train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
+    assert is_parallel == [at_once == 2]
 
 
 @pytest.mark.parametrize("what", ["removed", "changed", "a test recipe changed", "a large book"])

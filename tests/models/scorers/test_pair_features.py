@@ -14,6 +14,7 @@ from wordcraft_kg.models.scorers.pair_features import (
     EVIDENCE,
     FEATURES,
     FLOOR,
+    LEAST_SHARE,
     RANKER,
     RecipeKnowledge,
     knowledge_of,
@@ -168,6 +169,29 @@ def test_a_stack_answers_as_each_of_its_models_does():
     torch.testing.assert_close(stack(goal, table, model), expected, rtol=1e-5, atol=1e-5)
 
 
+def _reason_order(one, goal):
+    is_for_goal = one.recipe[2] == goal and one.share >= LEAST_SHARE
+    return not is_for_goal, -one.share
+
+
+def test_reasons_for_the_goal_itself_come_before_stronger_ones_for_other_results():
+    known, goals_first, weak = knowledge(0), 0, 0
+    for a, b, goal in product(range(SIZE), repeat=3):
+        found = known.supporting_recipes(a, b, goal, limit=EVIDENCE)
+        if not found:
+            continue
+        strongest = max(found, key=lambda one: one.share)
+        for_goal = [one for one in found if one.recipe[2] == goal]
+        if any(one.share >= LEAST_SHARE for one in for_goal):
+            assert found[0].recipe[2] == goal
+            goals_first += strongest.recipe[2] != goal
+        else:  # a recipe for the goal that hardly counts is no reason
+            assert found[0].share == strongest.share
+            weak += bool(for_goal)
+    assert goals_first > 10
+    assert weak > 0
+
+
 @pytest.mark.parametrize("num_recipes", [70, 3])
 def test_those_who_speak_are_the_terms_of_the_evidence(num_recipes):
     stack = RecipeKnowledge.stacked([knowledge(0, num_recipes), knowledge(1, num_recipes)])
@@ -186,7 +210,7 @@ def test_those_who_speak_are_the_terms_of_the_evidence(num_recipes):
         found = stack.supporting_recipes(a, b, goal, model=1, limit=EVIDENCE)
         assert stack.supporting_recipes(b, a, goal, model=1, limit=EVIDENCE) == found
         assert [one.recipe for one in found] == [
-            one.recipe for one in sorted(found, key=lambda one: -one.share)
+            one.recipe for one in sorted(found, key=lambda one: _reason_order(one, goal))
         ]
         assert {one.recipe for one in found} == {
             recipe for recipe, (_, weight) in terms.items() if weight > 0

@@ -82,7 +82,9 @@ def test_a_known_recipe_speaks_for_itself_and_the_scorer_without_it_names_others
     a, b, result = kitchen.labels(kitchen.recipes[row])
     first, *others = scorer.supporting_recipes(a, b, result)
     assert (first.recipe, first.weight) == ((a, b, result), 1)
-    assert [one.share for one in others] == sorted((one.share for one in others), reverse=True)
+    for is_for_result in (True, False):
+        shares = [one.share for one in others if (one.recipe.result == result) == is_for_result]
+        assert shares == sorted(shares, reverse=True)
     assert scorer.supporting_recipes(b, a, result) == [first, *others]
     found = cross_fitted.left_out(1).supporting_recipes(a, b, result, limit=100)
     assert found

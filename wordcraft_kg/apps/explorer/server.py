@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Collection
@@ -34,6 +36,8 @@ _KEPT = 256
 """Rendered pages in memory, 50 KB each."""
 _THREADS = 8
 """Concurrently rendered pages: more threads compete, fewer may all wait for one value."""
+_THREAD_NAME = "pages"
+"""Beginning of the names of all threads that compute pages."""
 _QUIET = 1.0
 """Seconds after the start, reserved for the first page."""
 
@@ -63,7 +67,7 @@ class _Server:
             explored, lambda page, state: page.address(state), lambda name: f"/files/{name}"
         )
         # More torch threads would only compete: a table has ten rows.
-        self._threads = ThreadPoolExecutor(_THREADS, "pages", torch.set_num_threads, (1,))
+        self._threads = ThreadPoolExecutor(_THREADS, _THREAD_NAME, torch.set_num_threads, (1,))
         self._kept = lru_cache(_KEPT)(self._rendered)
         self._page(HOME, "", [])  # so that the first page is ready with the address
 
@@ -139,9 +143,21 @@ def warm(explored: Explored) -> threading.Thread:
                 with suppress(WordCraftKGError):  # errors are reported when the page is opened
                     page.view(explored, page.state())
 
-    thread = threading.Thread(target=make, daemon=True)
+    thread = threading.Thread(target=make, name=f"{_THREAD_NAME}-first", daemon=True)
     thread.start()
     return thread
+
+
+def end_process() -> None:
+    """End the process with exit code 0, if threads have computed pages, without waiting for them.
+
+    A thread in torch cannot be interrupted, and Python would wait for its page. Nothing is lost: the server writes no
+    files.
+    """
+    if any(thread.name.startswith(_THREAD_NAME) for thread in threading.enumerate()):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(0)
 
 
 def _json(values: Any) -> Response:

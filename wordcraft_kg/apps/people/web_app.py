@@ -31,6 +31,11 @@ ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
 """Letters of codes, without the similar characters 0 and o, 1, l and i."""
 LENGTH, GROUP = 12, 4
 """Characters per code (about 59 bits), and per group."""
+NO_SESSION = (
+    "There is no session with this code. Please check the code and enter it on the start page. "
+    "After a withdrawal, all answers are removed and the code is no longer valid."
+)
+"""Shown at the address of a withdrawn session, too: its code is not stored, so the server cannot tell."""
 NOT_A_CODE = "A code consists of 12 letters and digits, such as k7qm-2xwd-9hrt."
 Form = Mapping[str, str]
 Endpoint = Callable[[Request], Awaitable[Response]]
@@ -141,9 +146,7 @@ class _Server:
                 code = read_code(request.path_params["code"])
                 person = None if code is None else self.answers.find(code_hash(code))
                 if code is None or person is None:
-                    return self._missing(
-                        "There is no session with this code. Please check the code and enter it on the start page."
-                    )
+                    return self._missing(NO_SESSION)
                 return reply(request, form, code, person)
 
             return await run_in_threadpool(replied)  # waits for the database

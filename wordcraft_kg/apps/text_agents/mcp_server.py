@@ -5,6 +5,7 @@ Connections have no memory in the present protocol, so ``begin`` returns an id f
 
 import hashlib
 import json
+import logging
 import sys
 from collections.abc import AsyncIterator, Callable, Collection
 from functools import lru_cache
@@ -19,6 +20,7 @@ from mcp.server.stdio import stdio_server
 from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import CallToolResult, InputRequiredResult, TextContent, ToolAnnotations
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError
+from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -295,6 +297,11 @@ def _result(text: str, values: BaseModel) -> CallToolResult:
     )
 
 
+def _is_no_disconnection(record: logging.LogRecord) -> bool:
+    """Whether a record is about something else than a client that has left: the SDK logs a traceback for each."""
+    return not (record.exc_info and isinstance(record.exc_info[1], ClientDisconnect))
+
+
 def make_http_app(
     server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: Collection[str] = ()
 ) -> ASGIApp:
@@ -310,6 +317,8 @@ def make_http_app(
         max_request_body_size=LONGEST_BODY,
         transport_security=TransportSecuritySettings(allowed_hosts=hosts, allowed_origins=origins),
     )
+
+    logging.getLogger("mcp.server.streamable_http").addFilter(_is_no_disconnection)
 
     async def without_streams(scope: Scope, receive: Receive, send: Send) -> None:
         is_call = scope["type"] != "http" or scope["path"] != PATH or scope["method"] == "POST"

@@ -30,8 +30,6 @@ LONGEST_ADDRESS = 8_192
 """Bytes for path and query."""
 LONGEST_BODY = 65_536
 """Bytes."""
-LONGEST_WAIT = 60.0
-"""Seconds until the body of a request must be complete."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
 ErrorPage = Callable[[int, str], str]
 
@@ -119,20 +117,12 @@ class _Refused(Exception):
 
 
 def _limited(receive: Receive) -> Receive:
-    received, deadline = 0, asyncio.get_running_loop().time() + LONGEST_WAIT
-    is_whole = False
+    received = 0
 
     async def limited() -> Message:
-        nonlocal received, is_whole
-        try:
-            async with asyncio.timeout_at(None if is_whole else deadline):
-                message = await receive()
-        except TimeoutError:
-            raise _Refused(
-                408, f"The request is incomplete (limit: {LONGEST_WAIT:g} seconds)."
-            ) from None
+        nonlocal received
+        message = await receive()
         received += len(message.get("body", b""))
-        is_whole = not message.get("more_body", False)
         if received > LONGEST_BODY:
             raise _Refused(413, f"The request is too large (limit: {LONGEST_BODY:,} bytes).")
         return message

@@ -15,8 +15,14 @@ from wordcraft_kg.base.settings import whole
 from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 
 LARGEST_PORT = 65_535
-PATIENCE = 3
+_TICKS = 10
+"""Ticks of uvicorn in a second."""
+PATIENCE = 1
 """Seconds to finish requests after Ctrl-C."""
+_WAITING = 128
+"""Connections that may wait in the system until they are accepted."""
+_ACCEPTED_AT_ONCE = 16
+"""Connections that are accepted before older connections are closed: asyncio accepts as many as it lets wait."""
 
 
 class _Once(logging.Filter):
@@ -46,7 +52,7 @@ def listen(host: str, port: int) -> socket.socket:
     try:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((host, port))
-        listening.listen(128)
+        listening.listen(_WAITING)
     except OSError as error:
         listening.close()
         reasons = {
@@ -68,27 +74,48 @@ def serve(
     has_lifespan: bool = False,
     in_browser: bool = False,
 ) -> None:
-    """Serve until Ctrl-C or SIGTERM, and finish running requests.
+    """Serve until Ctrl-C or SIGTERM, and finish requests that take no longer than :data:`PATIENCE`.
 
-    When the server is ready, ``started`` gets the address, and ``in_browser`` opens it.
+    The number of connections is bounded and clients have deadlines, see :mod:`wordcraft_kg.apps.web.connections`.
+
+    Args:
+        app: the ASGI application.
+        listening: a listening socket, which is closed at the end.
+        started: called with the address when the server is ready.
+        has_lifespan: whether the application needs the events of the ASGI lifespan protocol.
+        in_browser: open the address in the browser if there is a screen.
     """
     import uvicorn
+
+    from wordcraft_kg.apps.web import connections
 
     class Server(uvicorn.Server):
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
+            listening.listen(_WAITING)  # asyncio has set the number of connections accepted at once
             if self.started:
                 started(address_of(listening))
                 sys.stdout.flush()
                 if in_browser:
                     _open_browser(address_of(listening))
 
+        async def on_tick(self, counter: int) -> bool:
+            if counter % _TICKS == 0:
+                connections.end_overdue(self.server_state.connections)
+            return await super().on_tick(counter)
+
+    class Connection(connections.Connection):
+        limit = connections.most_connections()
+
     config = uvicorn.Config(
         app,
         log_config=None,
         access_log=False,  # requests are private
         lifespan="on" if has_lifespan else "off",
+        http=Connection,
         ws="none",
+        backlog=_ACCEPTED_AT_ONCE,
+        timeout_keep_alive=connections.KEEP_ALIVE,
         server_header=False,
         timeout_graceful_shutdown=PATIENCE,
     )

@@ -18,6 +18,7 @@ from torch import Tensor
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
+from wordcraft_kg.base.settings import memory
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
@@ -42,7 +43,7 @@ from wordcraft_kg.models.recipes.outside import (
 )
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
-from wordcraft_kg.models.scorers.config import check_dense
+from wordcraft_kg.models.scorers.config import check_dense, fit_bytes
 from wordcraft_kg.models.scorers.features import make_features, named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
 from wordcraft_kg.models.scorers.kernel import MANY
@@ -51,7 +52,7 @@ from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
-from wordcraft_kg.runs.parallel import not_done, train_jobs
+from wordcraft_kg.runs.parallel import cores, not_done, train_jobs
 from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.runs.training import Training, train
 
@@ -89,10 +90,21 @@ def train_recipes(
     return train(RecipesTraining, config, out, force=force, progress=progress)
 
 
+def _fit_bytes(opened: OpenedGraph, settings: RecipeScorerConfig) -> int:
+    graph = opened.graph
+    # In a large book, a fit takes the features of one fold alone.
+    folds = settings.folds if graph.num_entities <= MANY else 1
+    return fit_bytes(graph.num_entities, graph.num_recipes, folds)
+
+
+def _check_fit(opened: OpenedGraph, settings: RecipeScorerConfig) -> None:
+    check_dense("a recipe scorer", opened.graph.num_entities, _fit_bytes(opened, settings))
+
+
 def _folds(
     opened: OpenedGraph, settings: RecipeScorerConfig, without: Sequence[RecipeGraph]
 ) -> Folds:
-    check_dense("a recipe scorer", opened.graph.num_entities)
+    _check_fit(opened, settings)
     split = opened.split
     if settings.kg == "full":
         split = make_split(opened.graph, SplitConfig("none"))
@@ -208,11 +220,12 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         self.own: Tensor | None = None
         with _threads(settings.threads):
             if settings.kg == "none":
-                check_dense("a recipe scorer", opened.graph.num_entities)
+                _check_fit(opened, settings)
                 joint = join_books(
                     *sources, folds=settings.folds, allow_missing=settings.allow_missing
                 )
                 opened, self.own, self.folds, self.outside = joint
+                _check_fit(opened, settings)  # with the entities of the other books
             else:
                 self.folds = _folds(opened, settings, self.without)
                 self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
@@ -220,6 +233,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             features = make_features(
                 self.words, opened.graph.entities, allow_missing=settings.allow_missing
             )
+            self._bytes = _fit_bytes(opened, settings)
             self.text, self.features = text_of(features), features.sha256
 
     def begin(self, run: RunFolder[FitDone], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
@@ -277,7 +291,9 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                     report(sum(so_far.values()), total, {})
 
         # A large book's tables fill the memory, so fits do not run in parallel.
-        is_long = len(folds.recipes()) > ALONE and len(self.text) <= MANY
+        at_once = min(len(waiting), max(cores() // settings.threads, 1))
+        fits_memory = at_once * self._bytes <= memory()
+        is_long = len(folds.recipes()) > ALONE and len(self.text) <= MANY and fits_memory
         try:
             train_jobs(waiting, settings.threads, note, is_long=is_long)
         except KeyboardInterrupt:

@@ -36,25 +36,63 @@ def check_table(what: str, num_entities: int) -> None:
 
 
 DENSE_TABLES = 60
-"""Tables of all entity pairs that a recipe scorer's training has in memory at once, about."""
+"""Tables of all entity pairs that a computation of link features has in memory at once, about."""
+_PROGRAM_BYTES = 450 * 2**20
+"""Memory for Python, torch and SciPy, with their first use."""
+_TABLES_PER_FOLD = 4
+"""Tables that a fit keeps of each fold: ``kernel``, ``completed``, ``pairs`` and ``parts`` of ``recipes.base.Base``."""
+_QUERY_BYTES = 300 * (14 * 4 + 2 + 2 * (18 * 4 + 2))
+"""By entity and fold: 300 queries for each side of a relation, with 14 features for pairs and 18 for parts in single
+precision, and two masks."""
+_SAMPLE_BYTES = (14 + 18) * 4
+"""By sampled cell and fold: features whose mean and deviation scale the rankers' inputs."""
+_HEAP = 1.75
+"""Resident bytes by byte of queries and samples: the fits between them leave holes that larger blocks do not fill.
+Measured with 400 and 800 entities."""
+_EXAMPLE_BYTES = 4 * 2 * (78 * 17 * 4)
+"""By recipe: 17 features of the 78 pairs on two tables of 12 slots in single precision, in four copies."""
 
 
 def dense_bytes(num_entities: int) -> int:
-    """Return the number of bytes of memory for training a recipe scorer, about."""
+    """Return the number of bytes of memory for link features of all entity pairs, about."""
     return DENSE_TABLES * 4 * num_entities**2
 
 
-def check_dense(what: str, num_entities: int) -> None:
-    """Raise ConfigError if dense kernels for so many entities do not fit into memory.
+def fit_bytes(num_entities: int, num_recipes: int, folds: int) -> int:
+    """Return the number of bytes of memory that a process takes to fit a recipe scorer, about.
 
-    ``what`` names the scorer in the error.
+    Measured by ``benchmarks/memory_estimates.py``.
+
+    Args:
+        num_entities: number of entities in the graph.
+        num_recipes: number of training recipes.
+        folds: number of folds whose features are in memory at once.
+
+    Returns:
+        Bytes: the larger of the two steps that take most, which fit the link rankers and the recipe ranker.
     """
-    needed = dense_bytes(num_entities)
+    cells = num_entities**2
+    tables = (DENSE_TABLES + _TABLES_PER_FOLD * folds) * 4 * cells
+    # Each fold gives queries, and so do the entities that are held out.
+    sampled_cells = min(cells // 7, 2**20)
+    queries = (folds + 1) * (_QUERY_BYTES * num_entities + _SAMPLE_BYTES * sampled_cells)
+    return _PROGRAM_BYTES + tables + max(round(_HEAP * queries), _EXAMPLE_BYTES * num_recipes)
+
+
+def check_dense(what: str, num_entities: int, needed: int | None = None) -> None:
+    """Raise ConfigError if computations with all entity pairs do not fit into memory.
+
+    Args:
+        what: name of the scorer or data for the message.
+        num_entities: number of entities.
+        needed: expected bytes of memory; None for :func:`dense_bytes`.
+    """
+    if needed is None:
+        needed = dense_bytes(num_entities)
     available = memory()
     if needed > available:
         raise ConfigError(
             f"{what} compares all pairs of {num_entities:,} entities, which takes "
-            f"{needed / 2**30:,.0f} GiB, and {available / 2**30:,.0f} GiB are there. Use ComplEx "
-            "(wordcraft-kg train-complex), whose scores u and v need no such tables, or a "
-            "smaller graph."
+            f"{needed / 2**30:,.1f} GiB, and {available / 2**30:,.1f} GiB are there. "
+            "Use ComplEx (wordcraft-kg train-complex), whose scores u and v need no such tables, or a smaller graph."
         )

@@ -51,6 +51,8 @@ FEATURES = (
 """
 EVIDENCE = 16
 """Supporting recipes per goal: those with the most similar results. More change no figure."""
+LEAST_SHARE = 0.01
+"""Smallest evidence share of a supporting recipe that counts as a reason."""
 FLOOR = 1e-4
 """Added to evidence before the logarithm."""
 _WORDS_POWER = 4
@@ -240,7 +242,11 @@ class RecipeKnowledge(nn.Module):
     def supporting_recipes(
         self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5
     ) -> list[Support]:
-        """Return up to ``limit`` of a model's recipes that support ``a + b -> goal``, largest share first."""
+        """Return up to ``limit`` of a model's recipes that support ``a + b -> goal``.
+
+        Recipes that make the goal itself come first, if their share is at least :data:`LEAST_SHARE`, then the others;
+        both by share.
+        """
         supporting, alike = self.supporting[model, goal].long(), self.alike[model]
         one, other, result = supporting.T
         like_goal = alike[goal, result].float()
@@ -250,6 +256,10 @@ class RecipeKnowledge(nn.Module):
         evidence, weights = like_goal * orders.sum(0), (like_goal * orders.amax(0)).clamp(max=1)
         shares = evidence / evidence.sum().clamp(min=torch.finfo(evidence.dtype).tiny)
         rows = torch.sort(evidence, descending=True, stable=True).indices.tolist()
+        is_other = ((result != goal) | (shares < LEAST_SHARE)).tolist()
+        rows.sort(
+            key=lambda row: is_other[row]
+        )  # stable, so each part stays in the order of shares
         recipes = supporting.tolist()
         best = [
             Support(

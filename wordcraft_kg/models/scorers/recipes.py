@@ -67,7 +67,7 @@ class RecipeScores(TripleScorer, Protocol):
     def supporting_recipes(
         self, ingredient: str, other: str, result: str, limit: int = 5
     ) -> list[Witness]:
-        """Return at most ``limit`` training recipes that support a recipe, largest evidence share first."""
+        """Return at most ``limit`` training recipes that support a recipe: those for ``result`` first."""
         ...
 
 
@@ -132,7 +132,7 @@ class RecipeScorer(StoredScorer):
     def supporting_recipes(
         self, ingredient: str, other: str, result: str, limit: int = 5
     ) -> list[Witness]:
-        """Return at most ``limit`` train recipes that support a recipe, or itself, largest evidence share first."""
+        """Return at most ``limit`` train recipes that support a recipe, or itself: those for ``result`` first."""
         a, b, goal = self.entity_ids([ingredient, other, result]).tolist()
         supports = self.knowledge.supporting_recipes(a, b, goal, limit=limit)
         return [Witness.of(support, self.entities) for support in supports]

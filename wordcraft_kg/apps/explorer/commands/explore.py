@@ -68,7 +68,7 @@ def explore(
     if export is not None:
         _export(opened, export, force, output)
         return
-    from wordcraft_kg.apps.explorer.server import make_app, warm
+    from wordcraft_kg.apps.explorer.server import end_process, make_app, warm
     from wordcraft_kg.apps.web.serving import listen, serve
 
     listening = listen(host, port)  # before the work
@@ -83,6 +83,7 @@ def explore(
         warm(explored)
 
     serve(make_app(explored, host, allow_host or ()), listening, started, in_browser=not no_browser)
+    end_process()
 
 
 def _export(opened: "Callable[[], Explored]", out: Path, force: bool, output: Output) -> None:

@@ -182,7 +182,8 @@ class Evidence(NamedTuple):
 
     Attributes:
         partner: id of the assumed second ingredient: the selection, or the best partner.
-        supporting: training recipes that speak for the pair, largest share of the score first.
+        supporting: training recipes that speak for the pair: those for the goal first, then by
+            their share of the score.
         plan: expected attempts, each as ids of both ingredients and the result, and the result's
             probability; empty for sources that do not look ahead.
     """

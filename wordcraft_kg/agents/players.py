@@ -31,10 +31,9 @@ from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
-from wordcraft_kg.models.scorers.config import dense_bytes
+from wordcraft_kg.models.scorers.config import SelfEdges, dense_bytes
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.scales import SelfEdges
 from wordcraft_kg.planning.source import BestPlan
 
 Player = Callable[[State, np.random.Generator], Ids]

@@ -85,7 +85,7 @@ class IndexedSymmetricLCWATrainingLoop(SymmetricLCWATrainingLoop):
 
     def _create_training_data_loader(
         self, triples_factory: CoreTriplesFactory, sampler: str | None, **kwargs: Any
-    ) -> DataLoader:
+    ) -> DataLoader[Any]:
         # A sampler of whole batches: one indexing operation per batch instead of one per triple.
         data = TensorDataset(triples_factory.mapped_triples)
         batches = BatchSampler(RandomSampler(data), kwargs["batch_size"], kwargs["drop_last"])

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.apps.explorer.server import PACKAGE, SCRIPTS
@@ -88,7 +88,7 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
 class _Files:
     def __init__(self, explored: Explored):
         self.explored = explored
-        self.names: dict[tuple[str, State], str] = {(HOME.name, HOME.state()): "index.html"}
+        self.names: dict[tuple[str, PageState], str] = {(HOME.name, HOME.state()): "index.html"}
         taken = {"index.html"}
         for page in PAGES.values():
             for state in page.states(explored):
@@ -102,7 +102,7 @@ class _Files:
                     )
                     taken.add(name)
 
-    def address(self, page: Page[Any], state: State, *, seen_from: str) -> str:
+    def address(self, page: Page[Any], state: PageState, *, seen_from: str) -> str:
         target = self.names.get((page.name, state))
         return "" if target is None else _relative(target, seen_from)
 
@@ -126,7 +126,7 @@ def _without_paths(text: str, explored: Explored) -> str:
     return text
 
 
-def _stem(page: Page[Any], state: State) -> str:
+def _stem(page: Page[Any], state: PageState) -> str:
     plain = page.state()
     values = ((getattr(state, name), getattr(plain, name)) for name in state.__struct_fields__)
     chosen = "-".join(str(value) for value, usual in values if value != usual)

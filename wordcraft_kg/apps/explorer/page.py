@@ -14,12 +14,12 @@ from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.settings import nearest
 
 
-class State(Record):
+class PageState(Record):
     """Base class for page settings: str, int, bool, Literal or tuple[str, ...] fields with defaults."""
 
 
-S = TypeVar("S", bound=State)
-Addresses = Callable[["Page[Any]", State], str]
+S = TypeVar("S", bound=PageState)
+Addresses = Callable[["Page[Any]", PageState], str]
 """Returns the address of a page, or an empty text where there is none."""
 
 
@@ -106,7 +106,7 @@ class Page(Generic[S]):
 
 
 @cache
-def _fields(state: type[State]) -> tuple[msgspec.structs.FieldInfo, ...]:
+def _fields(state: type[PageState]) -> tuple[msgspec.structs.FieldInfo, ...]:
     return msgspec.structs.fields(state)
 
 

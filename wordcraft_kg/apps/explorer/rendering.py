@@ -9,7 +9,7 @@ import msgspec
 from markupsafe import Markup
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, State
+from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.reports.agent_pictures import ACTIONS
@@ -49,7 +49,7 @@ class Site:
         )
         return [question for question in links if question[1]][:QUESTIONS]
 
-    def page(self, page: Page[Any], state: State) -> str:
+    def page(self, page: Page[Any], state: PageState) -> str:
         """Return a page as HTML; errors from the view are raised."""
         view = page.view(self.explored, state)
         pictures = page.draw(view, state, self.address) if page.draw else {}
@@ -61,7 +61,7 @@ class Site:
         return self._render("error.html.j2", None, None, **values)
 
     def _render(
-        self, template: str, page: Page[Any] | None, state: State | None, **values: Any
+        self, template: str, page: Page[Any] | None, state: PageState | None, **values: Any
     ) -> str:
         outline = Outline()
 

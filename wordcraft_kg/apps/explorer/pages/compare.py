@@ -9,7 +9,7 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, Paging, paging
 from wordcraft_kg.apps.explorer.pages.predictions import (
     ROWS_A_PAGE,
-    Queries,
+    QueriesState,
     RankedQuery,
     RankedTriples,
     RankFilter,
@@ -27,7 +27,7 @@ from wordcraft_kg.models.scorers.ranking import RankingMetrics, ranking_metrics
 Better = Literal["either", "one", "other"]
 
 
-class Compare(Queries):
+class CompareState(QueriesState):
     """Page settings: a filter for queries, two models (default: the first two), and which ranks the answer better."""
 
     part: Part | Literal[""] = ""
@@ -102,7 +102,7 @@ def _has_two_models(explored: Explored) -> bool:
     return len(explored.models) > 1
 
 
-def _view(explored: Explored, state: Compare) -> ModelsCompared:
+def _view(explored: Explored, state: CompareState) -> ModelsCompared:
     if not _has_two_models(explored):
         raise ConfigError(
             "This page needs two models; start with two of `wordcraft-kg explore GRAPH --model FOLDER`."
@@ -128,17 +128,17 @@ def _headline(
         return None, str(error)
 
 
-def _exported(_: Explored) -> Iterator[Compare]:
-    yield from (Compare(better=better) for better in ("either", "one", "other"))
+def _exported(_: Explored) -> Iterator[CompareState]:
+    yield from (CompareState(better=better) for better in ("either", "one", "other"))
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, Compare]]:
-    yield "Which links do {} and {} rank differently?".format(*explored.models), Compare()
+def _questions(explored: Explored) -> Iterator[tuple[str, CompareState]]:
+    yield "Which links do {} and {} rank differently?".format(*explored.models), CompareState()
 
 
 PAGE = Page(
     "compare",
-    Compare,
+    CompareState,
     _view,
     title="Compare",
     exported=_exported,

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
@@ -18,7 +18,7 @@ EntityOrder = Literal["label", "layer", "recipes", "uses"]
 ENTITIES_A_PAGE = 200
 
 
-class Entities(State):
+class EntitiesState(PageState):
     """Page settings: a text in labels (``q``), and an order: ascending label or layer, descending recipes or uses."""
 
     q: str = ""
@@ -102,14 +102,14 @@ def layers_of(graph: RecipeGraph) -> Ids:
     return layers(graph)
 
 
-def _view(explored: Explored, state: Entities) -> EntityList:
+def _view(explored: Explored, state: EntitiesState) -> EntityList:
     return list_entities(explored.opened.graph, state.q, state.sort, state.page)
 
 
-def _exported(explored: Explored) -> Iterator[Entities]:
+def _exported(explored: Explored) -> Iterator[EntitiesState]:
     pages = -(-explored.opened.graph.num_entities // ENTITIES_A_PAGE)
     for order in ("label", "layer", "recipes", "uses"):
-        yield from (Entities(sort=order, page=page) for page in range(1, pages + 1))
+        yield from (EntitiesState(sort=order, page=page) for page in range(1, pages + 1))
 
 
-PAGE = Page("entities", Entities, _view, title="Entities", exported=_exported)
+PAGE = Page("entities", EntitiesState, _view, title="Entities", exported=_exported)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, PredictedSlot, placed_recipes
 from wordcraft_kg.base.errors import ConfigError
@@ -33,7 +33,7 @@ OPEN_SLOTS: tuple[tuple[int, Side], ...] = (
 Use = Literal["makes", "uses"]
 
 
-class Entity(State):
+class EntityState(PageState):
     """Page settings: an entity, by default the most used; a model; ``learned`` lists training links, too."""
 
     entity: str = ""
@@ -41,7 +41,7 @@ class Entity(State):
     learned: bool = False
 
 
-class Recipes(State):
+class RecipesState(PageState):
     """Page settings: an entity, its use (recipes that make or use it), and a split part."""
 
     entity: str = ""
@@ -97,7 +97,7 @@ class EntityProfile(Record):
         return any(row.probability is not None for slot in self.slots for row in slot.best)
 
 
-def _view(explored: Explored, state: Entity) -> EntityProfile:
+def _view(explored: Explored, state: EntityState) -> EntityProfile:
     split, graph = explored.opened.split, explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
@@ -123,8 +123,8 @@ def _view(explored: Explored, state: Entity) -> EntityProfile:
         base=bool((graph.base_ids == entity).any()),
         layer=layer if layer >= 0 else None,
         crafts=len(explored.planner().derivation(entity).steps) if layer >= 0 else None,
-        made_by=_recipes(split, Recipes(label, "makes"), LISTED),
-        used_in=_recipes(split, Recipes(label, "uses"), LISTED),
+        made_by=_recipes(split, RecipesState(label, "makes"), LISTED),
+        used_in=_recipes(split, RecipesState(label, "uses"), LISTED),
         model="" if predictor is None else predictor.name,
         has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         slots=slots,
@@ -135,13 +135,13 @@ def _view(explored: Explored, state: Entity) -> EntityProfile:
     )
 
 
-def _view_recipes(explored: Explored, state: Recipes) -> EntityRecipes:
+def _view_recipes(explored: Explored, state: RecipesState) -> EntityRecipes:
     if not state.entity:
         raise ConfigError("The address has no entity; expected an address such as /recipes/water.")
     return _recipes(explored.opened.split, state, RECIPES_A_PAGE)
 
 
-def _recipes(split: Split, state: Recipes, size: int) -> EntityRecipes:
+def _recipes(split: Split, state: RecipesState, size: int) -> EntityRecipes:
     graph = split.graph
     rows = graph.recipes_of(state.entity) if state.use == "makes" else graph.uses_of(state.entity)
     counts = np.bincount(split.parts[rows], minlength=len(PARTS)).tolist()
@@ -174,11 +174,11 @@ def _alike(labels: tuple[str, ...], neighbours: list[tuple[int, float]]) -> tupl
     return tuple(AlikeEntity(labels[other], cosine) for other, cosine in neighbours)
 
 
-def _exported(explored: Explored) -> Iterator[Entity]:
-    yield from (Entity(label) for label in explored.opened.graph.entities[:EXPORTED])
+def _exported(explored: Explored) -> Iterator[EntityState]:
+    yield from (EntityState(label) for label in explored.opened.graph.entities[:EXPORTED])
 
 
-def _exported_recipes(explored: Explored) -> Iterator[Recipes]:
+def _exported_recipes(explored: Explored) -> Iterator[RecipesState]:
     graph = explored.opened.graph
     counts = zip(graph.recipe_counts.tolist(), graph.use_counts.tolist(), strict=True)
     uses: tuple[Use, ...] = ("makes", "uses")
@@ -186,16 +186,18 @@ def _exported_recipes(explored: Explored) -> Iterator[Recipes]:
         for use, count in zip(uses, both, strict=True):
             if count > LISTED:
                 yield from (
-                    Recipes(label, use, page=page)
+                    RecipesState(label, use, page=page)
                     for page in range(1, -(-count // RECIPES_A_PAGE) + 1)
                 )
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, Entity]]:
+def _questions(explored: Explored) -> Iterator[tuple[str, EntityState]]:
     graph = explored.opened.graph
     for hub in graph.labels(np.argsort(-graph.use_counts, kind="stable")[:1]):
-        yield f"What combines with {hub}?", Entity(hub)
+        yield f"What combines with {hub}?", EntityState(hub)
 
 
-PAGE = Page("entity", Entity, _view, subject="entity", exported=_exported, questions=_questions)
-RECIPES = Page("recipes", Recipes, _view_recipes, subject="entity", exported=_exported_recipes)
+PAGE = Page(
+    "entity", EntityState, _view, subject="entity", exported=_exported, questions=_questions
+)
+RECIPES = Page("recipes", RecipesState, _view_recipes, subject="entity", exported=_exported_recipes)

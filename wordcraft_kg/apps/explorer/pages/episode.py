@@ -8,8 +8,8 @@ from wordcraft_kg.agents.explanation import ExplainedStep, ExplainedTable
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
-from wordcraft_kg.apps.explorer.page import Page, State
-from wordcraft_kg.apps.explorer.pages.games import Games, list_games
+from wordcraft_kg.apps.explorer.page import Page, PageState
+from wordcraft_kg.apps.explorer.pages.games import GamesState, list_games
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS
 from wordcraft_kg.apps.explorer.pages.tasks import list_tasks
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, WordCraftKGError
@@ -26,7 +26,7 @@ MOST_ROWS = 160
 """Maximum rows of slots on a page; large pages show only the best slots of each action."""
 
 
-class Episode(State):
+class EpisodeState(PageState):
     """Page settings: a task, the agents that act, and changes by the visitor to goal, table or selection, by labels.
 
     Depth 0 and negative ``distractors`` are as in the agent's training.
@@ -125,7 +125,7 @@ class EpisodeView(Record):
         return actions
 
 
-def _view(explored: Explored, state: Episode) -> EpisodeView:
+def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
     first, run = explored.followed(state.run)
     tasks = explored.tasks_of(run)
     distractors = None if state.distractors < 0 else state.distractors
@@ -166,7 +166,11 @@ def _view(explored: Explored, state: Episode) -> EpisodeView:
 
 
 def _players(
-    explored: Explored, run: FollowedRun, world: World, state: Episode, agents: list[AgentAtTable]
+    explored: Explored,
+    run: FollowedRun,
+    world: World,
+    state: EpisodeState,
+    agents: list[AgentAtTable],
 ) -> Iterator[PlayerAtTable]:
     tables = [agent.explained for agent in agents if agent.explained]
     goal, table, graph = tables[0].episode.goal, tables[0].table, world.graph
@@ -220,7 +224,7 @@ def _agent(name: str, run: FollowedRun, actions: ExplainedTable) -> AgentAtTable
     return AgentAtTable(name, agent.checkpoint, agent.run.cross_fitted, actions)
 
 
-def _explained(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
+def _explained(run: FollowedRun, world: World, state: EpisodeState) -> ExplainedTable:
     explainer, graph = run.explainer(world), world.graph
     if not state.is_edited:
         return explainer.task(state.task, state.distractor_seed)
@@ -245,25 +249,27 @@ def _terminations(run: FollowedRun, world: World, task: int) -> tuple[Terminatio
     return () if played is None else played.terminations
 
 
-def _is_live(explored: Explored, state: Episode) -> bool:
+def _is_live(explored: Explored, state: EpisodeState) -> bool:
     return explored.is_any_live(state.run, *filter(None, state.other))
 
 
-def _exported(explored: Explored) -> Iterator[Episode]:
+def _exported(explored: Explored) -> Iterator[EpisodeState]:
     if explored.games:
-        yield from (Episode(**row.settings) for row in list_games(explored, Games()).tables)
+        yield from (
+            EpisodeState(**row.settings) for row in list_games(explored, GamesState()).tables
+        )
     for tasks in TASKS.states(explored):
         try:
             explored.followed(tasks.run)[1].agent()  # an error without weights
             rows = list_tasks(explored, tasks).table.rows
         except WordCraftKGError:
             continue
-        yield from (Episode(run=tasks.run, task=row.number) for row in rows)
+        yield from (EpisodeState(run=tasks.run, task=row.number) for row in rows)
 
 
 PAGE = Page(
     "episode",
-    Episode,
+    EpisodeState,
     _view,
     "Episodes",
     exported=_exported,

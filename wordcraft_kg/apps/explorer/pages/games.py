@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.studies.result_readers import TableGame
 
 TABLES_A_PAGE = 100
 
 
-class Games(State):
+class GamesState(PageState):
     """Page settings: the page in the list."""
 
     page: int = 1
@@ -35,7 +35,7 @@ class GameTables(Record):
     tables: tuple[ListedTable, ...]
 
 
-def list_games(explored: Explored, state: Games) -> GameTables:
+def list_games(explored: Explored, state: GamesState) -> GameTables:
     """Return the page's values."""
     tables = sorted(explored.games.values(), key=len, reverse=True)
     shown = paging(len(tables), state.page, TABLES_A_PAGE)
@@ -64,10 +64,10 @@ def _listed(explored: Explored, games: list[TableGame]) -> ListedTable:
     return ListedTable(solved, not_solved, settings)
 
 
-def _exported(explored: Explored) -> Iterator[Games]:
-    yield from (Games(page) for page in range(1, 1 + -(-len(explored.games) // TABLES_A_PAGE)))
+def _exported(explored: Explored) -> Iterator[GamesState]:
+    yield from (GamesState(page) for page in range(1, 1 + -(-len(explored.games) // TABLES_A_PAGE)))
 
 
 PAGE = Page(
-    "games", Games, list_games, title="Games", exported=_exported, is_there=attrgetter("games")
+    "games", GamesState, list_games, title="Games", exported=_exported, is_there=attrgetter("games")
 )

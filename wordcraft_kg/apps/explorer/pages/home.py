@@ -3,7 +3,7 @@
 import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.graphs.audit import SplitSummary, split_summary
@@ -14,7 +14,7 @@ from wordcraft_kg.models.scorers.cross_fitting import folds_of
 EXAMPLES = 12
 
 
-class Home(State):
+class HomeState(PageState):
     """Page settings: none."""
 
 
@@ -46,7 +46,7 @@ class Overview(Record):
     runs: tuple[str, ...]
 
 
-def _view(explored: Explored, _: Home) -> Overview:
+def _view(explored: Explored, _: HomeState) -> Overview:
     graph = explored.opened.graph
     layer = layers(graph)
 
@@ -78,4 +78,4 @@ def _line(predictor: LinkPredictor) -> ModelLine:
     return ModelLine(predictor.name, kind, model.kg, train_sample, folds, predictor.scores_recipes)
 
 
-PAGE = Page("home", Home, _view)
+PAGE = Page("home", HomeState, _view)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from operator import attrgetter
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.predictor import (
     FilteredRank,
     PlacedRecipe,
@@ -23,7 +23,7 @@ CANDIDATES = 10
 RECIPES = 10
 
 
-class Link(State):
+class LinkState(PageState):
     """Page settings: a triple and a model, by default the first; without head and tail, an example from the book."""
 
     head: str = ""
@@ -49,7 +49,7 @@ class LinkProfile(ScoredLink):
     heads: PredictedSlot
 
 
-def _view(explored: Explored, state: Link) -> LinkProfile:
+def _view(explored: Explored, state: LinkState) -> LinkProfile:
     predictor = explored.predictor(state.model)
     graph, split = predictor.graph, predictor.split
     if state.head and state.tail:
@@ -84,14 +84,19 @@ def _view(explored: Explored, state: Link) -> LinkProfile:
     )
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, Link]]:
+def _questions(explored: Explored) -> Iterator[tuple[str, LinkState]]:
     graph, name = explored.opened.graph, next(iter(explored.models))
     for head, relation, tail in explored.opened.split.held_out("test")[:1].tolist():
-        link = Link(graph.entities[head], RELATIONS[relation], graph.entities[tail])
+        link = LinkState(graph.entities[head], RELATIONS[relation], graph.entities[tail])
         verb = "combines with" if relation == COMBINES_WITH else "is an ingredient of"
         yield f"How probable does {name} find it that {link.head} {verb} {link.tail}?", link
 
 
 PAGE = Page(
-    "link", Link, _view, exported=lambda _: (), questions=_questions, is_there=attrgetter("models")
+    "link",
+    LinkState,
+    _view,
+    exported=lambda _: (),
+    questions=_questions,
+    is_there=attrgetter("models"),
 )

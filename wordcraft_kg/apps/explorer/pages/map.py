@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, State
+from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
 from wordcraft_kg.apps.explorer.pages import entity
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.base.progress import stage
@@ -47,7 +47,7 @@ SHADES = 4
 """Layer colours, in addition to the base colour."""
 
 
-class Map(State):
+class MapState(PageState):
     """Page settings: an entity whose links are shown, and whether dot colours mark groups or crafting layers."""
 
     entity: str = ""
@@ -259,12 +259,12 @@ def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot
     )
 
 
-def _view(explored: Explored, state: Map) -> MapView:
+def _view(explored: Explored, state: MapState) -> MapView:
     graph = explored.opened.graph
     return view_map(graph, explored.once("map", lambda: map_of(graph)), state.entity)
 
 
-def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
+def _draw(view: MapView, state: MapState, address: Addresses) -> Mapping[str, Any]:
     has_groups, chosen, roles = state.colour == "group", view.chosen, dict[int, str]()
     if chosen is not None:
         near = (*chosen.combines.placed, *chosen.makes.placed, *chosen.made_of.placed)
@@ -278,8 +278,8 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
         style = charts.colour_of(spot.group) if has_groups else _shade_of(spot, view.layers)
         size = 1 + sum(spot.uses >= least for least in SIZES)
         # A static site has entity pages, but no map for each entity.
-        href = address(PAGE, Map(entity=spot.entity, colour=state.colour))
-        href = href or address(entity.PAGE, entity.Entity(entity=spot.entity))
+        href = address(PAGE, MapState(entity=spot.entity, colour=state.colour))
+        href = href or address(entity.PAGE, entity.EntityState(entity=spot.entity))
         dots.append(
             (spot, href, f"{style} r{size}{roles.get(number, '')}{' far' * (number not in named)}")
         )
@@ -333,11 +333,11 @@ def _shade_of(spot: Spot, layers: int) -> str:
 
 PAGE = Page(
     "map",
-    Map,
+    MapState,
     _view,
     title="Map",
     draw=_draw,
-    exported=lambda _: (Map(), Map(colour="layer")),
-    questions=lambda _: [("Which entities are crafted together?", Map())],
+    exported=lambda _: (MapState(), MapState(colour="layer")),
+    questions=lambda _: [("Which entities are crafted together?", MapState())],
     is_there=attrgetter("opened.graph.num_entities"),
 )

@@ -3,7 +3,7 @@
 from operator import attrgetter
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.predictor import (
     PlacedRecipe,
     RankedLink,
@@ -20,7 +20,7 @@ RESULTS = 10
 EXAMPLES = 4
 
 
-class Pair(State):
+class PairState(PageState):
     """Page settings: two ingredients and a model, by default the first; without ingredients, a pair from the book."""
 
     a: str = ""
@@ -41,7 +41,7 @@ class PairProfile(Record):
     examples: tuple[tuple[str, ...], ...]
 
 
-def _view(explored: Explored, state: Pair) -> PairProfile:
+def _view(explored: Explored, state: PairState) -> PairProfile:
     split, graph, (a, b) = explored.opened.split, explored.opened.graph, (state.a, state.b)
     recipes = split.recipes("test") if split.is_in("test").any() else graph.recipes
     every = max(-(-len(recipes) // EXAMPLES), 1)
@@ -79,7 +79,7 @@ def _view(explored: Explored, state: Pair) -> PairProfile:
 
 PAGE = Page(
     "pair",
-    Pair,
+    PairState,
     _view,
     title="Pairs",
     exported=lambda _: (),

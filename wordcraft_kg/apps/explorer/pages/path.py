@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState, Paging, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.apps.explorer.predictor import recipes_giving
 from wordcraft_kg.base.errors import ConfigError
@@ -29,7 +29,7 @@ EXAMPLES = 4
 LISTED = 20
 
 
-class Path(State):
+class PathState(PageState):
     """Page settings: goal (default: an entity in the last layer), page of the list, start (default: the base)."""
 
     entity: str = ""
@@ -94,7 +94,7 @@ class PathView(Record):
     chain: Chain | None
 
 
-def _view(explored: Explored, state: Path) -> PathView:
+def _view(explored: Explored, state: PathState) -> PathView:
     split, graph = explored.opened.split, explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
@@ -152,14 +152,14 @@ def chain_between(explored: Explored, start: int, goal: int) -> Chain:
     return Chain(graph.entities[start], graph.entities[goal], ())
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, Path]]:
+def _questions(explored: Explored) -> Iterator[tuple[str, PathState]]:
     graph, layer = explored.opened.graph, layers_of(explored.opened.graph)
     for start in sorted(graph.base_ids.tolist(), key=lambda entity: -graph.use_counts[entity]):
         chain = chain_between(explored, start, goal := int(layer.argmax()))
         if chain.steps and chain.end == graph.entities[goal]:
             yield (
                 f"How do I get from {chain.start} to {chain.end}?",
-                Path(chain.end, start=chain.start),
+                PathState(chain.end, start=chain.start),
             )
             return
 
@@ -218,7 +218,7 @@ def _sources(planner: Planner, goal: int) -> list[int]:
     return sorted(sources)
 
 
-def _draw(view: PathView, _: Path, address: Addresses) -> Mapping[str, Markup]:
+def _draw(view: PathView, _: PathState, address: Addresses) -> Mapping[str, Markup]:
     drawn = {"layers": (view.drawn, view.entity, view.base)}
     if view.chain is not None:
         drawn["chain"] = (view.chain.steps, view.chain.end, (view.chain.start,))
@@ -235,7 +235,7 @@ def _drawn(
         crafts.append(
             charts.Made(
                 label=result,
-                href=address(PAGE, Path(entity=result)),
+                href=address(PAGE, PathState(entity=result)),
                 layer=step.layer,
                 of=(one, other),
                 style=" ".join(name for name, applies in styles.items() if applies),
@@ -245,13 +245,13 @@ def _drawn(
     return charts.layered(crafts, given, f"Crafts that lead to {goal}, in layers")
 
 
-def _exported(explored: Explored) -> Iterator[Path]:
-    yield from (Path(entity=label) for label in ("", *explored.opened.graph.entities))
+def _exported(explored: Explored) -> Iterator[PathState]:
+    yield from (PathState(entity=label) for label in ("", *explored.opened.graph.entities))
 
 
 PAGE = Page(
     "path",
-    Path,
+    PathState,
     _view,
     title="Paths",
     subject="entity",

@@ -13,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.apps.explorer.predictor import KNOWN, NEW, LinkPredictor
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.evaluation.scores import Known
@@ -46,7 +46,7 @@ _BANDS: dict[Band, tuple[float, float]] = {
 """Each rank band begins above the first rank."""
 
 
-class RankFilter(State):
+class RankFilter(PageState):
     """A filter for queries (links with an open ``side``).
 
     The part is by default any part of the book, ``new`` for links that are not in the book; ``known`` selects training
@@ -71,7 +71,7 @@ FACETS: dict[str, tuple[str, ...]] = {
 """Filter settings with a fixed number of values, each shown with its number of links."""
 
 
-class Queries(RankFilter):
+class QueriesState(RankFilter):
     """Page settings: a filter for queries, and the page in their list."""
 
     page: int = 1
@@ -82,7 +82,7 @@ class Queries(RankFilter):
         return RankFilter(*(getattr(self, name) for name in RankFilter.__struct_fields__))
 
 
-class Predictions(Queries):
+class PredictionsState(QueriesState):
     """Page settings: a filter for queries, a model, by default the first, and an order."""
 
     model: str = ""
@@ -286,20 +286,20 @@ def ranked_by(explored: Explored, name: str) -> RankedTriples:
     return explored.once(("ranks", predictor.name), lambda: rank_graph(predictor))
 
 
-def _view(explored: Explored, state: Predictions) -> LinkRanks:
+def _view(explored: Explored, state: PredictionsState) -> LinkRanks:
     return view_link_ranks(ranked_by(explored, state.model), state.chosen, state.sort, state.page)
 
 
-def _exported(explored: Explored) -> Iterator[Predictions]:
+def _exported(explored: Explored) -> Iterator[PredictionsState]:
     for name, sort in product(("", *list(explored.models)[1:]), get_args(RankOrder)[:2]):
-        yield (plain := Predictions(model=name, sort=sort))
+        yield (plain := PredictionsState(model=name, sort=sort))
         for setting, values in FACETS.items():
             yield from (msgspec.structs.replace(plain, **{setting: value}) for value in values)
 
 
 PAGE = Page(
     "predictions",
-    Predictions,
+    PredictionsState,
     _view,
     title="Predictions",
     exported=_exported,

@@ -11,7 +11,7 @@ from wordcraft_kg.agents.curves import EVALUATED
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation import training_curves
@@ -26,11 +26,11 @@ from wordcraft_kg.reports.agent_pictures import (
 from wordcraft_kg.runs.record import RUN_FILE, Status
 
 
-class Runs(State):
+class RunsState(PageState):
     """Page settings: none."""
 
 
-class Run(State):
+class RunState(PageState):
     """Page settings: a run's name, by default the first."""
 
     run: str = ""
@@ -104,7 +104,7 @@ class RunView(Record):
     provenance: dict[str, str] = msgspec.field(default_factory=dict)
 
 
-def _view_runs(explored: Explored, _: Runs) -> RunList:
+def _view_runs(explored: Explored, _: RunsState) -> RunList:
     rows = [_row(*explored.followed(name)) for name in explored.runs]
     return RunList(
         runs=tuple(rows),
@@ -117,7 +117,7 @@ def _view_runs(explored: Explored, _: Runs) -> RunList:
     )
 
 
-def _view_run(explored: Explored, state: Run) -> RunView:
+def _view_run(explored: Explored, state: RunState) -> RunView:
     name, run = explored.followed(state.run)
     row = _row(name, run)
     if row.status is None:
@@ -208,7 +208,7 @@ def _waits_for(records: AgentRun) -> str:
     return f"Episodes use the weights of {records.checkpoint}. {again}"
 
 
-def _any_is_live(explored: Explored, _: Runs) -> bool:
+def _any_is_live(explored: Explored, _: RunsState) -> bool:
     return explored.is_any_live(*explored.runs)
 
 
@@ -223,20 +223,20 @@ def _draw(view: RunView, *_: object) -> dict[str, object]:
     }
 
 
-def _is_live(explored: Explored, state: Run) -> bool:
+def _is_live(explored: Explored, state: RunState) -> bool:
     return explored.is_any_live(state.run)
 
 
-def _exported(explored: Explored) -> Iterator[Run]:
-    return (Run(name) for name in explored.runs)
+def _exported(explored: Explored) -> Iterator[RunState]:
+    return (RunState(name) for name in explored.runs)
 
 
 PAGE = Page(
-    "runs", Runs, _view_runs, title="Runs", is_there=attrgetter("runs"), is_live=_any_is_live
+    "runs", RunsState, _view_runs, title="Runs", is_there=attrgetter("runs"), is_live=_any_is_live
 )
 RUN = Page(
     "run",
-    Run,
+    RunState,
     _view_run,
     subject="run",
     draw=_draw,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import PlayedTask
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.arrays import Ids
@@ -23,7 +23,7 @@ Won = Literal["any", "always", "sometimes", "never"]
 """Share of distractor seeds with a solved task."""
 
 
-class Tasks(State):
+class TasksState(PageState):
     """Page settings: filters for tasks. Depth 0 is the training depth for the agent ``run``, by default the first."""
 
     part: AskedPart = ""
@@ -144,7 +144,7 @@ def _listed(tasks: TaskSet, results: TaskResults, number: int) -> ListedTask:
     return ListedTask(number, task.goal, task.start, task.plans, *won)
 
 
-def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
+def list_tasks(explored: Explored, state: TasksState) -> ShownTasks:
     """Return the page's values: tasks that fit its settings, with an agent's results."""
     name, run = explored.followed(state.run) if explored.runs or state.run else ("", None)
     tasks = explored.plain_world(
@@ -173,16 +173,16 @@ def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
     return ""
 
 
-def _is_live(explored: Explored, state: Tasks) -> bool:
+def _is_live(explored: Explored, state: TasksState) -> bool:
     return bool(explored.runs) and explored.is_any_live(state.run)
 
 
-def _exported(explored: Explored) -> Iterator[Tasks]:
+def _exported(explored: Explored) -> Iterator[TasksState]:
     # Only the first page for each agent: all pages would be too many files.
-    yield from (Tasks(run=name) for name in ("", *explored.runs))
+    yield from (TasksState(run=name) for name in ("", *explored.runs))
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, Tasks]]:
+def _questions(explored: Explored) -> Iterator[tuple[str, TasksState]]:
     for name in explored.runs:
         with suppress(ArtefactError):
             played = explored.followed(name)[1].episodes().values()
@@ -190,13 +190,13 @@ def _questions(explored: Explored) -> Iterator[tuple[str, Tasks]]:
                 task.part == explored.usual_part() and "goal" not in task.terminations
                 for task in played
             ):
-                yield f"Where does {name} fail?", Tasks(run=name, success="never")
+                yield f"Where does {name} fail?", TasksState(run=name, success="never")
                 return
 
 
 PAGE = Page(
     "tasks",
-    Tasks,
+    TasksState,
     list_tasks,
     title="Tasks",
     exported=_exported,

@@ -294,7 +294,7 @@ def _first_new(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
     # Where the answer itself has the highest score, the link is in the book.
     new = new[(new[["head", "tail"]] != ranks[["head", "tail"]]).any(axis=1)]
     new = new.drop_duplicates(["head", "relation", "tail", "side"])
-    # A copy, because torch refuses to share the read-only arrays of pandas.
+    # A copy, because arrays of pandas may be read-only, which torch warns about.
     ids = (torch.from_numpy(new[name].to_numpy(copy=True)) for name in ("head", "relation", "tail"))
     with torch.no_grad():
         scores = predictor.model.scorer.score(*ids).cpu().double().numpy()

@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
 
@@ -97,16 +98,15 @@ class Explored:
             GraphMismatchError: if a model, run or game belongs to another graph or split.
         """
         opened = open_graph(graph)
-        predictors = {}
-        for name, folder in _named(map(Path, models)).items():
-            predictors[name] = LinkPredictor(name, folder, open_model(folder, str(graph)))
-        folders = _named(folder for path in runs for folder in run_folders(Path(path)))
+        predictors = {
+            name: LinkPredictor(name, folder, open_model(folder, str(graph)))
+            for name, folder in _named(map(Path, models)).items()
+        }
+        folders = _named(chain.from_iterable(run_folders(Path(path)) for path in runs))
         for folder in folders.values():
             # Only the check for the graph: unfinished runs have no weights yet.
             RunFiles(folder, AGENTS.read_record(folder)).graph(opened)
-        recorded: list[TableGame] = []
-        for path in games:
-            recorded += read_table_games(opened, path)
+        recorded = chain.from_iterable(read_table_games(opened, path) for path in games)
         return cls(opened, predictors, folders, recorded)
 
     def predictor(self, name: str = "") -> LinkPredictor:

@@ -138,11 +138,11 @@ class _Files:
         graph = self.explored.opened.graph
         entity = PAGES["entity"]
         by_use = sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i])
-        entries = []
-        for label in graph.labels(by_use):
-            file = self.names.get((entity.name, entity.state(entity=label)))
-            if file:
-                entries.append((label, file))
+        files = {
+            label: self.names.get((entity.name, entity.state(entity=label)))
+            for label in graph.labels(by_use)
+        }
+        entries = [(label, file) for label, file in files.items() if file]
         # A script, not a JSON file: browsers refuse to fetch files for a page that was opened from a disk. ASCII only,
         # so that the file's encoding does not matter.
         return f"window.entities = {json.dumps(entries, ensure_ascii=True)};\n"
@@ -177,11 +177,11 @@ def _stem(page: Page[Any], state: PageState) -> str:
     that lead to another folder.
     """
     usual = page.state()
-    chosen = []
-    for field in state.__struct_fields__:
-        value = getattr(state, field)
-        if value != getattr(usual, field):
-            chosen.append(str(value))
+    chosen = [
+        str(getattr(state, field))
+        for field in state.__struct_fields__
+        if getattr(state, field) != getattr(usual, field)
+    ]
     plain = re.sub(r"[^a-z0-9]+", "-", "-".join(chosen).lower()).strip("-")
     # The cut may end with a hyphen.
     return plain[:LONGEST_NAME].strip("-") or page.name

@@ -182,7 +182,8 @@ class Slot:
     def rank(self, entity: int) -> FilteredRank:
         """Return an entity's filtered rank."""
         # An entity with a true link competes with all others that have none, and is a candidate itself.
-        candidates = int((self.part == NEW).sum()) + int(self.part[entity] != NEW)
+        competitors = int((self.part == NEW).sum())
+        candidates = competitors + int(self.part[entity] != NEW)
         rank = self.ranks(np.array([entity]))[0]
         return FilteredRank(float(rank), candidates)
 
@@ -264,17 +265,26 @@ class LinkPredictor:
         one = torch.tensor([[entity]])
         ids = (everything, relation, one) if side == "head" else (one, relation, everything)
         with torch.no_grad():
-            # Doubles hold the scores of all scorers exactly, whatever their precision.
-            scores = self.model.scorer.score(*ids)[0].cpu().numpy().astype(np.float64)
+            scores = self.model.scorer.score(*ids)[0].cpu().numpy()
+        # Doubles hold the scores of all scorers exactly, whatever their precision.
+        scores = scores.astype(np.float64)
         # Columns of a triple: 0 is the head, 2 the tail.
         given, answer = (2, 0) if side == "head" else (0, 2)
         triples = self.graph.triples
-        true = triples[(triples[:, 1] == relation) & (triples[:, given] == entity)]
+        is_true = (triples[:, 1] == relation) & (triples[:, given] == entity)
+        true = triples[is_true]
         part = np.full(size, NEW)
         part[true[:, answer]] = self.split.part_of(true)
         learned = np.zeros(size, dtype=bool)
         learned[self.evidence.ends(entity, relation, side)] = True
-        return Slot(entity, relation, side, scores, part, learned)
+        return Slot(
+            entity=entity,
+            relation=relation,
+            side=side,
+            scores=scores,
+            part=part,
+            learned=learned,
+        )
 
     def ranked(self, slot: Slot, entity: int) -> RankedLink:
         """Return score and rank for the link with an entity in an open slot."""
@@ -337,6 +347,10 @@ class LinkPredictor:
         rows = zip(triples.tolist(), entities.tolist(), ranks, known, chances, strict=True)
         for triple, entity, rank, part, chance in rows:
             learned = bool(slot.learned[entity])
+            reason = None
+            if witnesses:
+                head, relation, tail = triple
+                reason = self.evidence.reason(head, relation, tail, witnesses)
             yield PredictedEntity(
                 position=int(positions[entity]),
                 rank=float(rank),
@@ -346,7 +360,7 @@ class LinkPredictor:
                 known=part,
                 # Calibrated on links outside the training data, so it says nothing about training links.
                 probability=None if learned else chance,
-                reason=self.evidence.reason(*triple, witnesses) if witnesses else None,
+                reason=reason,
             )
 
 
@@ -374,7 +388,10 @@ def placed_recipes(split: Split, rows: Ids) -> tuple[PlacedRecipe, ...]:
     """Return recipes by their rows in the graph, shape (n,), with their parts."""
     recipes = split.graph.recipe_labels(split.graph.recipes[rows])
     parts = (PARTS[part] for part in split.parts[rows].tolist())
-    return tuple(PlacedRecipe(*recipe, part) for recipe, part in zip(recipes, parts, strict=True))  # type: ignore[arg-type]
+    return tuple(
+        PlacedRecipe(*recipe, part)  # type: ignore[arg-type]
+        for recipe, part in zip(recipes, parts, strict=True)
+    )
 
 
 def status_of(known: Known, learned: bool, *, is_itself: bool = False) -> Status:

@@ -46,10 +46,8 @@ class Site:
     @property
     def menu(self) -> list[tuple[Page[Any], str]]:
         """Pages in the menu with something to show, and their addresses."""
-        entries = []
-        for page in PAGES.values():
-            if page.title and page.is_there(self.explored):
-                entries.append((page, self.address(page, page.state())))
+        pages = [page for page in PAGES.values() if page.title and page.is_there(self.explored)]
+        entries = [(page, self.address(page, page.state())) for page in pages]
         # A static site lacks the pages that need a server.
         return [entry for entry in entries if entry[1]]
 

@@ -1,7 +1,7 @@
 """Two models compared on the same queries: which one is better, and where they differ most."""
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -111,7 +111,8 @@ def view_compared_ranks(
         ConfigError: if the list has no such page.
     """
     keys = ["head", "relation", "tail", "side"]
-    if one.split.hash != other.split.hash or not one.ranks[keys].equals(other.ranks[keys]):
+    are_same = one.ranks[keys].equals(other.ranks[keys])
+    if one.split.hash != other.split.hash or not are_same:
         raise GraphMismatchError(
             f"'{one.name}' and '{other.name}' rank different triples. Select two models of one graph folder."
         )
@@ -168,7 +169,8 @@ def _view(explored: Explored, state: CompareState) -> ModelsCompared:
     one = explored.predictor(first)
     other = explored.predictor(second)
     # The comparison resamples test triples, which takes seconds.
-    headline, why = explored.once(("compared", one.name, other.name), lambda: _headline(one, other))
+    key = ("compared", one.name, other.name)
+    headline, why = explored.once(key, lambda: _headline(one, other))
     ranks = view_compared_ranks(
         ranked_by(explored, one.name),
         ranked_by(explored, other.name),
@@ -176,7 +178,7 @@ def _view(explored: Explored, state: CompareState) -> ModelsCompared:
         state.better,
         state.page,
     )
-    return ModelsCompared(headline, why, ranks)
+    return ModelsCompared(headline=headline, without_headline=why, ranks=ranks)
 
 
 def _headline(
@@ -190,10 +192,6 @@ def _headline(
         return None, str(error)
 
 
-def _exported(_: Explored) -> Iterator[CompareState]:
-    yield from (CompareState(better=better) for better in ("either", "one", "other"))
-
-
 def _questions(explored: Explored) -> Iterator[tuple[str, CompareState]]:
     yield "Which links do {} and {} rank differently?".format(*explored.models), CompareState()
 
@@ -203,7 +201,7 @@ PAGE = Page(
     CompareState,
     _view,
     title="Compare",
-    exported=_exported,
+    exported=lambda _: [CompareState(better=better) for better in get_args(Better)],
     questions=_questions,
     is_there=_has_two_models,
 )

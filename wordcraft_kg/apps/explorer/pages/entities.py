@@ -102,9 +102,15 @@ def list_entities(
         strict=True,
     )
     entities = tuple(
-        ListedEntity(label, at if at >= 0 else None, made, used) for label, at, made, used in rows
+        ListedEntity(
+            entity=label,
+            layer=at if at >= 0 else None,
+            recipes=made,
+            uses=used,
+        )
+        for label, at, made, used in rows
     )
-    return EntityList(wanted, order, shown, entities)
+    return EntityList(wanted=wanted, order=order, paging=shown, entities=entities)
 
 
 def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[str, ...]:
@@ -128,7 +134,13 @@ def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[s
     def key(i: int) -> tuple[bool, bool, bool, int, int]:
         # False sorts before True: the better match first. The id at the end makes the order total.
         name = names[i]
-        return name != text, not name.startswith(text), f" {text}" not in name, -used[i], i
+        return (
+            name != text,
+            not name.startswith(text),
+            f" {text}" not in name,
+            -used[i],
+            i,
+        )
 
     return graph.labels(sorted(_matching(graph, wanted).tolist(), key=key)[:limit])
 

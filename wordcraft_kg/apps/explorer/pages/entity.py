@@ -148,27 +148,29 @@ def _view(explored: Explored, state: EntityState) -> EntityProfile:
     label = state.entity or graph.entities[int(graph.use_counts.argmax())]
     entity = graph.id_of(label)
     layer = int(layers_of(graph)[entity])
+    is_reachable = layer >= 0
     # Reading word vectors takes seconds.
     words = explored.once("words", lambda: glove_features(graph.entities))
     by_words = _alike(graph.entities, near_by_words(words, entity))
     predictor = explored.predictor(state.model) if explored.models else None
-    slots: list[PredictedSlot] = []
+    slots: tuple[PredictedSlot, ...] = ()
     nearest: tuple[AlikeEntity, ...] = ()
     if predictor is not None:
-        for relation, side in OPEN_SLOTS:
-            slot = predictor.slot(entity, relation, side)
-            slots.append(predictor.best(slot, with_learned=state.learned, top=PREDICTED))
+        scored = [predictor.slot(entity, relation, side) for relation, side in OPEN_SLOTS]
+        slots = tuple(
+            predictor.best(slot, with_learned=state.learned, top=PREDICTED) for slot in scored
+        )
         nearest = _alike(graph.entities, predictor.evidence.roles.nearest(entity, NEAREST))
     return EntityProfile(
         entity=label,
         base=bool((graph.base_ids == entity).any()),
-        layer=layer if layer >= 0 else None,
-        crafts=len(explored.planner().derivation(entity).steps) if layer >= 0 else None,
+        layer=layer if is_reachable else None,
+        crafts=len(explored.planner().derivation(entity).steps) if is_reachable else None,
         made_by=_recipes(split, RecipesState(label, "makes"), LISTED),
         used_in=_recipes(split, RecipesState(label, "uses"), LISTED),
         model="" if predictor is None else predictor.name,
         has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
-        slots=tuple(slots),
+        slots=slots,
         nearest=nearest,
         by_words=by_words if words.known[entity] else None,
     )
@@ -183,15 +185,22 @@ def _view_recipes(explored: Explored, state: RecipesState) -> EntityRecipes:
 def _recipes(split: Split, state: RecipesState, size: int) -> EntityRecipes:
     """Return a page of ``size`` recipes."""
     graph = split.graph
-    rows = graph.recipes_of(state.entity) if state.use == "makes" else graph.uses_of(state.entity)
+    rows_of = graph.recipes_of if state.use == "makes" else graph.uses_of
+    rows = rows_of(state.entity)
     # Counts of all parts, before the filter: the page links to the other parts.
     counts = np.bincount(split.parts[rows], minlength=len(PARTS)).tolist()
-    chosen = rows if not state.part else rows[split.parts[rows] == PARTS.index(state.part)]
+    chosen = rows
+    if state.part:
+        chosen = rows[split.parts[rows] == PARTS.index(state.part)]
     shown = paging(len(chosen), state.page, size)
     return EntityRecipes(
         entity=state.entity,
         use=state.use,
-        parts={name: count for name, count in zip(PARTS, counts, strict=True) if count},  # type: ignore[misc]
+        parts={
+            name: count  # type: ignore[misc]
+            for name, count in zip(PARTS, counts, strict=True)
+            if count
+        },
         paging=shown,
         recipes=placed_recipes(split, chosen[shown.rows]),
     )
@@ -224,10 +233,6 @@ def _alike(labels: tuple[str, ...], neighbours: list[tuple[int, float]]) -> tupl
     return tuple(AlikeEntity(labels[other], cosine) for other, cosine in neighbours)
 
 
-def _exported(explored: Explored) -> Iterator[EntityState]:
-    yield from (EntityState(label) for label in explored.opened.graph.entities[:EXPORTED])
-
-
 def _exported_recipes(explored: Explored) -> Iterator[RecipesState]:
     graph = explored.opened.graph
     counts: dict[Use, list[int]] = {
@@ -250,6 +255,11 @@ def _questions(explored: Explored) -> Iterator[tuple[str, EntityState]]:
 
 
 PAGE = Page(
-    "entity", EntityState, _view, subject="entity", exported=_exported, questions=_questions
+    "entity",
+    EntityState,
+    _view,
+    subject="entity",
+    exported=lambda explored: map(EntityState, explored.opened.graph.entities[:EXPORTED]),
+    questions=_questions,
 )
 RECIPES = Page("recipes", RecipesState, _view_recipes, subject="entity", exported=_exported_recipes)

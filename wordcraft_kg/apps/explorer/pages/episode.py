@@ -204,7 +204,11 @@ def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
             try:
                 agents.append(_agent(name, other, _explained(other, world, state)))
             except (ArtefactError, ConfigError) as error:
-                agents.append(AgentAtTable(name, "", 0, None, str(error)))
+                agents.append(
+                    AgentAtTable(
+                        run=name, checkpoint="", folds=0, explained=None, problem=str(error)
+                    )
+                )
     steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
     terminations = _terminations(run, world, state.task)
     return EpisodeView(
@@ -250,10 +254,15 @@ def _players(
             episode = agent.explained.episode
             success = None if episode.outcome == "in_progress" else episode.outcome == "goal"
             attempts = tuple(replay.attempts(first.table, _pairs(episode)))
-            yield PlayerAtTable(agent.run, "agent", attempts, success)
+            yield PlayerAtTable(player=agent.run, kind="agent", attempts=attempts, success=success)
     for game in games:
         attempts = tuple(replay.attempts(first.table, game.pairs))
-        yield PlayerAtTable(game.player, game.kind, attempts, game.success)
+        yield PlayerAtTable(
+            player=game.player,
+            kind=game.kind,
+            attempts=attempts,
+            success=game.success,
+        )
 
 
 def _pairs(episode: ExplainedEpisode) -> Iterator[tuple[str, str]]:
@@ -289,8 +298,9 @@ class _Replay:
             one, other = sorted(map(graph.id_of, pair))
             results = graph.labels(self.world.outcomes.get((one, other), ()))
             made = tuple(label for label in results if label not in table)
-            picks = (self._pick(pair[0], table, None), self._pick(pair[1], table, pair[0]))
-            yield Attempt(picks, made)
+            first = self._pick(pair[0], table, None)
+            second = self._pick(pair[1], table, pair[0])
+            yield Attempt((first, second), made)
             table += made
 
     def _pick(self, label: str, table: tuple[str, ...], selection: str | None) -> Pick:
@@ -298,8 +308,8 @@ class _Replay:
         if {label, selection or label} <= set(table):
             for slot in self._first_step(table, selection).slots:
                 if slot.entity == label:
-                    return Pick(label, slot.sources, slot.probability)
-        return Pick(label, {}, None)
+                    return Pick(entity=label, sources=slot.sources, probability=slot.probability)
+        return Pick(entity=label, sources={}, probability=None)
 
     def _explain(self, table: tuple[str, ...], selection: str | None) -> ExplainedStep:
         explained = self.explainer.table(self.goal, table, selection, like=self.task)
@@ -308,7 +318,12 @@ class _Replay:
 
 def _agent(name: str, run: FollowedRun, actions: ExplainedTable) -> AgentAtTable:
     agent = run.agent()
-    return AgentAtTable(name, agent.checkpoint, agent.run.cross_fitted, actions)
+    return AgentAtTable(
+        run=name,
+        checkpoint=agent.checkpoint,
+        folds=agent.run.cross_fitted,
+        explained=actions,
+    )
 
 
 def _explained(run: FollowedRun, world: World, state: EpisodeState) -> ExplainedTable:
@@ -317,7 +332,9 @@ def _explained(run: FollowedRun, world: World, state: EpisodeState) -> Explained
     graph = world.graph
     if not state.is_edited:
         return explainer.task(state.task, state.distractor_seed)
-    goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
+    goal = int(world.tasks.goals[state.task])
+    if state.goal:
+        goal = _label(graph, state.goal)
     # A visitor may change the goal alone, and keep the task's table.
     if state.labels:
         table = [_label(graph, label) for label in state.labels]

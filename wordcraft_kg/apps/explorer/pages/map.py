@@ -51,10 +51,6 @@ SIZES = (5, 15, 40, 100)
 """Numbers of uses from which on a dot is a size larger."""
 SHADES = 4
 """Layer colours, in addition to the base colour."""
-_ASIDE = 40
-"""Distance of a guest from the middle of its partners."""
-_GOLDEN_ANGLE = 2.4
-"""In radians: multiples of the golden angle are spread evenly around a circle, however many there are."""
 
 
 class MapState(PageState):
@@ -182,16 +178,19 @@ def map_of(graph: RecipeGraph) -> MapView:
     groups = []
     for number, members in enumerate(typical):
         # The median stays among the members, where a mean would follow a few far ones.
-        x, y = np.median(places[group_of == number], axis=0).round().astype(int).tolist()
-        groups.append(Group(graph.labels(ids[members[:NAMED]]), len(members), x, y))
-    # Rows of the dots, in the order of their fields.
-    numbers = np.column_stack([places, graph.use_counts[ids], group_of, layer[ids]]).tolist()
+        median = np.median(places[group_of == number], axis=0)
+        x, y = median.round().astype(int).tolist()
+        names = graph.labels(ids[members[:NAMED]])
+        groups.append(Group(names=names, size=len(members), x=x, y=y))
+    # Columns for all dots, in the order of a dot's fields; plain numbers, not NumPy's.
     labels = graph.labels(ids.tolist())
+    columns = (*places.T, graph.use_counts[ids], group_of, layer[ids])
+    numbers = [column.tolist() for column in columns]
     is_small = len(combines) + len(components) <= ALL_LINKS
     return MapView(
         graph=graph.name,
         entities=graph.num_entities,
-        spots=tuple(Spot(label, *row) for label, row in zip(labels, numbers, strict=True)),
+        spots=tuple(map(Spot, labels, *numbers)),
         groups=tuple(groups),
         layers=int(layer.max(initial=0)),
         combines=tuple(map(tuple, combines.tolist())) if is_small else (),
@@ -224,8 +223,9 @@ def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
     group_of = np.zeros(size, dtype=np.int64)
     for number, group in enumerate(groups):
         group_of[list(group)] = number
+    edges = [(a, b) for a, b in plain.edges if a != b]
     # The reshape gives a graph without links two columns as well.
-    ends = np.array([(a, b) for a, b in plain.edges if a != b], dtype=np.int64).reshape(-1, 2)
+    ends = np.array(edges, dtype=np.int64).reshape(-1, 2)
     is_within = group_of[ends[:, 0]] == group_of[ends[:, 1]]
     degree = np.bincount(ends.ravel(), minlength=size)
     within = np.bincount(ends[is_within].ravel(), minlength=size)
@@ -240,7 +240,8 @@ def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
     number = np.full(graph.num_entities, -1)
     number[ids] = np.arange(len(ids))
     triples = graph.triples
-    ends = number[triples[triples[:, 1] == relation][:, [0, 2]]]
+    links = triples[triples[:, 1] == relation]
+    ends = number[links[:, [0, 2]]]
     is_placed = (ends >= 0).all(axis=1)
     # A line from a dot to itself cannot be drawn.
     is_line = ends[:, 0] != ends[:, 1]
@@ -261,12 +262,12 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
         return np.full((number, 2), [WIDTH // 2, HEIGHT // 2])
     degree = np.bincount(links.ravel(), minlength=number)
     weight = 1 / np.sqrt(degree[links].prod(axis=1))
-    weight[group_of[links[:, 0]] == group_of[links[:, 1]]] *= PULL
+    is_within = group_of[links[:, 0]] == group_of[links[:, 1]]
+    weight[is_within] *= PULL
     weighted = nx.Graph()
     weighted.add_nodes_from(range(number))
-    weighted.add_weighted_edges_from(
-        (a, b, w) for (a, b), w in zip(links.tolist(), weight.tolist(), strict=True)
-    )
+    # All links are built in, in this order: the layout depends on it.
+    weighted.add_weighted_edges_from(zip(*links.T.tolist(), weight.tolist(), strict=True))
     layout = nx.forceatlas2_layout(weighted, max_iter=ROUNDS, weight="weight", seed=0)
     places = np.array([layout[entity] for entity in range(number)])
     # Mean of position and rank: true distances leave the map mostly empty, ranks alone hide gaps.
@@ -342,10 +343,12 @@ def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot
     neighbours = np.unique(np.concatenate(_partners(graph, entity))).tolist()
     near = [(spot_of[one].x, spot_of[one].y) for one in neighbours if one in spot_of]
     middle = np.mean(near or [(WIDTH // 2, HEIGHT // 2)], axis=0)
-    # Offset by the golden angle, so that guests with equal partners do not overlap.
-    angle = _GOLDEN_ANGLE * entity
-    aside: NDArray[np.float64] = _ASIDE * np.array([np.cos(angle), np.sin(angle)])
-    x, y = (middle + aside).clip(0, [WIDTH, HEIGHT]).round().astype(int).tolist()
+    # Offset by the golden angle (2.4 radians), so that guests with equal partners do not overlap: its multiples are
+    # spread evenly around a circle, however many there are. 40 units are a few dots' widths.
+    angle = 2.4 * entity
+    aside: NDArray[np.float64] = 40 * np.array([np.cos(angle), np.sin(angle)])
+    place = (middle + aside).clip(0, [WIDTH, HEIGHT])
+    x, y = place.round().astype(int).tolist()
     return Spot(
         entity=graph.entities[entity],
         x=x,

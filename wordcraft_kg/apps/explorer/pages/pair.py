@@ -3,11 +3,10 @@
 import math
 from operator import attrgetter
 
-import msgspec
-
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.predictor import (
+    LinkPredictor,
     PlacedRecipe,
     RankedLink,
     placed_recipes,
@@ -69,32 +68,32 @@ def _view(explored: Explored, state: PairState) -> PairProfile:
     one = graph.id_of(a)
     other = graph.id_of(b)
     recipes = recipes_giving(graph, one, COMBINES_WITH, other)
-    profile = PairProfile(
+    predictor = explored.predictor(state.model) if explored.models else None
+    link = None
+    results = None
+    if predictor is not None:
+        link = predictor.ranked(predictor.slot(one, COMBINES_WITH, "tail"), other)
+        if predictor.scores_recipes:
+            results = _results(explored, predictor, RecipeQuery(a, b, None))
+    return PairProfile(
         a=a,
         b=b,
         makes=placed_recipes(explored.opened.split, recipes),
-        model="",
-        has_seen_the_test_recipes=False,
-        link=None,
-        results=None,
+        model="" if predictor is None else predictor.name,
+        has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
+        link=link,
+        results=results,
         examples=examples,
     )
-    if not explored.models:
-        return profile
-    predictor = explored.predictor(state.model)
-    results = None
-    if predictor.scores_recipes:
-        # The truth of all recipes is indexed once for each model.
-        key = ("recipe scores", predictor.name)
-        scoring = explored.once(key, lambda: RecipeScoring.of(predictor.scoring))
-        results = view_open_recipe(scoring, RecipeQuery(a, b, None), RESULTS).top
-    return msgspec.structs.replace(
-        profile,
-        model=predictor.name,
-        has_seen_the_test_recipes=predictor.has_seen_the_test_recipes,
-        link=predictor.ranked(predictor.slot(one, COMBINES_WITH, "tail"), other),
-        results=results,
-    )
+
+
+def _results(
+    explored: Explored, predictor: LinkPredictor, query: RecipeQuery
+) -> tuple[ScoredRecipe, ...]:
+    # The truth of all recipes is indexed once for each model.
+    key = ("recipe scores", predictor.name)
+    scoring = explored.once(key, lambda: RecipeScoring.of(predictor.scoring))
+    return view_open_recipe(scoring, query, RESULTS).top
 
 
 def _pair(

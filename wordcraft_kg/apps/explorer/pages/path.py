@@ -227,7 +227,8 @@ def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
     # Forward: the earliest layer of each result, and with it the number of layers.
     earliest: dict[str, int] = {}
     for one, other, result in recipes:
-        earliest[result] = 1 + max(earliest.get(one, 0), earliest.get(other, 0))
+        before = max(earliest.get(one, 0), earliest.get(other, 0))
+        earliest[result] = before + 1
     layer = dict.fromkeys(earliest, max(earliest.values(), default=0))
     # Backward: each ingredient as late as its uses allow, so that lines are short. Base entities have no layer.
     for one, other, result in reversed(recipes):
@@ -235,7 +236,12 @@ def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
             if ingredient in layer:
                 layer[ingredient] = min(layer[ingredient], layer[result] - 1)
     return tuple(
-        PathStep(number, recipe, _part_of(split, recipe), layer[recipe.result])
+        PathStep(
+            number=number,
+            recipe=recipe,
+            part=_part_of(split, recipe),
+            layer=layer[recipe.result],
+        )
         for number, recipe in enumerate(recipes, start=1)
     )
 
@@ -245,14 +251,15 @@ def _part_of(split: Split, recipe: Recipe) -> Part:
     wanted = [graph.id_of(label) for label in recipe]
     rows = graph.recipes_of(wanted[2])
     # The graph has each recipe once, with ingredients in the order of ids, which is that of labels.
-    (row,) = rows[(graph.recipes[rows] == wanted).all(axis=1)].tolist()
+    is_wanted = (graph.recipes[rows] == wanted).all(axis=1)
+    (row,) = rows[is_wanted].tolist()
     return PARTS[split.parts[row]]  # type: ignore[return-value]
 
 
 def _last(steps: tuple[PathStep, ...]) -> tuple[PathStep, ...]:
     # Whole layers from the end, so that the drawing has no gaps.
-    kept = sorted(steps, key=lambda step: (-step.layer, -step.number))[:DRAWN]
-    return tuple(sorted(kept, key=lambda step: step.number))
+    latest = sorted(steps, key=lambda step: (-step.layer, -step.number))
+    return tuple(sorted(latest[:DRAWN], key=lambda step: step.number))
 
 
 def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:

@@ -278,7 +278,12 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
         has_seen_the_test_recipes=predictor.has_seen_the_test_recipes,
         ranks=_described(predictor, ranks),
         new=_described(predictor, new),
-        sample=RankSample(len(taken[0]), len(unseen), len(taken[1]), len(others)),
+        sample=RankSample(
+            unseen=len(taken[0]),
+            unseen_of=len(unseen),
+            others=len(taken[1]),
+            others_of=len(others),
+        ),
     )
 
 
@@ -292,7 +297,8 @@ def _first_new(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
         tail=ranks["tail"].where(~is_tail, ranks["top"]),
     )
     # Where the answer itself has the highest score, the link is in the book.
-    new = new[(new[["head", "tail"]] != ranks[["head", "tail"]]).any(axis=1)]
+    is_other = (new[["head", "tail"]] != ranks[["head", "tail"]]).any(axis=1)
+    new = new[is_other]
     new = new.drop_duplicates(["head", "relation", "tail", "side"])
     # A copy, because arrays of pandas may be read-only, which torch warns about.
     ids = (torch.from_numpy(new[name].to_numpy(copy=True)) for name in ("head", "relation", "tail"))
@@ -308,7 +314,8 @@ def _described(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
     part = predictor.split.part_of(triples)
     is_symmetric = triples[:, 1:2] == COMBINES_WITH
     # Sorted ends give both directions of a symmetric link the same key.
-    ends = np.where(is_symmetric, np.sort(triples[:, [0, 2]], axis=1), triples[:, [0, 2]])
+    ends = triples[:, [0, 2]]
+    ends = np.where(is_symmetric, np.sort(ends, axis=1), ends)
     link = triple_keys(np.insert(ends, 1, triples[:, 1], axis=1), predictor.graph.num_entities)
     return ranks.assign(
         part=np.where(part < 0, NEW, part), learned=predictor.learned(triples), link=link

@@ -1,6 +1,5 @@
 """Run pages: all runs of agents side by side, and one run with its curves, finished or as far as it has come."""
 
-from collections.abc import Iterator
 from operator import attrgetter
 from pathlib import Path
 
@@ -242,7 +241,10 @@ def _last_figures(records: AgentRun) -> dict[str, float]:
 def _lambdas(records: AgentRun) -> dict[str, tuple[float | None, float | None]]:
     figures = _last_figures(records)
     weights = {
-        name: (figures.get(f"lambda_{name}_first"), figures.get(f"lambda_{name}_second"))
+        name: (
+            figures.get(f"lambda_{name}_first"),
+            figures.get(f"lambda_{name}_second"),
+        )
         for name in (ALPHA.name, *source_names())
     }
     return {name: pair for name, pair in weights.items() if pair != (None, None)}
@@ -264,10 +266,6 @@ def _waits_for(records: AgentRun) -> str:
     return f"Episodes use the weights of {records.checkpoint}. {again}"
 
 
-def _any_is_live(explored: Explored, _: RunsState) -> bool:
-    return explored.is_any_live(*explored.runs)
-
-
 def _draw(view: RunView, *_: object) -> dict[str, object]:
     name = view.row.name
     figures = dict(view.training)
@@ -279,16 +277,13 @@ def _draw(view: RunView, *_: object) -> dict[str, object]:
     }
 
 
-def _is_live(explored: Explored, state: RunState) -> bool:
-    return explored.is_any_live(state.run)
-
-
-def _exported(explored: Explored) -> Iterator[RunState]:
-    return (RunState(name) for name in explored.runs)
-
-
 PAGE = Page(
-    "runs", RunsState, _view_runs, title="Runs", is_there=attrgetter("runs"), is_live=_any_is_live
+    "runs",
+    RunsState,
+    _view_runs,
+    title="Runs",
+    is_there=attrgetter("runs"),
+    is_live=lambda explored, _: explored.is_any_live(*explored.runs),
 )
 RUN = Page(
     "run",
@@ -296,7 +291,7 @@ RUN = Page(
     _view_run,
     subject="run",
     draw=_draw,
-    exported=_exported,
+    exported=lambda explored: map(RunState, explored.runs),
     is_there=attrgetter("runs"),
-    is_live=_is_live,
+    is_live=lambda explored, state: explored.is_any_live(state.run),
 )

@@ -1,10 +1,10 @@
-"""The explorer: a graph, models and agents as pages in the browser, served or exported as a static site.
+"""The explorer: a graph, models and agents as pages, served or exported as a static site.
 
-Read ``page`` first, then one module of ``pages``, such as ``pages.entity``, with its template. A page consists of
-settings, a view and a template. The settings are a frozen record whose fields are the address, so that every choice is
-a link. The view is a function of the opened folders and the settings, and returns a record, which ``format=json``
-prints. The template shows the view. The server and the static site render the same pages and differ only in their
-addresses.
+Read ``page`` first, then one module of ``pages``, such as ``pages.entity``, with its template. A
+page consists of settings, a view and a template. The settings are a frozen record whose fields are
+the address, so that every choice is a link. The view is a function of the opened folders and the
+settings, and returns a record, which ``format=json`` prints. The template shows the view. The
+server and the static site render the same pages and differ only in their addresses.
 
 - ``page``: the class ``Page``, addresses, and long lists.
 - ``pages``: a module for each page (``runs`` and ``entity`` have two), and ``PAGES``, the registry.
@@ -15,8 +15,9 @@ addresses.
 - ``server``, ``export``: the two ways to publish the pages; ``commands``: ``wordcraft-kg explore``.
 - ``templates``, ``static``: HTML and the two scripts.
 
-Free to change without asking: templates, texts, drawings, limits of lists. Others rely on the names of pages and
-settings (people keep addresses), on the views' JSON, on ``Page`` and ``PageState`` (other distributions add pages by
-entry points, see ``docs/explorer.md``), and on ``site.json``. Two rules are about security: every label goes through
-escaping, since books come from strangers, and a static site names no folder of the machine that wrote it.
+Free to change without asking: templates, texts, drawings, limits of lists. Others rely on the names
+of pages and settings (people keep addresses), on the views' JSON, on ``Page`` and ``PageState``
+(other distributions add pages by entry points, see ``docs/explorer.md``), and on ``site.json``. Two
+rules are about security: every label goes through escaping, since books come from strangers, and a
+static site names no folder of the machine that wrote it.
 """

@@ -36,14 +36,15 @@ AskedDepth = Literal[0, 1, 2, 3, 4, 5]
 
 
 class Explored:
-    """Content for all pages: an opened graph, link prediction models, agents' runs, and recorded games.
+    """Content for all pages: a graph, link prediction models, agents' runs, and recorded games.
 
     Pages are computed in several threads at the same time; all methods are safe for that.
 
     Attributes:
         opened: graph and split.
         models: link predictors for this graph by name, in the given order.
-        runs: run folders of agents on this graph by name; they may be unfinished, or training at this moment.
+        runs: run folders of agents on this graph by name; they may be unfinished, or training at
+            this moment.
         games: recorded games of other players by goal and entities on the table.
     """
 
@@ -117,15 +118,15 @@ class Explored:
             UnknownEntityError: if no model has this name.
         """
         predictor = self.models[self._name("model", self.models, name)]
-        # The similarities take seconds and memory: cached_property alone would compute them in two threads at once.
+        # The similarities take seconds and memory: cached_property alone would compute them in two
+        # threads at once.
         self.once(("evidence", predictor.name), lambda: predictor.evidence)
         return predictor
 
     def _name(self, kind: str, known: Mapping[str, object], name: str) -> str:
         if not known:
-            raise ConfigError(
-                f"This page needs a {kind}; start with `wordcraft-kg explore GRAPH --{kind} FOLDER`."
-            )
+            command = f"wordcraft-kg explore GRAPH --{kind} FOLDER"
+            raise ConfigError(f"This page needs a {kind}; start with `{command}`.")
         name = name or next(iter(known))
         if name not in known:
             shown = name[:60]  # addresses may be of any length
@@ -141,9 +142,11 @@ class Explored:
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
         """Return the value from ``make``, called once for each key.
 
-        Other threads that need the value wait for it. A failure is not kept: the next call tries again.
+        Other threads that need the value wait for it. A failure is not kept: the next call tries
+        again.
         """
-        # One lock for each key: a thread that computes the map must not stop the pages that do not need it.
+        # One lock for each key: a thread that computes the map must not stop the pages that do not
+        # need it.
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:
@@ -164,7 +167,8 @@ class Explored:
 
     def is_any_live(self, *names: str) -> bool:
         """Return whether any of these runs has yet to be complete and evaluated."""
-        # A run that cannot be read may be one that is just starting, so its page must not be cached.
+        # A run that cannot be read may be one that is just starting, so its page must not be
+        # cached.
         with suppress(ArtefactError):
             return any(self.followed(name)[1].records().run.status != "done" for name in names)
         return True
@@ -184,7 +188,7 @@ class Explored:
         depth: AskedDepth = 0,
         distractors: int | None = None,
     ) -> WordCraftConfig:
-        """Return the environment settings of an agent's training tasks, with another part, depth or distractors.
+        """Return the environment settings of an agent's training tasks, with changes.
 
         Args:
             tasks: task settings of the agent's training.
@@ -193,8 +197,8 @@ class Explored:
             distractors: distractors on the table; None for as many as in training.
 
         Returns:
-            the settings. The training's attempts are kept if they suffice for the depth, else there are as many
-            attempts as crafts.
+            the settings. The training's attempts are kept if they suffice for the depth, else there
+            are as many attempts as crafts.
 
         Raises:
             ConfigError: if a number is out of range.
@@ -207,7 +211,9 @@ class Explored:
         return tasks.environment(part or self.usual_part(), distractors)
 
     def plain_world(self, config: WordCraftConfig) -> World:
-        """Return the tasks for environment settings, without distractors, for which any graph has room.
+        """Return the tasks for environment settings, without distractors.
+
+        Any graph has room for them, whatever number of distractors the settings have.
 
         Raises:
             TaskError: if there is no task.
@@ -227,7 +233,7 @@ class Explored:
         return self.once(("world", config), lambda: World(self.plain_world(config), config))
 
     def usual_part(self) -> TaskPart:
-        """Return the task part shown by default: test, or train if the graph has no test recipes."""
+        """Return the task part shown by default: test, or train without test recipes."""
         return "test" if (self.opened.split.parts == TEST).any() else "train"
 
 

@@ -115,7 +115,7 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
 
 
 class _Files:
-    """File names of a site: ``names`` has the path of each page's file, by page name and settings."""
+    """File names of a site: ``names`` has each page's file by page name and settings."""
 
     def __init__(self, explored: Explored):
         self.explored = explored
@@ -134,7 +134,7 @@ class _Files:
         return "" if target is None else _relative(target, seen_from)
 
     def search(self) -> str:
-        """Return the script with the entities, the most used first, and the files of their pages."""
+        """Return the script with the entities and their files, the most used entities first."""
         graph = self.explored.opened.graph
         entity = PAGES["entity"]
         by_use = sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i])
@@ -143,13 +143,16 @@ class _Files:
             for label in graph.labels(by_use)
         }
         entries = [(label, file) for label, file in files.items() if file]
-        # A script, not a JSON file: browsers refuse to fetch files for a page that was opened from a disk. ASCII only,
-        # so that the file's encoding does not matter.
+        # A script, not a JSON file: browsers refuse to fetch files for a page that was opened from
+        # a disk. ASCII only, so that the file's encoding does not matter.
         return f"window.entities = {json.dumps(entries, ensure_ascii=True)};\n"
 
 
 def _unused(stem: str, taken: set[str]) -> str:
-    """Return a file name that no page has: labels may differ only in characters that file names cannot have."""
+    """Return a file name that no page has.
+
+    Labels may differ only in characters that file names cannot have.
+    """
     name = f"{stem}.html"
     number = 1
     while name in taken:
@@ -171,10 +174,10 @@ def _without_paths(text: str, explored: Explored) -> str:
 
 
 def _stem(page: Page[Any], state: PageState) -> str:
-    """Return a file name from the settings other than the defaults; it may be that of other settings, too.
+    """Return a file name from the settings other than the defaults; others may have the same.
 
-    Only lower-case letters and digits: some file systems ignore case, and labels may have any characters, such as those
-    that lead to another folder.
+    Only lower-case letters and digits: some file systems ignore case, and labels may have any
+    characters, such as those that lead to another folder.
     """
     usual = page.state()
     chosen = [

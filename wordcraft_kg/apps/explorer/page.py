@@ -19,7 +19,10 @@ _LONGEST_QUOTE = 60
 
 
 class PageState(Record):
-    """Base class for page settings: str, int, bool, Literal or tuple[str, ...] fields with defaults."""
+    """Base class for page settings.
+
+    Fields are of type str, int, bool, Literal or tuple[str, ...], and have defaults.
+    """
 
 
 S = TypeVar("S", bound=PageState)
@@ -29,19 +32,22 @@ Addresses = Callable[["Page[Any]", PageState], str]
 
 @dataclass(frozen=True)
 class Page(Generic[S]):
-    """A kind of page, such as the entity page. Functions take the opened folders (``Explored``) and settings.
+    """A kind of page, such as the entity page.
+
+    Functions take the opened folders (``Explored``) and settings.
 
     Attributes:
         name: first address segment, and template name.
         state: class of the settings; each field is a query parameter of the address.
-        view: returns the shown values as a record. An UnknownEntityError becomes a page "not found", other input
-            errors a page with the message.
+        view: returns the shown values as a record. An UnknownEntityError becomes a page "not
+            found", other input errors a page with the message.
         title: name in the menu; empty for pages outside the menu.
         subject: setting in the second address segment, as in ``/entity/paper``; empty for none.
         draw: returns a view's pictures, as server-side SVG, by their names in the template.
-        exported: returns settings for each file in a static site; by default a single file with default settings,
-            and none for a page with a subject.
-        questions: returns examples of questions that the page answers, with settings; also in a static site.
+        exported: returns settings for each file in a static site; by default a single file with
+            default settings, and none for a page with a subject.
+        questions: returns examples of questions that the page answers, with settings; also in a
+            static site.
         is_there: returns a true value if the page has content.
         is_live: returns whether the view may change, so that the page must not be cached.
         package: package with the template, in the folder ``templates``.
@@ -60,7 +66,7 @@ class Page(Generic[S]):
     package: str = "wordcraft_kg.apps.explorer"
 
     def states(self, explored: Explored) -> Iterable[S]:
-        """Return settings for each file that this page has in a static site; settings may repeat."""
+        """Return settings for each file of this page in a static site; settings may repeat."""
         if not self.is_there(explored):
             return []
         states: Iterable[S]
@@ -91,11 +97,12 @@ class Page(Generic[S]):
 
         Args:
             subject: decoded second path segment; may be empty.
-            query: decoded names and values of the query. An empty value, which forms send for an empty field, means
-                the default.
+            query: decoded names and values of the query. An empty value, which forms send for an
+                empty field, means the default.
 
         Raises:
-            ConfigError: if a name is unknown, a value has another type, or two values are given for a setting.
+            ConfigError: if a name is unknown, a value has another type, or two values are given for
+                a setting.
         """
         fields = {field.name: field for field in _fields(self.state)}
         given: dict[str, Any] = {}
@@ -130,8 +137,8 @@ def _fields(state: type[PageState]) -> tuple[msgspec.structs.FieldInfo, ...]:
 def _fits_path(value: str) -> bool:
     """Return whether a label can be a path segment.
 
-    Browsers resolve dots as folders, some servers split at slashes, and proxies may decode percent signs twice. Other
-    labels go to the query.
+    Browsers resolve dots as folders, some servers split at slashes, and proxies may decode percent
+    signs twice. Other labels go to the query.
     """
     return bool(value.strip(".")) and not set(value) & {"/", "\\", "%"}
 

@@ -1,7 +1,7 @@
 """Queries to a model: scores, ranks and reasons.
 
-A link is a triple; a slot is a query, a triple whose head or tail is open. A link is *true* if a recipe of the book
-gives it, in any part of the split, and *learned* if the model was trained on it.
+A link is a triple; a slot is a query, a triple whose head or tail is open. A link is *true* if a
+recipe of the book gives it, in any part of the split, and *learned* if the model was trained on it.
 """
 
 from collections.abc import Iterator
@@ -32,8 +32,9 @@ NEW = len(PARTS)
 KNOWN: tuple[Known, ...] = ("train", "valid", "test", "new")
 """Names of the parts by their numbers."""
 Status = Literal["learned", "held out", "not learned", "not in the book", "itself"]
-"""``learned`` links are in the model's training data; other links are ``held out``, ``not learned`` (outside the
-train sample), ``not in the book``, or ``itself`` (not in the book, head and tail are equal)."""
+"""``learned`` links are in the model's training data; other links are ``held out``, ``not learned``
+(outside the train sample), ``not in the book``, or ``itself`` (not in the book, head and tail are
+equal)."""
 
 
 class PlacedRecipe(Record):
@@ -63,8 +64,8 @@ class ScoredLink(Record):
         score: higher is more plausible, on the model's own scale.
         status: whether the model was trained on the link, and otherwise whether the link is true.
         known: part of the first recipe that gives the link, or ``new``.
-        probability: probability that the link is true; None for training links, since it would be that of a link
-            outside the training data, and for models without calibration.
+        probability: probability that the link is true; None for training links, since it would be
+            that of a link outside the training data, and for models without calibration.
     """
 
     score: float
@@ -78,9 +79,10 @@ class PredictedEntity(ScoredLink):
 
     Attributes:
         entity: label of the answer.
-        position: position in the list of all entities by score, from 1, in which training links count only if they
-            are listed; 0 for an entity outside the list.
-        rank: filtered, realistic rank: other true answers do not compete, and ties share their mean rank.
+        position: position in the list of all entities by score, from 1, in which training links
+            count only if they are listed; 0 for an entity outside the list.
+        rank: filtered, realistic rank: other true answers do not compete, and ties share their mean
+            rank.
         reason: training links that support the answer; None if they are not computed.
     """
 
@@ -145,8 +147,8 @@ class Slot:
         relation: id of the relation.
         side: the open side.
         scores: shape (E,), higher is more plausible.
-        part: shape (E,), split part of the first recipe that gives the triple, an index in :data:`KNOWN`;
-            :data:`NEW` if no recipe of the book gives it.
+        part: shape (E,), split part of the first recipe that gives the triple, an index in
+            :data:`KNOWN`; :data:`NEW` if no recipe of the book gives it.
         learned: shape (E,), True where the model was trained on the triple.
     """
 
@@ -166,7 +168,7 @@ class Slot:
         return np.column_stack([given, relation, entities])
 
     def ranks(self, entities: Ids) -> NDArray[np.float64]:
-        """Return filtered, realistic ranks of entities, shape (n,) -> (n,), as by ``rank_triples``."""
+        """Return filtered, realistic ranks, shape (n,) -> (n,), as by ``rank_triples``."""
         # Filtered: only entities without a true link compete. One sort serves all n ranks.
         competitors = np.sort(self.scores[self.part == NEW])
         scores = self.scores[entities]
@@ -174,14 +176,16 @@ class Slot:
         below = np.searchsorted(competitors, scores, "left")
         above = len(competitors) - up_to
         equal = up_to - below
-        # An entity without a true link is one of the competitors, and ties with itself: this is no tie.
+        # An entity without a true link is one of the competitors, and ties with itself: this is no
+        # tie.
         is_competitor = self.part[entities] == NEW
         # Realistic: the mean of the ranks before and after all ties.
         return np.asarray(above + 1 + (equal - is_competitor) / 2)
 
     def rank(self, entity: int) -> FilteredRank:
         """Return an entity's filtered rank."""
-        # An entity with a true link competes with all others that have none, and is a candidate itself.
+        # An entity with a true link competes with all others that have none, and is a candidate
+        # itself.
         competitors = int((self.part == NEW).sum())
         candidates = competitors + int(self.part[entity] != NEW)
         rank = self.ranks(np.array([entity]))[0]
@@ -307,7 +311,7 @@ class LinkPredictor:
         witnesses: int = 1,
         truth: int = 5,
     ) -> PredictedSlot:
-        """List the best entities in an open slot, and the best ranked true entities that the model has not learned.
+        """List the best entities in an open slot, and the best true entities outside training.
 
         Args:
             slot: scores of all entities.
@@ -358,7 +362,8 @@ class LinkPredictor:
                 score=float(slot.scores[entity]),
                 status=status_of(part, learned, is_itself=entity == slot.entity),
                 known=part,
-                # Calibrated on links outside the training data, so it says nothing about training links.
+                # Calibrated on links outside the training data, so it says nothing about training
+                # links.
                 probability=None if learned else chance,
                 reason=reason,
             )

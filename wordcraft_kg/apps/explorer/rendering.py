@@ -53,7 +53,7 @@ class Site:
 
     @property
     def questions(self) -> list[tuple[str, str]]:
-        """Example questions with the addresses of pages that answer them: first agents, then models and the graph."""
+        """Example questions, with the addresses of pages that answer them, about agents first."""
         links = []
         # The reverse of the menu: a reader with an agent is most curious about the agent.
         for page in reversed(PAGES.values()):
@@ -66,7 +66,8 @@ class Site:
         """Return a page as HTML.
 
         Raises:
-            WordCraftKGError: if the settings ask for something that is not there, or a folder has changed.
+            WordCraftKGError: if the settings ask for something that is not there, or a folder has
+                changed.
         """
         view = page.view(self.explored, state)
         pictures = page.draw(view, state, self.address) if page.draw else {}
@@ -126,14 +127,16 @@ class Site:
 def _anchor(address: str, text: str) -> Markup:
     """Return a link, or only its text where there is no address."""
     shown = for_html(text)
-    # Markup.format escapes the address, for_html the text: both may hold labels from a stranger's book.
+    # Markup.format escapes the address, for_html the text: both may hold labels from a stranger's
+    # book.
     return Markup('<a href="{}">{}</a>').format(address, shown) if address else shown
 
 
 @cache
 def _environment(package: str) -> jinja2.Environment:
-    # Charts look as in reports, and templates share their macros. The page's own package comes first, so that a page
-    # from outside may replace a shared template; dict.fromkeys drops the explorer's second mention.
+    # Charts look as in reports, and templates share their macros. The page's own package comes
+    # first, so that a page from outside may replace a shared template; dict.fromkeys drops the
+    # explorer's second mention.
     packages = dict.fromkeys(
         (package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports")
     )

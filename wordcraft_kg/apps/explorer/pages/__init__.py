@@ -1,13 +1,13 @@
 """All pages, by their first address segment.
 
-Read ``entity`` first: a page with settings, a view, a static form and example questions. ``map`` and ``path`` also
-draw. A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here, an entry in :data:`CORE`, and a
-template of its name. Modules import ``page``, ``explored`` and ``predictor``, and other pages to link to them; no page
-imports the server. Other apps and distributions add pages by entry points ``module:PAGE`` in the group
-``wordcraft_kg.pages``.
+Read ``entity`` first: a page with settings, a view, a static form and example questions. ``map``
+and ``path`` also draw. A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here,
+an entry in :data:`CORE`, and a template of its name. Modules import ``page``, ``explored`` and
+``predictor``, and other pages to link to them; no page imports the server. Other apps and
+distributions add pages by entry points ``module:PAGE`` in the group ``wordcraft_kg.pages``.
 
-Free to change without asking: texts, limits, and the look of a page. Names of pages and of their settings stay, since
-they are addresses that people keep.
+Free to change without asking: texts, limits, and the look of a page. Names of pages and of their
+settings stay, since they are addresses that people keep.
 """
 
 from collections.abc import Iterable

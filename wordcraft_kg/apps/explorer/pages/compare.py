@@ -32,7 +32,8 @@ class CompareState(QueriesState):
     """Page settings: a filter for queries, two models, and which one ranks the answer better.
 
     Attributes:
-        part: part of the book with the triple; empty for all. New links are of one model, so they cannot be compared.
+        part: part of the book with the triple; empty for all. New links are of one model, so they
+            cannot be compared.
         one: name of a model; empty for the first.
         other: name of another model; empty for the second.
         better: which model ranks the listed queries better.
@@ -114,9 +115,11 @@ def view_compared_ranks(
     are_same = one.ranks[keys].equals(other.ranks[keys])
     if one.split.hash != other.split.hash or not are_same:
         raise GraphMismatchError(
-            f"'{one.name}' and '{other.name}' rank different triples. Select two models of one graph folder."
+            f"'{one.name}' and '{other.name}' rank different triples. "
+            "Select two models of one graph folder."
         )
-    # Both tables have the same rows, see above, but the filters for rank and training data may choose different ones.
+    # Both tables have the same rows, see above, but the filters for rank and training data may
+    # choose different ones.
     left = one.rows(chosen)
     right = other.rows(chosen)
     both = left.index.intersection(right.index)
@@ -130,7 +133,8 @@ def view_compared_ranks(
         "other": gain < 0,
     }[better]
     by_gain = np.argsort(-np.abs(gain), kind="stable")
-    # A link has a row for each side, a symmetric link also for each direction: the largest difference is kept.
+    # A link has a row for each side, a symmetric link also for each direction: the largest
+    # difference is kept.
     ordered = left.iloc[by_gain[is_listed[by_gain]]].drop_duplicates("link")
     shown = paging(len(ordered), page, ROWS_A_PAGE)
     rows = ordered.index[shown.rows]
@@ -160,7 +164,8 @@ def _has_two_models(explored: Explored) -> bool:
 def _view(explored: Explored, state: CompareState) -> ModelsCompared:
     if not _has_two_models(explored):
         raise ConfigError(
-            "This page needs two models; start with two of `wordcraft-kg explore GRAPH --model FOLDER`."
+            "This page needs two models; "
+            "start with two of `wordcraft-kg explore GRAPH --model FOLDER`."
         )
     # If only one model is given, the first model that differs from it is the other.
     names = list(explored.models)

@@ -15,7 +15,8 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 EntityOrder = Literal["label", "layer", "recipes", "uses"]
-"""Ascending label or layer (entities that cannot be made come last), or descending number of recipes or uses."""
+"""Ascending label or layer (entities that cannot be made come last), or descending number of
+recipes or uses."""
 ENTITIES_A_PAGE = 200
 
 
@@ -122,8 +123,9 @@ def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[s
         limit: most labels to return.
 
     Returns:
-        the label that equals the text, then labels that begin with it, that have it at the start of a word, and that
-        have it elsewhere; among these by descending use count. In the kitchen, "BRE" gives bread and bread crumbs.
+        the label that equals the text, then labels that begin with it, that have it at the start of
+        a word, and that have it elsewhere; among these by descending use count. In the kitchen,
+        "BRE" gives bread and bread crumbs.
     """
     text = _folded(wanted)
     if not text:
@@ -158,7 +160,8 @@ def _matching(graph: RecipeGraph, wanted: str) -> Ids:
     return np.array(matches, dtype=np.int64)
 
 
-# Four graphs, since tests and notebooks open several; a search asks for all labels at each key press.
+# Four graphs, since tests and notebooks open several; a search asks for all labels at each key
+# press.
 @lru_cache(maxsize=4)
 def _folded_labels(graph: RecipeGraph) -> Sequence[str]:
     return [_folded(label) for label in graph.entities]
@@ -166,7 +169,7 @@ def _folded_labels(graph: RecipeGraph) -> Sequence[str]:
 
 @lru_cache(maxsize=4)
 def layers_of(graph: RecipeGraph) -> Ids:
-    """Return the crafting layer of each entity, shape (E,), as :func:`~wordcraft_kg.graphs.planner.layers`; kept."""
+    """Return cached :func:`~wordcraft_kg.graphs.planner.layers`: each entity's, shape (E,)."""
     return layers(graph)
 
 

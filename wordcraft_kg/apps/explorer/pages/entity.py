@@ -73,7 +73,8 @@ class EntityRecipes(Record):
     Attributes:
         entity: label.
         use: whether the recipes make or use the entity.
-        parts: number of recipes by part, whatever part is chosen; parts without recipes are left out.
+        parts: number of recipes by part, whatever part is chosen; parts without recipes are left
+            out.
         paging: which recipes of the chosen part are on this page.
         recipes: the recipes on this page.
     """
@@ -108,7 +109,8 @@ class EntityProfile(Record):
         made_by: some of the recipes that make the entity.
         used_in: some of the recipes that use the entity.
         model: name of the model; empty without one.
-        has_seen_the_test_recipes: whether the model was trained on all recipes; False without a model.
+        has_seen_the_test_recipes: whether the model was trained on all recipes; False without a
+            model.
         slots: predictions for the queries in :data:`OPEN_SLOTS`; empty without a model.
         nearest: most similar entities by the model; empty without a model.
         by_words: most similar entities by word vectors; None if no word of the label has a vector.
@@ -217,8 +219,8 @@ def near_by_words(
         limit: most entities to return.
 
     Returns:
-        ids and cosines, the largest cosine first, ties in the order of ids; entities without vectors are left out, and
-        the list is empty for one.
+        ids and cosines, the largest cosine first, ties in the order of ids; entities without
+        vectors are left out, and the list is empty for one.
     """
     if not words.known[entity]:
         return []

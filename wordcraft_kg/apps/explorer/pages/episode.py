@@ -1,4 +1,4 @@
-"""The episode page: agents' actions at a table, each explained, and recorded games at the same table.
+"""The episode page: agents' actions at a table, explained, and recorded games at that table.
 
 ``_view`` first: it asks each agent to act at the table that the settings describe.
 """
@@ -35,7 +35,7 @@ MOST_ROWS = 160
 
 
 class EpisodeState(PageState):
-    """Page settings: a task, the agents that act, and changes by the visitor to goal, table or selection, by labels.
+    """Page settings: a task, the agents that act, and the visitor's changes to the table.
 
     Attributes:
         run: name of the first agent's run; empty for the first run.
@@ -146,8 +146,8 @@ class EpisodeView(Record):
         task: number of the task.
         tasks: number of tasks with this depth and part.
         distractor_seed: seed of the distractors.
-        terminations: termination reasons in the first agent's evaluation, by distractor seed; empty if the agent did
-            not play this task, or played it with another number of distractors.
+        terminations: termination reasons in the first agent's evaluation, by distractor seed; empty
+            if the agent did not play this task, or played it with another number of distractors.
         start: labels of the task's starting ingredients.
         plans: plans that make the task's goal, as recipes in turn.
         is_edited: whether the visitor changed goal, table or selection.
@@ -155,7 +155,8 @@ class EpisodeView(Record):
         table: labels of the entities on the table.
         selection: label of the entity that is selected at the start; None for none.
         agents: the agents; the others are compared with the first.
-        players: the agents and the players of recorded games at this table; empty for a single agent without games.
+        players: the agents and the players of recorded games at this table; empty for a single
+            agent without games.
     """
 
     runs: tuple[str, ...]
@@ -266,7 +267,7 @@ def _players(
 
 
 def _pairs(episode: ExplainedEpisode) -> Iterator[tuple[str, str]]:
-    """Yield the pairs of an episode: its actions two by two, after the entity that was selected at the start."""
+    """Yield the pairs of an episode: a selection at the start and the actions, two by two."""
     # Without a selection at the start, the first label is None.
     labels = [episode.steps[0].selection, *(step.action for step in episode.steps)]
     chosen = [label for label in labels if label]
@@ -304,7 +305,8 @@ class _Replay:
             table += made
 
     def _pick(self, label: str, table: tuple[str, ...], selection: str | None) -> Pick:
-        # A recorded player may use entities that this table does not have, such as results by other rules.
+        # A recorded player may use entities that this table does not have, such as results by other
+        # rules.
         if {label, selection or label} <= set(table):
             for slot in self._first_step(table, selection).slots:
                 if slot.entity == label:
@@ -345,7 +347,7 @@ def _explained(run: FollowedRun, world: World, state: EpisodeState) -> Explained
 
 
 def _label(graph: RecipeGraph, text: str) -> int:
-    """Return the entity of a typed label; outer spaces are ignored, unless they belong to the label."""
+    """Return the entity of a typed label, without outer spaces unless the label has some."""
     return graph.id_of(text if text in graph else text.strip())
 
 
@@ -358,10 +360,6 @@ def _terminations(run: FollowedRun, world: World, task: int) -> tuple[Terminatio
     posed = world.tasks[task]
     played = run.episodes().get((config.part, posed.goal, posed.start))
     return () if played is None else played.terminations
-
-
-def _is_live(explored: Explored, state: EpisodeState) -> bool:
-    return explored.is_any_live(state.run, *filter(None, state.other))
 
 
 def _exported(explored: Explored) -> Iterator[EpisodeState]:
@@ -386,5 +384,5 @@ PAGE = Page(
     "Episodes",
     exported=_exported,
     is_there=attrgetter("runs"),
-    is_live=_is_live,
+    is_live=lambda explored, state: explored.is_any_live(state.run, *filter(None, state.other)),
 )

@@ -30,7 +30,8 @@ class ListedTable(Record):
     Attributes:
         solved: names of the players that made the goal.
         not_solved: names of the other players.
-        settings: settings of the episode page that show the table, with the task if the graph has it.
+        settings: settings of the episode page that show the table, with the task if the graph has
+            it.
     """
 
     solved: tuple[str, ...]
@@ -76,7 +77,8 @@ def _listed(explored: Explored, games: list[TableGame]) -> ListedTable:
     # Starting ingredients are padded with num_entities.
     have = {graph.num_entities, *map(graph.id_of, one.table)}
     for task in np.flatnonzero(tasks.goals == graph.id_of(one.goal)).tolist():
-        # Of several tasks that the table allows, the last one: the table does not tell which was played.
+        # Of several tasks that the table allows, the last one: the table does not tell which was
+        # played.
         if have.issuperset(tasks.starts[task].tolist()):
             settings["task"] = task
             settings["distractors"] = len(one.table) - len(tasks[task].start)

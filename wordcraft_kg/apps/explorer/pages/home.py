@@ -76,7 +76,8 @@ def _view(explored: Explored, _: HomeState) -> Overview:
     layer = layers(graph)
 
     def first(keys: np.ndarray) -> tuple[str, ...]:
-        # Only positive keys: unused entities, the base (layer 0) and unreachable entities (-1) are no examples.
+        # Only positive keys: unused entities, the base (layer 0) and unreachable entities (-1) are
+        # no examples.
         order = np.argsort(-keys, kind="stable")
         return graph.labels(order[keys[order] > 0][:EXAMPLES].tolist())
 

@@ -55,7 +55,8 @@ class LinkProfile(ScoredLink):
         as_tail: rank of the tail among all entities.
         as_head: rank of the head among all entities.
         reason: training links that support the link.
-        outside: knowledge from outside the book that supports the link; empty if the model uses none.
+        outside: knowledge from outside the book that supports the link; empty if the model uses
+            none.
         recipes: recipes that give the link, at most :data:`RECIPES`.
         tails: the best tails for the head, without training links.
         heads: the best heads for the tail, without training links.

@@ -1,4 +1,4 @@
-"""The map: entities that are crafted together lie together, and the links of a chosen entity are drawn."""
+"""The map: entities that are crafted together lie together; a chosen entity shows its links."""
 
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
@@ -30,18 +30,18 @@ NAMED = 3
 DRAWN = 200
 """Maximum number of drawn links of a kind: more are indistinguishable."""
 ALL_LINKS = 15_000
-"""Maximum number of links between placed entities; a larger map holds only the chosen entity's links."""
+"""Maximum number of links between placed entities; a larger map has only the chosen entity's."""
 WIDTH = 2_000
 HEIGHT = 1_400
-"""Size of the map in its own units; places are whole numbers. The page scales the map to its width."""
+"""Size of the map in its own units, which the page scales; places are whole numbers."""
 PULL = 6.0
-"""Strength of links within a group, relative to links between groups: equal links would not show groups."""
+"""Strength of links within a group, relative to others: equal links would not show groups."""
 ROUNDS = 100
 """Rounds of the layout; the picture hardly changes afterwards."""
 SIDE = 50
 EDGE = 40
 RIGHT = 190
-"""Margins around the map: left and right, top and bottom, and at the right room for the labels of the last dots."""
+"""Margins: left and right, top and bottom, and at the right room for the last dots' labels."""
 LONGEST = 24
 """Letters of a shown label; the tooltip has a longer one."""
 LETTER = 11.0
@@ -109,7 +109,8 @@ class Partners(Record):
     Attributes:
         total: number of neighbours.
         listed: labels of the most used neighbours, at most :data:`LISTED`.
-        placed: dot numbers of the neighbours on the map, the most used first, at most :data:`DRAWN`.
+        placed: dot numbers of the neighbours on the map, the most used first, at most
+            :data:`DRAWN`.
     """
 
     total: Count
@@ -142,8 +143,9 @@ class MapView(Record):
         spots: dots for the most used entities in descending order, then for guests.
         groups: groups of the placed entities, the largest first.
         layers: number of crafting layers in the graph.
-        combines: dot pairs whose entities combine, the smaller number first, without guests and without entities that
-            combine with themselves; empty for more than :data:`ALL_LINKS` lines.
+        combines: dot pairs whose entities combine, the smaller number first, without guests and
+            without entities that combine with themselves; empty for more than :data:`ALL_LINKS`
+            lines.
         components: (ingredient, product) pairs; likewise.
         chosen: links of the chosen entity; None without one.
     """
@@ -160,9 +162,10 @@ class MapView(Record):
 
 @stage("laying out the map")
 def map_of(graph: RecipeGraph) -> MapView:
-    """Place and group a graph's most used entities, at most :data:`PLACED`; equal graphs have equal maps.
+    """Place and group a graph's most used entities, at most :data:`PLACED`.
 
-    Groups are found among the placed entities alone: others would give groups that the map does not show.
+    Equal graphs have equal maps. Groups are found among the placed entities alone: others would
+    give groups that the map does not show.
     """
     ids = np.argsort(-graph.use_counts, kind="stable")[:PLACED]
     combines = _links_among(graph, ids, COMBINES_WITH)
@@ -207,8 +210,9 @@ def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
         links: shape (L, 2), pairs of nodes; repetitions count once.
 
     Returns:
-        each node's group, shape (size,), group 0 the largest; and the nodes of each group, most typical first. Typical
-        nodes have many links within the group, which are a large share of all their links.
+        each node's group, shape (size,), group 0 the largest; and the nodes of each group, most
+        typical first. Typical nodes have many links within the group, which are a large share of
+        all their links.
 
     Source: Blondel et al. 2008, "Fast unfolding of communities in large networks".
     """
@@ -217,7 +221,8 @@ def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
     plain = nx.Graph()
     plain.add_nodes_from(range(size))
     plain.add_edges_from(links.tolist())
-    # A fixed seed and a total order (largest first, then by least node): equal graphs have equal colours.
+    # A fixed seed and a total order (largest first, then by least node): equal graphs have equal
+    # colours.
     communities = nx.community.louvain_communities(plain, seed=0)
     groups = sorted(communities, key=lambda group: (-len(group), min(group)))
     group_of = np.zeros(size, dtype=np.int64)
@@ -229,14 +234,14 @@ def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
     is_within = group_of[ends[:, 0]] == group_of[ends[:, 1]]
     degree = np.bincount(ends.ravel(), minlength=size)
     within = np.bincount(ends[is_within].ravel(), minlength=size)
-    # Number times share, within * (within / degree): the number alone would name entities that are used everywhere,
-    # the share alone entities with a single link.
+    # Number times share, within * (within / degree): the number alone would name entities that are
+    # used everywhere, the share alone entities with a single link.
     typical = np.argsort(-(within**2) / np.maximum(degree, 1), kind="stable")
     return group_of, [typical[group_of[typical] == number] for number in range(len(groups))]
 
 
 def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
-    """Return the links of a relation between different entities of ``ids``, by their position there, shape (L, 2)."""
+    """Return a relation's links between different entities of ``ids``, as indices, shape (L, 2)."""
     number = np.full(graph.num_entities, -1)
     number[ids] = np.arange(len(ids))
     triples = graph.triples
@@ -251,7 +256,8 @@ def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
 def _places(number: int, links: Ids, group_of: Ids) -> Ids:
     """Lay out entities with ForceAtlas2, and fill the map evenly; shape (number, 2), whole numbers.
 
-    Links to frequent entities weigh less, since they would pull all others together; links within a group weigh more.
+    Links to frequent entities weigh less, since they would pull all others together; links within a
+    group weigh more.
 
     Source: Jacomy et al. 2014, "ForceAtlas2, a continuous graph layout algorithm".
     """
@@ -290,7 +296,8 @@ def view_map(graph: RecipeGraph, whole: MapView, entity: str = "") -> MapView:
         entity: label of the entity; empty for none.
 
     Returns:
-        the map; the entity and its partners without a place are added as guests, at most :data:`GUESTS`.
+        the map; the entity and its partners without a place are added as guests, at most
+        :data:`GUESTS`.
 
     Raises:
         UnknownEntityError: if the graph has no such entity.
@@ -323,7 +330,8 @@ def _shown_partners(graph: RecipeGraph, partners: Ids, number_of: Mapping[int, i
 def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
     """Return an entity's partners, products and ingredients, as ids, each the most used first."""
     used = graph.recipes[graph.uses_of(entity)]
-    # The sum of both ingredients without the entity is the other one, also for an entity with itself.
+    # The sum of both ingredients without the entity is the other one, also for an entity with
+    # itself.
     others = used[:, :2].sum(axis=1) - entity
     made_of = graph.recipes[graph.recipes_of(entity), :2]
     return (
@@ -339,12 +347,13 @@ def _most_used(graph: RecipeGraph, ids: Ids) -> Ids:
 
 
 def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot:
-    """Return a dot in the middle of an entity's placed neighbours, or of the map, and a little aside."""
+    """Return a dot near the middle of an entity's placed neighbours, or of the map."""
     neighbours = np.unique(np.concatenate(_partners(graph, entity))).tolist()
     near = [(spot_of[one].x, spot_of[one].y) for one in neighbours if one in spot_of]
     middle = np.mean(near or [(WIDTH // 2, HEIGHT // 2)], axis=0)
-    # Offset by the golden angle (2.4 radians), so that guests with equal partners do not overlap: its multiples are
-    # spread evenly around a circle, however many there are. 40 units are a few dots' widths.
+    # Offset by the golden angle (2.4 radians), so that guests with equal partners do not overlap:
+    # its multiples are spread evenly around a circle, however many there are. 40 units are a few
+    # dots' widths.
     angle = 2.4 * entity
     aside: NDArray[np.float64] = 40 * np.array([np.cos(angle), np.sin(angle)])
     place = (middle + aside).clip(0, [WIDTH, HEIGHT])
@@ -401,16 +410,18 @@ def _roles(chosen: Links | None) -> dict[int, str]:
 
 
 def _named(spots: Sequence[Spot], roles: Mapping[int, str]) -> set[int]:
-    """Return the numbers of the dots with a label; other labels would overlap, and appear when zooming in."""
+    """Return the numbers of the dots with a label; other labels appear when zooming in."""
     room = Labels(LINE)
-    # A chosen entity and its partners are named first, then those with the most uses (the sort is stable).
+    # A chosen entity and its partners are named first, then those with the most uses (the sort is
+    # stable).
     order = sorted(range(len(spots)), key=lambda number: number not in roles)
     return {number for number in order if room.take(*_place_of_label(spots[number]))}
 
 
 def _place_of_label(spot: Spot) -> tuple[float, float, int]:
     """Return left and right end and line of a dot with its label, in map units."""
-    # The dot begins 8 units to the left of its place, the label 14 to the right, as in the style sheet.
+    # The dot begins 8 units to the left of its place, the label 14 to the right, as in the style
+    # sheet.
     width = LETTER * min(len(spot.entity), LONGEST)
     return spot.x - 8, spot.x + 14 + width, spot.y
 
@@ -437,7 +448,7 @@ def _groups(view: MapView) -> list[tuple[str, str, int]]:
 
 
 def _layers(view: MapView) -> list[tuple[str, str, int]]:
-    """Return class, meaning and number of entities of each layer colour, in ascending order of layers."""
+    """Return class, meaning and number of entities of each layer colour, by ascending layer."""
     layers_by_shade: dict[str, list[int]] = {}
     for spot in view.spots:
         layers_by_shade.setdefault(_shade_of(spot, view.layers), []).append(spot.layer)

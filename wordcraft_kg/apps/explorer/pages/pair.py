@@ -46,9 +46,11 @@ class PairProfile(Record):
         b: label of the other ingredient.
         makes: recipes of the pair in the book.
         model: name of the model; empty without one.
-        has_seen_the_test_recipes: whether the model was trained on all recipes; False without a model.
+        has_seen_the_test_recipes: whether the model was trained on all recipes; False without a
+            model.
         link: prediction for ``a combinesWith b``; None without a model.
-        results: most plausible results, best first; None without a model, and for models that only score links.
+        results: most plausible results, best first; None without a model, and for models that only
+            score links.
         examples: other pairs, by labels.
     """
 

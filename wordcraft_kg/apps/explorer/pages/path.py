@@ -54,7 +54,8 @@ class PathStep(Record):
         number: number in execution order, from 1.
         recipe: recipe by labels.
         part: split part of the recipe.
-        layer: layer in the drawing, after all ingredients, and as late as its uses allow; the goal is in the last one.
+        layer: layer in the drawing, after all ingredients, and as late as its uses allow; the goal
+            is in the last one.
     """
 
     number: Count
@@ -64,10 +65,11 @@ class PathStep(Record):
 
 
 class Chain(Record):
-    """The shortest chain of recipes from an entity to another; each recipe uses the result of the one before.
+    """The shortest chain of recipes between two entities; each uses the result of the one before.
 
     Attributes:
-        start: label of the first entity; the goal, if a chain leads only from the goal to the start.
+        start: label of the first entity; the goal, if a chain leads only from the goal to the
+            start.
         end: label of the last entity.
         steps: crafts in turn; empty if no chain leads either way.
     """
@@ -99,8 +101,8 @@ class PathView(Record):
         outcome: ``base`` without a craft, ``impossible`` if the entity cannot be made.
         steps: number of crafts.
         layers: number of layers in the drawing.
-        cost: crafts without reuse, in words, since the number may have thousands of digits; empty for an impossible
-            goal.
+        cost: crafts without reuse, in words, since the number may have thousands of digits; empty
+            for an impossible goal.
         parts: number of crafts by the split part of their recipes; parts without any are left out.
         paging: which crafts are listed.
         listed: the listed crafts.
@@ -173,9 +175,10 @@ def _view(explored: Explored, state: PathState) -> PathView:
 
 
 def chain_between(explored: Explored, start: int, goal: int) -> Chain:
-    """Return the shortest chain of recipes from an entity to a goal, or else from the goal to the entity.
+    """Return the shortest chain of recipes from an entity to a goal, or else the other way.
 
-    The other ingredients of a recipe need not be reachable: the chain shows a connection, not a plan.
+    The other ingredients of a recipe need not be reachable: the chain shows a connection, not a
+    plan.
 
     Args:
         explored: graph and split.
@@ -223,14 +226,15 @@ def _questions(explored: Explored) -> Iterator[tuple[str, PathState]]:
 
 
 def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
-    """Number the recipes of a derivation, which are in execution order, and find their parts and layers."""
+    """Return the recipes of a derivation, in execution order, with their parts and layers."""
     # Forward: the earliest layer of each result, and with it the number of layers.
     earliest: dict[str, int] = {}
     for one, other, result in recipes:
         before = max(earliest.get(one, 0), earliest.get(other, 0))
         earliest[result] = before + 1
     layer = dict.fromkeys(earliest, max(earliest.values(), default=0))
-    # Backward: each ingredient as late as its uses allow, so that lines are short. Base entities have no layer.
+    # Backward: each ingredient as late as its uses allow, so that lines are short. Base entities
+    # have no layer.
     for one, other, result in reversed(recipes):
         for ingredient in (one, other):
             if ingredient in layer:
@@ -276,7 +280,7 @@ def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:
 
 
 def _sources(planner: Planner, goal: int) -> list[int]:
-    """Return the entities without recipes among all missing entities that a goal depends on, ascending."""
+    """Return the missing entities without recipes that a goal depends on, ascending."""
     graph = planner.graph
     sources = []
     seen = {goal}
@@ -329,11 +333,6 @@ def _drawn(
     return charts.layered(crafts, given, f"Crafts that lead to {goal}, in layers")
 
 
-def _exported(explored: Explored) -> Iterator[PathState]:
-    # Only the first page of each list: the drawing has the last crafts, and other pages would be many files.
-    yield from (PathState(entity=label) for label in ("", *explored.opened.graph.entities))
-
-
 PAGE = Page(
     "path",
     PathState,
@@ -341,7 +340,9 @@ PAGE = Page(
     title="Paths",
     subject="entity",
     draw=_draw,
-    exported=_exported,
+    # Only the first page of each list: the drawing has the last crafts, and other pages would be many
+    # files.
+    exported=lambda explored: map(PathState, ("", *explored.opened.graph.entities)),
     questions=_questions,
     is_there=attrgetter("opened.graph.num_entities"),
 )

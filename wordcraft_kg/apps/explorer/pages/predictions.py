@@ -36,13 +36,14 @@ from wordcraft_kg.models.scorers.roles import Side
 
 ROWS_A_PAGE = 50
 SCORES = 2**26
-"""Maximum number of scores of a ranking's unseen or other triples (seconds): all triples of up to 3,355 entities."""
+"""Maximum number of scores of a ranking's unseen or other triples, which take seconds: all triples
+of up to 3,355 entities."""
 RankOrder = Literal["worst", "best", "score", "label"]
-"""Worst or best rank first (then the highest or lowest score), highest score first, or by labels."""
+"""Worst or best rank first, highest score first, or by labels."""
 Knowledge = Literal["unseen", "learned", "all"]
 """Triples outside the model's training data, training triples, or both."""
 Band = Literal["1", "2-10", "11-100", "101-"]
-"""A range of ranks. Realistic ranks may end in .5, so a band begins above the last rank of the one before."""
+"""A range of ranks. Realistic ranks may end in .5, so a band begins above the one before."""
 _BANDS: dict[Band, tuple[float, float]] = {
     "1": (0, 1),
     "2-10": (1, 10),
@@ -58,8 +59,8 @@ class RankFilter(PageState):
     Attributes:
         relation: relation of the link.
         side: the open side.
-        part: part of the first recipe that gives the link; empty for all links of the book, ``new`` for links that are
-            not in the book.
+        part: part of the first recipe that gives the link; empty for all links of the book, ``new``
+            for links that are not in the book.
         known: whether the link is in the model's training data.
         entity: label of head or tail.
         rank: range of ranks.
@@ -189,11 +190,12 @@ class LinkRanks(Record):
 
 @dataclass(frozen=True)
 class RankedTriples:
-    """A model's ranks for a graph's true triples, and for the ``new`` links that it ranks first in a query.
+    """A model's ranks for a graph's true triples, and for links that it ranks first in a query.
 
-    The tables have a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`; the further
-    columns are ``part``, an index in ``KNOWN``, ``learned``, whether the triple is training data, and ``link``, equal
-    for both directions of a symmetric link.
+    The tables have a row for each query, see
+    :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`; the further columns are ``part``, an
+    index in ``KNOWN``, ``learned``, whether the triple is training data, and ``link``, equal for
+    both directions of a symmetric link.
 
     Attributes:
         name: name of the model.
@@ -237,7 +239,7 @@ class RankedTriples:
         return ranks[mask]
 
     def facets(self, chosen: RankFilter) -> dict[str, dict[str, int]]:
-        """Return the number of links by setting and value, with the other settings of the filter."""
+        """Return the number of links by setting and value, under the filter's other settings."""
         counts: dict[str, dict[str, int]] = {}
         for name, values in FACETS.items():
             counts[name] = {}
@@ -251,8 +253,8 @@ class RankedTriples:
 def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> RankedTriples:
     """Rank all triples in the graph, those that the model was trained on and others.
 
-    Large graphs are sampled. Unseen test triples have a sample of their own, as in the link-prediction report: they
-    are few, and a common sample would have hardly any.
+    Large graphs are sampled. Unseen test triples have a sample of their own, as in the
+    link-prediction report: they are few, and a common sample would have hardly any.
 
     Args:
         predictor: the model.
@@ -266,7 +268,8 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
     unseen = split.held_out("test")
     others = graph.triples[~is_in(graph.triples, unseen, graph.num_entities)]
     if max_triples is None:
-        # Not more than the report ranks (a triple has two queries), and less for many entities, which all get scores.
+        # Not more than the report ranks (a triple has two queries), and less for many entities,
+        # which all get scores.
         max_triples = min(MAX_QUERIES // 2, max(MIN_TRIPLES, SCORES // max(graph.num_entities, 1)))
     taken = [sampled(triples, max_triples) for triples in (unseen, others)]
     chosen = np.concatenate(taken)
@@ -288,7 +291,7 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
 
 
 def _first_new(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each link outside the book with the highest score in a query, without :func:`_described`."""
+    """Return a row for each link outside the book that has the highest score in a query."""
     if not len(ranks):
         return ranks
     is_tail = ranks["side"] == "tail"
@@ -309,7 +312,7 @@ def _first_new(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
 
 
 def _described(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
-    """Add the columns ``part``, ``learned`` and ``link`` of :class:`RankedTriples` to a table of queries."""
+    """Add the columns ``part``, ``learned`` and ``link`` of :class:`RankedTriples` to a table."""
     triples = ranks[["head", "relation", "tail"]].to_numpy(dtype=np.int64)
     part = predictor.split.part_of(triples)
     is_symmetric = triples[:, 1:2] == COMBINES_WITH
@@ -325,7 +328,7 @@ def _described(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
 def view_link_ranks(
     ranked: RankedTriples, chosen: RankFilter, order: RankOrder = "worst", page: int = 1
 ) -> LinkRanks:
-    """Return a page with one rank for each link, the first in the order, and metrics for all chosen queries.
+    """Return a page with one rank for each link, and metrics for all chosen queries.
 
     New links all have rank 1, so ``worst`` and ``best`` order them by descending score.
 
@@ -411,8 +414,8 @@ def _view(explored: Explored, state: PredictionsState) -> LinkRanks:
 
 
 def _exported(explored: Explored) -> Iterator[PredictionsState]:
-    # The first model has the empty name of the plain address. One setting at a time: combinations would be too many
-    # files.
+    # The first model has the empty name of the plain address. One setting at a time: combinations
+    # would be too many files.
     models = ("", *list(explored.models)[1:])
     orders: tuple[RankOrder, ...] = ("worst", "best")
     for name, sort in product(models, orders):

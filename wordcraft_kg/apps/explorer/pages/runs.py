@@ -1,4 +1,4 @@
-"""Run pages: all runs of agents side by side, and one run with its curves, finished or as far as it has come."""
+"""Run pages: all runs side by side, and one run with its curves, as far as it has come."""
 
 from operator import attrgetter
 from pathlib import Path
@@ -65,8 +65,8 @@ class RunRow(Record):
         steps: environment steps so far.
         planned: environment steps of the whole training.
         success: success rate by task part; parts that were not evaluated are left out.
-        lambdas: last mixing weights by source, for the first and the second entity of an attempt; None for a weight
-            that the policy does not have.
+        lambdas: last mixing weights by source, for the first and the second entity of an attempt;
+            None for a weight that the policy does not have.
     """
 
     name: str
@@ -116,7 +116,8 @@ class RunView(Record):
         depth: depth of the training tasks, in crafts.
         distractors: number of distractors in the training tasks.
         seconds: duration so far; None before the first line of metrics.
-        steps_per_second: last speed, or the mean over the whole training once it is evaluated; None if unknown.
+        steps_per_second: last speed, or the mean over the whole training once it is evaluated; None
+            if unknown.
         outcomes: shares of termination reasons, by part; empty before the evaluation.
         settings: settings other than the defaults, as text.
         curves: success rates during training, by part.
@@ -199,7 +200,8 @@ def _row(name: str, run: FollowedRun) -> RunRow:
     try:
         records = run.records()
     except ArtefactError as error:
-        # A starting run has a folder without a record: this is no problem, and the page waits for it.
+        # A starting run has a folder without a record: this is no problem, and the page waits for
+        # it.
         has_begun = (run.folder / RUN_FILE).exists() or not run.folder.is_dir()
         return RunRow(name, None, str(error) if has_begun else "")
     config = records.config
@@ -251,19 +253,20 @@ def _lambdas(records: AgentRun) -> dict[str, tuple[float | None, float | None]]:
 
 
 def _waits_for(records: AgentRun) -> str:
-    """Return a sentence about files that are missing, and the remedy; empty if nothing is missing."""
+    """Return a sentence about missing files, and the remedy; empty if nothing is missing."""
     status = records.run.status
     every = f"{records.config.trainer.checkpoint_every:,}"
     if status == "done":
         return ""
     if not records.checkpoint:
         if status == "running":
-            return f"Episodes need a checkpoint, which the run writes at the start and every {every} steps."
+            writes = f"the run writes at the start and every {every} steps"
+            return f"Episodes need a checkpoint, which {writes}."
         return "The run ended without a checkpoint. Train the agent again."
+    weights = f"Episodes use the weights of {records.checkpoint}"
     if status == "running":
-        return f"Episodes use the weights of {records.checkpoint}; new weights follow every {every} steps."
-    again = "Repeat the training command to resume and evaluate."
-    return f"Episodes use the weights of {records.checkpoint}. {again}"
+        return f"{weights}; new weights follow every {every} steps."
+    return f"{weights}. Repeat the training command to resume and evaluate."
 
 
 def _draw(view: RunView, *_: object) -> dict[str, object]:

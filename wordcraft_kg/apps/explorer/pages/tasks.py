@@ -1,4 +1,4 @@
-"""The task page: all tasks of a depth and part, page by page, and how often an agent solved each of them."""
+"""The task page: all tasks of a depth and part, and how often an agent solved each of them."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -52,7 +52,8 @@ class ListedTask(Record):
         start: labels of the starting ingredients.
         plans: plans that make the goal, as recipes in turn.
         won: number of episodes that made the goal; None if the agent has not played the task.
-        distractor_seeds: number of episodes, one for each distractor seed; None if the agent has not played the task.
+        distractor_seeds: number of episodes, one for each distractor seed; None if the agent has
+            not played the task.
     """
 
     number: Count
@@ -74,7 +75,8 @@ class TaskTable(Record):
         mixed: number of tasks outside all parts, because their recipes are of several parts.
         goal: label of the chosen goal; empty for all goals.
         won: which tasks are listed, by an agent's results.
-        counts: number of tasks with the chosen goal, by an agent's results; empty if the agent has played none.
+        counts: number of tasks with the chosen goal, by an agent's results; empty if the agent has
+            played none.
         paging: which tasks are on this page.
         rows: the tasks on this page.
     """
@@ -115,7 +117,8 @@ class TaskResults:
 
     Attributes:
         won: shape (N,), int64, episodes that made the goal.
-        distractor_seeds: shape (N,), int64, played episodes; 0 for a task that the agent has not played.
+        distractor_seeds: shape (N,), int64, played episodes; 0 for a task that the agent has not
+            played.
     """
 
     won: Ids
@@ -141,7 +144,7 @@ class TaskResults:
         return cls(won, distractor_seeds)
 
     def where(self, won: Won) -> NDArray[np.bool_]:
-        """Return which tasks the agent always, sometimes or never solves, shape (N,), bool; all for ``any``."""
+        """Return which tasks the agent always, sometimes or never solves, shape (N,), bool."""
         # Without episodes, 0 of 0 would be always and never at once.
         is_played = self.distractor_seeds > 0
         is_always = self.won == self.distractor_seeds
@@ -250,7 +253,8 @@ def list_tasks(explored: Explored, state: TasksState) -> ShownTasks:
 
 
 def _results(explored: Explored, name: str, run: FollowedRun, tasks: TaskSet) -> TaskResults:
-    # A run may be trained and evaluated again while the server runs: the time of its end tells the two apart.
+    # A run may be trained and evaluated again while the server runs: the time of its end tells the
+    # two apart.
     key = ("results", name, run.records().run.ended, tasks.hash)
     return explored.once(key, lambda: TaskResults.of(tasks, run.episodes().values()))
 
@@ -272,15 +276,6 @@ def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
     return ""
 
 
-def _is_live(explored: Explored, state: TasksState) -> bool:
-    return bool(explored.runs) and explored.is_any_live(state.run)
-
-
-def _exported(explored: Explored) -> Iterator[TasksState]:
-    # Only the first page for each agent: all pages would be too many files.
-    yield from (TasksState(run=name) for name in ("", *explored.runs))
-
-
 def _questions(explored: Explored) -> Iterator[tuple[str, TasksState]]:
     for name in explored.runs:
         with suppress(ArtefactError):
@@ -297,7 +292,8 @@ PAGE = Page(
     TasksState,
     list_tasks,
     title="Tasks",
-    exported=_exported,
+    # Only the first page for each agent: all pages would be too many files.
+    exported=lambda explored: [TasksState(run=name) for name in ("", *explored.runs)],
     questions=_questions,
-    is_live=_is_live,
+    is_live=lambda explored, state: bool(explored.runs) and explored.is_any_live(state.run),
 )

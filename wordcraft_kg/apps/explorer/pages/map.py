@@ -352,8 +352,7 @@ def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot
     near = [(spot_of[one].x, spot_of[one].y) for one in neighbours if one in spot_of]
     middle = np.mean(near or [(WIDTH // 2, HEIGHT // 2)], axis=0)
     # Offset by the golden angle (2.4 radians), so that guests with equal partners do not overlap:
-    # its multiples are spread evenly around a circle, however many there are. 40 units are a few
-    # dots' widths.
+    # its multiples are spread evenly around a circle, however many there are.
     angle = 2.4 * entity
     aside: NDArray[np.float64] = 40 * np.array([np.cos(angle), np.sin(angle)])
     place = (middle + aside).clip(0, [WIDTH, HEIGHT])
@@ -420,8 +419,7 @@ def _named(spots: Sequence[Spot], roles: Mapping[int, str]) -> set[int]:
 
 def _place_of_label(spot: Spot) -> tuple[float, float, int]:
     """Return left and right end and line of a dot with its label, in map units."""
-    # The dot begins 8 units to the left of its place, the label 14 to the right, as in the style
-    # sheet.
+    # The dot begins 8 units to the left of its place, the label 14 to the right, as in map.js.
     width = LETTER * min(len(spot.entity), LONGEST)
     return spot.x - 8, spot.x + 14 + width, spot.y
 

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from tests.apps.explorer.shown import view_of
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.pages.path import Path
+from wordcraft_kg.apps.explorer.pages.path import PathState
 from wordcraft_kg.graphs.folder import OpenedGraph, default_split
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_pictures import contribution_bar
@@ -570,7 +570,7 @@ DIAMOND = [
 def test_layers_stand_from_left_to_right_and_boxes_do_not_overlap(kitchen):
     explored = Explored(OpenedGraph(kitchen, default_split(kitchen), "kitchen"))
     for entity in kitchen.entities:
-        steps = view_of(explored, Path(entity)).drawn
+        steps = view_of(explored, PathState(entity)).drawn
         things = [made(step.recipe.result, step.layer, *step.recipe[:2]) for step in steps]
         if not things:
             continue

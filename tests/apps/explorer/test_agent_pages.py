@@ -17,9 +17,9 @@ from wordcraft_kg.agents.explanation import MOST_ON_TABLE, Explainer
 from wordcraft_kg.agents.training import train_agent
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.episode import Episode
-from wordcraft_kg.apps.explorer.pages.runs import Run, Runs
-from wordcraft_kg.apps.explorer.pages.tasks import Tasks
+from wordcraft_kg.apps.explorer.pages.episode import EpisodeState
+from wordcraft_kg.apps.explorer.pages.runs import RunsState, RunState
+from wordcraft_kg.apps.explorer.pages.tasks import TasksState
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs import (
@@ -36,10 +36,10 @@ LARGEST = 300 * 1024
 
 def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agents):
     for part in ("train", "test"):
-        shown = view_of(agents, Tasks(part=part, run="guided"))
+        shown = view_of(agents, TasksState(part=part, run="guided"))
         for row in shown.table.rows[::7]:
             for seed in range(row.distractor_seeds):
-                state = Episode(run="guided", part=part, task=row.number, distractor_seed=seed)
+                state = EpisodeState(run="guided", part=part, task=row.number, distractor_seed=seed)
                 episode = view_of(agents, state)
                 assert (episode.goal, episode.start, episode.plans) == (
                     row.goal,
@@ -55,9 +55,9 @@ def test_a_task_leads_to_its_episode_with_the_ending_that_the_table_counts(agent
 @pytest.mark.parametrize(
     ("state", "reason"),
     [
-        (Tasks(depth=2), "guided was evaluated on tasks of depth 1."),
-        (Tasks(part="all"), "guided was evaluated on train and test tasks."),
-        (Tasks(), ""),
+        (TasksState(depth=2), "guided was evaluated on tasks of depth 1."),
+        (TasksState(part="all"), "guided was evaluated on train and test tasks."),
+        (TasksState(), ""),
     ],
 )
 def test_where_there_are_no_results_the_page_says_why(agents, state, reason):
@@ -67,14 +67,14 @@ def test_where_there_are_no_results_the_page_says_why(agents, state, reason):
 
 
 def test_tasks_are_shown_without_any_agent(kitchen_folder):
-    explored, state = Explored.open(kitchen_folder), Tasks(part="train")
+    explored, state = Explored.open(kitchen_folder), TasksState(part="train")
     page = look(explored, state)
     assert f"{view_of(explored, state).table.tasks} train tasks of depth 1" in page.text
     assert "Solved" not in page.text
     assert not [link for link in page.links if "episode" in link]
     assert not PAGES["episode"].is_there(explored)
     with pytest.raises(ConfigError, match="needs a run"):
-        view_of(explored, Episode())
+        view_of(explored, EpisodeState())
 
 
 @pytest.mark.parametrize("run", ["guided", "plain", "mlp"])
@@ -82,11 +82,11 @@ def test_an_episode_is_what_the_agent_explains(agents, run):
     agent = open_agent(agents.runs[run], agents.opened)
     world = World(agents.opened, agent.config.tasks.environment("train"))
     explainer = Explainer(agent.policy, world, kg=agent.run.kg or "partial")
-    state = Episode(run=run, part="train", task=11, distractor_seed=2)
+    state = EpisodeState(run=run, part="train", task=11, distractor_seed=2)
     first = view_of(agents, state).first
     assert first == explainer.task(11, 2)
     labels = agents.opened.graph.labels(explainer.drawn(4)[:3])
-    edited = Episode(run=run, part="train", task=4, goal="bread", table=labels)
+    edited = EpisodeState(run=run, part="train", task=4, goal="bread", table=labels)
     assert view_of(agents, edited).first == explainer.table("bread", labels, like=4)
     page = look(agents, state).page
     for slot in (slot for step in first.episode.steps for slot in step.slots):
@@ -94,7 +94,7 @@ def test_an_episode_is_what_the_agent_explains(agents, run):
 
 
 def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents):
-    shown = view_of(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp", "")))
+    shown = view_of(agents, EpisodeState(task=5, distractor_seed=1, other=("plain", "mlp", "")))
     guided, plain, mlp = shown.agents
     assert guided.explained.table == plain.explained.table == shown.table
     assert plain.explained.model == "no_scorer"
@@ -102,18 +102,18 @@ def test_agents_are_asked_at_one_table_by_one_world_s_rules(agents):
     assert guided.folds == 3
     assert (
         "not available: "
-        in look(agents, Episode(task=5, distractor_seed=1, other=("plain", "mlp"))).text
+        in look(agents, EpisodeState(task=5, distractor_seed=1, other=("plain", "mlp"))).text
     )
-    small = view_of(agents, Episode(task=5, distractors=2, other=("mlp",)))
+    small = view_of(agents, EpisodeState(task=5, distractors=2, other=("mlp",)))
     assert small.agents[1].explained.table == small.table
     assert small.terminations == ()  # it was evaluated with eight
     with pytest.raises(ConfigError, match="this mlp was made for"):
-        view_of(agents, Episode(run="mlp", distractors=8))
+        view_of(agents, EpisodeState(run="mlp", distractors=8))
 
 
 def test_the_form_asks_at_the_table_that_is_seen(agents):
     episode = PAGES["episode"]
-    state = Episode(part="train", task=9, distractor_seed=1, other=("plain",))
+    state = EpisodeState(part="train", task=9, distractor_seed=1, other=("plain",))
     shown, sent = view_of(agents, state), look(agents, state).form("selection")
     edited = view_of(agents, episode.read("", sent))
     assert (edited.is_edited, edited.table) == (True, shown.table)
@@ -137,11 +137,11 @@ def test_the_form_asks_at_the_table_that_is_seen(agents):
 
 
 def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents):
-    state = Episode(
+    state = EpisodeState(
         goal="bread", table=agents.opened.graph.entities[:MOST_ON_TABLE], other=("plain", "mlp")
     )
     assert len(look(agents, state).page.encode()) < LARGEST
-    state = Episode(goal=state.goal, table=state.table, other=("plain",))
+    state = EpisodeState(goal=state.goal, table=state.table, other=("plain",))
     view = view_of(agents, state)
     assert len(view.first.episode.steps[0].slots) == MOST_ON_TABLE
     shown = f"The {view.most_slots} slots with the highest logits; the table has {MOST_ON_TABLE}."
@@ -160,7 +160,7 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
     goal, ways = next(
         (goal, list(ways.values())) for goal, ways in by_goal.items() if len(ways) > 1
     )
-    both = Episode(
+    both = EpisodeState(
         goal=graph.entities[goal], table=graph.labels(dict.fromkeys([*ways[0], *ways[1]]))
     )
     shown = view_of(agents, both).first
@@ -175,7 +175,7 @@ def test_in_sample_scores_are_marked(agents, recipes_folder):
     assert (shown.is_known, partly.is_known, bool(partly.in_sample)) == (True, False, True)
     text = look(agents, both).text
     assert all(shown in text for shown in ("in-sample This model was trained on", *learned))
-    one = Episode(goal=both.goal, table=graph.labels(dict.fromkeys(ways[0])))
+    one = EpisodeState(goal=both.goal, table=graph.labels(dict.fromkeys(ways[0])))
     assert view_of(agents, one).first.in_sample == ()
     text = look(agents, one).text
     assert ("in-sample This model" in text, "model trained without fold" in text) == (False, True)
@@ -200,11 +200,11 @@ def hostile_agents(tmp_path_factory):
 
 def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents):
     explored, episode = hostile_agents, PAGES["episode"]
-    rows = view_of(explored, Tasks()).table.rows
+    rows = view_of(explored, TasksState()).table.rows
     assert {row.goal for row in rows} == {*HOSTILE}
-    pages = [look(explored, Tasks()), look(explored, Runs())]
+    pages = [look(explored, TasksState()), look(explored, RunsState())]
     for row in rows:
-        state = Episode(task=row.number)
+        state = EpisodeState(task=row.number)
         page, table = look(explored, state), view_of(explored, state).table
         sent = page.form("selection")
         again = episode.read("", sent)
@@ -212,7 +212,7 @@ def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents):
         selection = [(name, table[0] if name == "selection" else value) for name, value in sent]
         assert view_of(explored, episode.read("", selection)).selection == table[0]
         assert state_of(episode.address(again)) == ("episode", again)
-        goal = view_of(explored, state_of(PAGES["tasks"].address(Tasks(goal=row.goal)))[1])
+        goal = view_of(explored, state_of(PAGES["tasks"].address(TasksState(goal=row.goal)))[1])
         assert [one.goal for one in goal.table.rows] == [row.goal]
         pages += [page, look(explored, again)]
     for page in pages:
@@ -227,11 +227,11 @@ def test_hostile_labels_stay_text_and_come_back_from_the_form(hostile_agents):
 )
 def test_pages_fit_any_split(tmp_path, kind, part):
     explored = explored_of(open_book("kitchen"), SplitConfig(kind), tmp_path, distractors=3)  # type: ignore[arg-type]
-    shown = view_of(explored, Tasks())
+    shown = view_of(explored, TasksState())
     assert (shown.table.part, shown.usual) == (part, part)
     assert shown.table.counts
-    assert view_of(explored, Episode()).part == part
-    rows = view_of(explored, Runs()).runs
+    assert view_of(explored, EpisodeState()).part == part
+    rows = view_of(explored, RunsState()).runs
     assert set(rows[0].success) == ({"train"} if kind == "none" else {"train", "test"})
     for name in ("tasks", "episode", "runs", "run"):
         assert look(explored, PAGES[name].state()).page
@@ -242,7 +242,7 @@ def lines_of(folder):
 
 
 def test_the_runs_are_what_their_records_say(agents):
-    view = view_of(agents, Runs())
+    view = view_of(agents, RunsState())
     assert [row.name for row in view.runs] == ["guided", "plain", "mlp"]
     for row in view.runs:
         summary = json.loads((agents.runs[row.name] / "evaluation.json").read_text())
@@ -261,7 +261,7 @@ def test_the_runs_are_what_their_records_say(agents):
 
 
 def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agents, tmp_path):
-    view = view_of(agents, Run("guided"))
+    view = view_of(agents, RunState("guided"))
     lines = lines_of(agents.runs["guided"])
     points = [(line["step"], line["test_success"]) for line in lines if "test_success" in line]
     assert [(point.step, point.success) for point in view.curves["test"]] == points
@@ -271,7 +271,7 @@ def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agen
         "use": "u,v,w",
         "steps": "4000",
     }
-    page = look(agents, Run("guided")).page
+    page = look(agents, RunState("guided")).page
     assert str(tmp_path.parent) not in page
     assert "data-live" not in page
     assert page.count("<svg") >= 6
@@ -305,7 +305,7 @@ def unfinished(agents, tmp_path):
 @pytest.mark.parametrize("lines", [0, 1, 4])
 def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(agents, unfinished, status, lines):
     explored, _ = unfinished(status, lines)
-    view, page = view_of(explored, Run()), look(explored, Run())
+    view, page = view_of(explored, RunState()), look(explored, RunState())
     written = lines_of(agents.runs["plain"])[:lines]
     assert view.row.steps == (written[-1]["step"] if written else 0)
     assert (view.row.status, view.row.is_live, view.outcomes) == (status, status == "running", {})
@@ -319,29 +319,29 @@ def test_a_run_that_is_not_done_is_shown_as_far_as_it_has_come(agents, unfinishe
     assert "checkpoint" in view.waits_for
     assert view.waits_for in page.text
     assert ("<svg" in page.page) == (lines > 0)
-    assert ('data-live="3"' in look(explored, Runs()).page) == (status == "running")
+    assert ('data-live="3"' in look(explored, RunsState()).page) == (status == "running")
     # What needs its weights or its evaluation says what it waits for.
-    tasks = view_of(explored, Tasks())
+    tasks = view_of(explored, TasksState())
     assert tasks.missing == f"live is {status}: results per task follow the evaluation."
     with pytest.raises(Exception, match="no checkpoint yet"):
-        view_of(explored, Episode())
-    for state in (Run(), Runs(), Tasks(), Episode()):
+        view_of(explored, EpisodeState())
+    for state in (RunState(), RunsState(), TasksState(), EpisodeState()):
         assert page_of(state).is_live(explored, state)
         assert not page_of(state).is_live(agents, state)
 
 
 def test_a_run_that_ends_while_it_is_looked_at_is_shown_as_done(agents, unfinished):
     done, (explored, folder) = agents.runs["plain"], unfinished("running", 3)
-    seen = [view_of(explored, Run()).row.steps]
+    seen = [view_of(explored, RunState()).row.steps]
     shutil.copy(done / "metrics.jsonl", folder / "metrics.jsonl")
-    seen.append(view_of(explored, Run()).row.steps)
+    seen.append(view_of(explored, RunState()).row.steps)
     shutil.copytree(done, folder, dirs_exist_ok=True)
-    view = view_of(explored, Run())
+    view = view_of(explored, RunState())
     assert seen == [256, 1_024]
     assert (view.row.status, view.checkpoint, view.waits_for) == ("done", "final", "")
-    assert view_of(explored, Tasks()).table.counts
-    assert view_of(explored, Episode()).first.episode.steps
-    assert not PAGES["run"].is_live(explored, Run())
+    assert view_of(explored, TasksState()).table.counts
+    assert view_of(explored, EpisodeState()).first.episode.steps
+    assert not PAGES["run"].is_live(explored, RunState())
 
 
 def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(
@@ -356,8 +356,8 @@ def test_an_agent_answers_with_its_last_checkpoint_while_it_trains(
         update(self)
         if self.update_number == 15:
             explored = Explored.open(kitchen_folder, [], [tmp_path / "run"])
-            seen.append(view_of(explored, Episode()).agents[0])
-            seen.append(view_of(explored, Run()))
+            seen.append(view_of(explored, EpisodeState()).agents[0])
+            seen.append(view_of(explored, RunState()))
 
     monkeypatch.setattr(Impala, "update", look)
     train_agent(
@@ -385,10 +385,10 @@ BREAK: dict[str, Callable[[Path], object]] = {
 def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents, unfinished, what):
     explored, folder = unfinished("running", 3, agents.runs["guided"])
     BREAK[what](folder)
-    rows = view_of(explored, Runs()).runs
+    rows = view_of(explored, RunsState()).runs
     assert [row.status for row in rows] == [None, "done"]
     assert rows[0].problem
-    for state in (Runs(), Run("live"), Tasks()):
+    for state in (RunsState(), RunState("live"), TasksState()):
         page = look(explored, state)
         assert page.text.count(rows[0].problem.split(". ")[0][:60]) == 1
         assert "data-live" not in page.page
@@ -397,7 +397,7 @@ def test_a_run_that_is_damaged_is_said_to_be_and_the_others_are_shown(agents, un
 def test_a_run_that_begins_again_is_waited_for(unfinished):
     explored, folder = unfinished("running", 3)
     (folder / "run.json").unlink()
-    page = look(explored, Run())
+    page = look(explored, RunState())
     assert "The run has not started" in page.text
     assert [attributes for _, attributes in page.tags if "data-live" in attributes]
 

@@ -19,8 +19,8 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import paging
 from wordcraft_kg.apps.explorer.pages import PAGES, entities, entity
 from wordcraft_kg.apps.explorer.pages.entities import list_entities, search_entities
-from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes
-from wordcraft_kg.apps.explorer.pages.home import Home
+from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
+from wordcraft_kg.apps.explorer.pages.home import HomeState
 from wordcraft_kg.graphs import Planner, layers
 from wordcraft_kg.graphs.splits import PARTS
 
@@ -40,7 +40,7 @@ PIES = ["pie", "piece", "apple pie", "magpie", "tree"]
     ],
 )
 def test_what_needs_no_craft_or_cannot_be_made_is_not_far_from_the_base(rows, furthest, most_used):
-    overview = view_of(explored_graph(rows), Home())
+    overview = view_of(explored_graph(rows), HomeState())
     assert (overview.furthest, overview.most_used) == (furthest, most_used)
 
 
@@ -58,7 +58,7 @@ def test_the_overview_asks_questions_and_each_is_answered(explored, content, pag
         explored.runs if "runs" in content else {},
     )
     explored = Explored(explored.opened, models, runs)
-    page, client = look(explored, Home()).page, client_of(explored)
+    page, client = look(explored, HomeState()).page, client_of(explored)
     links = Shown(page.split('aria-label="Examples"')[1].split("</ul>")[0]).links
     assert [link.split("/")[1].split("?")[0] for link in links] == pages
     for link, name in zip(links, pages, strict=True):
@@ -82,8 +82,8 @@ def test_the_overview_asks_questions_and_each_is_answered(explored, content, pag
 def test_a_model_that_was_taught_a_dose_says_of_what(settings, train_sample, tmp_path):
     config = LinksConfig("kitchen", ComplExConfig(dim=2, epochs=1, folds=0, **settings))  # type: ignore[arg-type]
     explored = Explored.open("kitchen", [train_links(config, tmp_path / "model").folder])
-    assert [line.train_sample for line in view_of(explored, Home()).models] == [train_sample]
-    assert f">{train_sample or 'train recipes'}<" in look(explored, Home()).page
+    assert [line.train_sample for line in view_of(explored, HomeState()).models] == [train_sample]
+    assert f">{train_sample or 'train recipes'}<" in look(explored, HomeState()).page
 
 
 @pytest.mark.parametrize("total", [0, 1, 19, 20, 21, 40, 41])
@@ -177,7 +177,7 @@ def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours, monkey
     }
     parts = set()
     for label in ("water", "bread", "flour"):
-        found = view_by(neighbours, Entity(label))
+        found = view_by(neighbours, EntityState(label))
         makes, uses = (
             {(row.ingredient_a, row.ingredient_b, row.result): row.part for row in kind.recipes}
             for kind in (found.made_by, found.used_in)
@@ -193,7 +193,7 @@ def test_recipes_that_make_and_use_an_entity_have_their_parts(neighbours, monkey
 def test_layer_and_crafts_are_those_of_the_planner(kitchen):
     planner, layer, explored = Planner(kitchen), layers(kitchen), explored_graph(kitchen)
     for label in kitchen.entities[::9]:
-        found = view_of(explored, Entity(label))
+        found = view_of(explored, EntityState(label))
         assert found.layer == layer[kitchen.id_of(label)]
         assert found.crafts == len(planner.derivation(label).steps)
         assert found.base == (label in kitchen.base)
@@ -201,7 +201,7 @@ def test_layer_and_crafts_are_those_of_the_planner(kitchen):
 
 def test_a_model_answers_for_partners_ingredients_and_products(neighbours):
     for learned in (False, True):
-        found = view_by(neighbours, Entity("bread", learned=learned))
+        found = view_by(neighbours, EntityState("bread", learned=learned))
         queries = [(slot.head, slot.relation, slot.tail) for slot in found.slots]
         assert queries[:2] == [("bread", "combinesWith", None), (None, "componentOf", "bread")]
         assert queries[2:] == [("bread", "componentOf", None)]
@@ -210,7 +210,7 @@ def test_a_model_answers_for_partners_ingredients_and_products(neighbours):
 
 
 def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours):
-    found = view_by(neighbours, Entity("bread")).nearest
+    found = view_by(neighbours, EntityState("bread")).nearest
     assert len({row.entity for row in found} - {"bread"}) == len(found) == 8
     cosines = [row.cosine for row in found]
     assert cosines == sorted(cosines, reverse=True)
@@ -219,26 +219,33 @@ def test_the_nearest_in_the_model_are_not_the_entity_itself(neighbours):
 
 def test_an_entity_whose_words_have_no_vector_is_like_none_by_words():
     explored = explored_graph([("bread", "water", "qqxzzq"), ("qqxzzq", "water", "cake")])
-    assert view_of(explored, Entity("qqxzzq")).by_words is None
-    assert [row.entity for row in view_of(explored, Entity("bread")).by_words] == ["cake", "water"]
+    assert view_of(explored, EntityState("qqxzzq")).by_words is None
+    assert [row.entity for row in view_of(explored, EntityState("bread")).by_words] == [
+        "cake",
+        "water",
+    ]
 
 
 def test_many_recipes_come_page_by_page(of_recipes):
     rows = [("hub", f"part {i:03}", f"thing {i:03}") for i in range(250)]
     explored = explored_by(of_recipes(rows, kind="by-recipe-plain"))
-    pages = [view_of(explored, Recipes("hub", page=page)) for page in (1, 2, 3)]
+    pages = [view_of(explored, RecipesState("hub", page=page)) for page in (1, 2, 3)]
     assert [len(page.recipes) for page in pages] == [100, 100, 50]
     assert len({row.result for page in pages for row in page.recipes}) == 250
     assert pages[0].paging.pages == 3
-    assert len(view_of(explored, Entity("hub")).used_in.recipes) == 12
+    assert len(view_of(explored, EntityState("hub")).used_in.recipes) == 12
     with refuses("page"):
-        view_of(explored, Recipes("hub", page=4))
-    assert view_of(explored, Recipes("hub", "makes")).recipes == ()
-    of_test = view_of(explored, Recipes("hub", part="test"))
+        view_of(explored, RecipesState("hub", page=4))
+    assert view_of(explored, RecipesState("hub", "makes")).recipes == ()
+    of_test = view_of(explored, RecipesState("hub", part="test"))
     assert {row.part for row in of_test.recipes} == {"test"}
     assert of_test.paging.total == pages[0].parts["test"] < 250
 
 
 def test_the_partner_of_an_entity_may_be_itself():
     explored = explored_graph([("a", "a", "b"), ("a", "z", "b"), ("Z", "a", "b")])
-    assert [row.partner("a") for row in view_of(explored, Recipes("a")).recipes] == ["Z", "a", "z"]
+    assert [row.partner("a") for row in view_of(explored, RecipesState("a")).recipes] == [
+        "Z",
+        "a",
+        "z",
+    ]

@@ -7,12 +7,12 @@ from tests.apps.explorer.shown import explored_by, explored_graph, look, page_of
 from tests.apps.people.stored import at_once
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES, predictions
-from wordcraft_kg.apps.explorer.pages.compare import Compare
-from wordcraft_kg.apps.explorer.pages.entity import Entity, Recipes
-from wordcraft_kg.apps.explorer.pages.link import Link
-from wordcraft_kg.apps.explorer.pages.pair import Pair
-from wordcraft_kg.apps.explorer.pages.path import Path as Goal
-from wordcraft_kg.apps.explorer.pages.predictions import Predictions
+from wordcraft_kg.apps.explorer.pages.compare import CompareState
+from wordcraft_kg.apps.explorer.pages.entity import EntityState, RecipesState
+from wordcraft_kg.apps.explorer.pages.link import LinkState
+from wordcraft_kg.apps.explorer.pages.pair import PairState
+from wordcraft_kg.apps.explorer.pages.path import PathState as Goal
+from wordcraft_kg.apps.explorer.pages.predictions import PredictionsState
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
 from wordcraft_kg.models.scorers.ranking import rank_triples
@@ -24,7 +24,7 @@ def held_out(predictor):
     """Return the first held-out triple as ids and as a page."""
     head, relation, tail = predictor.split.held_out("test")[0].tolist()
     labels = predictor.graph.entities
-    return [head, relation, tail], Link(labels[head], RELATIONS[relation], labels[tail])
+    return [head, relation, tail], LinkState(labels[head], RELATIONS[relation], labels[tail])
 
 
 def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel):
@@ -34,7 +34,7 @@ def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel)
     statuses = set()
     for row, (head, relation, tail) in enumerate(triples.tolist()):
         view = view_by(
-            kernel, Link(graph.entities[head], RELATIONS[relation], graph.entities[tail])
+            kernel, LinkState(graph.entities[head], RELATIONS[relation], graph.entities[tail])
         )
         assert view.score == pytest.approx(float(scorer.score(head, relation, tail)))
         assert view.as_tail.rank == ranks["rank"].iloc[row]
@@ -53,16 +53,16 @@ def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel)
 
 def test_a_learned_link_names_a_train_recipe_and_a_held_out_one_its_evidence(kernel):
     a, b, _ = kernel.graph.labels(kernel.split.recipes("train")[0])
-    reason = view_by(kernel, Link(a, "combinesWith", b)).reason
+    reason = view_by(kernel, LinkState(a, "combinesWith", b)).reason
     assert reason.learned_from[0] in [tuple(row)[:3] for row in kernel.graph.recipe_labels()]
     assert view_by(kernel, held_out(kernel)[1]).reason.witnesses
 
 
 def test_a_link_that_is_not_in_the_book_says_so(kernel):
-    itself = view_by(kernel, Link("bread", "componentOf", "bread"))
+    itself = view_by(kernel, LinkState("bread", "componentOf", "bread"))
     assert (itself.status, itself.known, itself.recipes) == ("itself", "new", ())
     assert itself.probability is not None
-    other = view_by(kernel, Link("bread", "componentOf", "water"))
+    other = view_by(kernel, LinkState("bread", "componentOf", "water"))
     assert (other.status, other.recipes) == ("not in the book", ())
     assert {row.entity for row in other.tails.best}.isdisjoint(
         {"water"}
@@ -75,14 +75,14 @@ def test_a_pair_makes_what_the_book_says_with_the_part(neighbours):
     graph, explored = neighbours.graph, explored_graph(neighbours.graph, split=neighbours.split)
     for a, b, _ in graph.recipe_labels()[::13]:
         for one, other in ((a, b), (b, a)):
-            view = view_of(explored, Pair(one, other))
+            view = view_of(explored, PairState(one, other))
             assert tuple(row.result for row in view.makes) == graph.labels(graph.results(a, b))
             assert (view.link, view.results, view.model) == (None, None, "")
 
 
 def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers):
     a, b, result = rankers.graph.labels(rankers.split.recipes("test")[0])
-    view, scorer = view_by(rankers, Pair(a, b)), rankers.model.scorer
+    view, scorer = view_by(rankers, PairState(a, b)), rankers.model.scorer
     shares = zip(scorer.entities, scorer.result_probabilities(a, b).tolist(), strict=True)
     best = sorted((share for label, share in shares if label not in (a, b)), reverse=True)[:10]
     assert [row.probability for row in view.results] == pytest.approx(best)
@@ -93,14 +93,14 @@ def test_a_scorer_of_recipes_says_what_it_expects_how_sure_it_is_and_why(rankers
 
 def test_what_a_scorer_of_recipes_has_learned_is_memory(rankers):
     a, b, result = rankers.graph.labels(rankers.split.recipes("train")[0])
-    view = view_by(rankers, Pair(a, b))
+    view = view_by(rankers, PairState(a, b))
     assert {row.result for row in view.results if row.in_sample} >= {result}
     assert (view.link.status, view.link.probability) == ("learned", None)
 
 
 def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel, explored):
     _, link = held_out(kernel)
-    view = view_by(kernel, Pair(link.head, link.tail))
+    view = view_by(kernel, PairState(link.head, link.tail))
     assert (view.results, view.link.status, view.link.probability is None) == (
         None,
         "held out",
@@ -111,14 +111,14 @@ def test_a_scorer_of_links_says_only_whether_a_pair_combines(kernel, explored):
     )
     assert view.link.rank == view_by(kernel, link).as_tail
     texts = [
-        look(explored, Pair("flour", "water", f"kitchen-{name}")).text
+        look(explored, PairState("flour", "water", f"kitchen-{name}")).text
         for name in ("complex", "recipes")
     ]
     assert [text.count("scores only links") for text in texts] == [1, 0]
     assert "Results, if the pair combines" in texts[1]
 
 
-@pytest.mark.parametrize("page", [Pair(model="kitchen-recipes"), Goal()], ids=["pair", "path"])
+@pytest.mark.parametrize("page", [PairState(model="kitchen-recipes"), Goal()], ids=["pair", "path"])
 def test_an_example_offers_others_and_a_choice_does_not(explored, page):
     examples = view_of(explored, page).examples
     assert len(set(examples)) == 3
@@ -127,12 +127,12 @@ def test_an_example_offers_others_and_a_choice_does_not(explored, page):
         (one if isinstance(page, Goal) else " + ".join(one)) in text.split("try another: ")[1]
         for one in examples
     )
-    chosen = Goal("bread") if isinstance(page, Goal) else Pair("flour", "water")
+    chosen = Goal("bread") if isinstance(page, Goal) else PairState("flour", "water")
     assert "try another" not in look(explored, chosen).text
 
 
 def test_reasons_stand_below_their_rows(explored):
-    shown = look(explored, Pair(model="kitchen-recipes"))
+    shown = look(explored, PairState(model="kitchen-recipes"))
     assert [attributes for tag, attributes in shown.tags if tag == "tr"].count(
         {"class": "why"}
     ) == 10
@@ -142,23 +142,23 @@ def test_reasons_stand_below_their_rows(explored):
     ("known", "how_many"), [("unseen", ""), ("all", " of these"), ("learned", "All of these")]
 )
 def test_ranks_of_what_was_learned_are_marked_as_memory(explored, known, how_many):
-    text = look(explored, Predictions(known=known)).text  # type: ignore[arg-type]
+    text = look(explored, PredictionsState(known=known)).text  # type: ignore[arg-type]
     shown = f"{how_many} queries are for training triples: these ranks are in-sample"
     assert (shown in text) == ("ranks are in-sample" in text) == bool(how_many)
 
 
 def test_a_model_of_the_full_graph_says_that_it_has_seen_everything(of_recipes):
     explored = explored_by(of_recipes(MANY, kg="full", kind="by-recipe-plain"))
-    page = look(explored, Predictions())
+    page = look(explored, PredictionsState())
     assert "no triple in the book is unseen" in page.text
-    assert PAGES["predictions"].address(Predictions(known="learned")) in page.links
-    assert "was trained on all recipes" in look(explored, Entity("part 1")).text
+    assert PAGES["predictions"].address(PredictionsState(known="learned")) in page.links
+    assert "was trained on all recipes" in look(explored, EntityState("part 1")).text
     a, b, result = explored.opened.graph.labels(explored.opened.split.recipes("test")[0])
     assert (
         "was trained on this link: the score is in-sample"
-        in look(explored, Link(a, "combinesWith", b)).text
+        in look(explored, LinkState(a, "combinesWith", b)).text
     )
-    pair = look(explored, Pair(a, b))
+    pair = look(explored, PairState(a, b))
     assert "recipes in the book are in-sample" in pair.text
     assert result in pair.text
 
@@ -168,41 +168,46 @@ def test_a_book_without_a_split_has_pages_too(of_recipes):
         [("a", "b", "c"), ("b", "a", "d"), ("b", "c", "d"), ("a", "d", "e")], kind="none"
     )
     explored = explored_by(predictor)
-    assert "This model was trained on all recipes" in look(explored, Predictions()).text
-    assert all(look(explored, state).text for state in (Link(), Pair(), Recipes("a")))
-    assert "are in the training data" in look(explored, Entity("a")).text
-    pair = view_by(predictor, Pair("b", "a"))
+    assert "This model was trained on all recipes" in look(explored, PredictionsState()).text
+    assert all(
+        look(explored, state).text for state in (LinkState(), PairState(), RecipesState("a"))
+    )
+    assert "are in the training data" in look(explored, EntityState("a")).text
+    pair = view_by(predictor, PairState("b", "a"))
     assert [(row.result, row.part) for row in pair.makes] == [("c", "train"), ("d", "train")]
     assert pair.has_seen_the_test_recipes
 
 
 def test_a_model_with_folds_shows_probabilities_and_one_without_does_not(explored, of_recipes):
-    assert "%" in look(explored, Entity("bread")).text
-    assert view_of(explored, Entity("bread")).has_probabilities
+    assert "%" in look(explored, EntityState("bread")).text
+    assert view_of(explored, EntityState("bread")).has_probabilities
     plain = of_recipes(MANY, kind="by-recipe-plain")
-    assert not view_by(plain, Entity("part 1")).has_probabilities
+    assert not view_by(plain, EntityState("part 1")).has_probabilities
     assert view_by(plain, held_out(plain)[1]).probability is None
 
 
 def test_without_a_model_entities_and_pairs_are_still_shown(kitchen_folder):
     explored = Explored.open(kitchen_folder)
-    view = view_of(explored, Entity("bread"))
+    view = view_of(explored, EntityState("bread"))
     assert (view.model, view.slots, view.nearest) == ("", (), ())
     assert view.made_by.paging.total
     assert view.by_words
-    assert "Nearest by word vectors" in look(explored, Entity("bread")).text
-    assert "In the book" in look(explored, Pair("flour", "water")).text
-    for state in (Predictions(), Link(), Compare()):
+    assert "Nearest by word vectors" in look(explored, EntityState("bread")).text
+    assert "In the book" in look(explored, PairState("flour", "water")).text
+    for state in (PredictionsState(), LinkState(), CompareState()):
         with pytest.raises(ConfigError, match="--model FOLDER"):
             view_of(explored, state)
         assert not page_of(state).is_there(explored)
 
 
 def test_a_model_compared_with_itself_does_not_differ(explored):
-    view = view_of(explored, Compare(one="kitchen-recipes", other="kitchen-recipes"))
+    view = view_of(explored, CompareState(one="kitchen-recipes", other="kitchen-recipes"))
     assert view.headline.models[1].difference == 0
     assert view.ranks.better == (0, 0)
-    assert view_of(explored, Compare(other="kitchen-complex")).ranks.models[0] == "kitchen-recipes"
+    assert (
+        view_of(explored, CompareState(other="kitchen-complex")).ranks.models[0]
+        == "kitchen-recipes"
+    )
 
 
 def test_too_few_unseen_triples_leave_no_headline(of_recipes):
@@ -211,8 +216,8 @@ def test_too_few_unseen_triples_leave_no_headline(of_recipes):
         kind="by-recipe-plain",
     )
     explored = Explored(predictor.model.opened, {"model": predictor, "again": predictor})
-    assert view_of(explored, Compare()).headline is None
-    assert "No headline: only" in look(explored, Compare()).text
+    assert view_of(explored, CompareState()).headline is None
+    assert "No headline: only" in look(explored, CompareState()).text
 
 
 def test_ranks_are_made_once_however_many_ask(kitchen_folder, links_folder, monkeypatch):
@@ -221,7 +226,7 @@ def test_ranks_are_made_once_however_many_ask(kitchen_folder, links_folder, monk
     monkeypatch.setattr(
         predictions, "rank_graph", lambda predictor: made.append(1) or rank_graph(predictor)
     )
-    at_once(lambda: views.append(view_of(explored, Predictions())), 6)
+    at_once(lambda: views.append(view_of(explored, PredictionsState())), 6)
     assert (len(made), len(views)) == (1, 6)
     assert all(view == views[0] for view in views)
 
@@ -229,13 +234,13 @@ def test_ranks_are_made_once_however_many_ask(kitchen_folder, links_folder, monk
 def test_a_graph_without_recipes_has_no_pair_in_the_menu():
     explored = explored_graph([])
     assert not PAGES["pair"].is_there(explored)
-    for state in (Entity(), Pair()):
+    for state in (EntityState(), PairState()):
         with pytest.raises(ConfigError, match="The graph has no"):
             view_of(explored, state)
 
 
 def test_what_speaks_for_a_prediction_is_named_beside_it(explored):
-    state = Entity("bread", model="kitchen-recipes")
+    state = EntityState("bread", model="kitchen-recipes")
     text, named = look(explored, state).text, 0
     for slot, row in [(one, row) for one in view_of(explored, state).slots for row in one.best]:
         head, tail = slot.head or row.entity, slot.tail or row.entity
@@ -250,7 +255,7 @@ def test_what_speaks_for_a_prediction_is_named_beside_it(explored):
 
 def test_a_link_shows_how_far_each_train_recipe_speaks_for_it(explored):
     a, b = explored.opened.graph.labels(np.array(explored.opened.split.held_out("test")[0])[[0, 2]])
-    state = Link(a, "combinesWith", b, "kitchen-recipes")
+    state = LinkState(a, "combinesWith", b, "kitchen-recipes")
     witnesses, text = view_of(explored, state).reason.witnesses, look(explored, state).text
     assert witnesses
     for witness in witnesses:

@@ -9,7 +9,7 @@ from tests.apps.explorer.shown import look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES, predictions
 from wordcraft_kg.apps.explorer.pages.compare import view_compared_ranks
 from wordcraft_kg.apps.explorer.pages.predictions import (
-    Predictions,
+    PredictionsState,
     RankFilter,
     rank_graph,
     ranked_queries,
@@ -157,7 +157,11 @@ def test_each_link_is_listed_once_by_its_first_query(ranked, everything, order, 
 
 @pytest.mark.parametrize(
     "state",
-    [Predictions(), Predictions(part="new"), Predictions(known="all", entity="water", rank="1")],
+    [
+        PredictionsState(),
+        PredictionsState(part="new"),
+        PredictionsState(known="all", entity="water", rank="1"),
+    ],
 )
 def test_each_facet_leads_to_as_many_links_as_it_says(explored, state):
     page, links = look(explored, state), 0

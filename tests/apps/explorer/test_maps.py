@@ -11,7 +11,7 @@ from wordcraft_kg.apps.explorer.pages import map as maps
 from wordcraft_kg.apps.explorer.pages.map import (
     HEIGHT,
     WIDTH,
-    Map,
+    MapState,
     communities_of,
     map_of,
     view_map,
@@ -154,7 +154,10 @@ def test_of_very_many_links_a_map_holds_and_draws_some(kitchen, monkeypatch):
 
 
 def test_the_links_of_a_chosen_entity_are_lines_to_its_partners_which_are_named_first(explored):
-    view, page = view_of(explored, Map(entity="bread")), look(explored, Map(entity="bread"))
+    view, page = (
+        view_of(explored, MapState(entity="bread")),
+        look(explored, MapState(entity="bread")),
+    )
     lines = {
         values["class"]: values["d"]
         for name, values in page.tags
@@ -177,8 +180,8 @@ def test_the_links_of_a_chosen_entity_are_lines_to_its_partners_which_are_named_
 
 
 def test_each_colour_of_layers_is_in_the_legend_with_the_number_of_its_entities(explored):
-    view = view_of(explored, Map(colour="layer"))
-    legend = PAGES["map"].draw(view, Map(colour="layer"), lambda *_: "")["legend"]
+    view = view_of(explored, MapState(colour="layer"))
+    legend = PAGES["map"].draw(view, MapState(colour="layer"), lambda *_: "")["legend"]
     assert sum(number for _, _, number in legend) == 80
     assert legend[0] == ("shade-0", "base", len(explored.opened.graph.base))
     assert len(legend) == len({style for style, _, _ in legend}) == 5

@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from tests.apps.explorer.shown import client_of, explored_graph
 from wordcraft_kg.apps.explorer.export import export_site
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages import GROUP, PAGES, pages_by_name
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Record
 
 
-class Example(State):
+class Example(PageState):
     entity: str = ""
     sort: Literal["rank", "score"] = "rank"
     page: int = 1
@@ -83,10 +83,10 @@ def test_an_empty_value_as_forms_send_it_is_the_default():
 
 
 MODULE = """
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.base.records import Record
 
-class Letters(State):
+class Letters(PageState):
     letter: str = "a"
 
 class Counted(Record):

@@ -6,8 +6,8 @@ from refusals import refuses
 from tests.apps.explorer.shown import client_of, explored_graph, look, view_of
 from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages import path as paths
-from wordcraft_kg.apps.explorer.pages.entity import Entity
-from wordcraft_kg.apps.explorer.pages.path import Path
+from wordcraft_kg.apps.explorer.pages.entity import EntityState
+from wordcraft_kg.apps.explorer.pages.path import PathState
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import checked_values
@@ -16,7 +16,7 @@ from wordcraft_kg.graphs.splits import PARTS
 
 
 def path_to(goal, *rows, base=None, page=1):
-    return view_of(explored_graph(rows, base), Path(goal, page))
+    return view_of(explored_graph(rows, base), PathState(goal, page))
 
 
 def chain(length):
@@ -32,7 +32,7 @@ def test_the_steps_are_those_of_the_cheapest_derivation_with_the_parts_of_their_
     }
     seen = set()
     for entity in kitchen.entities:
-        view = view_of(explored, Path(entity))
+        view = view_of(explored, PathState(entity))
         found = planner.derivation(entity)
         assert tuple(step.recipe for step in view.listed) == found.steps
         assert [step.number for step in view.listed] == list(range(1, len(found.steps) + 1))
@@ -50,7 +50,7 @@ def test_each_craft_is_a_layer_after_all_that_it_needs_and_a_layer_before_someth
 ):
     explored = explored_graph(kitchen)
     for entity in kitchen.entities:
-        view = view_of(explored, Path(entity))
+        view = view_of(explored, PathState(entity))
         layer = {step.recipe.result: step.layer for step in view.listed}
         needed_in = {}
         for step in view.listed:
@@ -87,7 +87,7 @@ def test_a_path_says_whether_it_can_be_gone_and_why_not(
     goal, rows, outcome, blocked, sources, text
 ):
     explored = explored_graph([*rows, ("a", "b", "other")], ["a", "b"])
-    view = view_of(explored, Path(goal))
+    view = view_of(explored, PathState(goal))
     assert (view.outcome, [row.missing for row in view.blocked], view.sources) == (
         outcome,
         blocked,
@@ -96,7 +96,7 @@ def test_a_path_says_whether_it_can_be_gone_and_why_not(
     assert (view.steps, view.layers, len(view.drawn)) == (
         (1, 1, 1) if outcome == "made" else (0, 0, 0)
     )
-    assert text in look(explored, Path(goal)).text
+    assert text in look(explored, PathState(goal)).text
 
 
 def test_of_what_cannot_be_made_the_view_says_what_its_recipes_lack_and_where_that_ends():
@@ -167,11 +167,11 @@ def test_a_chain_of_recipes_leads_between_any_two_entities_or_back_or_is_said_to
     start, goal, ends, recipes, text
 ):
     explored = explored_graph(CHAIN, ["a", "b", "x"])
-    chain = view_of(explored, Path(goal, start=start)).chain
+    chain = view_of(explored, PathState(goal, start=start)).chain
     assert (chain.start, chain.end) == tuple(ends)
     assert ["{} + {} -> {}".format(*step.recipe) for step in chain.steps] == recipes
     assert [step.layer for step in chain.steps] == [step.number for step in chain.steps]
-    page = look(explored, Path(goal, start=start))
+    page = look(explored, PathState(goal, start=start))
     assert text in page.text
     assert ("Drawing of the chain" in page.page) == bool(recipes)
     assert all(recipe.replace("->", "→") in page.text for recipe in recipes)
@@ -186,19 +186,22 @@ def test_no_chain_is_shorter_than_the_shown_one(kitchen):
         for a, b, result in kitchen.recipe_labels():
             length[result] = min(length[result], length[a] + 1, length[b] + 1)
     for goal in kitchen.entities[::5]:
-        chain = view_of(explored, Path(goal, start="water")).chain
+        chain = view_of(explored, PathState(goal, start="water")).chain
         assert (chain.end == goal and len(chain.steps)) == length[goal] % 1_000
 
 
 def test_a_path_without_a_goal_leads_to_an_entity_of_the_last_layer(explored):
-    view = view_of(explored, Path())
-    assert view == view_of(explored, Path(entity=view.entity))
+    view = view_of(explored, PathState())
+    assert view == view_of(explored, PathState(entity=view.entity))
     assert view.layers > 5
 
 
 def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():
     explored = explored_graph(chain(15_000))
-    for state, text in ((Entity("15000"), "15,000 crafts"), (Path("15000"), "about 2.8 × 10^4515")):
+    for state, text in (
+        (EntityState("15000"), "15,000 crafts"),
+        (PathState("15000"), "about 2.8 × 10^4515"),
+    ):
         assert text in look(explored, state).text
         checked_values(view_of(explored, state))
     assert "about 2.8 × 10^4515" in repr(Planner(explored.opened.graph).derivation("15000"))
@@ -209,7 +212,7 @@ def test_a_graph_without_entities_has_no_map_or_path_in_the_menu_and_is_no_error
     site = Site(explored, lambda page, state: page.address(state), str)
     assert {page.name for page, _ in site.menu}.isdisjoint({"map", "path"})
     with pytest.raises(ConfigError, match="no entities"):
-        view_of(explored, Path())
+        view_of(explored, PathState())
     client = client_of(explored)
     answers = {name: client.get(f"/{name}") for name in PAGES}
     assert not [name for name, answer in answers.items() if answer.status_code >= 500]

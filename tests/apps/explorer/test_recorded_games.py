@@ -9,8 +9,8 @@ from tests.apps.people.stored import go_on
 from wordcraft_kg import WordCraftConfig, World, open_graph
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.pages import PAGES
-from wordcraft_kg.apps.explorer.pages.episode import Episode
-from wordcraft_kg.apps.explorer.pages.games import Games
+from wordcraft_kg.apps.explorer.pages.episode import EpisodeState
+from wordcraft_kg.apps.explorer.pages.games import GamesState
 from wordcraft_kg.apps.people.config import StudyConfig
 from wordcraft_kg.apps.people.study import Study, kept_answers, read_study
 from wordcraft_kg.apps.text_agents.conversation import Play
@@ -52,11 +52,13 @@ def test_each_recorded_table_leads_to_an_episode_with_every_player(played):
         for given in study.answers.values()
         for one in given
     }
-    tables = view_of(explored, Games()).tables
+    tables = view_of(explored, GamesState()).tables
     assert [len(row.solved + row.not_solved) for row in tables] == [2] * 4 + [1] * 4
-    assert {Episode(**row.settings) for row in tables} <= set(PAGES["episode"].states(explored))
+    assert {EpisodeState(**row.settings) for row in tables} <= set(
+        PAGES["episode"].states(explored)
+    )
     for row in tables:
-        state = Episode(**row.settings, other=("plain",))
+        state = EpisodeState(**row.settings, other=("plain",))
         view, page = view_of(explored, state), look(explored, state)
         assert checked_values(view)
         assert set(view.start) <= set(view.table) == set(row.settings["table"])
@@ -85,14 +87,15 @@ def test_each_recorded_table_leads_to_an_episode_with_every_player(played):
 def test_a_game_at_a_table_of_the_evaluation_is_shown_there_too(played):
     row = next(
         row
-        for row in view_of(played[0], Games()).tables
+        for row in view_of(played[0], GamesState()).tables
         if "program" in row.solved + row.not_solved
     )
     drawn, other = (
-        Episode(part="test", task=row.settings["task"], distractor_seed=seed) for seed in (0, 1)
+        EpisodeState(part="test", task=row.settings["task"], distractor_seed=seed)
+        for seed in (0, 1)
     )
     players = view_of(played[0], drawn).players
-    assert players == view_of(played[0], Episode(**row.settings)).players
+    assert players == view_of(played[0], EpisodeState(**row.settings)).players
     assert all(
         pick.probability is not None for attempt in players[-1].attempts for pick in attempt.picks
     )

@@ -12,8 +12,8 @@ import torch
 from tests.apps.explorer.shown import look
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, open_graph, train_recipes
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.pages.link import Link
-from wordcraft_kg.apps.explorer.pages.pair import Pair
+from wordcraft_kg.apps.explorer.pages.link import LinkState
+from wordcraft_kg.apps.explorer.pages.pair import PairState
 from wordcraft_kg.models.knowledge.folder import (
     FACTS,
     KnowledgeRecord,
@@ -253,8 +253,8 @@ def test_explain_and_the_explorer_name_sources(run, moved, tmp_path, caplog):
     page = (agent / "report" / "index.html").read_text()
     assert "WordNet: " in page
     explored = Explored.open("kitchen", [moved], [agent])
-    assert "; ".join(BREAD) in look(explored, Pair("dough", "oven")).text
-    assert " ".join(BREAD) in look(explored, Link("dough", "componentOf", "bread")).text
+    assert "; ".join(BREAD) in look(explored, PairState("dough", "oven")).text
+    assert " ".join(BREAD) in look(explored, LinkState("dough", "componentOf", "bread")).text
     # Another scorer in the same place is not the scorer of the agent.
     settings = replace(RecipesConfig.read(moved).settings, seed=1, with_=())
     train_recipes(RecipesConfig("kitchen", settings), moved, force=True)

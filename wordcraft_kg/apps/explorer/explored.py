@@ -5,6 +5,7 @@ import threading
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, TypeVar, cast
 
@@ -35,9 +36,16 @@ AskedDepth = Literal[0, 1, 2, 3, 4, 5]
 
 
 class Explored:
-    """Content for all pages: an opened graph, by name its link prediction models and agents' run folders, and games.
+    """Content for all pages: a graph, link prediction models, agents' runs, and recorded games.
 
-    ``games`` are recorded games of other players by goal and entities on the table.
+    Pages are computed in several threads at the same time; all methods are safe for that.
+
+    Attributes:
+        opened: graph and split.
+        models: link predictors for this graph by name, in the given order.
+        runs: run folders of agents on this graph by name; they may be unfinished, or training at
+            this moment.
+        games: recorded games of other players by goal and entities on the table.
     """
 
     def __init__(
@@ -47,13 +55,22 @@ class Explored:
         runs: Mapping[str, Path] | None = None,
         games: Iterable[TableGame] = (),
     ):
-        """Hold opened folders, and recorded games."""
+        """Hold opened folders, and recorded games.
+
+        Args:
+            opened: graph and split.
+            models: link predictors for this graph by name; None for none.
+            runs: run folders of agents on this graph by name; None for none.
+            games: recorded games on this graph.
+        """
         self.opened = opened
         self.models = dict(models or {})
         self.runs = dict(runs or {})
         self.games: dict[tuple[str, frozenset[str]], list[TableGame]] = {}
         for game in games:
-            self.games.setdefault((game.goal, frozenset(game.table)), []).append(game)
+            # The order of entities on a table has no meaning: players may have seen different ones.
+            table = frozenset(game.table)
+            self.games.setdefault((game.goal, table), []).append(game)
         self._values: dict[Hashable, Any] = {}
         self._locks: dict[Hashable, threading.Lock] = {}
         self._lock = threading.Lock()
@@ -66,44 +83,55 @@ class Explored:
         runs: Iterable[str | Path] = (),
         games: Iterable[Path] = (),
     ) -> "Explored":
-        """Open a graph, model folders, run folders (or folders with several seeds), and recorded games.
+        """Open a graph, models, runs and recorded games; nothing is written.
 
-        A damaged or unfinished folder is an ArtefactError, another graph or split a GraphMismatchError.
+        Args:
+            graph: graph folder, recipe book file, or built-in book name.
+            models: folders of link predictors.
+            runs: run folders of agents, or folders with several seeds.
+            games: folders or files with recorded games.
+
+        Returns:
+            the content for all pages; equal folder names are told apart by the folders above them.
+
+        Raises:
+            ArtefactError: if a folder is of another kind or damaged, or a model is unfinished.
+            GraphMismatchError: if a model, run or game belongs to another graph or split.
         """
         opened = open_graph(graph)
-        named = _named(map(Path, models)).items()
-        opened_models = {
+        predictors = {
             name: LinkPredictor(name, folder, open_model(folder, str(graph)))
-            for name, folder in named
+            for name, folder in _named(map(Path, models)).items()
         }
-        folders = _named(folder for path in runs for folder in run_folders(Path(path)))
+        folders = _named(chain.from_iterable(run_folders(Path(path)) for path in runs))
         for folder in folders.values():
+            # Only the check for the graph: unfinished runs have no weights yet.
             RunFiles(folder, AGENTS.read_record(folder)).graph(opened)
-        return cls(
-            opened,
-            opened_models,
-            folders,
-            [one for path in games for one in read_table_games(opened, path)],
-        )
+        recorded = chain.from_iterable(read_table_games(opened, path) for path in games)
+        return cls(opened, predictors, folders, recorded)
 
     def predictor(self, name: str = "") -> LinkPredictor:
-        """Return a model, by default the first, with all entity similarities computed.
+        """Return a model with all entity similarities computed; by default the first model.
 
-        No model, or too many entities to compare, is a ConfigError, an unknown name an UnknownEntityError.
+        Raises:
+            ConfigError: if there is no model, or a model has too many entities to compare.
+            UnknownEntityError: if no model has this name.
         """
         predictor = self.models[self._name("model", self.models, name)]
+        # The similarities take seconds and memory: cached_property alone would compute them in two
+        # threads at once.
         self.once(("evidence", predictor.name), lambda: predictor.evidence)
         return predictor
 
     def _name(self, kind: str, known: Mapping[str, object], name: str) -> str:
         if not known:
-            raise ConfigError(
-                f"This page needs a {kind}; start with `wordcraft-kg explore GRAPH --{kind} FOLDER`."
-            )
+            command = f"wordcraft-kg explore GRAPH --{kind} FOLDER"
+            raise ConfigError(f"This page needs a {kind}; start with `{command}`.")
         name = name or next(iter(known))
         if name not in known:
+            shown = name[:60]  # addresses may be of any length
             raise UnknownEntityError(
-                f"no {kind} '{name[:60]}'; there is {', '.join(known)}.{nearest(name[:60], known)}"
+                f"no {kind} '{shown}'; there is {', '.join(known)}.{nearest(shown, known)}"
             )
         return name
 
@@ -112,7 +140,13 @@ class Explored:
         return self.once("planner", lambda: Planner(self.opened.graph))
 
     def once(self, key: Hashable, make: Callable[[], T]) -> T:
-        """Return the value from ``make``, called once for each key; failures are not kept."""
+        """Return the value from ``make``, called once for each key.
+
+        Other threads that need the value wait for it. A failure is not kept: the next call tries
+        again.
+        """
+        # One lock for each key: a thread that computes the map must not stop the pages that do not
+        # need it.
         with self._lock:
             lock = self._locks.setdefault(key, threading.Lock())
         with lock:
@@ -121,14 +155,20 @@ class Explored:
             return cast(T, self._values[key])
 
     def followed(self, name: str = "") -> tuple[str, FollowedRun]:
-        """Return an agent's run, by default the first, as name and reader of its growing files."""
+        """Return an agent's run, by default the first, as name and reader of its growing files.
+
+        Raises:
+            ConfigError: if there is no run.
+            UnknownEntityError: if no run has this name.
+        """
         name = self._name("run", self.runs, name)
-        return name, self.once(
-            ("followed run", name), lambda: FollowedRun(self.runs[name], self.opened)
-        )
+        key = ("followed run", name)
+        return name, self.once(key, lambda: FollowedRun(self.runs[name], self.opened))
 
     def is_any_live(self, *names: str) -> bool:
         """Return whether any of these runs has yet to be complete and evaluated."""
+        # A run that cannot be read may be one that is just starting, so its page must not be
+        # cached.
         with suppress(ArtefactError):
             return any(self.followed(name)[1].records().run.status != "done" for name in names)
         return True
@@ -148,36 +188,68 @@ class Explored:
         depth: AskedDepth = 0,
         distractors: int | None = None,
     ) -> WordCraftConfig:
-        """Return the environment settings of an agent's training tasks, with another part, depth or distractors."""
+        """Return the environment settings of an agent's training tasks, with changes.
+
+        Args:
+            tasks: task settings of the agent's training.
+            part: part of the tasks; empty for :meth:`usual_part`.
+            depth: depth of the tasks, in crafts; 0 for the training depth.
+            distractors: distractors on the table; None for as many as in training.
+
+        Returns:
+            the settings. The training's attempts are kept if they suffice for the depth, else there
+            are as many attempts as crafts.
+
+        Raises:
+            ConfigError: if a number is out of range.
+        """
         if depth and depth != tasks.depth:
-            enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
-            tasks = replace(tasks, depth=depth, max_attempts=tasks.max_attempts if enough else None)
+            # With fewer attempts than crafts, no task could be solved: WordCraftConfig would raise.
+            is_enough = tasks.max_attempts is not None and tasks.max_attempts >= depth
+            attempts = tasks.max_attempts if is_enough else None
+            tasks = replace(tasks, depth=depth, max_attempts=attempts)
         return tasks.environment(part or self.usual_part(), distractors)
 
     def plain_world(self, config: WordCraftConfig) -> World:
-        """Return the tasks for environment settings, without distractors; no task is a TaskError."""
+        """Return the tasks for environment settings, without distractors.
+
+        Any graph has room for them, whatever number of distractors the settings have.
+
+        Raises:
+            TaskError: if there is no task.
+        """
+        # The search for tasks takes seconds, so settings that differ only in rules share one world.
         kept = ("part", "depth", "task_weighting", "num_tasks", "task_seed")
         plain = WordCraftConfig(num_distractors=0, **{name: getattr(config, name) for name in kept})
         return self.once(("world", plain), lambda: World(self.opened, plain))
 
     def world_of(self, config: WordCraftConfig) -> World:
-        """Return the tasks and rules for environment settings, made once."""
+        """Return the tasks and rules for environment settings, made once.
+
+        Raises:
+            TaskError: if there is no task.
+            ConfigError: if the graph has too few entities for the distractors.
+        """
         return self.once(("world", config), lambda: World(self.plain_world(config), config))
 
     def usual_part(self) -> TaskPart:
-        """Return the task part shown by default: test, or train if the graph has no test recipes."""
+        """Return the task part shown by default: test, or train without test recipes."""
         return "test" if (self.opened.split.parts == TEST).any() else "train"
 
 
 def _named(folders: Iterable[Path]) -> dict[str, Path]:
+    """Name folders after themselves; later ones of an equal name also after the folders above them.
+
+    A folder that is given twice has one name: paths are compared without links.
+    """
     named: dict[str, Path] = {}
     for folder in folders:
-        name, above = run_name(folder), Path(os.path.realpath(folder)).parent
-        while (
-            name in named
-            and os.path.realpath(named[name]) != os.path.realpath(folder)
-            and above.name
-        ):
-            name, above = f"{above.name}-{name}", above.parent
+        # os.path, because Path.resolve raises on a loop of links before Python 3.13.
+        real = os.path.realpath(folder)
+        name = run_name(folder)
+        above = Path(real).parent
+        while name in named and os.path.realpath(named[name]) != real and above.name:
+            name = f"{above.name}-{name}"
+            above = above.parent
         named[name] = folder
     return named

@@ -4,12 +4,11 @@ import json
 import os
 import re
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.apps.explorer.rendering import Site
 from wordcraft_kg.apps.explorer.server import PACKAGE, SCRIPTS
@@ -23,10 +22,23 @@ from wordcraft_kg.runs.record import RUN_FILE
 
 SITE_FILE = "site.json"
 LONGEST_NAME = 60
+"""Letters of a file name that come from page settings: file systems allow 255 bytes."""
 
 
 class ExportedSite(Record):
-    """A static site (``site.json``), with hashes for weights and run records, and skipped pages."""
+    """A static site (``site.json``).
+
+    Attributes:
+        graph: name of the graph.
+        graph_hash: content hash of the graph.
+        split_hash: hash of the split.
+        pages: number of pages.
+        largest: bytes of the largest page.
+        bytes: bytes of all pages.
+        models: SHA-256 of each model's weights, by name.
+        runs: SHA-256 of each run's record, by name.
+        skipped: messages of the errors that took the place of pages, by the page's address.
+    """
 
     graph: str
     graph_hash: Hash
@@ -40,9 +52,24 @@ class ExportedSite(Record):
 
 
 def export_site(explored: Explored, out: Path, *, force: bool = False) -> ExportedSite:
-    """Write the pages that need no server into a folder, with ``index.html`` as the first."""
+    """Write the pages that need no server into a folder, with ``index.html`` as the first.
+
+    A page that cannot be computed becomes a page with the message, so that links to it work.
+
+    Args:
+        explored: content of the pages.
+        out: folder to write; it appears when all pages are written.
+        force: replace the folder if it exists.
+
+    Returns:
+        numbers of pages and bytes, hashes of the inputs, and skipped pages, as in ``site.json``.
+
+    Raises:
+        OutputExistsError: if the folder exists and ``force`` is False.
+    """
     files = _Files(explored)
-    sizes, skipped = [], {}
+    sizes = []
+    skipped = {}
     with staged_folder(out, force=force) as folder:
         texts = {
             "explorer.css": style_sheet(),
@@ -52,6 +79,7 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
         for name, text in texts.items():
             write_atomically(folder / name, text)
         for (page, state), name in steps("writing pages", list(files.names.items())):
+            # Links are relative to the file that they are in, so each file has a site of its own.
             site = Site(
                 explored,
                 partial(files.address, seen_from=name),
@@ -67,6 +95,10 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             (folder / name).parent.mkdir(exist_ok=True)
             write_atomically(folder / name, content)
             sizes.append(len(content))
+        weights = {
+            name: predictor.model.run.outputs["model.safetensors"]
+            for name, predictor in explored.models.items()
+        }
         exported = ExportedSite(
             graph=explored.opened.graph.name,
             graph_hash=explored.opened.graph.hash,
@@ -74,10 +106,7 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
             pages=len(sizes),
             largest=max(sizes),
             bytes=sum(sizes),
-            models={
-                name: one.model.run.outputs["model.safetensors"]
-                for name, one in explored.models.items()
-            },
+            models=weights,
             runs={name: sha256_of(path / RUN_FILE) for name, path in explored.runs.items()},
             skipped=skipped,
         )
@@ -86,53 +115,79 @@ def export_site(explored: Explored, out: Path, *, force: bool = False) -> Export
 
 
 class _Files:
+    """File names of a site: ``names`` has each page's file by page name and settings."""
+
     def __init__(self, explored: Explored):
         self.explored = explored
-        self.names: dict[tuple[str, State], str] = {(HOME.name, HOME.state()): "index.html"}
+        # Servers and disks open index.html first, so the first page has no name of its own.
+        self.names: dict[tuple[str, PageState], str] = {(HOME.name, HOME.state()): "index.html"}
         taken = {"index.html"}
         for page in PAGES.values():
             for state in page.states(explored):
                 if (page.name, state) not in self.names:
-                    stem = f"{page.name}/{_stem(page, state)}"
-                    names = (
-                        f"{stem}{'' if number == 1 else f'-{number}'}.html" for number in count(1)
-                    )
-                    self.names[page.name, state] = name = next(
-                        name for name in names if name not in taken
-                    )
+                    name = _unused(f"{page.name}/{_stem(page, state)}", taken)
+                    self.names[page.name, state] = name
                     taken.add(name)
 
-    def address(self, page: Page[Any], state: State, *, seen_from: str) -> str:
+    def address(self, page: Page[Any], state: PageState, *, seen_from: str) -> str:
         target = self.names.get((page.name, state))
         return "" if target is None else _relative(target, seen_from)
 
     def search(self) -> str:
-        graph, entity = self.explored.opened.graph, PAGES["entity"]
-        labels = graph.labels(sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i]))
+        """Return the script with the entities and their files, the most used entities first."""
+        graph = self.explored.opened.graph
+        entity = PAGES["entity"]
+        by_use = sorted(range(graph.num_entities), key=lambda i: -graph.use_counts[i])
         files = {
-            label: self.names.get((entity.name, entity.state(entity=label))) for label in labels
+            label: self.names.get((entity.name, entity.state(entity=label)))
+            for label in graph.labels(by_use)
         }
-        return f"window.entities = {json.dumps([entry for entry in files.items() if entry[1]], ensure_ascii=True)};\n"
+        entries = [(label, file) for label, file in files.items() if file]
+        # A script, not a JSON file: browsers refuse to fetch files for a page that was opened from
+        # a disk. ASCII only, so that the file's encoding does not matter.
+        return f"window.entities = {json.dumps(entries, ensure_ascii=True)};\n"
+
+
+def _unused(stem: str, taken: set[str]) -> str:
+    """Return a file name that no page has.
+
+    Labels may differ only in characters that file names cannot have.
+    """
+    name = f"{stem}.html"
+    number = 1
+    while name in taken:
+        number += 1
+        name = f"{stem}-{number}.html"
+    return name
 
 
 def _without_paths(text: str, explored: Explored) -> str:
     """Replace folders by names: paths on this machine are private."""
     folders = {name: one.folder for name, one in explored.models.items()} | explored.runs
     for name, folder in folders.items():
+        # A relative path such as `run` tells nothing, and may be a word of a page.
         if folder.is_absolute():
-            text = text.replace(str(folder), name).replace(
-                str(for_html(folder)), str(for_html(name))
-            )
+            text = text.replace(str(folder), name)
+            # Pages hold the path as HTML.
+            text = text.replace(str(for_html(folder)), str(for_html(name)))
     return text
 
 
-def _stem(page: Page[Any], state: State) -> str:
-    plain = page.state()
-    values = ((getattr(state, name), getattr(plain, name)) for name in state.__struct_fields__)
-    chosen = "-".join(str(value) for value, usual in values if value != usual)
-    return (
-        re.sub(r"[^a-z0-9]+", "-", chosen.lower()).strip("-")[:LONGEST_NAME].strip("-") or page.name
-    )
+def _stem(page: Page[Any], state: PageState) -> str:
+    """Return a file name from the settings other than the defaults; others may have the same.
+
+    Only lower-case letters and digits: some file systems ignore case, and labels may have any
+    characters, such as those that lead to another folder.
+    """
+    usual = page.state()
+    chosen = [
+        str(getattr(state, field))
+        for field in state.__struct_fields__
+        if getattr(state, field) != getattr(usual, field)
+    ]
+    plain = re.sub(r"[^a-z0-9]+", "-", "-".join(chosen).lower()).strip("-")
+    # The cut may end with a hyphen.
+    return plain[:LONGEST_NAME].strip("-") or page.name
 
 
 def _relative(file: str, to: str) -> str:

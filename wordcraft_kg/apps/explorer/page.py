@@ -1,5 +1,6 @@
 """Pages, their addresses, and long lists."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -13,29 +14,40 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.base.settings import nearest
 
+_LONGEST_QUOTE = 60
+"""Letters of an address that an error message repeats: addresses may be of any length."""
 
-class State(Record):
-    """Base class for page settings: str, int, bool, Literal or tuple[str, ...] fields with defaults."""
+
+class PageState(Record):
+    """Base class for page settings.
+
+    Fields are of type str, int, bool, Literal or tuple[str, ...], and have defaults.
+    """
 
 
-S = TypeVar("S", bound=State)
-Addresses = Callable[["Page[Any]", State], str]
+S = TypeVar("S", bound=PageState)
+Addresses = Callable[["Page[Any]", PageState], str]
 """Returns the address of a page, or an empty text where there is none."""
 
 
 @dataclass(frozen=True)
 class Page(Generic[S]):
-    """A kind of page, such as the entity page. Functions take the opened folders (``Explored``) and settings.
+    """A kind of page, such as the entity page.
+
+    Functions take the opened folders (``Explored``) and settings.
 
     Attributes:
         name: first address segment, and template name.
-        view: returns the shown values as a record. An UnknownEntityError becomes a page "not found", other input
-            errors a page with the message.
+        state: class of the settings; each field is a query parameter of the address.
+        view: returns the shown values as a record. An UnknownEntityError becomes a page "not
+            found", other input errors a page with the message.
         title: name in the menu; empty for pages outside the menu.
-        subject: setting in the second address segment, as in ``/entity/paper``.
+        subject: setting in the second address segment, as in ``/entity/paper``; empty for none.
         draw: returns a view's pictures, as server-side SVG, by their names in the template.
-        exported: returns settings for each file in a static site; by default a single file with default settings.
-        questions: returns examples of questions that the page answers, with settings; also in a static site.
+        exported: returns settings for each file in a static site; by default a single file with
+            default settings, and none for a page with a subject.
+        questions: returns examples of questions that the page answers, with settings; also in a
+            static site.
         is_there: returns a true value if the page has content.
         is_live: returns whether the view may change, so that the page must not be cached.
         package: package with the template, in the folder ``templates``.
@@ -54,11 +66,16 @@ class Page(Generic[S]):
     package: str = "wordcraft_kg.apps.explorer"
 
     def states(self, explored: Explored) -> Iterable[S]:
-        """Return settings for each file that this page has in a static site."""
+        """Return settings for each file of this page in a static site; settings may repeat."""
         if not self.is_there(explored):
             return []
-        usual: Iterable[S] = [] if self.subject else [self.state()]
-        states = usual if self.exported is None else self.exported(explored)
+        states: Iterable[S]
+        if self.exported is not None:
+            states = self.exported(explored)
+        else:
+            # The plain address of a page with a subject has no subject to show.
+            states = [] if self.subject else [self.state()]
+        # A static site cannot answer a question at an address that has no file.
         return [*states, *(state for _, state in self.questions(explored))]
 
     def address(self, state: S) -> str:
@@ -67,59 +84,91 @@ class Page(Generic[S]):
         query: list[tuple[str, str]] = []
         for field in _fields(self.state):
             value = getattr(state, field.name)
-            # Browsers resolve dots, some servers slashes, and proxies may decode percent signs twice.
-            if (
-                field.name == self.subject
-                and value.strip(".")
-                and not set(value) & {"/", "\\", "%"}
-            ):
+            if field.name == self.subject and _fits_path(value):
                 path += f"/{quote(value, safe='')}"
             elif value != field.default:
-                query += [
-                    (field.name, _written(one))
-                    for one in (value if isinstance(value, tuple) else (value,))
-                ]
+                # A tuple is one parameter given several times.
+                values = value if isinstance(value, tuple) else (value,)
+                query += [(field.name, _written(one)) for one in values]
         return f"{path}?{urlencode(query)}" if query else path
 
     def read(self, subject: str, query: Iterable[tuple[str, str]]) -> S:
-        """Return settings from a decoded second path segment and a query (ConfigError); empty means the default."""
+        """Return the settings of an address.
+
+        Args:
+            subject: decoded second path segment; may be empty.
+            query: decoded names and values of the query. An empty value, which forms send for an
+                empty field, means the default.
+
+        Raises:
+            ConfigError: if a name is unknown, a value has another type, or two values are given for
+                a setting.
+        """
         fields = {field.name: field for field in _fields(self.state)}
-        given: dict[str, Any] = {self.subject: subject} if self.subject and subject else {}
+        given: dict[str, Any] = {}
+        if self.subject and subject:
+            given[self.subject] = subject
         for name, value in query:
             if name not in fields:
-                expected = (
-                    f"expected {', '.join(fields)}" if fields else "this page has no settings"
-                )
-                raise ConfigError(
-                    f"unknown page setting '{_cut(name)}'; {expected}.{nearest(name[:50], fields)}"
-                )
+                raise ConfigError(_unknown_setting(name, fields))
             if get_origin(fields[name].type) is tuple:
                 given.setdefault(name, []).append(value)
-            elif value and given.setdefault(name, value) != value:
+                continue
+            # An address may repeat a value, such as the subject of its path: equal values are one.
+            if value and given.setdefault(name, value) != value:
                 raise ConfigError(
                     f"'{name}' is given twice: '{_cut(given[name])}' and '{_cut(value)}'."
                 )
         try:
+            # All values are texts: strict=False reads numbers and booleans from them.
             return msgspec.convert(given, self.state, strict=False)
         except msgspec.ValidationError as error:
-            raise ConfigError(f"Invalid address: {str(error).replace('`', chr(39))}.") from None
+            # Messages of msgspec quote with backticks, ours with apostrophes.
+            message = str(error).replace("`", "'")
+            raise ConfigError(f"Invalid address: {message}.") from None
 
 
 @cache
-def _fields(state: type[State]) -> tuple[msgspec.structs.FieldInfo, ...]:
+def _fields(state: type[PageState]) -> tuple[msgspec.structs.FieldInfo, ...]:
+    # Kept, because a page asks for them once for each of its links.
     return msgspec.structs.fields(state)
 
 
+def _fits_path(value: str) -> bool:
+    """Return whether a label can be a path segment.
+
+    Browsers resolve dots as folders, some servers split at slashes, and proxies may decode percent
+    signs twice. Other labels go to the query.
+    """
+    return bool(value.strip(".")) and not set(value) & {"/", "\\", "%"}
+
+
+def _unknown_setting(name: str, known: Iterable[str]) -> str:
+    expected = ", ".join(known)
+    remedy = f"expected {expected}" if expected else "this page has no settings"
+    # The search for the nearest name takes time by the length of the text.
+    return f"unknown page setting '{_cut(name)}'; {remedy}.{nearest(name[:50], known)}"
+
+
 def _written(value: Any) -> str:
+    # Booleans as in JSON, which the reader expects.
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _cut(text: str) -> str:
-    return text if len(text) <= 60 else f"{text[:60]}..."
+    return text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}..."
 
 
 class Paging(Record):
-    """A page in a long list: first row (0 without rows), last row, row count, page number, and page count."""
+    """A page in a long list.
+
+    Attributes:
+        first: number of the first row on the page, from 1; 0 without rows.
+        last: number of the last row on the page.
+        total: row count of the whole list.
+        page: page number, from 1.
+        pages: page count, at least 1.
+    """
 
     first: Count
     last: Count
@@ -133,12 +182,35 @@ class Paging(Record):
         return slice(max(self.first - 1, 0), self.last)
 
 
+def num_pages(total: int, size: int) -> int:
+    """Return how many pages of ``size`` rows a list fills; 0 for an empty list."""
+    return math.ceil(total / size)
+
+
 def paging(total: int, page: int, size: int) -> Paging:
-    """Return a page with ``size`` rows; a missing page is a ConfigError."""
-    pages = max(-(-total // size), 1)
+    """Return a page of a long list.
+
+    Args:
+        total: row count of the list.
+        page: page number, from 1.
+        size: rows on a page.
+
+    Returns:
+        the page; ``paging(45, 2, 20)`` has the rows 21 to 40 of 45, on page 2 of 3.
+
+    Raises:
+        ConfigError: if the list has no such page.
+    """
+    # An empty list has a page, too, which tells that nothing was found.
+    pages = max(num_pages(total, size), 1)
     if not 1 <= page <= pages:
-        raise ConfigError(
-            f"`page` {page}: there {'is 1 page' if pages == 1 else f'are {pages:,} pages'}."
-        )
+        available = "is 1 page" if pages == 1 else f"are {pages:,} pages"
+        raise ConfigError(f"`page` {page}: there {available}.")
     first = (page - 1) * size + 1
-    return Paging(min(first, total), min(first + size - 1, total), total, page, pages)
+    return Paging(
+        first=min(first, total),
+        last=min(first + size - 1, total),
+        total=total,
+        page=page,
+        pages=pages,
+    )

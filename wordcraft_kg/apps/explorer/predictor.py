@@ -1,4 +1,8 @@
-"""Queries to a model: scores, ranks and reasons."""
+"""Queries to a model: scores, ranks and reasons.
+
+A link is a triple; a slot is a query, a triple whose head or tail is open. A link is *true* if a
+recipe of the book gives it, in any part of the split, and *learned* if the model was trained on it.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,12 +32,20 @@ NEW = len(PARTS)
 KNOWN: tuple[Known, ...] = ("train", "valid", "test", "new")
 """Names of the parts by their numbers."""
 Status = Literal["learned", "held out", "not learned", "not in the book", "itself"]
-"""``learned`` links are in the model's training data; other links are ``held out``, ``not learned`` (outside the
-train sample), ``not in the book``, or ``itself`` (not in the book, head and tail are equal)."""
+"""``learned`` links are in the model's training data; other links are ``held out``, ``not learned``
+(outside the train sample), ``not in the book``, or ``itself`` (not in the book, head and tail are
+equal)."""
 
 
 class PlacedRecipe(Record):
-    """A recipe and its split part, such as test."""
+    """A recipe and its split part.
+
+    Attributes:
+        ingredient_a: label of an ingredient.
+        ingredient_b: label of the other ingredient, which may be the same.
+        result: label of the result.
+        part: split part, such as test.
+    """
 
     ingredient_a: str
     ingredient_b: str
@@ -46,7 +58,15 @@ class PlacedRecipe(Record):
 
 
 class ScoredLink(Record):
-    """A model's score for a link; ``known`` is its first recipe's part or new; training links have no probability."""
+    """A model's score for a link.
+
+    Attributes:
+        score: higher is more plausible, on the model's own scale.
+        status: whether the model was trained on the link, and otherwise whether the link is true.
+        known: part of the first recipe that gives the link, or ``new``.
+        probability: probability that the link is true; None for training links, since it would be
+            that of a link outside the training data, and for models without calibration.
+    """
 
     score: float
     status: Status
@@ -55,7 +75,16 @@ class ScoredLink(Record):
 
 
 class PredictedEntity(ScoredLink):
-    """A predicted answer to a query; the position in the page's list is 0 for unlisted entities, ties share ranks."""
+    """A predicted answer to a query.
+
+    Attributes:
+        entity: label of the answer.
+        position: position in the list of all entities by score, from 1, in which training links
+            count only if they are listed; 0 for an entity outside the list.
+        rank: filtered, realistic rank: other true answers do not compete, and ties share their mean
+            rank.
+        reason: training links that support the answer; None if they are not computed.
+    """
 
     entity: str
     position: Count
@@ -64,10 +93,17 @@ class PredictedEntity(ScoredLink):
 
 
 class PredictedSlot(Record):
-    """The answers to a query, a triple with an unknown head or tail (None).
+    """The answers to a query, a triple with an unknown head or tail.
 
-    ``best`` has the highest scores; ``truth`` lists the book's answers outside the training data by rank.
-    ``true_unlearned`` and ``true_learned`` count the book's answers outside and inside the training data.
+    Attributes:
+        head: label of the head; None if it is unknown.
+        relation: name of the relation.
+        tail: label of the tail; None if it is unknown.
+        with_learned: whether ``best`` lists training links, too.
+        best: answers with the highest scores, best first.
+        truth: some of the book's answers outside the training data, by rank.
+        true_unlearned: number of the book's answers outside the training data.
+        true_learned: number of the book's answers inside the training data.
     """
 
     head: str | None
@@ -81,24 +117,39 @@ class PredictedSlot(Record):
 
 
 class FilteredRank(Record):
-    """A link's rank among ``candidates``: all answers to a query except other true ones; ties get the mean rank."""
+    """A link's rank among the answers to a query.
+
+    Attributes:
+        rank: realistic rank: ties get the mean rank.
+        candidates: number of answers that compete: all entities except other true answers.
+    """
 
     rank: float
     candidates: Count
 
 
 class RankedLink(ScoredLink):
-    """A scored link with the rank among all entities."""
+    """A scored link with its rank.
+
+    Attributes:
+        rank: rank of the queried end among all entities.
+    """
 
     rank: FilteredRank
 
 
 @dataclass(frozen=True)
 class Slot:
-    """All E entities as answers to a query, a triple with an open head or tail (``side``); arrays have shape (E,).
+    """All E entities as answers to a query, a triple with an open head or tail.
 
-    ``part`` is the split part of the triple's first recipe, an index in :data:`KNOWN`; ``learned`` marks
-    training triples.
+    Attributes:
+        entity: id of the given entity.
+        relation: id of the relation.
+        side: the open side.
+        scores: shape (E,), higher is more plausible.
+        part: shape (E,), split part of the first recipe that gives the triple, an index in
+            :data:`KNOWN`; :data:`NEW` if no recipe of the book gives it.
+        learned: shape (E,), True where the model was trained on the triple.
     """
 
     entity: int
@@ -110,29 +161,46 @@ class Slot:
 
     def triples(self, entities: Ids) -> Ids:
         """Return the triples with these entities as answers, shape (n, 3)."""
-        given, relation = np.full(len(entities), self.entity), np.full(len(entities), self.relation)
-        return np.column_stack(
-            [entities, relation, given] if self.side == "head" else [given, relation, entities]
-        )
+        given = np.full(len(entities), self.entity)
+        relation = np.full(len(entities), self.relation)
+        if self.side == "head":
+            return np.column_stack([entities, relation, given])
+        return np.column_stack([given, relation, entities])
 
     def ranks(self, entities: Ids) -> NDArray[np.float64]:
-        """Return filtered, realistic ranks, shape (n,), as by ``rank_triples``."""
-        others = np.sort(self.scores[self.part == NEW])
-        of = self.scores[entities]
-        above = len(others) - np.searchsorted(others, of, "right")
-        equal = np.searchsorted(others, of, "right") - np.searchsorted(others, of, "left")
-        # An entity with an untrue link is also a competitor.
-        return np.asarray(above + 1 + (equal - (self.part[entities] == NEW)) / 2)
+        """Return filtered, realistic ranks, shape (n,) -> (n,), as by ``rank_triples``."""
+        # Filtered: only entities without a true link compete. One sort serves all n ranks.
+        competitors = np.sort(self.scores[self.part == NEW])
+        scores = self.scores[entities]
+        up_to = np.searchsorted(competitors, scores, "right")
+        below = np.searchsorted(competitors, scores, "left")
+        above = len(competitors) - up_to
+        equal = up_to - below
+        # An entity without a true link is one of the competitors, and ties with itself: this is no
+        # tie.
+        is_competitor = self.part[entities] == NEW
+        # Realistic: the mean of the ranks before and after all ties.
+        return np.asarray(above + 1 + (equal - is_competitor) / 2)
 
     def rank(self, entity: int) -> FilteredRank:
         """Return an entity's filtered rank."""
-        candidates = int((self.part == NEW).sum()) + int(self.part[entity] != NEW)
-        return FilteredRank(float(self.ranks(np.array([entity]))[0]), candidates)
+        # An entity with a true link competes with all others that have none, and is a candidate
+        # itself.
+        competitors = int((self.part == NEW).sum())
+        candidates = competitors + int(self.part[entity] != NEW)
+        rank = self.ranks(np.array([entity]))[0]
+        return FilteredRank(float(rank), candidates)
 
 
 @dataclass(frozen=True)
 class LinkPredictor:
-    """A link prediction model that answers queries with ranks and reasons."""
+    """A link prediction model that answers queries with ranks and reasons.
+
+    Attributes:
+        name: name on the pages.
+        folder: folder of the model.
+        model: the opened folder.
+    """
 
     name: str
     folder: Path
@@ -141,15 +209,20 @@ class LinkPredictor:
     @cached_property
     def scoring(self) -> ScoringModel:
         """The model as evaluation uses it: scores, probabilities and known triples."""
-        has_outside = self.model.settings.get("with")
-        outside = (
-            OutsideEvidenceFinder.open(self.folder, self.model.opened) if has_outside else None
-        )
+        outside = None
+        if self.model.settings.get("with"):
+            # The model uses knowledge from outside the book, which it can then name as evidence.
+            outside = OutsideEvidenceFinder.open(self.folder, self.model.opened)
         return ScoringModel(self.model.scorer, self.split, self.model.kg, outside=outside)
 
     @cached_property
     def evidence(self) -> LinkEvidence:
-        """Supporting training links; too many entities are a ConfigError."""
+        """Training links that support a link.
+
+        Raises:
+            ConfigError: if there are too many entities to compare them all.
+        """
+        # The whole scorer: a fold has not seen its own links, which may be the best reasons.
         return LinkEvidence(whole_of(self.model.scorer), self.model.train_sample.recipes)
 
     @property
@@ -173,31 +246,61 @@ class LinkPredictor:
         return self.model.kg == "full"
 
     def learned(self, triples: Ids) -> NDArray[np.bool_]:
-        """Return a mask of training triples, shape (T, 3) -> (T,)."""
+        """Return which triples the model was trained on, shape (T, 3) -> (T,), bool."""
         return is_in(triples, self.model.triples, self.graph.num_entities)
 
     def slot(self, entity: int, relation: int, side: Side) -> Slot:
-        """Score all entities as head or tail (``side``) of a triple with the other entity and relation given."""
+        """Score all entities as answers to a query.
+
+        Args:
+            entity: id of the given entity.
+            relation: id of the relation.
+            side: the open side; the given entity is on the other one.
+
+        Returns:
+            scores of all E entities, with the truth of their triples.
+
+        Raises:
+            ConfigError: if there are too many entities to compare them all.
+        """
         size = self.graph.num_entities
         # Two dimensions, as in rankings: factors and embeddings use one matrix product.
-        everything, one = torch.arange(size)[None], torch.tensor([[entity]])
+        everything = torch.arange(size)[None]
+        one = torch.tensor([[entity]])
         ids = (everything, relation, one) if side == "head" else (one, relation, everything)
         with torch.no_grad():
-            scores = self.model.scorer.score(*ids)[0].cpu().numpy().astype(np.float64)
+            scores = self.model.scorer.score(*ids)[0].cpu().numpy()
+        # Doubles hold the scores of all scorers exactly, whatever their precision.
+        scores = scores.astype(np.float64)
+        # Columns of a triple: 0 is the head, 2 the tail.
+        given, answer = (2, 0) if side == "head" else (0, 2)
+        triples = self.graph.triples
+        is_true = (triples[:, 1] == relation) & (triples[:, given] == entity)
+        true = triples[is_true]
         part = np.full(size, NEW)
-        triples, (given, answer) = self.graph.triples, (2, 0) if side == "head" else (0, 2)
-        true = triples[(triples[:, 1] == relation) & (triples[:, given] == entity)]
         part[true[:, answer]] = self.split.part_of(true)
         learned = np.zeros(size, dtype=bool)
         learned[self.evidence.ends(entity, relation, side)] = True
-        return Slot(entity, relation, side, scores, part, learned)
+        return Slot(
+            entity=entity,
+            relation=relation,
+            side=side,
+            scores=scores,
+            part=part,
+            learned=learned,
+        )
 
     def ranked(self, slot: Slot, entity: int) -> RankedLink:
         """Return score and rank for the link with an entity in an open slot."""
-        (link,) = self._predicted(
-            slot, np.array([entity]), np.zeros(len(slot.scores), dtype=np.int64), 0
+        unlisted = np.zeros(len(slot.scores), dtype=np.int64)
+        (link,) = self._predicted(slot, np.array([entity]), unlisted, 0)
+        return RankedLink(
+            score=link.score,
+            status=link.status,
+            known=link.known,
+            probability=link.probability,
+            rank=slot.rank(entity),
         )
-        return RankedLink(link.score, link.status, link.known, link.probability, slot.rank(entity))
 
     def best(
         self,
@@ -208,7 +311,18 @@ class LinkPredictor:
         witnesses: int = 1,
         truth: int = 5,
     ) -> PredictedSlot:
-        """List the ``top`` entities in an open slot (with ``witnesses`` each), and the best ``truth`` true entities."""
+        """List the best entities in an open slot, and the best true entities outside training.
+
+        Args:
+            slot: scores of all entities.
+            with_learned: also list links that the model was trained on.
+            top: most entities to list.
+            witnesses: most supporting links for each listed entity; 0 computes no reasons.
+            truth: most true entities to list.
+
+        Returns:
+            both lists; equal scores are in the order of ids.
+        """
         order = np.argsort(-slot.scores, kind="stable")
         listed = order if with_learned else order[~slot.learned[order]]
         positions = np.zeros(len(order), dtype=np.int64)
@@ -230,14 +344,17 @@ class LinkPredictor:
     def _predicted(
         self, slot: Slot, entities: Ids, positions: Ids, witnesses: int
     ) -> Iterator[PredictedEntity]:
-        triples, ranks = slot.triples(entities), slot.ranks(entities)
+        triples = slot.triples(entities)
+        ranks = slot.ranks(entities)
         known = [KNOWN[part] for part in slot.part[entities].tolist()]
         chances = self.scoring.probabilities(triples, known)
-        for row, (entity, rank, part, chance) in enumerate(
-            zip(entities.tolist(), ranks, known, chances, strict=True)
-        ):
+        rows = zip(triples.tolist(), entities.tolist(), ranks, known, chances, strict=True)
+        for triple, entity, rank, part, chance in rows:
             learned = bool(slot.learned[entity])
-            head, relation, tail = triples[row].tolist()
+            reason = None
+            if witnesses:
+                head, relation, tail = triple
+                reason = self.evidence.reason(head, relation, tail, witnesses)
             yield PredictedEntity(
                 position=int(positions[entity]),
                 rank=float(rank),
@@ -245,29 +362,54 @@ class LinkPredictor:
                 score=float(slot.scores[entity]),
                 status=status_of(part, learned, is_itself=entity == slot.entity),
                 known=part,
+                # Calibrated on links outside the training data, so it says nothing about training
+                # links.
                 probability=None if learned else chance,
-                reason=self.evidence.reason(head, relation, tail, witnesses) if witnesses else None,
+                reason=reason,
             )
 
 
 def recipes_giving(graph: RecipeGraph, head: int, relation: int, tail: int) -> Ids:
-    """Return ascending recipe rows that give a link."""
+    """Return the recipes that give a link.
+
+    Args:
+        graph: graph with the recipes.
+        head: id of the head.
+        relation: id of the relation.
+        tail: id of the tail.
+
+    Returns:
+        rows of ``graph.recipes``, shape (n,), ascending; none for a link that is not in the book.
+    """
     if relation != COMBINES_WITH:
         return np.intersect1d(graph.uses_of(head), graph.recipes_of(tail))
     rows = graph.uses_of(head)
+    # Ingredients are sorted by id in the graph, heads and tails are not.
     pairs = graph.recipes[rows, :2]
     return rows[(pairs == sorted((head, tail))).all(axis=1)]
 
 
 def placed_recipes(split: Split, rows: Ids) -> tuple[PlacedRecipe, ...]:
-    """Return recipes by row, with their parts."""
+    """Return recipes by their rows in the graph, shape (n,), with their parts."""
     recipes = split.graph.recipe_labels(split.graph.recipes[rows])
     parts = (PARTS[part] for part in split.parts[rows].tolist())
-    return tuple(PlacedRecipe(*recipe, part) for recipe, part in zip(recipes, parts, strict=True))  # type: ignore[arg-type]
+    return tuple(
+        PlacedRecipe(*recipe, part)  # type: ignore[arg-type]
+        for recipe, part in zip(recipes, parts, strict=True)
+    )
 
 
 def status_of(known: Known, learned: bool, *, is_itself: bool = False) -> Status:
-    """Return a link's status from its part, whether it is a training link, and whether its ends are equal."""
+    """Return a link's status.
+
+    Args:
+        known: part of the first recipe that gives the link, or ``new``.
+        learned: whether the model was trained on the link.
+        is_itself: whether head and tail are the same entity.
+
+    Returns:
+        the status. A train link that is not learned is outside the train sample of the model.
+    """
     if learned:
         return "learned"
     if known == "new":

@@ -1,4 +1,4 @@
-"""Rendering pages from templates."""
+"""Rendering pages from templates; the same for the server and for a static site."""
 
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -9,17 +9,25 @@ import msgspec
 from markupsafe import Markup
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, State
+from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.reports.agent_pictures import ACTIONS
 from wordcraft_kg.reports.pages import Outline, make_environment
 
 QUESTIONS = 5
+"""Maximum number of example questions on the first page."""
 
 
 class Site:
-    """Renders pages, without forms if ``is_static``; ``address`` is empty for missing pages, ``file`` is for files."""
+    """Renders pages.
+
+    Attributes:
+        explored: content of the pages.
+        address: returns the address of a page; empty where the site does not have it.
+        file: returns the address of the site's own files, such as the style sheet, by file name.
+        is_static: whether the site has no server, so that pages have no forms.
+    """
 
     def __init__(
         self,
@@ -29,39 +37,58 @@ class Site:
         *,
         is_static: bool = False,
     ):
-        """Take a subject and address forms."""
-        self.explored, self.address, self.file, self.is_static = explored, address, file, is_static
+        """Take the content and address forms; the class describes the arguments."""
+        self.explored = explored
+        self.address = address
+        self.file = file
+        self.is_static = is_static
 
     @property
     def menu(self) -> list[tuple[Page[Any], str]]:
         """Pages in the menu with something to show, and their addresses."""
         pages = [page for page in PAGES.values() if page.title and page.is_there(self.explored)]
-        return [(page, address) for page in pages if (address := self.address(page, page.state()))]
+        entries = [(page, self.address(page, page.state())) for page in pages]
+        # A static site lacks the pages that need a server.
+        return [entry for entry in entries if entry[1]]
 
     @property
     def questions(self) -> list[tuple[str, str]]:
-        """Example questions with the addresses of pages that answer them: first agents, then models and the graph."""
-        pages = [page for page in reversed(PAGES.values()) if page.is_there(self.explored)]
-        links = (
-            (text, self.address(page, state))
-            for page in pages
-            for text, state in page.questions(self.explored)
-        )
-        return [question for question in links if question[1]][:QUESTIONS]
+        """Example questions, with the addresses of pages that answer them, about agents first."""
+        links = []
+        # The reverse of the menu: a reader with an agent is most curious about the agent.
+        for page in reversed(PAGES.values()):
+            if page.is_there(self.explored):
+                for text, state in page.questions(self.explored):
+                    links.append((text, self.address(page, state)))
+        return [link for link in links if link[1]][:QUESTIONS]
 
-    def page(self, page: Page[Any], state: State) -> str:
-        """Return a page as HTML; errors from the view are raised."""
+    def page(self, page: Page[Any], state: PageState) -> str:
+        """Return a page as HTML.
+
+        Raises:
+            WordCraftKGError: if the settings ask for something that is not there, or a folder has
+                changed.
+        """
         view = page.view(self.explored, state)
         pictures = page.draw(view, state, self.address) if page.draw else {}
         return self._render(f"{page.name}.html.j2", page, state, view=view, pictures=pictures)
 
     def error(self, status: int, message: str, suggestions: Mapping[str, str] | None = None) -> str:
-        """Return an error page, with suggested addresses by label."""
+        """Return an error page.
+
+        Args:
+            status: HTTP status, such as 404.
+            message: sentence about the problem; any text, since templates escape it.
+            suggestions: addresses of pages that may have been meant, by label; None for none.
+
+        Returns:
+            the page as HTML.
+        """
         values = {"status": status, "message": message, "suggestions": suggestions or {}}
         return self._render("error.html.j2", None, None, **values)
 
     def _render(
-        self, template: str, page: Page[Any] | None, state: State | None, **values: Any
+        self, template: str, page: Page[Any] | None, state: PageState | None, **values: Any
     ) -> str:
         outline = Outline()
 
@@ -74,10 +101,10 @@ class Site:
             return self.address(page, msgspec.structs.replace(state, **changes))
 
         def entity(label: str) -> Markup:
+            # The chosen model stays chosen on the pages that follow.
             model = getattr(state, "model", "")
-            return _anchor(
-                link("entity", entity=label, **({"model": model} if model else {})), label
-            )
+            chosen = {"model": model} if model else {}
+            return _anchor(link("entity", entity=label, **chosen), label)
 
         shown = {
             "site": self,
@@ -98,14 +125,18 @@ class Site:
 
 
 def _anchor(address: str, text: str) -> Markup:
-    return (
-        Markup('<a href="{}">{}</a>').format(address, for_html(text)) if address else for_html(text)
-    )
+    """Return a link, or only its text where there is no address."""
+    shown = for_html(text)
+    # Markup.format escapes the address, for_html the text: both may hold labels from a stranger's
+    # book.
+    return Markup('<a href="{}">{}</a>').format(address, shown) if address else shown
 
 
 @cache
 def _environment(package: str) -> jinja2.Environment:
-    # Charts look as in reports, and templates share their macros.
+    # Charts look as in reports, and templates share their macros. The page's own package comes
+    # first, so that a page from outside may replace a shared template; dict.fromkeys drops the
+    # explorer's second mention.
     packages = dict.fromkeys(
         (package, HOME.package, "wordcraft_kg.apps.web", "wordcraft_kg.reports")
     )

@@ -20,7 +20,7 @@ from starlette.routing import Route, Router
 from starlette.types import ASGIApp
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.pages import HOME, PAGES
 from wordcraft_kg.apps.explorer.pages.entities import search_entities
 from wordcraft_kg.apps.explorer.rendering import Site
@@ -129,7 +129,7 @@ class _Server:
             self.site.error(status, message, suggestions), status, media_type="text/html"
         )
 
-    def _rendered(self, page: Page[Any], state: State) -> bytes:
+    def _rendered(self, page: Page[Any], state: PageState) -> bytes:
         return self.site.page(page, state).encode()
 
 

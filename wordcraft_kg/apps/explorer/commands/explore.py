@@ -71,7 +71,8 @@ def explore(
     from wordcraft_kg.apps.explorer.server import end_process, make_app, warm
     from wordcraft_kg.apps.web.serving import listen, serve
 
-    listening = listen(host, port)  # before the work
+    # Before the work, which takes seconds: a port in use is reported at once.
+    listening = listen(host, port)
     try:
         explored = opened()
     except BaseException:
@@ -80,6 +81,7 @@ def explore(
 
     def started(address: str) -> None:
         output.result({"address": address}, [f"{address}   Ctrl-C stops the server"])
+        # After the address: the first page must not wait for all others.
         warm(explored)
 
     serve(make_app(explored, host, allow_host or ()), listening, started, in_browser=not no_browser)
@@ -92,10 +94,10 @@ def _export(opened: "Callable[[], Explored]", out: Path, force: bool, output: Ou
 
     check_output(out, force=force)
     site = export_site(opened(), out, force=force)
-    size, largest = f"{site.bytes / 2**20:.1f} MiB", f"{site.largest / 2**10:.0f} KiB"
+    size = f"{site.bytes / 2**20:.1f} MiB"
+    largest = f"{site.largest / 2**10:.0f} KiB"
     lines = [f"wrote {out}: {site.pages:,} pages, {size}, the largest {largest}"]
     if site.skipped:
-        lines.append(
-            f"skipped pages: {len(site.skipped):,}, such as {next(iter(site.skipped.items()))}"
-        )
+        example = next(iter(site.skipped.items()))
+        lines.append(f"skipped pages: {len(site.skipped):,}, such as {example}")
     output.result(site, [*lines, f"open {out / 'index.html'}"])

@@ -1,7 +1,13 @@
 """All pages, by their first address segment.
 
-A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here and an entry in :data:`CORE`. Other apps and
+Read ``entity`` first: a page with settings, a view, a static form and example questions. ``map``
+and ``path`` also draw. A page is a :class:`~wordcraft_kg.apps.explorer.page.Page` in a module here,
+an entry in :data:`CORE`, and a template of its name. Modules import ``page``, ``explored`` and
+``predictor``, and other pages to link to them; no page imports the server. Other apps and
 distributions add pages by entry points ``module:PAGE`` in the group ``wordcraft_kg.pages``.
+
+Free to change without asking: texts, limits, and the look of a page. Names of pages and of their
+settings stay, since they are addresses that people keep.
 """
 
 from collections.abc import Iterable
@@ -29,26 +35,35 @@ from wordcraft_kg.base.errors import ConfigError
 GROUP = "wordcraft_kg.pages"
 HOME: Page[Any] = home.PAGE
 CORE: tuple[Page[Any], ...] = (
-    *(
-        HOME,
-        entities.PAGE,
-        entity.PAGE,
-        entity.RECIPES,
-        map.PAGE,
-        path.PAGE,
-        predictions.PAGE,
-        link.PAGE,
-    ),
-    *(compare.PAGE, pair.PAGE, tasks.PAGE, episode.PAGE, games.PAGE, runs.PAGE, runs.RUN),
+    HOME,
+    entities.PAGE,
+    entity.PAGE,
+    entity.RECIPES,
+    map.PAGE,
+    path.PAGE,
+    predictions.PAGE,
+    link.PAGE,
+    compare.PAGE,
+    pair.PAGE,
+    tasks.PAGE,
+    episode.PAGE,
+    games.PAGE,
+    runs.PAGE,
+    runs.RUN,
 )
-"""Pages of this app, in the order of the menu."""
+"""Pages of this app, in the order of the menu: the graph first, then models, then agents."""
 
 
 def pages_by_name(points: Iterable[EntryPoint]) -> dict[str, Page[Any]]:
-    """Return own pages and pages from entry points; two pages with one name are a ConfigError."""
+    """Return own pages and pages from entry points.
+
+    Raises:
+        ConfigError: if two pages have the same name, and so the same addresses.
+    """
     pages = {page.name: page for page in CORE}
     for point in points:
         page = point.load()
+        # Two entry points may name the same page.
         if pages.setdefault(page.name, page) is not page:
             raise ConfigError(
                 f"two pages have the name '{page.name}'; uninstall or rename that of {point.value}."

@@ -1,7 +1,7 @@
-"""Two models compared."""
+"""Two models compared on the same queries: which one is better, and where they differ most."""
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.page import Page, Paging, paging
 from wordcraft_kg.apps.explorer.pages.predictions import (
     ROWS_A_PAGE,
-    Queries,
+    QueriesState,
     RankedQuery,
     RankedTriples,
     RankFilter,
@@ -25,10 +25,19 @@ from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.models.scorers.ranking import RankingMetrics, ranking_metrics
 
 Better = Literal["either", "one", "other"]
+"""Which model ranks the answer better; ``either`` includes equal ranks."""
 
 
-class Compare(Queries):
-    """Page settings: a filter for queries, two models (default: the first two), and which ranks the answer better."""
+class CompareState(QueriesState):
+    """Page settings: a filter for queries, two models, and which one ranks the answer better.
+
+    Attributes:
+        part: part of the book with the triple; empty for all. New links are of one model, so they
+            cannot be compared.
+        one: name of a model; empty for the first.
+        other: name of another model; empty for the second.
+        better: which model ranks the listed queries better.
+    """
 
     part: Part | Literal[""] = ""
     one: str = ""
@@ -37,10 +46,20 @@ class Compare(Queries):
 
 
 class ComparedRanks(Record):
-    """Two models' ranks for the same queries, by descending difference in reciprocal rank.
+    """Two models' ranks for the same queries.
 
-    Metrics and counts cover all filtered queries: ``better`` those that each model ranks better, ``learned`` triples
-    that either model was trained on.
+    Metrics and counts cover all filtered queries, not only the listed ones.
+
+    Attributes:
+        models: names of the two models, in the order of all pairs below.
+        chosen: the filter. With ``known``, both models were trained on the triple, or neither.
+        listed: which of the filtered queries are listed.
+        metrics: ranking metrics of each model.
+        better: numbers of queries that each model ranks better.
+        learned: number of queries for triples that either model was trained on.
+        sample: how many triples are ranked.
+        paging: which of the listed queries are on this page.
+        queries: each query by both models, the largest difference in reciprocal rank first.
     """
 
     models: tuple[str, str]
@@ -55,7 +74,13 @@ class ComparedRanks(Record):
 
 
 class ModelsCompared(Record):
-    """Two models' ranks, and their comparison or the reason why there is none."""
+    """Two models' ranks, and their comparison.
+
+    Attributes:
+        headline: comparison as by the command ``compare``; None without enough test triples.
+        without_headline: reason why there is no comparison; empty if there is one.
+        ranks: the ranks.
+    """
 
     headline: link_comparison.LinkComparison | None
     without_headline: str
@@ -69,22 +94,56 @@ def view_compared_ranks(
     better: Better = "either",
     page: int = 1,
 ) -> ComparedRanks:
-    """Compare two models' ranks of the same triples, the largest differences first; else a GraphMismatchError."""
+    """Compare two models' ranks of the same triples.
+
+    Args:
+        one: ranks by a model.
+        other: ranks of the same triples by the other model.
+        chosen: filter for queries.
+        better: which model ranks the listed queries better.
+        page: page number in their list, from 1.
+
+    Returns:
+        the largest differences first, and each link once.
+
+    Raises:
+        GraphMismatchError: if the two ranks are of different triples.
+        UnknownEntityError: if the filter has an entity that is not in the graph.
+        ConfigError: if the list has no such page.
+    """
     keys = ["head", "relation", "tail", "side"]
-    if one.split.hash != other.split.hash or not one.ranks[keys].equals(other.ranks[keys]):
+    are_same = one.ranks[keys].equals(other.ranks[keys])
+    if one.split.hash != other.split.hash or not are_same:
         raise GraphMismatchError(
-            f"'{one.name}' and '{other.name}' rank different triples. Select two models of one graph folder."
+            f"'{one.name}' and '{other.name}' rank different triples. "
+            "Select two models of one graph folder."
         )
-    left, right = one.rows(chosen), other.rows(chosen)
+    # Both tables have the same rows, see above, but the filters for rank and training data may
+    # choose different ones.
+    left = one.rows(chosen)
+    right = other.rows(chosen)
     both = left.index.intersection(right.index)
-    left, right = left.loc[both], right.loc[both]
+    left = left.loc[both]
+    right = right.loc[both]
+    # Reciprocal ranks, as in the MRR: a difference among the first ranks counts most.
     gain = (1 / left["rank"] - 1 / right["rank"]).to_numpy(dtype=float)
-    listed = {"either": np.ones(len(gain), dtype=bool), "one": gain > 0, "other": gain < 0}[better]
+    is_listed = {
+        "either": np.ones(len(gain), dtype=bool),
+        "one": gain > 0,
+        "other": gain < 0,
+    }[better]
     by_gain = np.argsort(-np.abs(gain), kind="stable")
-    ordered = left.iloc[by_gain[listed[by_gain]]].drop_duplicates("link")
+    # A link has a row for each side, a symmetric link also for each direction: the largest
+    # difference is kept.
+    ordered = left.iloc[by_gain[is_listed[by_gain]]].drop_duplicates("link")
     shown = paging(len(ordered), page, ROWS_A_PAGE)
     rows = ordered.index[shown.rows]
-    first, second = (ranked_queries(one.split.graph, ranks.loc[rows]) for ranks in (left, right))
+    graph = one.split.graph
+    pairs = zip(
+        ranked_queries(graph, left.loc[rows]),
+        ranked_queries(graph, right.loc[rows]),
+        strict=True,
+    )
     return ComparedRanks(
         models=(one.name, other.name),
         chosen=chosen,
@@ -94,7 +153,7 @@ def view_compared_ranks(
         learned=int((left["learned"] | right["learned"]).sum()),
         sample=one.sample,
         paging=shown,
-        queries=tuple(zip(first, second, strict=True)),
+        queries=tuple(pairs),
     )
 
 
@@ -102,20 +161,29 @@ def _has_two_models(explored: Explored) -> bool:
     return len(explored.models) > 1
 
 
-def _view(explored: Explored, state: Compare) -> ModelsCompared:
+def _view(explored: Explored, state: CompareState) -> ModelsCompared:
     if not _has_two_models(explored):
         raise ConfigError(
-            "This page needs two models; start with two of `wordcraft-kg explore GRAPH --model FOLDER`."
+            "This page needs two models; "
+            "start with two of `wordcraft-kg explore GRAPH --model FOLDER`."
         )
+    # If only one model is given, the first model that differs from it is the other.
     names = list(explored.models)
     first = state.one or next(name for name in names if name != state.other)
     second = state.other or next(name for name in names if name != first)
-    one, other = explored.predictor(first), explored.predictor(second)
-
-    headline, why = explored.once(("compared", one.name, other.name), lambda: _headline(one, other))
-    one_ranks, other_ranks = ranked_by(explored, one.name), ranked_by(explored, other.name)
-    ranks = view_compared_ranks(one_ranks, other_ranks, state.chosen, state.better, state.page)
-    return ModelsCompared(headline, why, ranks)
+    one = explored.predictor(first)
+    other = explored.predictor(second)
+    # The comparison resamples test triples, which takes seconds.
+    key = ("compared", one.name, other.name)
+    headline, why = explored.once(key, lambda: _headline(one, other))
+    ranks = view_compared_ranks(
+        ranked_by(explored, one.name),
+        ranked_by(explored, other.name),
+        state.chosen,
+        state.better,
+        state.page,
+    )
+    return ModelsCompared(headline=headline, without_headline=why, ranks=ranks)
 
 
 def _headline(
@@ -125,23 +193,20 @@ def _headline(
     try:
         return link_comparison.compare(contenders), ""
     except SplitError as error:
+        # Without unseen test triples there is nothing to test, but there still are ranks to show.
         return None, str(error)
 
 
-def _exported(_: Explored) -> Iterator[Compare]:
-    yield from (Compare(better=better) for better in ("either", "one", "other"))
-
-
-def _questions(explored: Explored) -> Iterator[tuple[str, Compare]]:
-    yield "Which links do {} and {} rank differently?".format(*explored.models), Compare()
+def _questions(explored: Explored) -> Iterator[tuple[str, CompareState]]:
+    yield "Which links do {} and {} rank differently?".format(*explored.models), CompareState()
 
 
 PAGE = Page(
     "compare",
-    Compare,
+    CompareState,
     _view,
     title="Compare",
-    exported=_exported,
+    exported=lambda _: [CompareState(better=better) for better in get_args(Better)],
     questions=_questions,
     is_there=_has_two_models,
 )

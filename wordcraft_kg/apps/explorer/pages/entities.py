@@ -1,4 +1,4 @@
-"""The entity list."""
+"""The entity list, and the search for entities by their labels."""
 
 import unicodedata
 from collections.abc import Iterator, Sequence
@@ -8,18 +8,26 @@ from typing import Literal
 import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, num_pages, paging
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 
 EntityOrder = Literal["label", "layer", "recipes", "uses"]
+"""Ascending label or layer (entities that cannot be made come last), or descending number of
+recipes or uses."""
 ENTITIES_A_PAGE = 200
 
 
-class Entities(State):
-    """Page settings: a text in labels (``q``), and an order: ascending label or layer, descending recipes or uses."""
+class EntitiesState(PageState):
+    """Page settings: a filter and an order.
+
+    Attributes:
+        q: text in the labels; empty for all entities.
+        sort: order, see :data:`EntityOrder`.
+        page: page number in the list.
+    """
 
     q: str = ""
     sort: EntityOrder = "label"
@@ -27,7 +35,14 @@ class Entities(State):
 
 
 class ListedEntity(Record):
-    """An entity with its crafting layer (None if it cannot be made from the base) and its numbers of recipes."""
+    """An entity in the list.
+
+    Attributes:
+        entity: label.
+        layer: crafting layer, 0 for the base; None if the entity cannot be made from the base.
+        recipes: number of recipes that make the entity.
+        uses: number of recipes that use the entity.
+    """
 
     entity: str
     layer: Count | None
@@ -36,7 +51,14 @@ class ListedEntity(Record):
 
 
 class EntityList(Record):
-    """A page of the entities whose labels contain a text."""
+    """A page of the entities whose labels contain a text.
+
+    Attributes:
+        wanted: the text; empty for all entities.
+        order: order of the entities.
+        paging: which of them are on this page.
+        entities: the entities on this page.
+    """
 
     wanted: str
     order: EntityOrder
@@ -47,50 +69,99 @@ class EntityList(Record):
 def list_entities(
     graph: RecipeGraph, wanted: str = "", order: EntityOrder = "label", page: int = 1
 ) -> EntityList:
-    """List entities with a text in the label, ignoring case and accents; an empty text lists all."""
-    ids, layer = _matching(graph, wanted), layers_of(graph)
+    """List entities page by page.
+
+    Args:
+        graph: graph with the entities.
+        wanted: text in the labels, whatever its case and accents; empty for all entities.
+        order: order of the entities; ties are in the order of labels.
+        page: page number, from 1.
+
+    Returns:
+        the entities on the page.
+
+    Raises:
+        ConfigError: if the list has no such page.
+    """
+    ids = _matching(graph, wanted)
+    layer = layers_of(graph)
     keys: dict[str, Ids] = {
         "label": ids,
+        # Layer -1 means that an entity cannot be made: the last place, not the first.
         "layer": np.where(layer < 0, graph.num_entities, layer)[ids],
         "recipes": -graph.recipe_counts[ids],
         "uses": -graph.use_counts[ids],
     }
     shown = paging(len(ids), page, ENTITIES_A_PAGE)
+    # Ids are in the order of labels, so a stable sort breaks ties by label.
     chosen = ids[np.argsort(keys[order], kind="stable")][shown.rows]
-    columns = (values[chosen].tolist() for values in (layer, graph.recipe_counts, graph.use_counts))
-    rows = zip(graph.labels(chosen.tolist()), *columns, strict=True)
-    entities = tuple(
-        ListedEntity(label, at if at >= 0 else None, made, used) for label, at, made, used in rows
+    rows = zip(
+        graph.labels(chosen.tolist()),
+        layer[chosen].tolist(),
+        graph.recipe_counts[chosen].tolist(),
+        graph.use_counts[chosen].tolist(),
+        strict=True,
     )
-    return EntityList(wanted, order, shown, entities)
+    entities = tuple(
+        ListedEntity(
+            entity=label,
+            layer=at if at >= 0 else None,
+            recipes=made,
+            uses=used,
+        )
+        for label, at, made, used in rows
+    )
+    return EntityList(wanted=wanted, order=order, paging=shown, entities=entities)
 
 
 def search_entities(graph: RecipeGraph, wanted: str, limit: int = 10) -> tuple[str, ...]:
-    """Return labels that match a text: equal, at the beginning, at a word start, elsewhere; ties by use count."""
+    """Return the labels that a text may mean.
+
+    Args:
+        graph: graph with the entities.
+        wanted: text in the labels, whatever its case and accents; empty for no entity.
+        limit: most labels to return.
+
+    Returns:
+        the label that equals the text, then labels that begin with it, that have it at the start of
+        a word, and that have it elsewhere; among these by descending use count. In the kitchen,
+        "BRE" gives bread and bread crumbs.
+    """
     text = _folded(wanted)
     if not text:
         return ()
-    names, used = _folded_labels(graph), graph.use_counts
+    names = _folded_labels(graph)
+    used = graph.use_counts
 
     def key(i: int) -> tuple[bool, bool, bool, int, int]:
+        # False sorts before True: the better match first. The id at the end makes the order total.
         name = names[i]
-        return name != text, not name.startswith(text), f" {text}" not in name, -used[i], i
+        return (
+            name != text,
+            not name.startswith(text),
+            f" {text}" not in name,
+            -used[i],
+            i,
+        )
 
     return graph.labels(sorted(_matching(graph, wanted).tolist(), key=key)[:limit])
 
 
 def _folded(text: str) -> str:
+    # NFKD separates accents from letters; the accents are then left out.
     apart = unicodedata.normalize("NFKD", text.strip().casefold())
     return "".join(letter for letter in apart if not unicodedata.combining(letter))
 
 
 def _matching(graph: RecipeGraph, wanted: str) -> Ids:
     text = _folded(wanted)
-    return np.array(
-        [i for i, name in enumerate(_folded_labels(graph)) if text in name], dtype=np.int64
-    )
+    matches = [i for i, name in enumerate(_folded_labels(graph)) if text in name]
+    # The type for an empty list, of which NumPy would make floats.
+    return np.array(matches, dtype=np.int64)
 
 
+# Four graphs, since tests and notebooks open several; a search asks for all labels at each key
+# press.
 @lru_cache(maxsize=4)
 def _folded_labels(graph: RecipeGraph) -> Sequence[str]:
     return [_folded(label) for label in graph.entities]
@@ -98,18 +169,18 @@ def _folded_labels(graph: RecipeGraph) -> Sequence[str]:
 
 @lru_cache(maxsize=4)
 def layers_of(graph: RecipeGraph) -> Ids:
-    """Return cached :func:`~wordcraft_kg.graphs.planner.layers`."""
+    """Return cached :func:`~wordcraft_kg.graphs.planner.layers`: each entity's, shape (E,)."""
     return layers(graph)
 
 
-def _view(explored: Explored, state: Entities) -> EntityList:
+def _view(explored: Explored, state: EntitiesState) -> EntityList:
     return list_entities(explored.opened.graph, state.q, state.sort, state.page)
 
 
-def _exported(explored: Explored) -> Iterator[Entities]:
-    pages = -(-explored.opened.graph.num_entities // ENTITIES_A_PAGE)
+def _exported(explored: Explored) -> Iterator[EntitiesState]:
+    pages = num_pages(explored.opened.graph.num_entities, ENTITIES_A_PAGE)
     for order in ("label", "layer", "recipes", "uses"):
-        yield from (Entities(sort=order, page=page) for page in range(1, pages + 1))
+        yield from (EntitiesState(sort=order, page=page) for page in range(1, pages + 1))
 
 
-PAGE = Page("entities", Entities, _view, title="Entities", exported=_exported)
+PAGE = Page("entities", EntitiesState, _view, title="Entities", exported=_exported)

@@ -1,13 +1,14 @@
 """Pages for an entity and its recipes."""
 
 from collections.abc import Iterator
+from itertools import chain
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, num_pages, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.apps.explorer.predictor import PlacedRecipe, PredictedSlot, placed_recipes
 from wordcraft_kg.base.errors import ConfigError
@@ -18,7 +19,9 @@ from wordcraft_kg.models.scorers.features import EntityFeatures, glove_features
 from wordcraft_kg.models.scorers.roles import Side
 
 NEAREST = 8
+"""Similar entities on an entity's page."""
 PREDICTED = 10
+"""Predictions for each query on an entity's page."""
 LISTED = 12
 """Recipes of either kind on an entity's page."""
 RECIPES_A_PAGE = 100
@@ -31,18 +34,32 @@ OPEN_SLOTS: tuple[tuple[int, Side], ...] = (
 )
 """Queries to a model: partners of the entity, ingredients, products."""
 Use = Literal["makes", "uses"]
+"""Whether recipes make an entity or use it."""
 
 
-class Entity(State):
-    """Page settings: an entity, by default the most used; a model; ``learned`` lists training links, too."""
+class EntityState(PageState):
+    """Page settings: an entity and a model.
+
+    Attributes:
+        entity: label; empty for the most used entity.
+        model: name of the model; empty for the first.
+        learned: whether predictions list training links, too.
+    """
 
     entity: str = ""
     model: str = ""
     learned: bool = False
 
 
-class Recipes(State):
-    """Page settings: an entity, its use (recipes that make or use it), and a split part."""
+class RecipesState(PageState):
+    """Page settings: recipes of an entity.
+
+    Attributes:
+        entity: label; the page needs one.
+        use: whether the recipes make or use the entity.
+        part: split part of the recipes; empty for all.
+        page: page number in the list.
+    """
 
     entity: str = ""
     use: Use = "uses"
@@ -51,7 +68,16 @@ class Recipes(State):
 
 
 class EntityRecipes(Record):
-    """Recipes that make or use an entity, and their number by part."""
+    """Recipes that make or use an entity.
+
+    Attributes:
+        entity: label.
+        use: whether the recipes make or use the entity.
+        parts: number of recipes by part, whatever part is chosen; parts without recipes are left
+            out.
+        paging: which recipes of the chosen part are on this page.
+        recipes: the recipes on this page.
+    """
 
     entity: str
     use: Use
@@ -61,16 +87,33 @@ class EntityRecipes(Record):
 
 
 class AlikeEntity(Record):
-    """A similar entity with the cosine."""
+    """A similar entity.
+
+    Attributes:
+        entity: label.
+        cosine: cosine similarity, from -1 to 1.
+    """
 
     entity: str
     cosine: float
 
 
 class EntityProfile(Record):
-    """An entity, with predictions for partners, ingredients and products.
+    """An entity, with its recipes and predictions for partners, ingredients and products.
 
-    ``layer`` and ``crafts`` (of the cheapest derivation) need a reachable entity, ``by_words`` a vector; else None.
+    Attributes:
+        entity: label.
+        base: whether the entity is a base entity.
+        layer: crafting layer, 0 for the base; None if the entity cannot be made.
+        crafts: number of crafts in the cheapest derivation; None if the entity cannot be made.
+        made_by: some of the recipes that make the entity.
+        used_in: some of the recipes that use the entity.
+        model: name of the model; empty without one.
+        has_seen_the_test_recipes: whether the model was trained on all recipes; False without a
+            model.
+        slots: predictions for the queries in :data:`OPEN_SLOTS`; empty without a model.
+        nearest: most similar entities by the model; empty without a model.
+        by_words: most similar entities by word vectors; None if no word of the label has a vector.
     """
 
     entity: str
@@ -88,69 +131,78 @@ class EntityProfile(Record):
     @property
     def held_out(self) -> int:
         """Number of recipes outside the train part."""
+        # Not a merged dict, which would keep one of two counts for a part.
         parts = [*self.made_by.parts.items(), *self.used_in.parts.items()]
         return sum(count for part, count in parts if part != "train")
 
     @property
     def has_probabilities(self) -> bool:
         """Whether any prediction has a probability."""
-        return any(row.probability is not None for slot in self.slots for row in slot.best)
+        rows = chain.from_iterable(slot.best for slot in self.slots)
+        return any(row.probability is not None for row in rows)
 
 
-def _view(explored: Explored, state: Entity) -> EntityProfile:
-    split, graph = explored.opened.split, explored.opened.graph
+def _view(explored: Explored, state: EntityState) -> EntityProfile:
+    split = explored.opened.split
+    graph = explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
     label = state.entity or graph.entities[int(graph.use_counts.argmax())]
     entity = graph.id_of(label)
-    layer, words = (
-        int(layers_of(graph)[entity]),
-        explored.once("words", lambda: glove_features(graph.entities)),
-    )
+    layer = int(layers_of(graph)[entity])
+    is_reachable = layer >= 0
+    # Reading word vectors takes seconds.
+    words = explored.once("words", lambda: glove_features(graph.entities))
+    by_words = _alike(graph.entities, near_by_words(words, entity))
     predictor = explored.predictor(state.model) if explored.models else None
     slots: tuple[PredictedSlot, ...] = ()
     nearest: tuple[AlikeEntity, ...] = ()
     if predictor is not None:
+        scored = [predictor.slot(entity, relation, side) for relation, side in OPEN_SLOTS]
         slots = tuple(
-            predictor.best(
-                predictor.slot(entity, *which), with_learned=state.learned, top=PREDICTED
-            )
-            for which in OPEN_SLOTS
+            predictor.best(slot, with_learned=state.learned, top=PREDICTED) for slot in scored
         )
         nearest = _alike(graph.entities, predictor.evidence.roles.nearest(entity, NEAREST))
     return EntityProfile(
         entity=label,
         base=bool((graph.base_ids == entity).any()),
-        layer=layer if layer >= 0 else None,
-        crafts=len(explored.planner().derivation(entity).steps) if layer >= 0 else None,
-        made_by=_recipes(split, Recipes(label, "makes"), LISTED),
-        used_in=_recipes(split, Recipes(label, "uses"), LISTED),
+        layer=layer if is_reachable else None,
+        crafts=len(explored.planner().derivation(entity).steps) if is_reachable else None,
+        made_by=_recipes(split, RecipesState(label, "makes"), LISTED),
+        used_in=_recipes(split, RecipesState(label, "uses"), LISTED),
         model="" if predictor is None else predictor.name,
         has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
         slots=slots,
         nearest=nearest,
-        by_words=_alike(graph.entities, near_by_words(words, entity))
-        if words.known[entity]
-        else None,
+        by_words=by_words if words.known[entity] else None,
     )
 
 
-def _view_recipes(explored: Explored, state: Recipes) -> EntityRecipes:
+def _view_recipes(explored: Explored, state: RecipesState) -> EntityRecipes:
     if not state.entity:
         raise ConfigError("The address has no entity; expected an address such as /recipes/water.")
     return _recipes(explored.opened.split, state, RECIPES_A_PAGE)
 
 
-def _recipes(split: Split, state: Recipes, size: int) -> EntityRecipes:
+def _recipes(split: Split, state: RecipesState, size: int) -> EntityRecipes:
+    """Return a page of ``size`` recipes."""
     graph = split.graph
-    rows = graph.recipes_of(state.entity) if state.use == "makes" else graph.uses_of(state.entity)
+    rows_of = graph.recipes_of if state.use == "makes" else graph.uses_of
+    rows = rows_of(state.entity)
+    # Counts of all parts, before the filter: the page links to the other parts.
     counts = np.bincount(split.parts[rows], minlength=len(PARTS)).tolist()
-    chosen = rows if not state.part else rows[split.parts[rows] == PARTS.index(state.part)]
+    chosen = rows
+    if state.part:
+        chosen = rows[split.parts[rows] == PARTS.index(state.part)]
     shown = paging(len(chosen), state.page, size)
     return EntityRecipes(
         entity=state.entity,
         use=state.use,
-        parts={name: count for name, count in zip(PARTS, counts, strict=True) if count},  # type: ignore[misc]
+        parts={
+            name: count  # type: ignore[misc]
+            for name, count in zip(PARTS, counts, strict=True)
+            if count
+        },
         paging=shown,
         recipes=placed_recipes(split, chosen[shown.rows]),
     )
@@ -159,43 +211,57 @@ def _recipes(split: Split, state: Recipes, size: int) -> EntityRecipes:
 def near_by_words(
     words: EntityFeatures, entity: int, limit: int = NEAREST
 ) -> list[tuple[int, float]]:
-    """Return ids and cosines by word vector similarity; empty for an entity without a vector."""
+    """Return the entities with the most similar word vectors.
+
+    Args:
+        words: word vectors of all E entities.
+        entity: id of the entity.
+        limit: most entities to return.
+
+    Returns:
+        ids and cosines, the largest cosine first, ties in the order of ids; entities without
+        vectors are left out, and the list is empty for one.
+    """
     if not words.known[entity]:
         return []
     cosines: NDArray[np.float32] = words.unit_vectors @ words.unit_vectors[entity]
     others = np.flatnonzero(words.known)
+    others = others[others != entity]
     order = others[np.argsort(-cosines[others], kind="stable")]
-    return [
-        (other, float(cosines[other])) for other in order[: limit + 1].tolist() if other != entity
-    ][:limit]
+    return [(other, float(cosines[other])) for other in order[:limit].tolist()]
 
 
 def _alike(labels: tuple[str, ...], neighbours: list[tuple[int, float]]) -> tuple[AlikeEntity, ...]:
     return tuple(AlikeEntity(labels[other], cosine) for other, cosine in neighbours)
 
 
-def _exported(explored: Explored) -> Iterator[Entity]:
-    yield from (Entity(label) for label in explored.opened.graph.entities[:EXPORTED])
-
-
-def _exported_recipes(explored: Explored) -> Iterator[Recipes]:
+def _exported_recipes(explored: Explored) -> Iterator[RecipesState]:
     graph = explored.opened.graph
-    counts = zip(graph.recipe_counts.tolist(), graph.use_counts.tolist(), strict=True)
-    uses: tuple[Use, ...] = ("makes", "uses")
-    for label, both in zip(graph.entities[:EXPORTED], counts, strict=False):
-        for use, count in zip(uses, both, strict=True):
-            if count > LISTED:
-                yield from (
-                    Recipes(label, use, page=page)
-                    for page in range(1, -(-count // RECIPES_A_PAGE) + 1)
-                )
+    counts: dict[Use, list[int]] = {
+        "makes": graph.recipe_counts.tolist(),
+        "uses": graph.use_counts.tolist(),
+    }
+    for entity, label in enumerate(graph.entities[:EXPORTED]):
+        for use, numbers in counts.items():
+            # The entity's page lists all recipes of a short list.
+            if numbers[entity] > LISTED:
+                for page in range(1, num_pages(numbers[entity], RECIPES_A_PAGE) + 1):
+                    yield RecipesState(label, use, page=page)
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, Entity]]:
+def _questions(explored: Explored) -> Iterator[tuple[str, EntityState]]:
     graph = explored.opened.graph
+    # A loop over one hub, or over none in a graph without entities.
     for hub in graph.labels(np.argsort(-graph.use_counts, kind="stable")[:1]):
-        yield f"What combines with {hub}?", Entity(hub)
+        yield f"What combines with {hub}?", EntityState(hub)
 
 
-PAGE = Page("entity", Entity, _view, subject="entity", exported=_exported, questions=_questions)
-RECIPES = Page("recipes", Recipes, _view_recipes, subject="entity", exported=_exported_recipes)
+PAGE = Page(
+    "entity",
+    EntityState,
+    _view,
+    subject="entity",
+    exported=lambda explored: map(EntityState, explored.opened.graph.entities[:EXPORTED]),
+    questions=_questions,
+)
+RECIPES = Page("recipes", RecipesState, _view_recipes, subject="entity", exported=_exported_recipes)

@@ -1,15 +1,23 @@
-"""The episode page."""
+"""The episode page: agents' actions at a table, explained, and recorded games at that table.
+
+``_view`` first: it asks each agent to act at the table that the settings describe.
+"""
 
 from collections.abc import Iterable, Iterator
 from functools import cache
 from operator import attrgetter
 
-from wordcraft_kg.agents.explanation import ExplainedStep, ExplainedTable
+from wordcraft_kg.agents.explanation import (
+    ExplainedEpisode,
+    ExplainedStep,
+    ExplainedTable,
+    Explainer,
+)
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
-from wordcraft_kg.apps.explorer.page import Page, State
-from wordcraft_kg.apps.explorer.pages.games import Games, list_games
+from wordcraft_kg.apps.explorer.page import Page, PageState
+from wordcraft_kg.apps.explorer.pages.games import GamesState, list_games
 from wordcraft_kg.apps.explorer.pages.tasks import PAGE as TASKS
 from wordcraft_kg.apps.explorer.pages.tasks import list_tasks
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, WordCraftKGError
@@ -26,10 +34,20 @@ MOST_ROWS = 160
 """Maximum rows of slots on a page; large pages show only the best slots of each action."""
 
 
-class Episode(State):
-    """Page settings: a task, the agents that act, and changes by the visitor to goal, table or selection, by labels.
+class EpisodeState(PageState):
+    """Page settings: a task, the agents that act, and the visitor's changes to the table.
 
-    Depth 0 and negative ``distractors`` are as in the agent's training.
+    Attributes:
+        run: name of the first agent's run; empty for the first run.
+        other: names of the runs of agents to compare with it; empty names are ignored.
+        part: part of the task; empty for the usual part.
+        depth: depth of the task, in crafts; 0 for the first agent's training depth.
+        task: number of the task among those of its depth and part.
+        distractor_seed: seed of the distractors on the task's own table.
+        distractors: number of distractors; negative for as many as in the first agent's training.
+        goal: another goal; empty for the task's own.
+        table: another table; empty labels are ignored, since forms send empty fields.
+        selection: entity that is selected at the start; empty for none.
     """
 
     run: str = ""
@@ -55,7 +73,15 @@ class Episode(State):
 
 
 class AgentAtTable(Record):
-    """An agent's actions at the shown table, or the problem that prevents them; ``folds`` counts the scorer's folds."""
+    """An agent's actions at the shown table, or the problem that prevents them.
+
+    Attributes:
+        run: name of the agent's run.
+        checkpoint: weights that act; empty if the agent cannot act.
+        folds: number of folds of the agent's scorer; 0 without folds.
+        explained: the actions; None if the agent cannot act.
+        problem: reason why the agent cannot act.
+    """
 
     run: str
     checkpoint: str
@@ -65,7 +91,13 @@ class AgentAtTable(Record):
 
 
 class Pick(Record):
-    """A chosen entity with the scores and the probability that the first agent gives to this choice, if known."""
+    """A chosen entity, with the first agent's opinion of this choice.
+
+    Attributes:
+        entity: label.
+        sources: scores by source; empty if the agent cannot choose the entity.
+        probability: probability of the choice; None if the agent cannot choose the entity.
+    """
 
     entity: str
     sources: dict[str, float]
@@ -73,14 +105,26 @@ class Pick(Record):
 
 
 class Attempt(Record):
-    """A combined pair and the new entities."""
+    """A combined pair.
+
+    Attributes:
+        picks: the two chosen entities, in turn.
+        made: labels of the new entities on the table.
+    """
 
     picks: tuple[Pick, Pick]
     made: tuple[str, ...]
 
 
 class PlayerAtTable(Record):
-    """A player's attempts at the table (None for a lost attempt); success is None for an unfinished game."""
+    """A player's game at the table.
+
+    Attributes:
+        player: name of the player.
+        kind: kind of the player, such as agent or people.
+        attempts: the combined pairs; None for a lost attempt.
+        success: whether the player made the goal; None for an unfinished game.
+    """
 
     player: str
     kind: str
@@ -89,12 +133,30 @@ class PlayerAtTable(Record):
 
 
 class EpisodeView(Record):
-    """A task, the entities on its table, and the actions by one or more agents there.
+    """A task, the entities on its table, and the actions of one or more agents there.
 
-    ``players`` are the agents and the players of recorded games at this table; empty for a single agent.
-
-    ``terminations`` are from the first agent's evaluation, by distractor seed; empty if it did not play this task.
-    The page offers ``runs`` and ``distractor_seeds``, and lists at most ``most_slots`` for each action.
+    Attributes:
+        runs: names of all runs, to choose from.
+        distractor_seeds: number of distractor seeds to choose from.
+        trained_with: number of distractors in the first agent's training.
+        most_slots: most slots to list for each action.
+        part: part of the task.
+        depth: depth of the task, in crafts.
+        distractors: number of distractors on the task's own table.
+        task: number of the task.
+        tasks: number of tasks with this depth and part.
+        distractor_seed: seed of the distractors.
+        terminations: termination reasons in the first agent's evaluation, by distractor seed; empty
+            if the agent did not play this task, or played it with another number of distractors.
+        start: labels of the task's starting ingredients.
+        plans: plans that make the task's goal, as recipes in turn.
+        is_edited: whether the visitor changed goal, table or selection.
+        goal: label of the goal.
+        table: labels of the entities on the table.
+        selection: label of the entity that is selected at the start; None for none.
+        agents: the agents; the others are compared with the first.
+        players: the agents and the players of recorded games at this table; empty for a single
+            agent without games.
     """
 
     runs: tuple[str, ...]
@@ -125,21 +187,29 @@ class EpisodeView(Record):
         return actions
 
 
-def _view(explored: Explored, state: Episode) -> EpisodeView:
+def _view(explored: Explored, state: EpisodeState) -> EpisodeView:
     first, run = explored.followed(state.run)
     tasks = explored.tasks_of(run)
     distractors = None if state.distractors < 0 else state.distractors
+    # All agents act by the rules of one world, that of the first agent.
     world = explored.world_of(explored.settings_of(tasks, state.part, state.depth, distractors))
+    # A dict, so that a run that is given twice is shown once.
     others = dict(explored.followed(other) for other in state.other if other)
     whole("task", state.task, 0, len(world.tasks) - 1)
-    task, explained = world.tasks[state.task], _explained(run, world, state)
+    task = world.tasks[state.task]
+    explained = _explained(run, world, state)
     agents = [_agent(first, run, explained)]
     for name, other in others.items():
         if name != first:
+            # A problem of another agent does not keep the first from acting.
             try:
                 agents.append(_agent(name, other, _explained(other, world, state)))
             except (ArtefactError, ConfigError) as error:
-                agents.append(AgentAtTable(name, "", 0, None, str(error)))
+                agents.append(
+                    AgentAtTable(
+                        run=name, checkpoint="", folds=0, explained=None, problem=str(error)
+                    )
+                )
     steps = sum(len(agent.explained.episode.steps) for agent in agents if agent.explained)
     terminations = _terminations(run, world, state.task)
     return EpisodeView(
@@ -166,107 +236,153 @@ def _view(explored: Explored, state: Episode) -> EpisodeView:
 
 
 def _players(
-    explored: Explored, run: FollowedRun, world: World, state: Episode, agents: list[AgentAtTable]
+    explored: Explored,
+    run: FollowedRun,
+    world: World,
+    state: EpisodeState,
+    agents: list[AgentAtTable],
 ) -> Iterator[PlayerAtTable]:
-    tables = [agent.explained for agent in agents if agent.explained]
-    goal, table, graph = tables[0].episode.goal, tables[0].table, world.graph
-    games, explainer = explored.games.get((goal, frozenset(table)), []), run.explainer(world)
+    """Yield the games of agents and recorded players at the first agent's table."""
+    first = agents[0].explained
+    assert first is not None, "a problem of the first agent is an error"
+    goal = first.episode.goal
+    games = explored.games.get((goal, frozenset(first.table)), [])
+    if not games and len(agents) == 1:
+        return
+    replay = _Replay(run.explainer(world), world, goal, state.task)
+    for agent in agents:
+        if agent.explained is not None:
+            episode = agent.explained.episode
+            success = None if episode.outcome == "in_progress" else episode.outcome == "goal"
+            attempts = tuple(replay.attempts(first.table, _pairs(episode)))
+            yield PlayerAtTable(player=agent.run, kind="agent", attempts=attempts, success=success)
+    for game in games:
+        attempts = tuple(replay.attempts(first.table, game.pairs))
+        yield PlayerAtTable(
+            player=game.player,
+            kind=game.kind,
+            attempts=attempts,
+            success=game.success,
+        )
 
-    @cache
-    def first_step(have: tuple[str, ...], selection: str | None) -> ExplainedStep:
-        return explainer.table(goal, have, selection, like=state.task).episode.steps[0]
 
-    def pick(label: str, have: tuple[str, ...], selection: str | None) -> Pick:
-        for slot in (
-            first_step(have, selection).slots if {label, selection or label} <= {*have} else ()
-        ):
-            if slot.entity == label:
-                return Pick(label, slot.sources, slot.probability)
-        return Pick(label, {}, None)
+def _pairs(episode: ExplainedEpisode) -> Iterator[tuple[str, str]]:
+    """Yield the pairs of an episode: a selection at the start and the actions, two by two."""
+    # Without a selection at the start, the first label is None.
+    labels = [episode.steps[0].selection, *(step.action for step in episode.steps)]
+    chosen = [label for label in labels if label]
+    # The last attempt may be unfinished.
+    yield from zip(chosen[::2], chosen[1::2], strict=False)
 
-    def attempts(pairs: Iterable[tuple[str, str] | None]) -> Iterator[Attempt | None]:
-        have = table
+
+class _Replay:
+    """Players' attempts, each with the opinion of an agent that would act in the player's place."""
+
+    def __init__(self, explainer: Explainer, world: World, goal: str, task: int):
+        self.explainer = explainer
+        self.world = world
+        self.goal = goal
+        self.task = task
+        # Players often reach the same table.
+        self._first_step = cache(self._explain)
+
+    def attempts(
+        self, table: tuple[str, ...], pairs: Iterable[tuple[str, str] | None]
+    ) -> Iterator[Attempt | None]:
+        """Yield a player's attempts, with the entities that they add to the table."""
+        graph = self.world.graph
         for pair in pairs:
             if pair is None:
                 yield None
                 continue
+            # Outcomes are by ids in ascending order.
             one, other = sorted(map(graph.id_of, pair))
-            made = [
-                label
-                for label in graph.labels(world.outcomes.get((one, other), ()))
-                if label not in have
-            ]
-            yield Attempt((pick(pair[0], have, None), pick(pair[1], have, pair[0])), tuple(made))
-            have += tuple(made)
+            results = graph.labels(self.world.outcomes.get((one, other), ()))
+            made = tuple(label for label in results if label not in table)
+            first = self._pick(pair[0], table, None)
+            second = self._pick(pair[1], table, pair[0])
+            yield Attempt((first, second), made)
+            table += made
 
-    if games or len(agents) > 1:
-        for agent in agents:
-            if (actions := agent.explained) is not None:
-                outcome, steps = actions.episode.outcome, actions.episode.steps
-                labels = [
-                    label
-                    for label in (steps[0].selection, *(step.action for step in steps))
-                    if label
-                ]
-                pairs = zip(labels[::2], labels[1::2], strict=False)
-                success = None if outcome == "in_progress" else outcome == "goal"
-                yield PlayerAtTable(agent.run, "agent", tuple(attempts(pairs)), success)
-        for game in games:
-            yield PlayerAtTable(game.player, game.kind, tuple(attempts(game.pairs)), game.success)
+    def _pick(self, label: str, table: tuple[str, ...], selection: str | None) -> Pick:
+        # A recorded player may use entities that this table does not have, such as results by other
+        # rules.
+        if {label, selection or label} <= set(table):
+            for slot in self._first_step(table, selection).slots:
+                if slot.entity == label:
+                    return Pick(entity=label, sources=slot.sources, probability=slot.probability)
+        return Pick(entity=label, sources={}, probability=None)
+
+    def _explain(self, table: tuple[str, ...], selection: str | None) -> ExplainedStep:
+        explained = self.explainer.table(self.goal, table, selection, like=self.task)
+        return explained.episode.steps[0]
 
 
 def _agent(name: str, run: FollowedRun, actions: ExplainedTable) -> AgentAtTable:
     agent = run.agent()
-    return AgentAtTable(name, agent.checkpoint, agent.run.cross_fitted, actions)
+    return AgentAtTable(
+        run=name,
+        checkpoint=agent.checkpoint,
+        folds=agent.run.cross_fitted,
+        explained=actions,
+    )
 
 
-def _explained(run: FollowedRun, world: World, state: Episode) -> ExplainedTable:
-    explainer, graph = run.explainer(world), world.graph
+def _explained(run: FollowedRun, world: World, state: EpisodeState) -> ExplainedTable:
+    """Return an agent's actions at the task's table, or at the visitor's."""
+    explainer = run.explainer(world)
+    graph = world.graph
     if not state.is_edited:
         return explainer.task(state.task, state.distractor_seed)
-    goal = _label(graph, state.goal) if state.goal else int(world.tasks.goals[state.task])
-    table = [_label(graph, label) for label in state.labels] or explainer.drawn(
-        state.task, state.distractor_seed
-    )
+    goal = int(world.tasks.goals[state.task])
+    if state.goal:
+        goal = _label(graph, state.goal)
+    # A visitor may change the goal alone, and keep the task's table.
+    if state.labels:
+        table = [_label(graph, label) for label in state.labels]
+    else:
+        table = explainer.drawn(state.task, state.distractor_seed)
     selection = _label(graph, state.selection) if state.selection else None
     return explainer.table(goal, table, selection, like=state.task)
 
 
 def _label(graph: RecipeGraph, text: str) -> int:
+    """Return the entity of a typed label, without outer spaces unless the label has some."""
     return graph.id_of(text if text in graph else text.strip())
 
 
 def _terminations(run: FollowedRun, world: World, task: int) -> tuple[TerminationReason, ...]:
     tasks = run.records().config.tasks
-    if (tasks.depth, tasks.distractors) != (world.config.depth, world.config.num_distractors):
+    config = world.config
+    # The evaluation had tables of the training's size: its results say nothing about other tables.
+    if tasks.depth != config.depth or tasks.distractors != config.num_distractors:
         return ()
     posed = world.tasks[task]
-    played = run.episodes().get((world.config.part, posed.goal, posed.start))
+    played = run.episodes().get((config.part, posed.goal, posed.start))
     return () if played is None else played.terminations
 
 
-def _is_live(explored: Explored, state: Episode) -> bool:
-    return explored.is_any_live(state.run, *filter(None, state.other))
-
-
-def _exported(explored: Explored) -> Iterator[Episode]:
+def _exported(explored: Explored) -> Iterator[EpisodeState]:
     if explored.games:
-        yield from (Episode(**row.settings) for row in list_games(explored, Games()).tables)
+        yield from (
+            EpisodeState(**row.settings) for row in list_games(explored, GamesState()).tables
+        )
+    # The tasks that the site's task pages list; all tasks may be thousands.
     for tasks in TASKS.states(explored):
         try:
             explored.followed(tasks.run)[1].agent()  # an error without weights
             rows = list_tasks(explored, tasks).table.rows
         except WordCraftKGError:
             continue
-        yield from (Episode(run=tasks.run, task=row.number) for row in rows)
+        yield from (EpisodeState(run=tasks.run, task=row.number) for row in rows)
 
 
 PAGE = Page(
     "episode",
-    Episode,
+    EpisodeState,
     _view,
     "Episodes",
     exported=_exported,
     is_there=attrgetter("runs"),
-    is_live=_is_live,
+    is_live=lambda explored, state: explored.is_any_live(state.run, *filter(None, state.other)),
 )

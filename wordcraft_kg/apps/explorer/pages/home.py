@@ -1,9 +1,9 @@
-"""The first page."""
+"""The first page: graph, models and runs, and questions that the other pages answer."""
 
 import numpy as np
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.predictor import LinkPredictor
 from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.graphs.audit import SplitSummary, split_summary
@@ -12,14 +12,24 @@ from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.models.scorers.cross_fitting import folds_of
 
 EXAMPLES = 12
+"""Entities in each list of examples."""
 
 
-class Home(State):
+class HomeState(PageState):
     """Page settings: none."""
 
 
 class ModelLine(Record):
-    """A model: command, training data, train sample in words (empty for all train recipes), and folds."""
+    """A model.
+
+    Attributes:
+        name: name on the pages.
+        command: command that made the model, such as ``train-complex``.
+        kg: recipes that the model was trained on.
+        train_sample: sample of the train recipes, in words; empty for all train recipes.
+        folds: number of folds; 0 if the model is not cross-fitted.
+        scores_recipes: whether the model scores recipes, not only links.
+    """
 
     name: str
     command: str
@@ -30,7 +40,22 @@ class ModelLine(Record):
 
 
 class Overview(Record):
-    """A graph with models and runs: reachable entities with the base, crafting rounds, and the furthest entities."""
+    """A graph with models and runs.
+
+    Attributes:
+        graph: name of the graph.
+        hash: content hash of the graph.
+        entities: number of entities.
+        recipes: number of recipes.
+        base: labels of the base entities.
+        reachable: number of entities that can be made from the base, which is included.
+        layers: number of crafting rounds in which they are made.
+        split: summary of the split.
+        most_used: entities in most recipes.
+        furthest: entities that need most rounds, of those that can be made.
+        models: the models.
+        runs: names of the runs.
+    """
 
     graph: str
     hash: Hash
@@ -46,11 +71,13 @@ class Overview(Record):
     runs: tuple[str, ...]
 
 
-def _view(explored: Explored, _: Home) -> Overview:
+def _view(explored: Explored, _: HomeState) -> Overview:
     graph = explored.opened.graph
     layer = layers(graph)
 
     def first(keys: np.ndarray) -> tuple[str, ...]:
+        # Only positive keys: unused entities, the base (layer 0) and unreachable entities (-1) are
+        # no examples.
         order = np.argsort(-keys, kind="stable")
         return graph.labels(order[keys[order] > 0][:EXAMPLES].tolist())
 
@@ -74,8 +101,14 @@ def _line(predictor: LinkPredictor) -> ModelLine:
     model = predictor.model
     cross_fitted = folds_of(model.scorer)
     folds = cross_fitted.count if cross_fitted else 0
-    kind, train_sample = model.run.kind, model.learned_from
-    return ModelLine(predictor.name, kind, model.kg, train_sample, folds, predictor.scores_recipes)
+    return ModelLine(
+        name=predictor.name,
+        command=model.run.kind,
+        kg=model.kg,
+        train_sample=model.learned_from,
+        folds=folds,
+        scores_recipes=predictor.scores_recipes,
+    )
 
 
-PAGE = Page("home", Home, _view)
+PAGE = Page("home", HomeState, _view)

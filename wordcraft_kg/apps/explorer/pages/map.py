@@ -1,4 +1,4 @@
-"""The map."""
+"""The map: entities that are crafted together lie together; a chosen entity shows its links."""
 
 from collections.abc import Mapping, Sequence
 from operator import attrgetter
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, State
+from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState
 from wordcraft_kg.apps.explorer.pages import entity
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.base.progress import stage
@@ -30,34 +30,53 @@ NAMED = 3
 DRAWN = 200
 """Maximum number of drawn links of a kind: more are indistinguishable."""
 ALL_LINKS = 15_000
-"""Maximum number of links between placed entities; a larger map holds only the chosen entity's links."""
-WIDTH, HEIGHT = 2_000, 1_400
-"""Size of the map; places are whole numbers."""
+"""Maximum number of links between placed entities; a larger map has only the chosen entity's."""
+WIDTH = 2_000
+HEIGHT = 1_400
+"""Size of the map in its own units, which the page scales; places are whole numbers."""
 PULL = 6.0
-"""Strength of links within a group, relative to links between groups."""
+"""Strength of links within a group, relative to others: equal links would not show groups."""
 ROUNDS = 100
 """Rounds of the layout; the picture hardly changes afterwards."""
-SIDE, EDGE, RIGHT = 50, 40, 190
+SIDE = 50
+EDGE = 40
+RIGHT = 190
+"""Margins: left and right, top and bottom, and at the right room for the last dots' labels."""
 LONGEST = 24
 """Letters of a shown label; the tooltip has a longer one."""
-LETTER, LINE = 11.0, 22
+LETTER = 11.0
+LINE = 22
 """Letter width and line height, in map units at page width."""
 SIZES = (5, 15, 40, 100)
+"""Numbers of uses from which on a dot is a size larger."""
 SHADES = 4
 """Layer colours, in addition to the base colour."""
 
 
-class Map(State):
-    """Page settings: an entity whose links are shown, and whether dot colours mark groups or crafting layers."""
+class MapState(PageState):
+    """Page settings: links and colours.
+
+    Attributes:
+        entity: label of the entity whose links are shown; empty for none.
+        colour: whether dot colours mark groups or crafting layers.
+    """
 
     entity: str = ""
     colour: Literal["group", "layer"] = "group"
 
 
 class Spot(Record):
-    """An entity's dot on the map; the layer is -1 if it cannot be made.
+    """An entity's dot on the map.
 
-    Guests, entities with too few uses for the map that are added for a chosen entity, have group -1.
+    Guests are entities with too few uses for the map that are added for a chosen entity.
+
+    Attributes:
+        entity: label.
+        x: place from the left, from 0 to :data:`WIDTH`.
+        y: place from the top, from 0 to :data:`HEIGHT`.
+        uses: number of recipes that use the entity.
+        group: number of the group; -1 for guests, which have none.
+        layer: crafting layer, 0 for the base; -1 if the entity cannot be made.
     """
 
     entity: str
@@ -69,7 +88,14 @@ class Spot(Record):
 
 
 class Group(Record):
-    """Entities that are crafted together, named after typical members, with their median place."""
+    """Entities that are crafted together.
+
+    Attributes:
+        names: labels of typical members, at most :data:`NAMED`.
+        size: number of members.
+        x: median place of the members, from the left.
+        y: median place of the members, from the top.
+    """
 
     names: tuple[str, ...]
     size: Count
@@ -78,7 +104,14 @@ class Group(Record):
 
 
 class Partners(Record):
-    """An entity's neighbours by one link kind: number, most used labels, and spots on the map."""
+    """An entity's neighbours by one kind of link.
+
+    Attributes:
+        total: number of neighbours.
+        listed: labels of the most used neighbours, at most :data:`LISTED`.
+        placed: dot numbers of the neighbours on the map, the most used first, at most
+            :data:`DRAWN`.
+    """
 
     total: Count
     listed: tuple[str, ...]
@@ -86,7 +119,14 @@ class Partners(Record):
 
 
 class Links(Record):
-    """Links to draw: dot numbers for the chosen entity and its partners, products and ingredients."""
+    """Links of the chosen entity.
+
+    Attributes:
+        entity: dot number of the entity.
+        combines: partners, with which the entity makes something.
+        makes: products of the recipes that use the entity.
+        made_of: ingredients of the recipes that make the entity.
+    """
 
     entity: Count
     combines: Partners
@@ -98,9 +138,16 @@ class MapView(Record):
     """The map's dots, groups and lines.
 
     Attributes:
+        graph: name of the graph.
+        entities: number of entities in the graph, of which the map shows the most used.
         spots: dots for the most used entities in descending order, then for guests.
-        combines: dot pairs whose entities combine; empty for more than :data:`ALL_LINKS` lines.
+        groups: groups of the placed entities, the largest first.
+        layers: number of crafting layers in the graph.
+        combines: dot pairs whose entities combine, the smaller number first, without guests and
+            without entities that combine with themselves; empty for more than :data:`ALL_LINKS`
+            lines.
         components: (ingredient, product) pairs; likewise.
+        chosen: links of the chosen entity; None without one.
     """
 
     graph: str
@@ -115,29 +162,38 @@ class MapView(Record):
 
 @stage("laying out the map")
 def map_of(graph: RecipeGraph) -> MapView:
-    """Place and group a graph's most used entities, at most :data:`PLACED`; equal graphs have equal maps."""
+    """Place and group a graph's most used entities, at most :data:`PLACED`.
+
+    Equal graphs have equal maps. Groups are found among the placed entities alone: others would
+    give groups that the map does not show.
+    """
     ids = np.argsort(-graph.use_counts, kind="stable")[:PLACED]
-    combines, components = (
-        _links_among(graph, ids, relation) for relation in (COMBINES_WITH, COMPONENT_OF)
-    )
+    combines = _links_among(graph, ids, COMBINES_WITH)
+    components = _links_among(graph, ids, COMPONENT_OF)
+    # combinesWith is symmetric: of both directions, one is drawn.
     combines = combines[combines[:, 0] < combines[:, 1]]
-    links = np.unique(np.sort(np.concatenate([combines, components]), axis=1), axis=0)
-    uses, layer = graph.use_counts[ids], layers_of(graph)
+    # For groups and places, a pair that is linked in both ways counts once.
+    ends = np.sort(np.concatenate([combines, components]), axis=1)
+    links = np.unique(ends, axis=0)
+    layer = layers_of(graph)
     group_of, typical = communities_of(len(ids), links)
     places = _places(len(ids), links, group_of)
-    columns = (ids, *places.T, uses, group_of, layer[ids])
     groups = []
     for number, members in enumerate(typical):
-        x, y = np.median(places[group_of == number], axis=0).round().astype(int).tolist()
-        groups.append(Group(graph.labels(ids[members[:NAMED]]), len(members), x, y))
+        # The median stays among the members, where a mean would follow a few far ones.
+        median = np.median(places[group_of == number], axis=0)
+        x, y = median.round().astype(int).tolist()
+        names = graph.labels(ids[members[:NAMED]])
+        groups.append(Group(names=names, size=len(members), x=x, y=y))
+    # Columns for all dots, in the order of a dot's fields; plain numbers, not NumPy's.
+    labels = graph.labels(ids.tolist())
+    columns = (*places.T, graph.use_counts[ids], group_of, layer[ids])
+    numbers = [column.tolist() for column in columns]
     is_small = len(combines) + len(components) <= ALL_LINKS
     return MapView(
         graph=graph.name,
         entities=graph.num_entities,
-        spots=tuple(
-            Spot(graph.entities[entity], *numbers)
-            for entity, *numbers in zip(*(column.tolist() for column in columns), strict=True)
-        ),
+        spots=tuple(map(Spot, labels, *numbers)),
         groups=tuple(groups),
         layers=int(layer.max(initial=0)),
         combines=tuple(map(tuple, combines.tolist())) if is_small else (),
@@ -147,10 +203,16 @@ def map_of(graph: RecipeGraph) -> MapView:
 
 
 def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
-    """Find communities in an undirected graph by the Louvain method; ``links`` are pairs of nodes, shape (L, 2).
+    """Find communities in an undirected graph by the Louvain method.
 
-    Returns each node's group, shape (size,), group 0 the largest, and the nodes of each group, most typical first: the
-    product of the number of links within the group and their share of all links is high.
+    Args:
+        size: number of nodes.
+        links: shape (L, 2), pairs of nodes; repetitions count once.
+
+    Returns:
+        each node's group, shape (size,), group 0 the largest; and the nodes of each group, most
+        typical first. Typical nodes have many links within the group, which are a large share of
+        all their links.
 
     Source: Blondel et al. 2008, "Fast unfolding of communities in large networks".
     """
@@ -159,130 +221,174 @@ def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
     plain = nx.Graph()
     plain.add_nodes_from(range(size))
     plain.add_edges_from(links.tolist())
-    groups = sorted(
-        nx.community.louvain_communities(plain, seed=0), key=lambda group: (-len(group), min(group))
-    )
+    # A fixed seed and a total order (largest first, then by least node): equal graphs have equal
+    # colours.
+    communities = nx.community.louvain_communities(plain, seed=0)
+    groups = sorted(communities, key=lambda group: (-len(group), min(group)))
     group_of = np.zeros(size, dtype=np.int64)
     for number, group in enumerate(groups):
         group_of[list(group)] = number
-    ends = np.array([(a, b) for a, b in plain.edges if a != b], dtype=np.int64).reshape(-1, 2)
+    edges = [(a, b) for a, b in plain.edges if a != b]
+    # The reshape gives a graph without links two columns as well.
+    ends = np.array(edges, dtype=np.int64).reshape(-1, 2)
     is_within = group_of[ends[:, 0]] == group_of[ends[:, 1]]
-    within, degree = (np.bincount(some.ravel(), minlength=size) for some in (ends[is_within], ends))
+    degree = np.bincount(ends.ravel(), minlength=size)
+    within = np.bincount(ends[is_within].ravel(), minlength=size)
+    # Number times share, within * (within / degree): the number alone would name entities that are
+    # used everywhere, the share alone entities with a single link.
     typical = np.argsort(-(within**2) / np.maximum(degree, 1), kind="stable")
     return group_of, [typical[group_of[typical] == number] for number in range(len(groups))]
 
 
 def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
+    """Return a relation's links between different entities of ``ids``, as indices, shape (L, 2)."""
     number = np.full(graph.num_entities, -1)
     number[ids] = np.arange(len(ids))
     triples = graph.triples
-    ends = number[triples[triples[:, 1] == relation][:, [0, 2]]]
-    return np.unique(ends[(ends >= 0).all(axis=1) & (ends[:, 0] != ends[:, 1])], axis=0)
+    links = triples[triples[:, 1] == relation]
+    ends = number[links[:, [0, 2]]]
+    is_placed = (ends >= 0).all(axis=1)
+    # A line from a dot to itself cannot be drawn.
+    is_line = ends[:, 0] != ends[:, 1]
+    return np.unique(ends[is_placed & is_line], axis=0)
 
 
 def _places(number: int, links: Ids, group_of: Ids) -> Ids:
     """Lay out entities with ForceAtlas2, and fill the map evenly; shape (number, 2), whole numbers.
 
-    Links to frequent entities weigh less, since they would pull all others together; links within a group weigh more.
+    Links to frequent entities weigh less, since they would pull all others together; links within a
+    group weigh more.
 
     Source: Jacomy et al. 2014, "ForceAtlas2, a continuous graph layout algorithm".
     """
     import networkx as nx
 
+    # The ranks below divide by number - 1.
     if number < 2:
         return np.full((number, 2), [WIDTH // 2, HEIGHT // 2])
     degree = np.bincount(links.ravel(), minlength=number)
     weight = 1 / np.sqrt(degree[links].prod(axis=1))
-    weight[group_of[links[:, 0]] == group_of[links[:, 1]]] *= PULL
+    is_within = group_of[links[:, 0]] == group_of[links[:, 1]]
+    weight[is_within] *= PULL
     weighted = nx.Graph()
     weighted.add_nodes_from(range(number))
-    weighted.add_weighted_edges_from(
-        (a, b, w) for (a, b), w in zip(links.tolist(), weight.tolist(), strict=True)
-    )
+    # All links are built in, in this order: the layout depends on it.
+    weighted.add_weighted_edges_from(zip(*links.T.tolist(), weight.tolist(), strict=True))
     layout = nx.forceatlas2_layout(weighted, max_iter=ROUNDS, weight="weight", seed=0)
     places = np.array([layout[entity] for entity in range(number)])
     # Mean of position and rank: true distances leave the map mostly empty, ranks alone hide gaps.
-    low, high = places.min(axis=0), places.max(axis=0)
-    rank = places.argsort(axis=0, kind="stable").argsort(axis=0, kind="stable") / (number - 1)
-    even = ((places - low) / np.where(high > low, high - low, 1) + rank) / 2
+    low = places.min(axis=0)
+    high = places.max(axis=0)
+    position = (places - low) / np.where(high > low, high - low, 1)
+    # Sorting the order gives ranks.
+    order = places.argsort(axis=0, kind="stable")
+    rank = order.argsort(axis=0, kind="stable") / (number - 1)
+    even = (position + rank) / 2
     return (even * [WIDTH, HEIGHT]).round().astype(np.int64)
 
 
 def view_map(graph: RecipeGraph, whole: MapView, entity: str = "") -> MapView:
-    """Return a graph's map (``whole``), optionally with an entity's links, and guests if its partners have no place."""
+    """Return a graph's map with an entity's links.
+
+    Args:
+        graph: the graph.
+        whole: map of the graph, by :func:`map_of`.
+        entity: label of the entity; empty for none.
+
+    Returns:
+        the map; the entity and its partners without a place are added as guests, at most
+        :data:`GUESTS`.
+
+    Raises:
+        UnknownEntityError: if the graph has no such entity.
+    """
     if not entity:
         return whole
     chosen = graph.id_of(entity)
     kinds = _partners(graph, chosen)
     spot_of = {graph.id_of(spot.entity): spot for spot in whole.spots}
-    number_of, spots = {placed: number for number, placed in enumerate(spot_of)}, list(whole.spots)
+    number_of = {placed: number for number, placed in enumerate(spot_of)}
+    spots = list(whole.spots)
+    # The entity itself first, so that it has a place among many partners; each of them once.
     wanted = dict.fromkeys([chosen, *np.concatenate(kinds).tolist()])
     for guest in [one for one in wanted if one not in number_of][:GUESTS]:
         number_of[guest] = len(spots)
         spots.append(_guest(graph, spot_of, guest))
-    combines, makes, made_of = (
-        Partners(
-            len(kind),
-            graph.labels(kind[:LISTED].tolist()),
-            tuple(number_of[one] for one in kind.tolist() if one in number_of)[:DRAWN],
-        )
-        for kind in kinds
-    )
-    links = Links(number_of[chosen], combines, makes, made_of)
+    links = Links(number_of[chosen], *(_shown_partners(graph, kind, number_of) for kind in kinds))
     return msgspec.structs.replace(whole, spots=tuple(spots), chosen=links)
 
 
-def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
-    used = graph.recipes[graph.uses_of(entity)]
-    others = used[:, :2].sum(axis=1) - entity
-    made_of = graph.recipes[graph.recipes_of(entity), :2]
-    kinds = (np.unique(ids) for ids in (others, used[:, 2], made_of))
-    one, two, three = (ids[np.argsort(-graph.use_counts[ids], kind="stable")] for ids in kinds)
-    return one, two, three
-
-
-def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot:
-    neighbours = np.unique(np.concatenate(_partners(graph, entity))).tolist()
-    near = [(spot_of[one].x, spot_of[one].y) for one in neighbours if one in spot_of]
-    middle = np.mean(near or [(WIDTH // 2, HEIGHT // 2)], axis=0)
-    # Offset by the golden angle, so that guests with equal partners do not overlap.
-    angle = 2.4 * entity
-    aside: NDArray[np.float64] = 40 * np.array([np.cos(angle), np.sin(angle)])
-    x, y = (middle + aside).clip(0, [WIDTH, HEIGHT]).round().astype(int).tolist()
-    return Spot(
-        graph.entities[entity],
-        x,
-        y,
-        int(graph.use_counts[entity]),
-        -1,
-        int(layers_of(graph)[entity]),
+def _shown_partners(graph: RecipeGraph, partners: Ids, number_of: Mapping[int, int]) -> Partners:
+    placed = [number_of[one] for one in partners.tolist() if one in number_of]
+    return Partners(
+        total=len(partners),
+        listed=graph.labels(partners[:LISTED].tolist()),
+        placed=tuple(placed[:DRAWN]),
     )
 
 
-def _view(explored: Explored, state: Map) -> MapView:
+def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
+    """Return an entity's partners, products and ingredients, as ids, each the most used first."""
+    used = graph.recipes[graph.uses_of(entity)]
+    # The sum of both ingredients without the entity is the other one, also for an entity with
+    # itself.
+    others = used[:, :2].sum(axis=1) - entity
+    made_of = graph.recipes[graph.recipes_of(entity), :2]
+    return (
+        _most_used(graph, others),
+        _most_used(graph, used[:, 2]),
+        _most_used(graph, made_of),
+    )
+
+
+def _most_used(graph: RecipeGraph, ids: Ids) -> Ids:
+    distinct = np.unique(ids)
+    return distinct[np.argsort(-graph.use_counts[distinct], kind="stable")]
+
+
+def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot:
+    """Return a dot near the middle of an entity's placed neighbours, or of the map."""
+    neighbours = np.unique(np.concatenate(_partners(graph, entity))).tolist()
+    near = [(spot_of[one].x, spot_of[one].y) for one in neighbours if one in spot_of]
+    middle = np.mean(near or [(WIDTH // 2, HEIGHT // 2)], axis=0)
+    # Offset by the golden angle (2.4 radians), so that guests with equal partners do not overlap:
+    # its multiples are spread evenly around a circle, however many there are.
+    angle = 2.4 * entity
+    aside: NDArray[np.float64] = 40 * np.array([np.cos(angle), np.sin(angle)])
+    place = (middle + aside).clip(0, [WIDTH, HEIGHT])
+    x, y = place.round().astype(int).tolist()
+    return Spot(
+        entity=graph.entities[entity],
+        x=x,
+        y=y,
+        uses=int(graph.use_counts[entity]),
+        group=-1,
+        layer=int(layers_of(graph)[entity]),
+    )
+
+
+def _view(explored: Explored, state: MapState) -> MapView:
     graph = explored.opened.graph
-    return view_map(graph, explored.once("map", lambda: map_of(graph)), state.entity)
+    # The layout takes seconds, the links of an entity hardly any time.
+    whole = explored.once("map", lambda: map_of(graph))
+    return view_map(graph, whole, state.entity)
 
 
-def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
-    has_groups, chosen, roles = state.colour == "group", view.chosen, dict[int, str]()
-    if chosen is not None:
-        near = (*chosen.combines.placed, *chosen.makes.placed, *chosen.made_of.placed)
-        roles = {**dict.fromkeys(near, " near"), chosen.entity: " chosen"}
-    # A chosen entity and its partners are named first, then those with the most uses.
-    room = Labels(LINE)
-    order = sorted(range(len(view.spots)), key=lambda number: number not in roles)
-    named = {number for number in order if room.take(*_place_of_label(view.spots[number]))}
+def _draw(view: MapView, state: MapState, address: Addresses) -> Mapping[str, Any]:
+    has_groups = state.colour == "group"
+    roles = _roles(view.chosen)
+    named = _named(view.spots, roles)
     dots = []
     for number, spot in enumerate(view.spots):
-        style = charts.colour_of(spot.group) if has_groups else _shade_of(spot, view.layers)
+        colour = charts.colour_of(spot.group) if has_groups else _shade_of(spot, view.layers)
         size = 1 + sum(spot.uses >= least for least in SIZES)
+        style = f"{colour} r{size}{roles.get(number, '')}"
+        if number not in named:
+            style += " far"
         # A static site has entity pages, but no map for each entity.
-        href = address(PAGE, Map(entity=spot.entity, colour=state.colour))
-        href = href or address(entity.PAGE, entity.Entity(entity=spot.entity))
-        dots.append(
-            (spot, href, f"{style} r{size}{roles.get(number, '')}{' far' * (number not in named)}")
-        )
+        href = address(PAGE, MapState(entity=spot.entity, colour=state.colour))
+        href = href or address(entity.PAGE, entity.EntityState(entity=spot.entity))
+        dots.append((spot, href, style))
     links = {"combines": view.combines, "components": view.components}
     return {
         "box": (-SIDE, -EDGE, WIDTH + SIDE + RIGHT, HEIGHT + 2 * EDGE),
@@ -293,11 +399,33 @@ def _draw(view: MapView, state: Map, address: Addresses) -> Mapping[str, Any]:
     }
 
 
+def _roles(chosen: Links | None) -> dict[int, str]:
+    """Return the CSS classes of the chosen entity's dot and of its partners' dots, by number."""
+    if chosen is None:
+        return {}
+    near = (*chosen.combines.placed, *chosen.makes.placed, *chosen.made_of.placed)
+    # The entity last: one that combines with itself is chosen, not near.
+    return {**dict.fromkeys(near, " near"), chosen.entity: " chosen"}
+
+
+def _named(spots: Sequence[Spot], roles: Mapping[int, str]) -> set[int]:
+    """Return the numbers of the dots with a label; other labels appear when zooming in."""
+    room = Labels(LINE)
+    # A chosen entity and its partners are named first, then those with the most uses (the sort is
+    # stable).
+    order = sorted(range(len(spots)), key=lambda number: number not in roles)
+    return {number for number in order if room.take(*_place_of_label(spots[number]))}
+
+
 def _place_of_label(spot: Spot) -> tuple[float, float, int]:
-    return spot.x - 8, spot.x + 14 + LETTER * min(len(spot.entity), LONGEST), spot.y
+    """Return left and right end and line of a dot with its label, in map units."""
+    # The dot begins 8 units to the left of its place, the label 14 to the right, as in map.js.
+    width = LETTER * min(len(spot.entity), LONGEST)
+    return spot.x - 8, spot.x + 14 + width, spot.y
 
 
 def _others(pairs: Sequence[tuple[int, int]], size: int) -> list[list[int]]:
+    """Return the second dots of all pairs by the first dot: shorter in the page than pairs."""
     others: list[list[int]] = [[] for _ in range(size)]
     for one, other in pairs:
         others[one].append(other)
@@ -305,39 +433,55 @@ def _others(pairs: Sequence[tuple[int, int]], size: int) -> list[list[int]]:
 
 
 def _groups(view: MapView) -> list[tuple[str, str, int]]:
+    """Return class, names and size of each group with a colour, and of all others together."""
     shown = [
         (charts.colour_of(number), ", ".join(group.names), group.size)
         for number, group in enumerate(view.groups)
     ]
+    legend = shown[: charts.COLOURS]
     others = sum(size for _, _, size in shown[charts.COLOURS :])
-    return shown[: charts.COLOURS] + ([("series-other", "other groups", others)] if others else [])
+    if others:
+        legend.append(("series-other", "other groups", others))
+    return legend
 
 
 def _layers(view: MapView) -> list[tuple[str, str, int]]:
-    layers_of: dict[str, list[int]] = {}
+    """Return class, meaning and number of entities of each layer colour, by ascending layer."""
+    layers_by_shade: dict[str, list[int]] = {}
     for spot in view.spots:
-        layers_of.setdefault(_shade_of(spot, view.layers), []).append(spot.layer)
+        layers_by_shade.setdefault(_shade_of(spot, view.layers), []).append(spot.layer)
     legend = []
-    for shade, members in sorted(layers_of.items(), key=lambda entry: entry[1][0]):
-        low, high = min(members), max(members)
-        name = "cannot be made" if low < 0 else "base" if high == 0 else f"layer {low}"
-        legend.append((shade, name if low == high else f"layers {low} to {high}", len(members)))
+    # A shade covers neighbouring layers, so any member tells its place among the shades.
+    for shade, members in sorted(layers_by_shade.items(), key=lambda entry: entry[1][0]):
+        name = _name_of_layers(min(members), max(members))
+        legend.append((shade, name, len(members)))
     return legend
+
+
+def _name_of_layers(low: int, high: int) -> str:
+    if low < high:
+        return f"layers {low} to {high}"
+    if low < 0:
+        return "cannot be made"
+    return "base" if low == 0 else f"layer {low}"
 
 
 def _shade_of(spot: Spot, layers: int) -> str:
     if spot.layer < 0:
         return "series-other"
-    return f"shade-{0 if spot.layer == 0 else 1 + (spot.layer - 1) * SHADES // layers}"
+    if spot.layer == 0:
+        return "shade-0"
+    # Layers 1 to ``layers`` in equal steps over the shades from 1.
+    return f"shade-{1 + (spot.layer - 1) * SHADES // layers}"
 
 
 PAGE = Page(
     "map",
-    Map,
+    MapState,
     _view,
     title="Map",
     draw=_draw,
-    exported=lambda _: (Map(), Map(colour="layer")),
-    questions=lambda _: [("Which entities are crafted together?", Map())],
+    exported=lambda _: (MapState(), MapState(colour="layer")),
+    questions=lambda _: [("Which entities are crafted together?", MapState())],
     is_there=attrgetter("opened.graph.num_entities"),
 )

@@ -1,10 +1,12 @@
-"""The page for an ingredient pair."""
+"""The page for an ingredient pair: its results in the book and by a model."""
 
+import math
 from operator import attrgetter
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.apps.explorer.predictor import (
+    LinkPredictor,
     PlacedRecipe,
     RankedLink,
     placed_recipes,
@@ -17,11 +19,19 @@ from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, ScoredRecipe, v
 from wordcraft_kg.graphs.triples import COMBINES_WITH
 
 RESULTS = 10
+"""Listed results by a recipe scorer."""
 EXAMPLES = 4
+"""Example pairs: the first is shown by default, the page links to the others."""
 
 
-class Pair(State):
-    """Page settings: two ingredients and a model, by default the first; without ingredients, a pair from the book."""
+class PairState(PageState):
+    """Page settings: two ingredients and a model.
+
+    Attributes:
+        a: label of an ingredient; without both ingredients, the page shows a pair from the book.
+        b: label of the other ingredient, which may be the same.
+        model: name of the model; empty for the first.
+    """
 
     a: str = ""
     b: str = ""
@@ -29,7 +39,20 @@ class Pair(State):
 
 
 class PairProfile(Record):
-    """A pair with recipes, a model's score for the link, and (from recipe scorers) results, best first; other pairs."""
+    """A pair with its recipes and a model's predictions.
+
+    Attributes:
+        a: label of an ingredient.
+        b: label of the other ingredient.
+        makes: recipes of the pair in the book.
+        model: name of the model; empty without one.
+        has_seen_the_test_recipes: whether the model was trained on all recipes; False without a
+            model.
+        link: prediction for ``a combinesWith b``; None without a model.
+        results: most plausible results, best first; None without a model, and for models that only
+            score links.
+        examples: other pairs, by labels.
+    """
 
     a: str
     b: str
@@ -41,45 +64,67 @@ class PairProfile(Record):
     examples: tuple[tuple[str, ...], ...]
 
 
-def _view(explored: Explored, state: Pair) -> PairProfile:
-    split, graph, (a, b) = explored.opened.split, explored.opened.graph, (state.a, state.b)
+def _view(explored: Explored, state: PairState) -> PairProfile:
+    graph = explored.opened.graph
+    (a, b), examples = _pair(explored, state)
+    one = graph.id_of(a)
+    other = graph.id_of(b)
+    recipes = recipes_giving(graph, one, COMBINES_WITH, other)
+    predictor = explored.predictor(state.model) if explored.models else None
+    link = None
+    results = None
+    if predictor is not None:
+        link = predictor.ranked(predictor.slot(one, COMBINES_WITH, "tail"), other)
+        if predictor.scores_recipes:
+            results = _results(explored, predictor, RecipeQuery(a, b, None))
+    return PairProfile(
+        a=a,
+        b=b,
+        makes=placed_recipes(explored.opened.split, recipes),
+        model="" if predictor is None else predictor.name,
+        has_seen_the_test_recipes=predictor is not None and predictor.has_seen_the_test_recipes,
+        link=link,
+        results=results,
+        examples=examples,
+    )
+
+
+def _results(
+    explored: Explored, predictor: LinkPredictor, query: RecipeQuery
+) -> tuple[ScoredRecipe, ...]:
+    # The truth of all recipes is indexed once for each model.
+    key = ("recipe scores", predictor.name)
+    scoring = explored.once(key, lambda: RecipeScoring.of(predictor.scoring))
+    return view_open_recipe(scoring, query, RESULTS).top
+
+
+def _pair(
+    explored: Explored, state: PairState
+) -> tuple[tuple[str, str], tuple[tuple[str, ...], ...]]:
+    """Return the pair of the settings, or an example, and more examples, by labels."""
+    split = explored.opened.split
+    graph = explored.opened.graph
+    # A model has not seen the test recipes, so they make the better examples.
     recipes = split.recipes("test") if split.is_in("test").any() else graph.recipes
-    every = max(-(-len(recipes) // EXAMPLES), 1)
-    first, *examples = [graph.labels(pair) for pair in recipes[::every, :2].tolist()] or [()]
-    if not a and not b:
-        if not first:
-            raise ConfigError("The graph has no recipe, so there is no example pair.")
-        a, b = first
-    elif not a or not b:
+    # Evenly spread, because neighbouring recipes share an ingredient.
+    every = max(math.ceil(len(recipes) / EXAMPLES), 1)
+    pairs = [graph.labels(pair) for pair in recipes[::every, :2].tolist()]
+    examples = tuple(pairs[1:])
+    if state.a and state.b:
+        return (state.a, state.b), examples
+    if state.a or state.b:
         raise ConfigError(
             "A pair has two ingredients, which may be equal; one ingredient is missing."
         )
-    one, other = graph.id_of(a), graph.id_of(b)
-    makes = placed_recipes(split, recipes_giving(graph, one, COMBINES_WITH, other))
-    if not explored.models:
-        return PairProfile(a, b, makes, "", False, None, None, tuple(examples))
-    predictor, results = explored.predictor(state.model), None
-    if predictor.scores_recipes:
-        scoring = explored.once(
-            ("recipe scores", predictor.name), lambda: RecipeScoring.of(predictor.scoring)
-        )
-        results = view_open_recipe(scoring, RecipeQuery(a, b, None), RESULTS).top
-    link = predictor.ranked(predictor.slot(one, COMBINES_WITH, "tail"), other)
-    return PairProfile(
-        a,
-        b,
-        makes,
-        predictor.name,
-        predictor.has_seen_the_test_recipes,
-        link,
-        results,
-        tuple(examples),
-    )
+    if not pairs:
+        raise ConfigError("The graph has no recipe, so there is no example pair.")
+    a, b = pairs[0]
+    return (a, b), examples
 
 
 PAGE = Page(
     "pair",
-    Pair,
+    PairState,
     _view,
     title="Pairs",
     exported=lambda _: (),

@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Addresses, Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Addresses, Page, PageState, Paging, paging
 from wordcraft_kg.apps.explorer.pages.entities import layers_of
 from wordcraft_kg.apps.explorer.predictor import recipes_giving
 from wordcraft_kg.base.errors import ConfigError
@@ -23,14 +23,24 @@ from wordcraft_kg.graphs.triples import COMPONENT_OF
 from wordcraft_kg.reports import charts
 
 STEPS_A_PAGE = 200
+"""Listed crafts on a page; a derivation may have thousands."""
 DRAWN = 60
 """Maximum number of drawn steps: the last ones."""
 EXAMPLES = 4
+"""Example goals: the first is shown by default, the page links to the others."""
 LISTED = 20
+"""Maximum number of blocked recipes, and of missing entities."""
+Outcome = Literal["base", "made", "impossible"]
 
 
-class Path(State):
-    """Page settings: goal (default: an entity in the last layer), page of the list, start (default: the base)."""
+class PathState(PageState):
+    """Page settings: a goal and a start.
+
+    Attributes:
+        entity: label of the goal; empty for an entity in the last crafting layer.
+        page: page number in the list of crafts.
+        start: label of the start; empty for the base.
+    """
 
     entity: str = ""
     page: int = 1
@@ -38,7 +48,15 @@ class Path(State):
 
 
 class PathStep(Record):
-    """A craft, numbered in execution order; layers are as late as possible, with the goal in the last layer."""
+    """A craft.
+
+    Attributes:
+        number: number in execution order, from 1.
+        recipe: recipe by labels.
+        part: split part of the recipe.
+        layer: layer in the drawing, after all ingredients, and as late as its uses allow; the goal
+            is in the last one.
+    """
 
     number: Count
     recipe: Recipe
@@ -47,9 +65,13 @@ class PathStep(Record):
 
 
 class Chain(Record):
-    """The shortest chain of recipes from an entity to another; each recipe uses the result of the one before.
+    """The shortest chain of recipes between two entities; each uses the result of the one before.
 
-    The chain leads back, from the goal, if none leads to the goal; ``steps`` is empty without any chain.
+    Attributes:
+        start: label of the first entity; the goal, if a chain leads only from the goal to the
+            start.
+        end: label of the last entity.
+        steps: crafts in turn; empty if no chain leads either way.
     """
 
     start: str
@@ -58,7 +80,12 @@ class Chain(Record):
 
 
 class Blocked(Record):
-    """An impossible recipe and the missing ingredients."""
+    """An impossible recipe.
+
+    Attributes:
+        recipe: recipe by labels.
+        missing: labels of the ingredients that cannot be made.
+    """
 
     recipe: Recipe
     missing: tuple[str, ...]
@@ -68,18 +95,29 @@ class PathView(Record):
     """The path from the base to an entity.
 
     Attributes:
+        entity: label of the goal.
+        examples: labels of other goals in late layers.
+        base: labels of the base entities.
         outcome: ``base`` without a craft, ``impossible`` if the entity cannot be made.
-        cost: crafts without reuse, in words, since the number may have thousands of digits.
-        drawn: the last steps.
+        steps: number of crafts.
+        layers: number of layers in the drawing.
+        cost: crafts without reuse, in words, since the number may have thousands of digits; empty
+            for an impossible goal.
+        parts: number of crafts by the split part of their recipes; parts without any are left out.
+        paging: which crafts are listed.
+        listed: the listed crafts.
+        drawn: the last crafts, at most :data:`DRAWN`, in execution order.
+        recipes: number of recipes that make the goal.
         blocked: some of the ``recipes`` for an impossible goal.
         sources: some missing entities without a recipe; empty if recipes form a cycle.
-        chain: the way from another start than the base, if chosen.
+        num_sources: number of all missing entities without a recipe.
+        chain: the way from another start than the base; None for the base.
     """
 
     entity: str
     examples: tuple[str, ...]
     base: tuple[str, ...]
-    outcome: Literal["base", "made", "impossible"]
+    outcome: Outcome
     steps: Count
     layers: Count
     cost: str
@@ -94,8 +132,9 @@ class PathView(Record):
     chain: Chain | None
 
 
-def _view(explored: Explored, state: Path) -> PathView:
-    split, graph = explored.opened.split, explored.opened.graph
+def _view(explored: Explored, state: PathState) -> PathView:
+    split = explored.opened.split
+    graph = explored.opened.graph
     if not graph.num_entities:
         raise ConfigError("The graph has no entities.")
     furthest = np.argsort(-layers_of(graph), kind="stable")[:EXAMPLES].tolist()
@@ -105,17 +144,21 @@ def _view(explored: Explored, state: Path) -> PathView:
     steps: tuple[PathStep, ...] = ()
     blocked: tuple[Blocked, ...] = ()
     sources: list[int] = []
+    outcome: Outcome
     if cost == math.inf:
-        blocked, sources = _blocked(planner, goal), _sources(planner, goal)
+        outcome = "impossible"
+        blocked = _blocked(planner, goal)
+        sources = _sources(planner, goal)
     else:
         steps = _steps(split, planner.derivation(goal).steps)
+        outcome = "made" if steps else "base"
     shown = paging(len(steps), state.page, STEPS_A_PAGE)
     used = [step.part for step in steps]
     return PathView(
         entity=graph.entities[goal],
         examples=graph.labels(furthest[1:]),
         base=planner.start,
-        outcome="impossible" if cost == math.inf else "made" if steps else "base",
+        outcome=outcome,
         steps=len(steps),
         layers=max((step.layer for step in steps), default=0),
         cost="" if cost == math.inf else approximate(int(cost)),
@@ -132,10 +175,23 @@ def _view(explored: Explored, state: Path) -> PathView:
 
 
 def chain_between(explored: Explored, start: int, goal: int) -> Chain:
-    """Return the shortest chain of recipes from an entity to a goal, by ids, or else from the goal; train first."""
+    """Return the shortest chain of recipes from an entity to a goal, or else the other way.
+
+    The other ingredients of a recipe need not be reachable: the chain shows a connection, not a
+    plan.
+
+    Args:
+        explored: graph and split.
+        start: id of the entity.
+        goal: id of the goal.
+
+    Returns:
+        the chain; of several recipes for a link, the first in train, valid or test, in this order.
+    """
     import networkx as nx
 
-    split, graph = explored.opened.split, explored.opened.graph
+    split = explored.opened.split
+    graph = explored.opened.graph
 
     def components() -> nx.DiGraph:
         triples = graph.triples[graph.triples[:, 1] == COMPONENT_OF]
@@ -143,38 +199,53 @@ def chain_between(explored: Explored, start: int, goal: int) -> Chain:
 
     links = explored.once("components", components)
     for one, other in ((start, goal), (goal, start)):
+        # networkx raises for an entity without links.
         if one in links and other in links and nx.has_path(links, one, other):
-            ends = pairwise(nx.shortest_path(links, one, other))
-            recipes = (recipes_giving(graph, head, COMPONENT_OF, tail) for head, tail in ends)
-            rows = [int(rows[split.parts[rows].argmin()]) for rows in recipes]
+            rows = []
+            for head, tail in pairwise(nx.shortest_path(links, one, other)):
+                giving = recipes_giving(graph, head, COMPONENT_OF, tail)
+                # Part numbers ascend from train; argmin takes the first of equal ones.
+                rows.append(int(giving[split.parts[giving].argmin()]))
             steps = _steps(split, tuple(graph.recipe_labels(graph.recipes[rows])))
             return Chain(graph.entities[one], graph.entities[other], steps)
     return Chain(graph.entities[start], graph.entities[goal], ())
 
 
-def _questions(explored: Explored) -> Iterator[tuple[str, Path]]:
-    graph, layer = explored.opened.graph, layers_of(explored.opened.graph)
+def _questions(explored: Explored) -> Iterator[tuple[str, PathState]]:
+    graph = explored.opened.graph
+    goal = int(layers_of(graph).argmax())
+    # The most used base entity that leads to the goal: its chain is the least special one.
     for start in sorted(graph.base_ids.tolist(), key=lambda entity: -graph.use_counts[entity]):
-        chain = chain_between(explored, start, goal := int(layer.argmax()))
+        chain = chain_between(explored, start, goal)
         if chain.steps and chain.end == graph.entities[goal]:
             yield (
                 f"How do I get from {chain.start} to {chain.end}?",
-                Path(chain.end, start=chain.start),
+                PathState(chain.end, start=chain.start),
             )
             return
 
 
 def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
+    """Return the recipes of a derivation, in execution order, with their parts and layers."""
+    # Forward: the earliest layer of each result, and with it the number of layers.
     earliest: dict[str, int] = {}
     for one, other, result in recipes:
-        earliest[result] = 1 + max(earliest.get(one, 0), earliest.get(other, 0))
+        before = max(earliest.get(one, 0), earliest.get(other, 0))
+        earliest[result] = before + 1
     layer = dict.fromkeys(earliest, max(earliest.values(), default=0))
+    # Backward: each ingredient as late as its uses allow, so that lines are short. Base entities
+    # have no layer.
     for one, other, result in reversed(recipes):
         for ingredient in (one, other):
             if ingredient in layer:
                 layer[ingredient] = min(layer[ingredient], layer[result] - 1)
     return tuple(
-        PathStep(number, recipe, _part_of(split, recipe), layer[recipe.result])
+        PathStep(
+            number=number,
+            recipe=recipe,
+            part=_part_of(split, recipe),
+            layer=layer[recipe.result],
+        )
         for number, recipe in enumerate(recipes, start=1)
     )
 
@@ -182,47 +253,60 @@ def _steps(split: Split, recipes: tuple[Recipe, ...]) -> tuple[PathStep, ...]:
 def _part_of(split: Split, recipe: Recipe) -> Part:
     graph = split.graph
     wanted = [graph.id_of(label) for label in recipe]
-    (row,) = (
-        row for row in graph.recipes_of(wanted[2]).tolist() if graph.recipes[row].tolist() == wanted
-    )
+    rows = graph.recipes_of(wanted[2])
+    # The graph has each recipe once, with ingredients in the order of ids, which is that of labels.
+    is_wanted = (graph.recipes[rows] == wanted).all(axis=1)
+    (row,) = rows[is_wanted].tolist()
     return PARTS[split.parts[row]]  # type: ignore[return-value]
 
 
 def _last(steps: tuple[PathStep, ...]) -> tuple[PathStep, ...]:
     # Whole layers from the end, so that the drawing has no gaps.
-    kept = sorted(steps, key=lambda step: (-step.layer, -step.number))[:DRAWN]
-    return tuple(sorted(kept, key=lambda step: step.number))
+    latest = sorted(steps, key=lambda step: (-step.layer, -step.number))
+    return tuple(sorted(latest[:DRAWN], key=lambda step: step.number))
 
 
 def _blocked(planner: Planner, goal: int) -> tuple[Blocked, ...]:
+    """Return some recipes of a goal that cannot be made, with their missing ingredients."""
     graph = planner.graph
     rows = graph.recipes[graph.recipes_of(goal)[:LISTED]]
-    missing = [
-        [i for i in dict.fromkeys(row[:2]) if planner.costs[i] == math.inf] for row in rows.tolist()
-    ]
-    blocked = zip(graph.recipe_labels(rows), missing, strict=True)
-    return tuple(Blocked(recipe, graph.labels(ids)) for recipe, ids in blocked)
+    blocked = []
+    for recipe, row in zip(graph.recipe_labels(rows), rows.tolist(), strict=True):
+        # An entity may be both ingredients; it is missing once.
+        ingredients = dict.fromkeys(row[:2])
+        missing = [entity for entity in ingredients if planner.costs[entity] == math.inf]
+        blocked.append(Blocked(recipe, graph.labels(missing)))
+    return tuple(blocked)
 
 
 def _sources(planner: Planner, goal: int) -> list[int]:
+    """Return the missing entities without recipes that a goal depends on, ascending."""
     graph = planner.graph
-    sources, seen, stack = [], {goal}, [goal]
+    sources = []
+    seen = {goal}
+    stack = [goal]
     while stack:
         entity = stack.pop()
         recipes = graph.recipes[graph.recipes_of(entity)]
         if not len(recipes):
             sources.append(entity)
-        needed = {i for i in recipes[:, :2].ravel().tolist() if planner.costs[i] == math.inf} - seen
+        ingredients = set(recipes[:, :2].ravel().tolist())
+        # Recipes may form a cycle: an entity is followed once.
+        needed = {i for i in ingredients if planner.costs[i] == math.inf} - seen
         seen |= needed
         stack.extend(needed)
+    # The order of a set is not that of ids.
     return sorted(sources)
 
 
-def _draw(view: PathView, _: Path, address: Addresses) -> Mapping[str, Markup]:
-    drawn = {"layers": (view.drawn, view.entity, view.base)}
-    if view.chain is not None:
-        drawn["chain"] = (view.chain.steps, view.chain.end, (view.chain.start,))
-    return {name: _drawn(*crafts, address) for name, crafts in drawn.items() if crafts[0]}
+def _draw(view: PathView, _: PathState, address: Addresses) -> Mapping[str, Markup]:
+    pictures = {}
+    if view.drawn:
+        pictures["layers"] = _drawn(view.drawn, view.entity, view.base, address)
+    chain = view.chain
+    if chain is not None and chain.steps:
+        pictures["chain"] = _drawn(chain.steps, chain.end, (chain.start,), address)
+    return pictures
 
 
 def _drawn(
@@ -231,32 +315,34 @@ def _drawn(
     crafts = []
     for step in steps:
         one, other, result = step.recipe
-        styles = {"goal": result == goal, "held": step.part != "train"}
+        styles = []
+        if result == goal:
+            styles.append("goal")
+        if step.part != "train":
+            styles.append("held")
         crafts.append(
             charts.Made(
                 label=result,
-                href=address(PAGE, Path(entity=result)),
+                href=address(PAGE, PathState(entity=result)),
                 layer=step.layer,
                 of=(one, other),
-                style=" ".join(name for name, applies in styles.items() if applies),
+                style=" ".join(styles),
                 title=f"{one} + {other} → {result} ({step.part})",
             )
         )
     return charts.layered(crafts, given, f"Crafts that lead to {goal}, in layers")
 
 
-def _exported(explored: Explored) -> Iterator[Path]:
-    yield from (Path(entity=label) for label in ("", *explored.opened.graph.entities))
-
-
 PAGE = Page(
     "path",
-    Path,
+    PathState,
     _view,
     title="Paths",
     subject="entity",
     draw=_draw,
-    exported=_exported,
+    # Only the first page of each list: the drawing has the last crafts, and other pages would be many
+    # files.
+    exported=lambda explored: map(PathState, ("", *explored.opened.graph.entities)),
     questions=_questions,
     is_there=attrgetter("opened.graph.num_entities"),
 )

@@ -1,4 +1,7 @@
-"""The page for a model's ranks."""
+"""The page for a model's ranks of all triples, to filter and to sort.
+
+``rank_graph`` first: it makes the table that this page and the comparison filter.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.apps.explorer.predictor import KNOWN, NEW, LinkPredictor
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.evaluation.scores import Known
@@ -33,24 +36,34 @@ from wordcraft_kg.models.scorers.roles import Side
 
 ROWS_A_PAGE = 50
 SCORES = 2**26
-"""Maximum number of scores of a ranking's unseen or other triples (seconds): all triples of up to 3,355 entities."""
+"""Maximum number of scores of a ranking's unseen or other triples, which take seconds: all triples
+of up to 3,355 entities."""
 RankOrder = Literal["worst", "best", "score", "label"]
+"""Worst or best rank first, highest score first, or by labels."""
 Knowledge = Literal["unseen", "learned", "all"]
+"""Triples outside the model's training data, training triples, or both."""
 Band = Literal["1", "2-10", "11-100", "101-"]
+"""A range of ranks. Realistic ranks may end in .5, so a band begins above the one before."""
 _BANDS: dict[Band, tuple[float, float]] = {
     "1": (0, 1),
     "2-10": (1, 10),
     "11-100": (10, 100),
     "101-": (100, np.inf),
 }
-"""Each rank band begins above the first rank."""
+"""Bounds of each band: ranks above the first number, up to the second."""
 
 
-class RankFilter(State):
-    """A filter for queries (links with an open ``side``).
+class RankFilter(PageState):
+    """A filter for queries (links with an open side); an empty text chooses all.
 
-    The part is by default any part of the book, ``new`` for links that are not in the book; ``known`` selects training
-    triples, other triples, or all; ``rank`` is a range of ranks.
+    Attributes:
+        relation: relation of the link.
+        side: the open side.
+        part: part of the first recipe that gives the link; empty for all links of the book, ``new``
+            for links that are not in the book.
+        known: whether the link is in the model's training data.
+        entity: label of head or tail.
+        rank: range of ranks.
     """
 
     relation: Relation | Literal[""] = ""
@@ -71,8 +84,12 @@ FACETS: dict[str, tuple[str, ...]] = {
 """Filter settings with a fixed number of values, each shown with its number of links."""
 
 
-class Queries(RankFilter):
-    """Page settings: a filter for queries, and the page in their list."""
+class QueriesState(RankFilter):
+    """Page settings: a filter for queries, and the page in their list.
+
+    Attributes:
+        page: page number.
+    """
 
     page: int = 1
 
@@ -82,15 +99,33 @@ class Queries(RankFilter):
         return RankFilter(*(getattr(self, name) for name in RankFilter.__struct_fields__))
 
 
-class Predictions(Queries):
-    """Page settings: a filter for queries, a model, by default the first, and an order."""
+class PredictionsState(QueriesState):
+    """Page settings: a filter for queries, a model, and an order.
+
+    Attributes:
+        model: name of the model; empty for the first.
+        sort: order of the queries.
+    """
 
     model: str = ""
     sort: RankOrder = "worst"
 
 
 class RankedQuery(Record):
-    """A query with the filtered, realistic rank, the best candidate, and the part with recipes for the triple."""
+    """A query: a link with an open side, and the rank of its answer.
+
+    Attributes:
+        head: label of the head.
+        relation: name of the relation.
+        tail: label of the tail.
+        side: the open side.
+        known: part of the first recipe that gives the link, or ``new``.
+        learned: whether the model was trained on the link.
+        rank: filtered, realistic rank of the answer.
+        candidates: number of entities that compete, with the answer.
+        score: the model's score for the link; higher is more plausible.
+        top: label of the entity with the highest score.
+    """
 
     head: str
     relation: Relation
@@ -105,7 +140,14 @@ class RankedQuery(Record):
 
 
 class RankSample(Record):
-    """Counts of ranked and existing triples: unseen test triples, and other triples."""
+    """How many triples are ranked; large graphs are sampled.
+
+    Attributes:
+        unseen: ranked unseen test triples.
+        unseen_of: all unseen test triples.
+        others: ranked other triples.
+        others_of: all other triples.
+    """
 
     unseen: Count
     unseen_of: Count
@@ -115,13 +157,23 @@ class RankSample(Record):
     @property
     def is_whole(self) -> bool:
         """Whether all triples are ranked."""
-        return (self.unseen, self.others) == (self.unseen_of, self.others_of)
+        return self.unseen == self.unseen_of and self.others == self.others_of
 
 
 class LinkRanks(Record):
-    """A page of ranks; metrics and ``learned``, the count of training triples, cover all chosen queries.
+    """A page of ranks; metrics and counts cover all chosen queries, not only the listed ones.
 
-    ``facets`` holds, for each setting and value, the number of links under the other chosen settings.
+    Attributes:
+        model: name of the model.
+        has_seen_the_test_recipes: whether the model was trained on all recipes.
+        chosen: the filter.
+        facets: number of links by setting and value, under the other chosen settings.
+        order: order of the queries.
+        metrics: ranking metrics.
+        learned: number of queries for training triples.
+        sample: how many triples are ranked.
+        paging: which queries are on this page.
+        queries: the queries on this page, each link once.
     """
 
     model: str
@@ -138,11 +190,20 @@ class LinkRanks(Record):
 
 @dataclass(frozen=True)
 class RankedTriples:
-    """A model's ranks for a graph's true triples, and for the ``new`` links that it ranks first in a query.
+    """A model's ranks for a graph's true triples, and for links that it ranks first in a query.
 
-    The tables have a row for each query, see :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`; the further
-    columns are ``part``, an index in ``KNOWN``, ``learned``, whether the triple is training data, and ``link``, equal
-    for both directions of a symmetric link.
+    The tables have a row for each query, see
+    :func:`~wordcraft_kg.models.scorers.ranking.rank_triples`; the further columns are ``part``, an
+    index in ``KNOWN``, ``learned``, whether the triple is training data, and ``link``, equal for
+    both directions of a symmetric link.
+
+    Attributes:
+        name: name of the model.
+        split: graph and split.
+        has_seen_the_test_recipes: whether the model was trained on all recipes.
+        ranks: table for the graph's true triples.
+        new: table for links that are not in the book, each the best answer to a query.
+        sample: how many of the true triples are ranked.
     """
 
     name: str
@@ -153,7 +214,12 @@ class RankedTriples:
     sample: RankSample
 
     def rows(self, chosen: RankFilter) -> pd.DataFrame:
-        """Return the table rows that fit a filter; an unknown entity is an UnknownEntityError."""
+        """Return the table rows that fit a filter.
+
+        Raises:
+            UnknownEntityError: if the graph does not have the filter's entity.
+        """
+        # New links are few and all rank first, so they are a table apart.
         ranks = self.new if chosen.part == "new" else self.ranks
         mask = np.ones(len(ranks), dtype=bool)
         if chosen.relation:
@@ -165,44 +231,67 @@ class RankedTriples:
         if chosen.known != "all":
             mask &= ranks["learned"] == (chosen.known == "learned")
         if chosen.entity:
-            mask &= (ranks[["head", "tail"]] == self.split.graph.id_of(chosen.entity)).any(axis=1)
+            entity = self.split.graph.id_of(chosen.entity)
+            mask &= (ranks[["head", "tail"]] == entity).any(axis=1)
         if chosen.rank:
             low, high = _BANDS[chosen.rank]
             mask &= (ranks["rank"] > low) & (ranks["rank"] <= high)
         return ranks[mask]
 
     def facets(self, chosen: RankFilter) -> dict[str, dict[str, int]]:
-        """Return the number of links by setting and value, with the other settings of the filter."""
-
-        def count(name: str, value: str) -> int:
-            return int(
-                self.rows(msgspec.structs.replace(chosen, **{name: value}))["link"].nunique()
-            )
-
-        return {
-            name: {value: count(name, value) for value in values} for name, values in FACETS.items()
-        }
+        """Return the number of links by setting and value, under the filter's other settings."""
+        counts: dict[str, dict[str, int]] = {}
+        for name, values in FACETS.items():
+            counts[name] = {}
+            for value in values:
+                rows = self.rows(msgspec.structs.replace(chosen, **{name: value}))
+                # Links, not rows: the list shows each link once.
+                counts[name][value] = int(rows["link"].nunique())
+        return counts
 
 
 def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> RankedTriples:
-    """Rank all triples in the graph; large graphs are sampled, with a separate sample for unseen test triples."""
+    """Rank all triples in the graph, those that the model was trained on and others.
+
+    Large graphs are sampled. Unseen test triples have a sample of their own, as in the
+    link-prediction report: they are few, and a common sample would have hardly any.
+
+    Args:
+        predictor: the model.
+        max_triples: most ranked triples of either sample; None for as many as take seconds.
+
+    Returns:
+        the ranks; equal models and graphs have equal samples.
+    """
     split = predictor.split
     graph = split.graph
     unseen = split.held_out("test")
     others = graph.triples[~is_in(graph.triples, unseen, graph.num_entities)]
     if max_triples is None:
+        # Not more than the report ranks (a triple has two queries), and less for many entities,
+        # which all get scores.
         max_triples = min(MAX_QUERIES // 2, max(MIN_TRIPLES, SCORES // max(graph.num_entities, 1)))
     taken = [sampled(triples, max_triples) for triples in (unseen, others)]
     chosen = np.concatenate(taken)
     ranks = rank_triples(predictor.model.scorer, chosen, graph.triples)
-    ranks, new = (_described(predictor, rows) for rows in (ranks, _first_new(predictor, ranks)))
-    sample = RankSample(len(taken[0]), len(unseen), len(taken[1]), len(others))
+    new = _first_new(predictor, ranks)
     return RankedTriples(
-        predictor.name, split, predictor.has_seen_the_test_recipes, ranks, new, sample
+        name=predictor.name,
+        split=split,
+        has_seen_the_test_recipes=predictor.has_seen_the_test_recipes,
+        ranks=_described(predictor, ranks),
+        new=_described(predictor, new),
+        sample=RankSample(
+            unseen=len(taken[0]),
+            unseen_of=len(unseen),
+            others=len(taken[1]),
+            others_of=len(others),
+        ),
     )
 
 
 def _first_new(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each link outside the book that has the highest score in a query."""
     if not len(ranks):
         return ranks
     is_tail = ranks["side"] == "tail"
@@ -210,19 +299,26 @@ def _first_new(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
         head=ranks["head"].where(is_tail, ranks["top"]),
         tail=ranks["tail"].where(~is_tail, ranks["top"]),
     )
-    new = new[(new[["head", "tail"]] != ranks[["head", "tail"]]).any(axis=1)]
+    # Where the answer itself has the highest score, the link is in the book.
+    is_other = (new[["head", "tail"]] != ranks[["head", "tail"]]).any(axis=1)
+    new = new[is_other]
     new = new.drop_duplicates(["head", "relation", "tail", "side"])
+    # A copy, because arrays of pandas may be read-only, which torch warns about.
     ids = (torch.from_numpy(new[name].to_numpy(copy=True)) for name in ("head", "relation", "tail"))
     with torch.no_grad():
         scores = predictor.model.scorer.score(*ids).cpu().double().numpy()
+    # In the query for a new link, the true answer does not compete: one candidate less.
     return new.assign(rank=1.0, candidates=new["candidates"] - 1, score=scores)
 
 
 def _described(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
+    """Add the columns ``part``, ``learned`` and ``link`` of :class:`RankedTriples` to a table."""
     triples = ranks[["head", "relation", "tail"]].to_numpy(dtype=np.int64)
     part = predictor.split.part_of(triples)
     is_symmetric = triples[:, 1:2] == COMBINES_WITH
-    ends = np.where(is_symmetric, np.sort(triples[:, [0, 2]], axis=1), triples[:, [0, 2]])
+    # Sorted ends give both directions of a symmetric link the same key.
+    ends = triples[:, [0, 2]]
+    ends = np.where(is_symmetric, np.sort(ends, axis=1), ends)
     link = triple_keys(np.insert(ends, 1, triples[:, 1], axis=1), predictor.graph.num_entities)
     return ranks.assign(
         part=np.where(part < 0, NEW, part), learned=predictor.learned(triples), link=link
@@ -232,12 +328,26 @@ def _described(predictor: LinkPredictor, ranks: pd.DataFrame) -> pd.DataFrame:
 def view_link_ranks(
     ranked: RankedTriples, chosen: RankFilter, order: RankOrder = "worst", page: int = 1
 ) -> LinkRanks:
-    """Return a page with one rank for each link, the first in the order, and metrics for all chosen queries.
+    """Return a page with one rank for each link, and metrics for all chosen queries.
 
     New links all have rank 1, so ``worst`` and ``best`` order them by descending score.
+
+    Args:
+        ranked: ranks of all triples.
+        chosen: filter for queries.
+        order: order of the queries.
+        page: page number in their list, from 1.
+
+    Returns:
+        the queries on the page.
+
+    Raises:
+        UnknownEntityError: if the filter has an entity that is not in the graph.
+        ConfigError: if the list has no such page.
     """
     order = "score" if chosen.part == "new" and order in ("worst", "best") else order
     ranks = ranked.rows(chosen)
+    # Of a link's rows, one for each side and direction, the first in the order stays.
     ordered = ranks.iloc[_order(ranks, order)].drop_duplicates("link")
     shown = paging(len(ordered), page, ROWS_A_PAGE)
     return LinkRanks(
@@ -255,19 +365,24 @@ def view_link_ranks(
 
 
 def _order(ranks: pd.DataFrame, order: RankOrder) -> Ids:
-    rank, score = (ranks[name].to_numpy(dtype=float) for name in ("rank", "score"))
+    def column(name: str) -> NDArray[np.float64]:
+        return ranks[name].to_numpy(dtype=float)
+
+    rank = column("rank")
+    score = column("score")
+    # np.lexsort sorts by the last key first. Ids are in the order of labels.
     keys: dict[RankOrder, tuple[NDArray[np.float64], ...]] = {
         "worst": (score, -rank),
         "best": (-score, rank),
         "score": (-score,),
-        "label": tuple(ranks[name].to_numpy(dtype=float) for name in ("tail", "head", "relation")),
+        "label": (column("tail"), column("head"), column("relation")),
     }
     return np.lexsort(keys[order])
 
 
 def ranked_queries(graph: RecipeGraph, rows: pd.DataFrame) -> Iterator[RankedQuery]:
     """Yield rows of a table of ranks as records, with labels for entity ids."""
-    labels, numbers = graph.entities, ("learned", "rank", "candidates", "score")
+    labels = graph.entities
     for row in rows.to_dict("records"):
         yield RankedQuery(
             head=labels[row["head"]],
@@ -275,31 +390,44 @@ def ranked_queries(graph: RecipeGraph, rows: pd.DataFrame) -> Iterator[RankedQue
             tail=labels[row["tail"]],
             side=row["side"],
             known=KNOWN[row["part"]],
+            learned=row["learned"],
+            rank=row["rank"],
+            candidates=row["candidates"],
+            score=row["score"],
             top=labels[row["top"]],
-            **{name: row[name] for name in numbers},
         )
 
 
 def ranked_by(explored: Explored, name: str) -> RankedTriples:
-    """Return cached ranks for all triples by a model."""
+    """Return ranks for all triples by a model, which take seconds and are kept.
+
+    Raises:
+        ConfigError: if there is no model.
+        UnknownEntityError: if no model has this name.
+    """
     predictor = explored.predictor(name)
     return explored.once(("ranks", predictor.name), lambda: rank_graph(predictor))
 
 
-def _view(explored: Explored, state: Predictions) -> LinkRanks:
+def _view(explored: Explored, state: PredictionsState) -> LinkRanks:
     return view_link_ranks(ranked_by(explored, state.model), state.chosen, state.sort, state.page)
 
 
-def _exported(explored: Explored) -> Iterator[Predictions]:
-    for name, sort in product(("", *list(explored.models)[1:]), get_args(RankOrder)[:2]):
-        yield (plain := Predictions(model=name, sort=sort))
+def _exported(explored: Explored) -> Iterator[PredictionsState]:
+    # The first model has the empty name of the plain address. One setting at a time: combinations
+    # would be too many files.
+    models = ("", *list(explored.models)[1:])
+    orders: tuple[RankOrder, ...] = ("worst", "best")
+    for name, sort in product(models, orders):
+        plain = PredictionsState(model=name, sort=sort)
+        yield plain
         for setting, values in FACETS.items():
             yield from (msgspec.structs.replace(plain, **{setting: value}) for value in values)
 
 
 PAGE = Page(
     "predictions",
-    Predictions,
+    PredictionsState,
     _view,
     title="Predictions",
     exported=_exported,

@@ -1,6 +1,5 @@
-"""Run pages."""
+"""Run pages: all runs side by side, and one run with its curves, as far as it has come."""
 
-from collections.abc import Iterator
 from operator import attrgetter
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from wordcraft_kg.agents.curves import EVALUATED
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.outcomes import TerminationReason
 from wordcraft_kg.apps.explorer.explored import Explored
-from wordcraft_kg.apps.explorer.page import Page, State
+from wordcraft_kg.apps.explorer.page import Page, PageState
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation import training_curves
@@ -26,25 +25,49 @@ from wordcraft_kg.reports.agent_pictures import (
 from wordcraft_kg.runs.record import RUN_FILE, Status
 
 
-class Runs(State):
+class RunsState(PageState):
     """Page settings: none."""
 
 
-class Run(State):
-    """Page settings: a run's name, by default the first."""
+class RunState(PageState):
+    """Page settings: a run.
+
+    Attributes:
+        run: name of the run; empty for the first.
+    """
 
     run: str = ""
 
 
 class PartSuccess(Record):
-    """Success rate on a task part: from the evaluation with a 95 % interval, or the last one during training."""
+    """Success rate on a task part: from the evaluation, or the last one during training.
+
+    Attributes:
+        mean: share of episodes that made the goal.
+        ci: 95 % interval over tasks; None during training, when only a few tasks are played.
+    """
 
     mean: Share
     ci: tuple[float, float] | None
 
 
 class RunRow(Record):
-    """An agent's run (status None before the start or if unreadable) with steps so far, and the last mixing weights."""
+    """An agent's run.
+
+    Attributes:
+        name: name of the run.
+        status: status in the run's record; None before the start, and for an unreadable run.
+        problem: reason why the run cannot be read; empty for other runs.
+        policy: kind of the policy.
+        scorer: name of the scorer's folder; empty without a scorer.
+        kg: recipes that the scorer was trained on; None without a scorer.
+        use: sources of scores that the agent mixes.
+        steps: environment steps so far.
+        planned: environment steps of the whole training.
+        success: success rate by task part; parts that were not evaluated are left out.
+        lambdas: last mixing weights by source, for the first and the second entity of an attempt;
+            None for a weight that the policy does not have.
+    """
 
     name: str
     status: Status | None
@@ -65,7 +88,13 @@ class RunRow(Record):
 
 
 class RunList(Record):
-    """The rows and columns of the table of runs: task parts with results, and mixed sources."""
+    """The table of runs.
+
+    Attributes:
+        runs: a row for each run.
+        parts: task parts for which any run has results.
+        sources: sources for which any run has mixing weights.
+    """
 
     runs: tuple[RunRow, ...]
     parts: tuple[TaskPart, ...]
@@ -81,10 +110,20 @@ class RunView(Record):
     """An agent's run with figures, curves, and settings other than the defaults.
 
     Attributes:
+        row: the run in the table of runs.
         checkpoint: the last weights; empty if there are none yet.
         waits_for: sentence about files that training has yet to write; empty for complete runs.
-        seconds: duration so far; ``steps_per_second`` is the last speed, or the mean over the whole training.
+        depth: depth of the training tasks, in crafts.
+        distractors: number of distractors in the training tasks.
+        seconds: duration so far; None before the first line of metrics.
+        steps_per_second: last speed, or the mean over the whole training once it is evaluated; None
+            if unknown.
         outcomes: shares of termination reasons, by part; empty before the evaluation.
+        settings: settings other than the defaults, as text.
+        curves: success rates during training, by part.
+        lambdas: mixing weights during training.
+        training: further figures during training.
+        provenance: versions and hashes of the run's inputs.
     """
 
     row: RunRow
@@ -104,42 +143,47 @@ class RunView(Record):
     provenance: dict[str, str] = msgspec.field(default_factory=dict)
 
 
-def _view_runs(explored: Explored, _: Runs) -> RunList:
+def _view_runs(explored: Explored, _: RunsState) -> RunList:
     rows = [_row(*explored.followed(name)) for name in explored.runs]
+    parts = set[TaskPart]().union(*(row.success for row in rows))
+    sources = set[str]().union(*(row.lambdas for row in rows))
+    # Columns in a fixed order, whatever the order of the runs.
     return RunList(
         runs=tuple(rows),
-        parts=tuple(part for part in EVALUATED if any(part in row.success for row in rows)),
-        sources=tuple(
-            name
-            for name in (ALPHA.name, *source_names())
-            if any(name in row.lambdas for row in rows)
-        ),
+        parts=tuple(part for part in EVALUATED if part in parts),
+        sources=tuple(name for name in (ALPHA.name, *source_names()) if name in sources),
     )
 
 
-def _view_run(explored: Explored, state: Run) -> RunView:
+def _view_run(explored: Explored, state: RunState) -> RunView:
     name, run = explored.followed(state.run)
     row = _row(name, run)
     if row.status is None:
         waits = "The run has not started: the folder has no record." if row.is_live else ""
         return RunView(row, waits_for=waits)
     records = run.records()
-    last = records.metrics[-1] if records.metrics else None
-    summary, tasks = records.evaluation, records.config.tasks
-    speed = last.figures.get("steps_per_second") if last else None
+    tasks = records.config.tasks
+    summary = records.evaluation
+    seconds: float | None = None
+    speed: float | None = None
+    if summary:
+        # The mean over the whole training.
+        seconds = summary.seconds
+        speed = summary.steps_per_second
+    elif records.metrics:
+        last = records.metrics[-1]
+        seconds = last.seconds
+        speed = last.figures.get("steps_per_second")
     return RunView(
         row=row,
         checkpoint=records.checkpoint,
         waits_for=_waits_for(records),
         depth=tasks.depth,
         distractors=tasks.distractors,
-        seconds=summary.seconds if summary else last.seconds if last else None,
-        steps_per_second=summary.steps_per_second if summary else speed,
+        seconds=seconds,
+        steps_per_second=speed,
         outcomes=summary.outcomes if summary else {},
-        settings={
-            name: Path(value).name if name in ("graph", "scorer") else str(value)
-            for name, value in records.config.differing().items()
-        },
+        settings={name: _shown(name, value) for name, value in records.config.differing().items()},
         curves=training_curves.success_curves([records]),
         lambdas=tuple(training_curves.lambda_curves([records])),
         training=training_curves.training_figures([records]),
@@ -147,11 +191,17 @@ def _view_run(explored: Explored, state: Run) -> RunView:
     )
 
 
+def _shown(name: str, value: object) -> str:
+    # Of a folder only its name: paths on this machine are private.
+    return Path(str(value)).name if name in ("graph", "scorer") else str(value)
+
+
 def _row(name: str, run: FollowedRun) -> RunRow:
     try:
         records = run.records()
     except ArtefactError as error:
-        # A starting run has a folder without a record.
+        # A starting run has a folder without a record: this is no problem, and the page waits for
+        # it.
         has_begun = (run.folder / RUN_FILE).exists() or not run.folder.is_dir()
         return RunRow(name, None, str(error) if has_begun else "")
     config = records.config
@@ -170,6 +220,7 @@ def _row(name: str, run: FollowedRun) -> RunRow:
 
 
 def _success(records: AgentRun) -> dict[TaskPart, PartSuccess]:
+    # The evaluation plays all tasks; the figures during training are of a sample.
     if records.evaluation is not None:
         rates = records.evaluation.success
         return {
@@ -182,34 +233,40 @@ def _success(records: AgentRun) -> dict[TaskPart, PartSuccess]:
 
 
 def _last_figures(records: AgentRun) -> dict[str, float]:
-    return {name: value for row in records.metrics for name, value in row.figures.items()}
+    """Return the last value of each figure: not every line of metrics has all figures."""
+    last: dict[str, float] = {}
+    for row in records.metrics:
+        last |= row.figures
+    return last
 
 
 def _lambdas(records: AgentRun) -> dict[str, tuple[float | None, float | None]]:
     figures = _last_figures(records)
     weights = {
-        name: (figures.get(f"lambda_{name}_first"), figures.get(f"lambda_{name}_second"))
+        name: (
+            figures.get(f"lambda_{name}_first"),
+            figures.get(f"lambda_{name}_second"),
+        )
         for name in (ALPHA.name, *source_names())
     }
     return {name: pair for name, pair in weights.items() if pair != (None, None)}
 
 
 def _waits_for(records: AgentRun) -> str:
-    status, every = records.run.status, f"{records.config.trainer.checkpoint_every:,}"
+    """Return a sentence about missing files, and the remedy; empty if nothing is missing."""
+    status = records.run.status
+    every = f"{records.config.trainer.checkpoint_every:,}"
     if status == "done":
         return ""
     if not records.checkpoint:
         if status == "running":
-            return f"Episodes need a checkpoint, which the run writes at the start and every {every} steps."
+            writes = f"the run writes at the start and every {every} steps"
+            return f"Episodes need a checkpoint, which {writes}."
         return "The run ended without a checkpoint. Train the agent again."
+    weights = f"Episodes use the weights of {records.checkpoint}"
     if status == "running":
-        return f"Episodes use the weights of {records.checkpoint}; new weights follow every {every} steps."
-    again = "Repeat the training command to resume and evaluate."
-    return f"Episodes use the weights of {records.checkpoint}. {again}"
-
-
-def _any_is_live(explored: Explored, _: Runs) -> bool:
-    return explored.is_any_live(*explored.runs)
+        return f"{weights}; new weights follow every {every} steps."
+    return f"{weights}. Repeat the training command to resume and evaluate."
 
 
 def _draw(view: RunView, *_: object) -> dict[str, object]:
@@ -223,24 +280,21 @@ def _draw(view: RunView, *_: object) -> dict[str, object]:
     }
 
 
-def _is_live(explored: Explored, state: Run) -> bool:
-    return explored.is_any_live(state.run)
-
-
-def _exported(explored: Explored) -> Iterator[Run]:
-    return (Run(name) for name in explored.runs)
-
-
 PAGE = Page(
-    "runs", Runs, _view_runs, title="Runs", is_there=attrgetter("runs"), is_live=_any_is_live
+    "runs",
+    RunsState,
+    _view_runs,
+    title="Runs",
+    is_there=attrgetter("runs"),
+    is_live=lambda explored, _: explored.is_any_live(*explored.runs),
 )
 RUN = Page(
     "run",
-    Run,
+    RunState,
     _view_run,
     subject="run",
     draw=_draw,
-    exported=_exported,
+    exported=lambda explored: map(RunState, explored.runs),
     is_there=attrgetter("runs"),
-    is_live=_is_live,
+    is_live=lambda explored, state: explored.is_any_live(state.run),
 )

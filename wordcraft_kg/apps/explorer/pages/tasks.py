@@ -1,4 +1,4 @@
-"""The task page."""
+"""The task page: all tasks of a depth and part, and how often an agent solved each of them."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.agents.following import FollowedRun
 from wordcraft_kg.agents.records import PlayedTask
 from wordcraft_kg.apps.explorer.explored import AskedDepth, AskedPart, Explored
-from wordcraft_kg.apps.explorer.page import Page, Paging, State, paging
+from wordcraft_kg.apps.explorer.page import Page, PageState, Paging, paging
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.arrays import Ids
@@ -23,8 +23,17 @@ Won = Literal["any", "always", "sometimes", "never"]
 """Share of distractor seeds with a solved task."""
 
 
-class Tasks(State):
-    """Page settings: filters for tasks. Depth 0 is the training depth for the agent ``run``, by default the first."""
+class TasksState(PageState):
+    """Page settings: filters for tasks, and an agent.
+
+    Attributes:
+        part: part of the tasks; empty for the usual part.
+        depth: depth of the tasks, in crafts; 0 for the agent's training depth.
+        goal: label of the goal; empty for all goals.
+        run: name of the agent's run; empty for the first.
+        success: how often the agent solved the tasks.
+        page: page number in the list.
+    """
 
     part: AskedPart = ""
     depth: AskedDepth = 0
@@ -35,7 +44,17 @@ class Tasks(State):
 
 
 class ListedTask(Record):
-    """A task with its number, and how many episodes an agent ``won`` of ``distractor_seeds``; None without results."""
+    """A task with an agent's results.
+
+    Attributes:
+        number: number of the task among those of its depth and part.
+        goal: label of the goal.
+        start: labels of the starting ingredients.
+        plans: plans that make the goal, as recipes in turn.
+        won: number of episodes that made the goal; None if the agent has not played the task.
+        distractor_seeds: number of episodes, one for each distractor seed; None if the agent has
+            not played the task.
+    """
 
     number: Count
     goal: str
@@ -46,7 +65,21 @@ class ListedTask(Record):
 
 
 class TaskTable(Record):
-    """Tasks for a depth and part, with ``counts`` by an agent's results; ``mixed`` tasks are outside all parts."""
+    """Tasks for a depth and part.
+
+    Attributes:
+        part: part of the tasks.
+        depth: depth of the tasks, in crafts.
+        tasks: number of all tasks.
+        is_complete: whether these are all existing tasks; otherwise a random sample.
+        mixed: number of tasks outside all parts, because their recipes are of several parts.
+        goal: label of the chosen goal; empty for all goals.
+        won: which tasks are listed, by an agent's results.
+        counts: number of tasks with the chosen goal, by an agent's results; empty if the agent has
+            played none.
+        paging: which tasks are on this page.
+        rows: the tasks on this page.
+    """
 
     part: TaskPart
     depth: int
@@ -61,7 +94,15 @@ class TaskTable(Record):
 
 
 class ShownTasks(Record):
-    """The table of tasks, the agent's name, the reason for missing results, and the part shown by default."""
+    """The table of tasks, with an agent's results.
+
+    Attributes:
+        run: name of the agent's run; empty without an agent.
+        runs: names of all runs.
+        missing: reason for missing results; empty if there are results, and without an agent.
+        usual: part shown by default.
+        table: the tasks.
+    """
 
     run: str
     runs: tuple[str, ...]
@@ -72,7 +113,13 @@ class ShownTasks(Record):
 
 @dataclass(frozen=True)
 class TaskResults:
-    """Won and played episode counts, one for each distractor seed, for N tasks; shape (N,), int64."""
+    """An agent's results for N tasks; an episode for each distractor seed.
+
+    Attributes:
+        won: shape (N,), int64, episodes that made the goal.
+        distractor_seeds: shape (N,), int64, played episodes; 0 for a task that the agent has not
+            played.
+    """
 
     won: Ids
     distractor_seeds: Ids
@@ -83,21 +130,25 @@ class TaskResults:
         played = {
             (one.goal, one.start): one.terminations for one in episodes if one.part == tasks.part
         }
+        # Starting ingredients are padded with num_entities, here the index of the empty label.
         labels = np.array([*tasks.graph.entities, ""], dtype=object)
-        starts = (tuple(filter(None, row)) for row in labels[tasks.starts].tolist())
-        ends = [
-            played.get(key, ()) for key in zip(labels[tasks.goals].tolist(), starts, strict=True)
-        ]
-        counts = [(terminations.count("goal"), len(terminations)) for terminations in ends]
-        return cls(*np.array(counts, dtype=np.int64).reshape(-1, 2).T)
+        goals = labels[tasks.goals].tolist()
+        starts = labels[tasks.starts].tolist()
+        counts = []
+        for goal, padded in zip(goals, starts, strict=True):
+            start = tuple(label for label in padded if label)
+            terminations = played.get((goal, start), ())
+            counts.append((terminations.count("goal"), len(terminations)))
+        # The reshape keeps two columns without tasks.
+        won, distractor_seeds = np.array(counts, dtype=np.int64).reshape(-1, 2).T
+        return cls(won, distractor_seeds)
 
     def where(self, won: Won) -> NDArray[np.bool_]:
         """Return which tasks the agent always, sometimes or never solves, shape (N,), bool."""
-        is_played, is_always, is_never = (
-            self.distractor_seeds > 0,
-            self.won == self.distractor_seeds,
-            self.won == 0,
-        )
+        # Without episodes, 0 of 0 would be always and never at once.
+        is_played = self.distractor_seeds > 0
+        is_always = self.won == self.distractor_seeds
+        is_never = self.won == 0
         return {
             "any": np.ones_like(is_played),
             "always": is_played & is_always,
@@ -114,14 +165,33 @@ def view_task_table(
     won: Won = "any",
     page: int = 1,
 ) -> TaskTable:
-    """List tasks page by page, optionally filtered by goal or by an agent's result."""
-    results = results or TaskResults(*np.zeros((2, len(tasks)), dtype=np.int64))
-    is_chosen = (
-        np.ones(len(tasks), dtype=bool) if not goal else tasks.goals == tasks.graph.id_of(goal)
-    )
-    kinds: tuple[Won, ...] = (
-        ("always", "sometimes", "never") if results.distractor_seeds[is_chosen].any() else ()
-    )
+    """List tasks page by page.
+
+    Args:
+        tasks: all tasks of a depth and part.
+        results: an agent's results for these tasks; None for none.
+        goal: label of the goal; empty for all goals.
+        won: which tasks are listed, by the results.
+        page: page number, from 1.
+
+    Returns:
+        the tasks on the page, in the order of the task set.
+
+    Raises:
+        UnknownEntityError: if the graph does not have the goal.
+        ConfigError: if the list has no such page.
+    """
+    if results is None:
+        not_played = np.zeros(len(tasks), dtype=np.int64)
+        results = TaskResults(not_played, not_played)
+    if goal:
+        is_chosen = tasks.goals == tasks.graph.id_of(goal)
+    else:
+        is_chosen = np.ones(len(tasks), dtype=bool)
+    # Without results, no counts: zeros would say that the agent fails.
+    kinds: tuple[Won, ...] = ()
+    if results.distractor_seeds[is_chosen].any():
+        kinds = ("always", "sometimes", "never")
     chosen = np.flatnonzero(is_chosen & results.where(won))
     shown = paging(len(chosen), page, TASKS_A_PAGE)
     return TaskTable(
@@ -139,26 +209,58 @@ def view_task_table(
 
 
 def _listed(tasks: TaskSet, results: TaskResults, number: int) -> ListedTask:
-    task, distractor_seeds = tasks[number], int(results.distractor_seeds[number])
-    won = (int(results.won[number]), distractor_seeds) if distractor_seeds else (None, None)
-    return ListedTask(number, task.goal, task.start, task.plans, *won)
+    task = tasks[number]
+    distractor_seeds = int(results.distractor_seeds[number])
+    return ListedTask(
+        number=number,
+        goal=task.goal,
+        start=task.start,
+        plans=task.plans,
+        won=int(results.won[number]) if distractor_seeds else None,
+        distractor_seeds=distractor_seeds or None,
+    )
 
 
-def list_tasks(explored: Explored, state: Tasks) -> ShownTasks:
-    """Return the page's values: tasks that fit its settings, with an agent's results."""
-    name, run = explored.followed(state.run) if explored.runs or state.run else ("", None)
-    tasks = explored.plain_world(
-        explored.settings_of(explored.tasks_of(run), state.part, state.depth)
-    ).tasks
-    missing, results = "", None
-    if run is not None and not (missing := _missing(name, run, tasks)):
-        key = "results", name, run.records().run.ended, tasks.hash
-        results = explored.once(key, lambda: TaskResults.of(tasks, run.episodes().values()))
+def list_tasks(explored: Explored, state: TasksState) -> ShownTasks:
+    """Return the page's values: tasks that fit its settings, with an agent's results.
+
+    Raises:
+        TaskError: if there are no such tasks.
+        UnknownEntityError: if the graph does not have the goal, or no run has the name.
+        ConfigError: if a setting is out of range.
+    """
+    name = ""
+    run: FollowedRun | None = None
+    # Tasks need no agent; but a name without runs is an error that tells how to start with one.
+    if explored.runs or state.run:
+        name, run = explored.followed(state.run)
+    config = explored.settings_of(explored.tasks_of(run), state.part, state.depth)
+    tasks = explored.plain_world(config).tasks
+    missing = ""
+    results: TaskResults | None = None
+    if run is not None:
+        missing = _missing(name, run, tasks)
+        if not missing:
+            results = _results(explored, name, run, tasks)
     table = view_task_table(tasks, results, goal=state.goal, won=state.success, page=state.page)
-    return ShownTasks(name, tuple(explored.runs), missing, explored.usual_part(), table)
+    return ShownTasks(
+        run=name,
+        runs=tuple(explored.runs),
+        missing=missing,
+        usual=explored.usual_part(),
+        table=table,
+    )
+
+
+def _results(explored: Explored, name: str, run: FollowedRun, tasks: TaskSet) -> TaskResults:
+    # A run may be trained and evaluated again while the server runs: the time of its end tells the
+    # two apart.
+    key = ("results", name, run.records().run.ended, tasks.hash)
+    return explored.once(key, lambda: TaskResults.of(tasks, run.episodes().values()))
 
 
 def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
+    """Return the reason why an agent has no results for these tasks; empty if it has."""
     try:
         records = run.records()
         if records.evaluation is None:
@@ -167,39 +269,31 @@ def _missing(name: str, run: FollowedRun, tasks: TaskSet) -> str:
             return f"{name} was evaluated on tasks of depth {records.config.tasks.depth}."
         if tasks.part not in records.evaluation.success:
             return f"{name} was evaluated on {' and '.join(records.evaluation.success)} tasks."
+        # The page shows damaged episodes as a reason, instead of an error page without tasks.
         run.episodes()
     except ArtefactError as error:
         return str(error)
     return ""
 
 
-def _is_live(explored: Explored, state: Tasks) -> bool:
-    return bool(explored.runs) and explored.is_any_live(state.run)
-
-
-def _exported(explored: Explored) -> Iterator[Tasks]:
-    # Only the first page for each agent: all pages would be too many files.
-    yield from (Tasks(run=name) for name in ("", *explored.runs))
-
-
-def _questions(explored: Explored) -> Iterator[tuple[str, Tasks]]:
+def _questions(explored: Explored) -> Iterator[tuple[str, TasksState]]:
     for name in explored.runs:
         with suppress(ArtefactError):
-            played = explored.followed(name)[1].episodes().values()
-            if any(
-                task.part == explored.usual_part() and "goal" not in task.terminations
-                for task in played
-            ):
-                yield f"Where does {name} fail?", Tasks(run=name, success="never")
+            _, run = explored.followed(name)
+            usual = explored.usual_part()
+            played = [task for task in run.episodes().values() if task.part == usual]
+            if any("goal" not in task.terminations for task in played):
+                yield f"Where does {name} fail?", TasksState(run=name, success="never")
                 return
 
 
 PAGE = Page(
     "tasks",
-    Tasks,
+    TasksState,
     list_tasks,
     title="Tasks",
-    exported=_exported,
+    # Only the first page for each agent: all pages would be too many files.
+    exported=lambda explored: [TasksState(run=name) for name in ("", *explored.runs)],
     questions=_questions,
-    is_live=_is_live,
+    is_live=lambda explored, state: bool(explored.runs) and explored.is_any_live(state.run),
 )

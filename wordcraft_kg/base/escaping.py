@@ -6,8 +6,10 @@ a line, links or headings. Each function returns a text that the format shows ch
 
 import re
 import unicodedata
+from typing import TYPE_CHECKING
 
-from markupsafe import Markup, escape
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 # Control characters reach a terminal as commands, and lone surrogates (bytes of a path that are not UTF-8) end print in
@@ -52,11 +54,14 @@ def for_markdown(text: str) -> str:
     return _MARKDOWN_START.sub(lambda match: match[1] + _references(match[2]), inline)
 
 
-def for_html(text: object) -> Markup:
+def for_html(text: object) -> "Markup":
     """Return a value for HTML, escaped; marks of direction, which reorder the page around a text, become codes.
 
     Markup stays as it is.
     """
+    # Late: the light installation, without reports and pages, has no MarkupSafe.
+    from markupsafe import Markup, escape
+
     if isinstance(text, Markup):
         return text
     return escape(_BIDI_MARK.sub(_code, str(text)))

@@ -7,7 +7,8 @@ import msgspec
 import pytest
 
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
-from wordcraft_kg.apps.text_agents.results import read_games, result_of
+from wordcraft_kg.apps.text_agents.results import groups_of, read_games, result_of
+from wordcraft_kg.graphs import open_graph
 from wordcraft_kg.runs.folder import locked
 
 FIRST_TWO = "import sys\nfor line in sys.stdin: print('1 + 2', flush=True)"
@@ -32,7 +33,8 @@ def games(tmp_path):
 
 def result_in(folder):
     header, played, _ = read_games(Path(folder, GAMES_FILE))
-    return result_of(header.player, header.settings, played)
+    groups = groups_of(open_graph("kitchen"), header.settings)
+    return result_of(header.player, header.settings, played, groups)
 
 
 def lines_of(path):

@@ -16,6 +16,7 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, open_graph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
 from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.recipes import base, fitting, training
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
@@ -180,8 +181,7 @@ def test_fits_run_in_parallel_only_if_their_memory_is_there(book, tmp_path, monk
 
     def jobs(waiting, threads, note, *, is_long):
         is_parallel.append(is_long)
-        for job in waiting:
-            job.train(lambda steps: None)
+        raise KeyboardInterrupt  # the decision is all that matters here
 
     graph = open_graph(str(book)).graph
     needed = config.fit_bytes(graph.num_entities, graph.num_recipes, SMALL.folds)
@@ -189,7 +189,8 @@ def test_fits_run_in_parallel_only_if_their_memory_is_there(book, tmp_path, monk
     monkeypatch.setattr(training, "memory", lambda: at_once * needed)
     monkeypatch.setattr(training, "ALONE", 1)
     monkeypatch.setattr(training, "train_jobs", jobs)
-    train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
+    with pytest.raises(KeyboardInterrupt):
+        train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
     assert is_parallel == [at_once == 2]
 
 
@@ -319,13 +320,14 @@ def test_w_is_restored_from_its_constants_and_a_kept_table_is_not_mistaken_for_a
     nothing = full.num_entities
     goal, held = torch.tensor([3, 4]), torch.tensor([nothing, 1])
     table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])
-    assert not restored(goal, held, table).any()
+    states = States(goal, held, table)
+    assert not restored(states).any()
     restored.load_state_dict(full.state_dict())
-    expected = full(goal, held, table)
-    assert torch.equal(restored(goal, held, table), expected)
+    expected = full(states)
+    assert torch.equal(restored(states), expected)
     wider = torch.cat([table, torch.full((2, 3), nothing)], dim=1)
-    assert torch.equal(full(goal, held, wider), torch.nn.functional.pad(expected, (0, 3)))
-    assert not full(goal, held, torch.full_like(table, nothing)).any()
+    assert torch.equal(full(States(goal, held, wider)), torch.nn.functional.pad(expected, (0, 3)))
+    assert not full(States(goal, held, torch.full_like(table, nothing))).any()
 
 
 def test_the_link_report_of_a_recipe_scorer_is_written(small, book):

@@ -23,6 +23,7 @@ from wordcraft_kg.envs.words import prompt_text
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import open_graph
 
+# Language models write "look up", "look-up" and "lookup", with and without a colon.
 _LOOK_UP = re.compile(r"look[\s-]*up\b[\s:]*(.*)", re.IGNORECASE)
 
 
@@ -140,6 +141,7 @@ class Conversation:
         self._in_a_row += 1
         if self._in_a_row <= self._max_invalid:
             return prompt_text("invalid", reason=reason)
+        # The count begins anew, so that each lost attempt stands for equally many messages.
         self.game.lose_attempt()
         self.lost_attempts += 1
         self._in_a_row = 0

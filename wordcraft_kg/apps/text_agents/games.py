@@ -75,6 +75,7 @@ class Game(ABC):
             EpisodeError: if the game is over.
         """
         self._check()
+        # By label, and before the attempt, which may change the numbers.
         table = self.labels
         self.pairs.append((table[one], table[other]))
         return self._combine(one, other)

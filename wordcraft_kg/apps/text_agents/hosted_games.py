@@ -196,7 +196,8 @@ def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists():
-        path.touch()
+        path.touch()  # the lock needs a file
+    # No device, folder or broken link: records are appended for as long as the server runs.
     check_file(path)
     with locked(path, "written"):
         count = len(open_games(path, header))

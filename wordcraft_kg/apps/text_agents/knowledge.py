@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _MOST_FACTS = 40
 """Most recipes in a reply; some entities have hundreds."""
 _MOST_LINKS = 10
+"""Most entities in a reply for each kind of link."""
 
 
 class Knowledge(ABC):
@@ -171,6 +172,7 @@ class ScorerKnowledge(Knowledge):
         ):
             if len(ids):
                 scores = scorer.score(head, relation, tail).cpu().numpy()
+                # Stable: of equal scores, the entity that comes first in the graph wins.
                 best = np.argsort(-scores, kind="stable")[:_MOST_LINKS].tolist()
                 labels = self.graph.labels(ids[best].tolist())
                 links = [

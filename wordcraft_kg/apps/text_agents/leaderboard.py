@@ -109,6 +109,7 @@ def _twins(marked: Sequence[_Row]) -> set[str]:
 
 
 def _lines(marked: Sequence[_Row]) -> Iterator[str]:
+    # No time and no version of the package: the page depends on the submissions alone.
     manifest, manifest_hash = read_manifest()
     yield from (
         "# Leaderboard",
@@ -151,6 +152,7 @@ def _cells(row: _Row, twins: set[str]) -> Iterator[str]:
     submission = row.submission
     figures = submission.figures
     marks = []
+    # Some recipes of the book are not sensible: who makes them all the same has seen the book.
     if figures.by_plan is not None and figures.mean > SENSIBLE:
         marks.append("†")
     if submission.player in twins:

@@ -174,6 +174,7 @@ class _Server(MCPServer[Any]):
 
 
 async def _messages() -> AsyncIterator[str]:
+    # Bytes that are no UTF-8 are replaced: one bad message gets an error, and the server goes on.
     async for line in anyio.wrap_file(TextIOWrapper(sys.stdin.buffer, "utf-8", "replace")):
         yield line
     # At the end of its input the SDK cancels calls without an answer: let them come first.
@@ -325,6 +326,7 @@ def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], Ho
     @server.tool(
         name="begin",
         title="Start a game",
+        # The number of tasks belongs to the prompt; `tools_hash` uses a fixed one instead.
         description=_TOOLS["begin"].format(last=last),
         annotations=_PLAYS,
     )

@@ -58,6 +58,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     look_ups: Count = LOOK_UPS
     max_invalid: Count = MAX_INVALID
     prompt_hash: Hash
+    # Fields of later versions, with the value that earlier files had without saying so.
     track: str | None = None
     answer_grammar: Count = 1
 

@@ -98,8 +98,10 @@ def record_of(
 
 
 def _termination_of(game: TaskGame) -> TerminationReason:
+    """Return how a finished game ended, in the terms of agent evaluation."""
     if game.is_made:
         return "goal"
+    # A lost attempt has no pair, so none that makes anything.
     if game.last is None:
         return "no_recipe"
     one, other = map(game.graph.id_of, game.last)
@@ -253,6 +255,7 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
                 if isinstance(one, TaskGameRecord)
                 else (0, one.game)
             )
+            # A game twice would count twice; a game of other tasks is not part of the result.
             if key not in missing:
                 raise ArtefactError(
                     f"{path}, line {line}, is damaged: the game is a duplicate, or not part of the "

@@ -78,6 +78,7 @@ def _decided(play: Play, number: int, messages: Sequence[str], grammar: int) -> 
     None if the game was not over when its messages ended to fit.
     """
     task, seed = game_of_track(play, number)
+    # The game as it was played, and the game under the other grammar, message by message.
     was = play.begin(task, seed)
     now = play.begin(task, seed)
     now.grammar = grammar

@@ -57,6 +57,7 @@ class GameSettings:
     distractors: int = WordCraftConfig.num_distractors
     attempts: int | None = None
     open_ended: Flag = False
+    # Split at commas: the parser itself would take the whole text for one label.
     base: Annotated[
         list[str] | None,
         Parameter(negative=(), consume_multiple=False, converter=_labels, accepts_keys=False),
@@ -68,6 +69,7 @@ class GameSettings:
     _of_tasks: ClassVar[tuple[str, ...]] = ("part", "depth", "distractors")
 
     def __post_init__(self) -> None:
+        # Checked here, because Python code and Inspect make settings without the command line.
         one_of("part", self.part, get_args(TaskPart))
         whole("depth", self.depth, 1, MAX_DEPTH)
         whole("distractors", self.distractors, 0, MAX_SIZE)

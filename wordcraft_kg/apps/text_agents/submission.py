@@ -380,6 +380,8 @@ def write_submission(
     dumped = dump_json(as_values(submission))
     _check_versions(folder, parse_record(dumped.encode(), Submission, folder / SUBMISSION_FILE))
     folder.mkdir(parents=True, exist_ok=True)
+    # The games first: between the two writes, `games_hash` of an earlier submission does not fit,
+    # and verification refuses it.
     write_atomically(folder / GAMES_FILE, text)
     write_atomically(folder / SUBMISSION_FILE, dumped)
     return submission, lines

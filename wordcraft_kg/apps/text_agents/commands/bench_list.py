@@ -31,6 +31,7 @@ def bench_list(*, output: Output = Output()) -> None:
         yield "players"
         yield from aligned([(f"  {name}", about) for name, about in kinds.items()])
 
+    # Text names the endings once; programs get each full name.
     view = {
         "benchmark": manifest.name,
         "hash": manifest_hash,

@@ -64,9 +64,8 @@ def evaluate_text(
     """Evaluate a program that plays by text, on the tasks and tables for agents.
 
     For each JSON object on stdin (a line with text, goal, table, attempts_left, game, new), the
-    program writes a line
-    with two items to combine, such as: water + earth. Repeat the command to continue an interrupted
-        evaluation.
+    program writes a line with two items to combine, such as: water + earth. Repeat the command to
+    continue an interrupted evaluation.
 
     Args:
         graph: graph folder, recipe book or known book's name.
@@ -85,6 +84,7 @@ def evaluate_text(
 
     if name is not None:
         one_line("name", name, 100)
+    # The games first: a wrong setting must not start a program that loads a model.
     play = Play.open(graph, settings)
     with sigterm_as_interrupt(), LinePlayer(player, timeout=timeout) as program:
         called = name or program.name
@@ -112,6 +112,7 @@ def _check(folder: Path) -> None:
 
     if folder.exists() and not folder.is_dir():
         raise OutputExistsError(f"'{folder}' is a file; expected a folder. Choose another --out.")
+    # Games are continued or replaced there; other files are none of this command's.
     if folder.is_dir() and any(folder.iterdir()) and not (folder / GAMES_FILE).is_file():
         raise OutputExistsError(
             f"'{folder}' exists without {GAMES_FILE}; nothing was changed. Choose another --out."

@@ -293,7 +293,7 @@ def player_environment(variables: Mapping[str, str]) -> dict[str, str]:
     kept = {}
     for name, value in variables.items():
         is_proxy = name.upper() in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY") and "@" not in value
-        # Not an outer program's tag: this program would be killed when that one ends.
+        # Each program has a tag of its own, so the tag of an outer one is not passed on.
         is_own = name.upper().startswith(_OWN_PREFIXES) and name != TAG
         if name.upper() in _PASSED_ON or is_proxy or is_own:
             kept[name] = value

@@ -46,7 +46,7 @@ MESSAGES = "messages"
 _MOST_SHOWN = 300
 """Characters of a wrong value in an error."""
 SCHEMA = Path(__file__).parent / "data" / "submission.schema.json"
-# Processors differ in the last bits of a mean; six digits are equal on all.
+# Processors may differ in the last bits of a mean, and verification compares bytes.
 _DIGITS = 6
 # Declared numbers are shown in tables: the limits keep nonsense out, and columns narrow.
 MOST_DOLLARS = 1_000_000

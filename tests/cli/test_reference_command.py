@@ -13,8 +13,8 @@ from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
     GamesHeader,
     PlayedSettings,
-    PlayedTask,
-    PlayedWorld,
+    TaskGameRecord,
+    WorldGameRecord,
 )
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, read_games, result_of
 from wordcraft_kg.base.records import as_lines
@@ -205,7 +205,7 @@ def tasks_made(number, world, most=None):
     """Games on tasks in which the first goals are made."""
     about = {"goal": "", "table": (), "actions": 2, "distractor_seed": 0, "last": None, **COUNTS}
     return [
-        PlayedTask(
+        TaskGameRecord(
             task=task,
             success=made,
             by_plan=made,
@@ -278,7 +278,7 @@ def test_an_open_ended_result_is_a_row_and_so_is_a_log_of_inspect(
 ):
     env = OpenEndedEnv("kitchen", max_attempts=20)
     played = [
-        PlayedWorld(game=game, known_after=(9 + game,) * 9 + (11,) * 2, repeated=0, **COUNTS)
+        WorldGameRecord(game=game, known_after=(9 + game,) * 9 + (11,) * 2, repeated=0, **COUNTS)
         for game in range(2)
     ]
     settings = PlayedSettings.of(env, open_graph("kitchen").split, distractor_seeds=2)

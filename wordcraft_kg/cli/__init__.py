@@ -1,13 +1,24 @@
 """The command line: one thin module per command; results on stdout, log and progress on stderr.
 
-To add a command, write a module with ``EXAMPLES`` and a function named after the command, and list the command in
-:data:`CORE`. Apps add commands by entry points in the group ``wordcraft_kg.commands``: the command's name, with a dot
-between two words, and ``module:function``. The module has ``EXAMPLES`` and ``GROUP``, the group in the help. If several
-commands share the first word, such as ``people``, one module has ``SUBJECT``, the help text for this word. Import heavy
-packages inside the function: help stays fast.
+Read ``describe`` first, the shortest command with all parts. This file makes the application from
+the commands' modules, and runs a command line. ``console`` has what all commands share (options,
+results as text or JSON), ``options`` the options that several have, ``training`` what the training
+commands share, ``failures`` the way from an error to a message and an exit code, ``progress`` the
+bar. All other files are a command each; what a command computes lies in other rooms.
 
-A command with many options names in ``SHOWN`` those that ``--help`` shows, and in ``FILE_ONLY`` those that only the
-configuration file may set; ``docs/commands.md`` lists all.
+To add a command, write a module with ``EXAMPLES`` and a function named after the command, and list
+the command in :data:`CORE`. Apps add commands by entry points in the group
+``wordcraft_kg.commands``: the command's name, with a dot between two words, and
+``module:function``. The module has ``EXAMPLES`` and ``GROUP``, the group in the help. If several
+commands share the first word, such as ``people``, one module has ``SUBJECT``, the help text for
+this word. Import heavy packages inside the function: help stays fast.
+
+A command with many options names in ``SHOWN`` those that ``--help`` shows, and in ``FILE_ONLY``
+those that only the configuration file may set; ``docs/commands.md`` lists all.
+
+Change freely: help texts, examples, what is shown as text. Names of options and commands, the
+fields of JSON output and exit codes are used by scripts: keep them, or say in the changelog what
+changed.
 """
 
 import gc
@@ -16,10 +27,9 @@ import re
 import sys
 import tomllib
 from collections.abc import Callable, Container, Iterator, Sequence
-from functools import reduce
 from importlib import import_module
 from importlib.metadata import entry_points
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any, get_args
@@ -49,10 +59,12 @@ APPS = {
     point.name.replace(".", " "): point for point in entry_points(group="wordcraft_kg.commands")
 }
 """Entry points of the commands that apps add, by command name."""
-ALL = [name for names in CORE.values() for name in names] + sorted(APPS)
+ALL = [*chain.from_iterable(CORE.values()), *sorted(APPS)]
+"""All command names."""
 PROGRAM = "wordcraft-kg"
 
-ABOUT = """Build recipe graphs of crafting worlds, predict links, train agents, and report the results. Start here:
+ABOUT = """Build recipe graphs of crafting worlds, predict links, train agents, and report the
+results. Start here:
 
   wordcraft-kg build-graph everyday --out graph
   wordcraft-kg train-recipes graph --out model
@@ -61,7 +73,8 @@ ABOUT = """Build recipe graphs of crafting worlds, predict links, train agents, 
   wordcraft-kg explain run
   wordcraft-kg explore graph --model model --run run
 
-train-complex trains the paper's model instead; compare tests the differences between runs or between models."""
+train-complex trains the paper's model instead; compare tests the differences between runs or
+between models."""
 CONFIGURED = (
     "Options can also be set in a TOML file, --config FILE, in a table named after the command."
 )
@@ -77,11 +90,13 @@ def make_app() -> App:
         version_flags=("--version", "-V"),
         help_format="plaintext",
         help_formatter=_FlowingHelp(),
+        # `main` runs the command itself: it needs the exit code, and shows errors in one style.
         result_action="return_value",
         suppress_keyboard_interrupt=False,
     )
     app.register_install_completion_command(
-        help="Install completion for bash, zsh or fish: a script, and a line in ~/.bashrc or ~/.zshrc.",
+        help="Install completion for bash, zsh or fish: a script, and a line in ~/.bashrc "
+        "or ~/.zshrc.",
         help_epilogue="",
     )
     for rank, (title, commands) in enumerate(commands_by_group().items()):
@@ -104,6 +119,7 @@ def make_app() -> App:
 
 
 def _subject(app: App, words: list[str], group: Group) -> App:
+    """Return where a command is added: the application, or the one for the command's first word."""
     if not words:
         return app
     (word,) = words
@@ -123,9 +139,8 @@ def _subject(app: App, words: list[str], group: Group) -> App:
 
 
 def _examples(*modules: ModuleType) -> str:
-    return "Examples:\n\n" + "\n".join(
-        f"  {line}" for module in modules for line in module.EXAMPLES
-    )
+    lines = chain.from_iterable(module.EXAMPLES for module in modules)
+    return "Examples:\n\n" + "\n".join(f"  {line}" for line in lines)
 
 
 def _more_options(name: str, module: ModuleType) -> str:
@@ -133,21 +148,20 @@ def _more_options(name: str, module: ModuleType) -> str:
     if not hasattr(module, "SHOWN"):
         return ""
     table = f"[{name.replace(' ', '.')}]"
-    return (
-        f"\n\nMore options: docs/commands.md lists all; --config FILE sets any in a table {table}."
-    )
+    lists = "\n\nMore options: docs/commands.md lists all;"
+    return f"{lists} --config FILE sets any in a table {table}."
 
 
 def commands_by_group() -> dict[str, list[str]]:
     """Return all command names by help group, core groups first."""
-    groups = {title: list(names) for title, names in CORE.items()}
+    groups = {title: list(names) for title, names in CORE.items()}  # copies: CORE stays as it is
     for name in sorted(APPS):
         groups.setdefault(manual_of(name).module.GROUP, []).append(name)
     return groups
 
 
 def manual_of(name: str) -> Manual:
-    """Return the usage and the examples of a command, by name."""
+    """Return the usage and the examples of a command, by name; imports the command's module."""
     if name in APPS:
         function = APPS[name].load()
         return Manual(f"{PROGRAM} {name}", function, sys.modules[function.__module__])
@@ -160,8 +174,8 @@ class _FlowingHelp(DefaultFormatter):
     """Help formatter that joins the lines of docstrings; blank lines and command lines stay.
 
     Args:
-        shown: names of the command's own options to show, such as ``--steps``. None shows all. Arguments by place and
-            the options of every command are always shown.
+        shown: names of the command's own options to show, such as ``--steps``. None shows all.
+            Arguments by place and the options of every command are always shown.
     """
 
     def __init__(self, shown: Sequence[str] | None = None) -> None:
@@ -169,16 +183,23 @@ class _FlowingHelp(DefaultFormatter):
         self.shown = shown
 
     def __call__(self, console: Any, options: Any, panel: Any) -> None:
-        """Show a panel with commands or options; positional arguments are shown without an option name."""
-        entries = [entry for entry in panel.entries if self._is_shown(panel, entry)]
-        if not entries:
-            return
-        for entry in entries:
-            _flow(entry.description)
-        entries = [
-            entry.copy(positive_names=()) if entry.positional_label else entry for entry in entries
-        ]
-        super().__call__(console, options, panel.copy(entries=entries))
+        """Show a panel with commands or options.
+
+        Positional arguments are shown without an option name: each has one way to be given.
+
+        Args:
+            console: Rich's console.
+            options: options of the console.
+            panel: the panel; without an entry to show, nothing is printed.
+        """
+        entries = []
+        for entry in panel.entries:
+            if self._is_shown(panel, entry):
+                _flow(entry.description)
+                by_place = bool(entry.positional_label)
+                entries.append(entry.copy(positive_names=()) if by_place else entry)
+        if entries:
+            super().__call__(console, options, panel.copy(entries=entries))
 
     def _is_shown(self, panel: Any, entry: Any) -> bool:
         if self.shown is None or entry.positional_label or panel.title == OUTPUT_GROUP:
@@ -186,7 +207,13 @@ class _FlowingHelp(DefaultFormatter):
         return any(name in self.shown for name in entry.names)
 
     def render_description(self, console: Any, options: Any, description: Any) -> None:
-        """Print a command's description."""
+        """Print a command's description.
+
+        Args:
+            console: Rich's console.
+            options: options of the console.
+            description: the docstring's text.
+        """
         _flow(description)
         super().render_description(console, options, description)
 
@@ -201,13 +228,18 @@ def _flow(shown: Any) -> None:
 
 def _paragraph(text: str) -> str:
     lines = [line.strip() for line in text.splitlines()]
+    # Command lines are copied and pasted, so each keeps its line.
     if all(line.startswith("wordcraft-kg ") for line in lines):
         return "\n".join(f"  {line}" for line in lines)
     return " ".join(" ".join(lines).split())
 
 
 def command_in(tokens: Sequence[str]) -> str | None:
-    """Return the name of the first command in the words of a command line, or None."""
+    """Return the name of the first command in the words of a command line, or None.
+
+    The parser is not asked, because this is needed for its own errors, and for the table of the
+    configuration file.
+    """
     for place, token in enumerate(tokens):
         for name in (token, " ".join(tokens[place : place + 2])):
             if name in ALL:
@@ -216,13 +248,20 @@ def command_in(tokens: Sequence[str]) -> str | None:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command line and return the exit code: 0 done, 1 bad input or failed check, 2 misuse, 130 interrupted."""
-    # A large book creates millions of small, long-lived objects: garbage collection would take longer than the work.
+    """Run a command line, and return the exit code.
+
+    Args:
+        arguments: words of the command line; None for those of this process.
+
+    Returns:
+        0 done, 1 bad input or failed check, 2 misuse, 130 interrupted.
+    """
+    # A large book creates millions of small, long-lived objects: garbage collection would take
+    # longer than the work.
     gc.set_threshold(200_000, 20, 100)
-    tokens = list(sys.argv[1:] if arguments is None else arguments)
-    tokens = [
-        "→" if token == "->" else token for token in tokens
-    ]  # the arrow in a recipe, not an option
+    given = sys.argv[1:] if arguments is None else arguments
+    # The arrow in a recipe would be taken for an option.
+    tokens = ["→" if token == "->" else token for token in given]
     if tokens[:1] == ["help"]:
         tokens = [*tokens[1:3], "--help"]
     name = command_in(tokens)
@@ -232,12 +271,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for token in tokens:
             _check_text(token, repr(token))
         app = make_app()
-        parts = [part for token in tokens for part in re.split("(?<=^--config)=", token)]
-        path = next((after for before, after in pairwise(parts) if before == "--config"), None)
-        options = [] if path is None else [Dict(_read_toml(path, name), source=path)]
-        app.config = [*options, _refuse_fractions]
+        # In this order: the file's options first, so that the checks also see them.
+        configs: list[Any] = []
+        path = _config_file(tokens)
+        if path is not None:
+            configs.append(Dict(_read_toml(path, name), source=path))
+        configs.append(_refuse_fractions)
         if name and manual and hasattr(manual.module, "FILE_ONLY"):
-            app.config = [*app.config, _refuse_on_command_line(name, manual.module.FILE_ONLY)]
+            configs.append(_refuse_on_command_line(name, manual.module.FILE_ONLY))
+        app.config = configs
         command, bound, _ = app.parse_args(tokens, print_error=False, exit_on_error=False)
         output = bound.arguments.get("output", output)
         _check_working_folder()
@@ -275,10 +317,20 @@ def _check_working_folder() -> None:
         ) from None
 
 
+def _config_file(tokens: Sequence[str]) -> str | None:
+    """Return the value of ``--config`` in a command line, before the options are parsed."""
+    parts: list[str] = []
+    for token in tokens:
+        parts += re.split("(?<=^--config)=", token)
+    return next((after for before, after in pairwise(parts) if before == "--config"), None)
+
+
 def _check_text(value: Any, where: str) -> None:
     """Refuse text that no file name or record may hold: not UTF-8, or with a NUL character."""
-    if isinstance(value, dict | list):
-        for one in value.values() if isinstance(value, dict) else value:
+    if isinstance(value, dict):
+        value = list(value.values())
+    if isinstance(value, list):
+        for one in value:
             _check_text(one, where)
     elif isinstance(value, str):
         if "\0" in value:
@@ -292,10 +344,11 @@ def _check_text(value: Any, where: str) -> None:
 
 
 def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
+    """Refuse a fraction for a whole number: the parser would cut it off without a word."""
     for argument in arguments:
-        if any(
-            int in (hint, *get_args(hint)) for hint in (argument.hint, *get_args(argument.hint))
-        ):
+        # `int`, `int | None`, `list[int]` and `list[int] | None`.
+        hints = [argument.hint, *get_args(argument.hint)]
+        if any(int in (hint, *get_args(hint)) for hint in hints):
             for token in argument.tokens:
                 if "." in token.value:
                     raise CoercionError(argument=argument, token=token, target_type=int)
@@ -304,8 +357,8 @@ def _refuse_fractions(app: App, commands: tuple[str, ...], arguments: ArgumentCo
 def _refuse_on_command_line(command: str, names: Container[str]) -> Callable[..., None]:
     """Return a check that refuses options which only the configuration file may set.
 
-    Such options belong to an earlier study or to the paper's released code; on the command line they would hide the
-    options that users need.
+    Such options belong to an earlier study or to the paper's released code; on the command line
+    they would hide the options that users need.
     """
 
     def check(app: App, commands: tuple[str, ...], arguments: ArgumentCollection) -> None:
@@ -334,7 +387,8 @@ def _read_toml(path: str, command: str | None) -> dict[str, Any]:
         if name not in ALL or not isinstance(options, dict):
             table = name.replace(" ", ".")
             raise ConfigError(
-                f"--config {path}: '{table}' is not a table named after a command.{nearest(name, ALL)}"
+                f"--config {path}: '{table}' is not a table named after a "
+                f"command.{nearest(name, ALL)}"
             )
     if command is None:
         return {}
@@ -347,14 +401,15 @@ def _read_toml(path: str, command: str | None) -> dict[str, Any]:
     from wordcraft_kg.runs.config_file import moved
 
     def resolved(value: str) -> str:
+        # Any text may be a path: only one that exists there, and not here, is taken for one.
         target = os.path.normpath(Path(path).parent / value)
         return target if os.path.exists(target) and not os.path.exists(value) else value
 
-    return reduce(
-        lambda options, word: {word: options},
-        reversed(command.split()),
-        moved(tables[command], resolved),
-    )
+    # The parser expects a table in a table for a command of two words.
+    options = moved(tables[command], resolved)
+    for word in reversed(command.split()):
+        options = {word: options}
+    return options
 
 
 def _tables(content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -362,6 +417,7 @@ def _tables(content: dict[str, Any]) -> Iterator[tuple[str, Any]]:
     subjects = {name.partition(" ")[0] for name in ALL if " " in name}
     for name, options in content.items():
         if name in subjects and options and isinstance(options, dict):
-            yield from ((f"{name} {word}", inner) for word, inner in options.items())
+            for word, inner in options.items():
+                yield f"{name} {word}", inner
         else:
             yield name, options

@@ -21,8 +21,10 @@ def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
     Args:
         fetch: book to download into the cache; the SHA-256 is checked.
     """
+    # The only command that downloads a book: all others work without a network.
     if fetch is not None:
-        path, book = fetch_book(fetch), FETCHABLE[fetch]
+        path = fetch_book(fetch)
+        book = FETCHABLE[fetch]
         values = {
             "book": fetch,
             "path": str(path),
@@ -44,16 +46,19 @@ def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:
 def _text(view: "BookList") -> Iterator[str]:
     rows: list[tuple[str, ...]] = [("book", "origin", "entities", "recipes", "")]
     for book in view.books:
-        place = (
-            ""
-            if book.origin == "built in"
-            else book.path or f"get it: wordcraft-kg books --fetch {book.name}"
-        )
+        place = ""  # a built-in book is in the package, wherever that is
+        if book.origin != "built in":
+            place = book.path or f"get it: wordcraft-kg books --fetch {book.name}"
         note = f"  ({book.note})" if book.note else ""
-        sizes = ["" if size is None else f"{size:,}" for size in (book.entities, book.recipes)]
-        rows.append(
-            (book.name, book.origin, *(f"{size:>8}" for size in sizes), f"{place}{note}".lstrip())
-        )
+        # Right-aligned; a book that is not here has no sizes.
+        entities = f"{_size(book.entities):>8}"
+        recipes = f"{_size(book.recipes):>8}"
+        rows.append((book.name, book.origin, entities, recipes, f"{place}{note}".lstrip()))
     yield from aligned(rows)
     yield "with invented words: made-up:BOOK, such as made-up:everyday; made-up-3:BOOK with seed 3"
-    yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({view.data_folder or 'not set'})"
+    own = view.data_folder or "not set"
+    yield f"your own: any path, or files in the folder that {DATA_VARIABLE} names ({own})"
+
+
+def _size(number: int | None) -> str:
+    return "" if number is None else f"{number:,}"

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from itertools import zip_longest
+from itertools import chain, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,10 +33,12 @@ class Output:
     """Common options.
 
     Attributes:
-        json: print a JSON object on stdout instead of text; after a failure, {"error": {"kind", "message"}}.
+        json: print a JSON object on stdout instead of text; after a failure, {"error": {"kind",
+            "message"}}.
         quiet: no progress on stderr.
         verbose: log stage durations and error tracebacks on stderr.
-        config: TOML file with options in a table named after the command; the command line takes precedence.
+        config: TOML file with options in a table named after the command; the command line takes
+            precedence.
     """
 
     json: Annotated[bool, Parameter(negative="", show_default=False)] = False
@@ -49,13 +51,20 @@ class Output:
     config: Path | None = None
 
     def result(self, view: "Record | dict[str, Any]", text: Iterable[str]) -> None:
-        """Print a command's result: ``view`` as a JSON object with --json, otherwise the lines of ``text``.
+        """Print a command's result: ``view`` with --json, otherwise ``text``.
+
+        Args:
+            view: the result as a record, printed as a JSON object.
+            text: the result as lines.
 
         Raises:
-            StdoutError: if stdout takes no more; a command writes its files before its result, so they remain.
+            StdoutError: if stdout takes no more; a command writes its files before its result, so
+                they remain.
             BrokenPipeError: if the reader of stdout has closed it, as `| head` does.
         """
         Progress.close_current()  # training may end before the last epoch
+        # Labels and names come from files that anyone may have written: control characters could
+        # rewrite what the terminal shows.
         if self.json:
             from wordcraft_kg.base.records import as_values
 
@@ -75,14 +84,18 @@ class Output:
                 "written remain. Redirect stdout to another place."
             ) from None
 
+    # Progress goes to stderr, so that a result on stdout can be piped.
     def progress(self, what: str, unit: str = "epoch") -> Progress:
-        """Return a reporter that shows progress of the work ``what`` on stderr, in epochs or another unit."""
+        """Return a reporter that shows progress of the work ``what`` on stderr, by ``unit``."""
         Progress.close_current()  # a training that stopped early has not reported the end
         return Progress(what, unit=unit, hidden=self.quiet)
 
     @contextmanager
     def session(self) -> Iterator[None]:
-        """Show warnings and stages of work on stderr while a command runs; clear the bar at the end."""
+        """Show warnings and stages of work on stderr while a command runs.
+
+        Clear the bar at the end.
+        """
         logging.basicConfig(level=logging.WARNING, format="%(message)s", handlers=[_Stderr()])
         logging.captureWarnings(True)
         logging.getLogger("wordcraft_kg").setLevel(logging.INFO if self.verbose else logging.NOTSET)
@@ -91,7 +104,7 @@ class Output:
 
 
 class _Stderr(logging.Handler):
-    """Writes to the current ``sys.stderr``: a bar on the terminal moves down."""
+    """Writes to the present ``sys.stderr``, which a bar replaces, so that the bar moves down."""
 
     def emit(self, record: logging.LogRecord) -> None:
         # Warnings of Python and tracebacks have several lines.
@@ -105,11 +118,17 @@ Flag = Annotated[bool, Parameter(negative="", show_default=False)]
 
 def split_labels(values: Sequence[str]) -> list[str]:
     """Split comma-separated labels; labels with commas must come from a file."""
-    return [label for value in values for part in value.split(",") if (label := part.strip())]
+    parts = chain.from_iterable(value.split(",") for value in values)
+    labels = [part.strip() for part in parts]
+    return [label for label in labels if label]
 
 
 def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
-    """Parse comma-separated integers without repetition; a ConfigError for other text names the option."""
+    """Parse comma-separated integers; each is returned once, in the order given.
+
+    Raises:
+        ConfigError: for other text; the message names the option.
+    """
     try:
         numbers = list(dict.fromkeys(int(value) for value in split_labels(values)))
     except ValueError:
@@ -122,8 +141,14 @@ def whole_numbers(option: str, values: Sequence[str]) -> list[int]:
 
 
 def refuse_given(options: Any, about: str) -> None:
-    """Raise a ConfigError if an option was given that has no effect; ``about`` names the proper use in the message."""
+    """Raise a ConfigError if an option was given that would have no effect.
+
+    Args:
+        options: a dataclass of options with defaults; another value than the default was given.
+        about: the proper use of the options, for the message.
+    """
     for field in fields(options):
+        # The parser fills in defaults, so a given default cannot be told from none.
         if getattr(options, field.name) != getattr(type(options)(), field.name):
             raise ConfigError(f"`{field.name}` is for {about}; leave it out.")
 
@@ -135,7 +160,16 @@ def check_file(out: Path | None, *, force: bool) -> None:
 
 
 def write_file(out: Path, content: str | Iterable[str], *, force: bool) -> None:
-    """Write a text file atomically; ``force`` replaces an existing file."""
+    """Write a text file atomically.
+
+    Args:
+        out: the file.
+        content: text, or parts of it in order.
+        force: whether an existing file is replaced.
+
+    Raises:
+        OutputExistsError: if the file exists, without ``force``.
+    """
     with staged_file(out, force=force) as file:
         write_atomically(file, content)
 
@@ -145,16 +179,27 @@ def command_line(*words: str | Path) -> str:
     return shlex.join(["wordcraft-kg", *map(str, words)])
 
 
+# A slip such as 0-40000 would train for weeks.
 MOST_SEEDS = 1_000
 
 
 def read_seeds(text: str) -> list[int]:
-    """Parse a list of different seeds from numbers and ranges: 0-2,7 gives 0, 1, 2 and 7; else a ConfigError."""
-    seeds: dict[int, None] = {}
+    """Parse a list of different seeds from numbers and ranges: 0-2,7 gives 0, 1, 2 and 7.
+
+    Raises:
+        ConfigError: for other text, or more than :data:`MOST_SEEDS` seeds.
+    """
+    seeds: dict[int, None] = {}  # an ordered set
     for part in text.split(","):
+        # 19 digits hold every seed; more would make integers of any size.
         match = re.fullmatch(r"\s*(\d{1,19})(?:-(\d{1,19}))?\s*", part)
-        first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
-        chosen = range(first, last + 1) if last < first + MOST_SEEDS else range(0)
+        chosen = range(0)
+        if match:
+            first = int(match[1])
+            last = int(match[2] or match[1])
+            # Checked before the range is walked through: it may have a quintillion members.
+            if last < first + MOST_SEEDS:
+                chosen = range(first, last + 1)
         seeds |= dict.fromkeys(chosen)
         if not chosen or len(seeds) > MOST_SEEDS:
             raise ConfigError(
@@ -164,16 +209,19 @@ def read_seeds(text: str) -> list[int]:
 
 
 def aligned(rows: Iterable[Sequence[str]], *, numbers: bool = False) -> list[str]:
-    """Return the lines of a text table with aligned columns.
+    """Return the lines of a text table with aligned columns; empty columns are left out.
 
-    Empty columns are left out; ``numbers`` right-aligns all columns after the first.
+    Args:
+        rows: cells by row; a short row is filled with empty cells.
+        numbers: whether all columns after the first are right-aligned.
     """
+    # From rows to columns, for the widths, and back.
     columns = [column for column in zip_longest(*rows, fillvalue="") if any(column)]
-    widths = [
-        f"{'>' if numbers and place else '<'}{max(map(len, column))}"
-        for place, column in enumerate(columns)
-    ]
-    return ["  ".join(map(format, row, widths)).rstrip() for row in zip(*columns, strict=True)]
+    formats = []
+    for place, column in enumerate(columns):
+        side = ">" if numbers and place else "<"
+        formats.append(f"{side}{max(map(len, column))}")
+    return ["  ".join(map(format, row, formats)).rstrip() for row in zip(*columns, strict=True)]
 
 
 def lines_of(values: Any) -> list[str]:
@@ -183,24 +231,25 @@ def lines_of(values: Any) -> list[str]:
     return aligned(_rows(as_values(values), ""))
 
 
+_COUNTS = {"examples": "pairs_with_several_results"}
+"""Fields that count a list's elements, by the list's field, where the names do not say it."""
+
+
 def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
     for name, value in values.items():
         label = indent + name.replace("_", " ")
+        # Records within the record are indented below their name.
         if isinstance(value, dict):
             yield label, ""
             yield from _rows(value, f"{indent}  ")
         elif isinstance(value, list):
-            if value:  # a record counts the elements of a shortened list, such as unreachable and unreachable_entities
-                total = values.get(
-                    {"examples": "pairs_with_several_results"}.get(name) or name.rpartition("_")[0]
-                )
-                yield (
-                    label,
-                    names(
-                        [_cell(one) for one in value],
-                        total if isinstance(total, int) else len(value),
-                    ),
-                )
+            if value:
+                cells = [_cell(one) for one in value]
+                # A record counts the elements of a shortened list, such as `unreachable` for
+                # `unreachable_entities`.
+                count = _COUNTS.get(name) or name.rpartition("_")[0]
+                total = values.get(count)
+                yield label, names(cells, total if isinstance(total, int) else len(value))
         elif value is not None:
             yield label, _cell(value)
 
@@ -210,18 +259,20 @@ def _cell(value: Any) -> str:
         return ": ".join(map(_cell, value.values()))
     if isinstance(value, list):
         return " ".join(map(_cell, value))
-    if isinstance(value, bool):
+    if isinstance(value, bool):  # before int: a bool is one
         return str(value).lower()
-    return (
-        f"{value:,}"
-        if isinstance(value, int)
-        else f"{value:.3g}"
-        if isinstance(value, float)
-        else str(value)
-    )
+    if isinstance(value, int):
+        return f"{value:,}"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def names(labels: Sequence[str], total: int, most: int = 10) -> str:
-    """Return the first ``most`` labels as text, joined by commas, with the number of further labels up to ``total``."""
+    """Return labels as text, joined by commas, with the number of those left out.
+
+    Args:
+        labels: labels in order, perhaps only some of them.
+        total: number of all labels.
+        most: number of labels to name.
+    """
     listed = ", ".join(labels[:most])
     return f"{listed} and {total - most:,} more" if total > most else listed

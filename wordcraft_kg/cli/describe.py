@@ -1,7 +1,7 @@
 """``wordcraft-kg describe``."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.wording import counted
@@ -19,7 +19,7 @@ EXAMPLES = (
 
 
 def describe(graph: Graph, *, entity: str | None = None, output: Output = Output()) -> None:
-    """Audit a graph: ambiguity, reachability, layers, degrees, coverage and leakage; or show an entity.
+    """Audit a graph: ambiguity, reachability, layers, degrees, coverage, leaks; or show an entity.
 
     Args:
         entity: show this entity's recipes, uses and cheapest derivation instead.
@@ -35,19 +35,20 @@ def describe(graph: Graph, *, entity: str | None = None, output: Output = Output
     else:
         audited = audit(opened.graph, opened.split)
         warn_of_base(audited)
-        output.result(
-            audited,
-            [f"graph {opened.graph.name}", *lines_of(audited), *note_of_shares(audited.split)],
-        )
+        title = f"graph {opened.graph.name}"
+        output.result(audited, [title, *lines_of(audited), *note_of_shares(audited.split)])
 
 
 def warn_of_base(audited: "Audit") -> None:
-    """Log a warning about an inferred base, and another about entities that cannot be made from the base."""
-    logger, base = logging.getLogger(__name__), names(audited.base, len(audited.base))
+    """Log warnings about an inferred base, and about entities that cannot be made from the base."""
+    logger = logging.getLogger(__name__)
+    base = names(audited.base, len(audited.base))
+    # Everything else is counted from the base, so a wrong guess spoils all numbers.
     if audited.base_is_inferred:
         entities = counted(len(audited.base), "entity", "entities")
         logger.warning(
-            "no base is named, so the base is the %s without a recipe: %s. Name the base in the book (# base: a, b) or "
+            "no base is named, so the base is the %s without a recipe: %s. Name the base in the "
+            "book (# base: a, b) or "
             "with build-graph --base.",
             entities,
             base,
@@ -60,19 +61,24 @@ def warn_of_base(audited: "Audit") -> None:
 
 
 def note_of_shares(split: "SplitSummary") -> Iterator[str]:
-    """Yield a line if recipes were moved to train, so that the split has other shares than the settings."""
-    moved, recipes = (
-        split.moved_for_coverage,
-        (split.train_recipes, split.valid_recipes, split.test_recipes),
-    )
-    wanted = split.train_ratio, split.valid_ratio, 1 - split.train_ratio - split.valid_ratio
-    actual = (number / sum(recipes) for number in recipes)
-    shares = [
-        "/".join(f"{share:.0%}" for share in row if share >= 0.005) for row in (wanted, actual)
-    ]
-    if moved and shares[0] != shares[1]:
+    """Yield a line if recipes were moved to train, so that the split has other shares than set."""
+    moved = split.moved_for_coverage
+    recipes = (split.train_recipes, split.valid_recipes, split.test_recipes)
+    test_ratio = 1 - split.train_ratio - split.valid_ratio
+    wanted = _percentages((split.train_ratio, split.valid_ratio, test_ratio))
+    actual = _percentages([number / sum(recipes) for number in recipes])
+    # In percent, a few moved recipes in a large book change nothing.
+    if moved and wanted != actual:
         reason = f"{moved:,} recipes were moved to train so that every entity has a train recipe"
-        yield f"note: split {shares[1]} instead of {shares[0]}: {reason}; --split by-recipe-plain moves no recipe"
+        yield (
+            f"note: split {actual} instead of {wanted}: {reason}; "
+            "--split by-recipe-plain moves no recipe"
+        )
+
+
+def _percentages(shares: Iterable[float]) -> str:
+    # What rounds to 0 % is left out, such as a part that a split does not have.
+    return "/".join(f"{share:.0%}" for share in shares if share >= 0.005)
 
 
 def _entity_text(view: "EntityView") -> Iterator[str]:
@@ -80,6 +86,7 @@ def _entity_text(view: "EntityView") -> Iterator[str]:
     if view.layer is not None and not view.base:
         place = f"first made in round {view.layer}"
     yield f"{view.entity}: {place}"
+    # Recipes that make the entity, then recipes that use it.
     for title, recipes in (("recipes", view.recipes), ("uses", view.uses)):
         yield f"{title} ({len(recipes)})"
         yield from (f"  {recipe}" for recipe in recipes)

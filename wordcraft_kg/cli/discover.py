@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 EXAMPLES = (
     "wordcraft-kg discover everyday --players random,greedy --runs 20",
     "wordcraft-kg discover everyday --scorer models/everyday --out discovery.html",
-    "wordcraft-kg discover little-alchemy-2 --scorer models/everyday-recipes --attempts 500 --runs 20",
+    "wordcraft-kg discover little-alchemy-2 --scorer models/everyday-recipes --attempts 500 --runs "
+    "20",
 )
 
 
@@ -33,31 +34,32 @@ def discover(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Evaluate scripted players in open-ended mode: count discovered entities and compare with people.
+    """Evaluate scripted players in open-ended mode: count discoveries, and compare with people.
 
     Args:
         attempts: combinations for each run.
         runs: runs for each player.
-        players: comma-separated: random, random-no-repeat, nearest-words (similar labels), greedy, empowerment (both
-            know the graph), empowerment-scorer and recipe-learner (guided by --scorer). Default: all that --scorer
-            allows, without nearest-words.
-        scorer: model folder, written by train-complex, train-links or train-recipes on this graph. For recipe-learner a
-            model from train-recipes on any book.
-        base: comma-separated entities known at the start. Default: the graph's base. People begin with air, earth,
-            fire and water.
+        players: comma-separated: random, random-no-repeat, nearest-words (similar labels), greedy,
+            empowerment (both know the graph), empowerment-scorer and recipe-learner (guided by
+            --scorer). Default: all that --scorer allows, without nearest-words.
+        scorer: model folder, written by train-complex, train-links or train-recipes on this graph.
+            For recipe-learner a model from train-recipes on any book.
+        base: comma-separated entities known at the start. Default: the graph's base. People begin
+            with air, earth, fire and water.
         seed: root seed.
         out: HTML page to write, with curves.
     """
-    check_file(out, force=force)
+    check_file(out, force=force)  # before minutes of play
     from wordcraft_kg.agents.discovery import DISCOVERERS, GUIDED
     from wordcraft_kg.evaluation.discovery import open_guides, view_discovery
     from wordcraft_kg.graphs.folder import open_graph
 
     played = open_graph(graph).graph
     guides = None if scorer is None else open_guides(scorer, played)
-    possible = [name for name in DISCOVERERS if name not in (*GUIDED, "nearest-words")] + list(
-        guides.players if guides else ()
-    )
+    # Nearest words load word vectors, so they play on request alone.
+    possible = [name for name in DISCOVERERS if name not in (*GUIDED, "nearest-words")]
+    if guides:
+        possible += guides.players
     chosen = list(dict.fromkeys(split_labels(players))) if players else possible
     if not chosen:
         raise ConfigError(f"`players`: expected at least one of {', '.join(DISCOVERERS)}.")
@@ -75,37 +77,38 @@ def discover(
 
 def _text(view: "DiscoveryView") -> Iterator[str]:
     def cell(known: "Known") -> str:
-        has_interval = known.low is not None and known.high is not None and known.low < known.high
-        return f"{known.mean:.1f}" + (
-            f" [{known.low:.1f}, {known.high:.1f}]" if has_interval else ""
-        )
+        # A player without chance does the same in each run: there is nothing between the ends.
+        if known.low is None or known.high is None or known.low >= known.high:
+            return f"{known.mean:.1f}"
+        return f"{known.mean:.1f} [{known.low:.1f}, {known.high:.1f}]"
 
-    rows: list[tuple[str, ...]] = [("entities known after", *map(str, view.marks), "repeated")]
+    marks = [str(mark) for mark in view.marks]
+    last = marks[-1]
+    rows: list[tuple[str, ...]] = [("entities known after", *marks, "repeated")]
     for name, known in view.players.items():
-        rows.append(
-            (name, *map(cell, known.values()), f"{known[str(view.marks[-1])].repeated:.1%}")
-        )
-    people = (view.people.get(str(mark)) for mark in view.marks)
-    rows.append(("people, another game", *("" if mean is None else f"{mean:g}" for mean in people)))
+        rows.append((name, *map(cell, known.values()), f"{known[last].repeated:.1%}"))
+    people = [view.people.get(mark) for mark in marks]
+    means = ["" if mean is None else f"{mean:g}" for mean in people]
+    # People played with other entities, so their row is a rough guide and says so.
+    rows.append(("people, another game", *means))
     published = [
         row
         for row in view.references
         if row.origin == "literature" and row.measure == "entities known"
     ]
-    shown = [row for row in published if str(view.marks[-1]) in row.figures]
+    # Published results for fewer attempts are no comparison.
+    shown = [row for row in published if last in row.figures]
     for row in shown:
-        figures = (row.figures.get(str(mark)) for mark in view.marks)
-        rows.append(
-            (
-                f"{row.player}, published",
-                *("" if each is None else f"{each.value:g}" for each in figures),
-            )
-        )
-    yield f"{view.graph}: {view.reachable:,} of {view.entities:,} entities reachable from {', '.join(view.base)}"
+        figures = [row.figures.get(mark) for mark in marks]
+        values = ["" if each is None else f"{each.value:g}" for each in figures]
+        rows.append((f"{row.player}, published", *values))
+    reachable = f"{view.reachable:,} of {view.entities:,} entities reachable"
+    yield f"{view.graph}: {reachable} from {', '.join(view.base)}"
     yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"
     yield from ("", *aligned(rows), "", f"people: {view.people_source}")
     yield from (f"{row.player}: {row.source}. {row.notes}" for row in shown if row.notes)
     if view.knows_recipes:
-        yield f"note: {view.scorer} was trained on recipes of {view.graph}: it has seen these combinations"
+        seen = "it has seen these combinations"
+        yield f"note: {view.scorer} was trained on recipes of {view.graph}: {seen}"
     if view.out:
         yield f"wrote {view.out}"

@@ -28,24 +28,22 @@ def export(
     """Export a graph to other tools' formats.
 
     Args:
-        format: tsv or parquet (triples), graphml (with recipe nodes), nt (RDF, with recipe nodes), csv or json (recipe
-            book).
+        format: tsv or parquet (triples), graphml (with recipe nodes), nt (RDF, with recipe nodes),
+            csv or json (recipe book).
         out: file to write.
-        part: full (all recipes), partial (train recipes), or unseen (held-out recipes, and triples that no train recipe
-            gives). Entities and base are always complete.
+        part: full (all recipes), partial (train recipes), or unseen (held-out recipes, and triples
+            that no train recipe gives). Entities and base are always complete.
     """
     from wordcraft_kg.graphs.export import EXPORTERS, export_graph
     from wordcraft_kg.graphs.folder import open_graph
 
     opened = open_graph(graph)
     export_graph(opened, format, out, part=part, force=force)
-    output.result(
-        {
-            "graph": opened.graph.name,
-            "hash": opened.graph.hash,
-            "format": format,
-            "part": part,
-            "out": str(out),
-        },
-        [f"wrote {out}: {EXPORTERS[format].about}; part: {part}"],
-    )
+    values = {
+        "graph": opened.graph.name,
+        "hash": opened.graph.hash,
+        "format": format,
+        "part": part,
+        "out": str(out),
+    }
+    output.result(values, [f"wrote {out}: {EXPORTERS[format].about}; part: {part}"])

@@ -1,4 +1,8 @@
-"""Failed commands: conversion of errors into messages, hints and exit codes."""
+"""Failed commands: conversion of errors into messages, hints and exit codes.
+
+A user's mistake has one style, whoever found it: the parser, a setting's check or a file's reader.
+A defect of the package keeps its traceback.
+"""
 
 import json
 import os
@@ -27,6 +31,8 @@ from wordcraft_kg.cli.console import Output
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
 """Option names by Python setting name, where the two differ."""
 INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells give it: 128 and the number of SIGINT."""
+# torch has no class of its own for this on the CPU.
 _NO_MEMORY = re.compile("not enough memory|can't allocate memory|out of memory")
 _NO_HOME = "Could not determine home directory"
 """Python's message, for a user without HOME and without an entry in the list of users, as in containers."""
@@ -36,8 +42,10 @@ _NO_HOME = "Could not determine home directory"
 class Manual:
     """The usage of a command, shown after a mistake in the command line.
 
-    ``command`` are the words to type, such as ``wordcraft-kg describe``. ``module`` is the module of the ``function``
-    that runs the command, with ``EXAMPLES``: complete command lines.
+    Attributes:
+        command: the words to type, such as ``wordcraft-kg describe``.
+        function: the function that runs the command; its signature gives the usage.
+        module: the function's module, with ``EXAMPLES``: complete command lines.
     """
 
     command: str
@@ -46,33 +54,39 @@ class Manual:
 
     @property
     def places(self) -> dict[str, str]:
-        """Positional arguments by parameter name, in the spelling of the usage line, such as ``[GRAPH]``."""
-        shown, is_optional = {}, False
+        """Positional arguments by parameter name, as the usage line spells them: ``[GRAPH]``."""
+        shown = {}
+        is_optional = False  # once one argument may be left out, so may all that follow
         for parameter in signature(self.function).parameters.values():
             if parameter.kind is not parameter.KEYWORD_ONLY:
                 is_optional |= parameter.default is not parameter.empty
-                name = parameter.name.upper() + "..." * (parameter.kind is parameter.VAR_POSITIONAL)
+                name = parameter.name.upper()
+                if parameter.kind is parameter.VAR_POSITIONAL:
+                    name += "..."
                 shown[parameter.name] = f"[{name}]" if is_optional else name
         return shown
 
     @property
     def usage(self) -> str:
         """The usage line: command, positional arguments and required options."""
-        options = (
-            one
-            for one in signature(self.function).parameters.values()
-            if one.kind is one.KEYWORD_ONLY
-        )
-        needed = (f"--{one.name} {one.name.upper()}" for one in options if one.default is one.empty)
+        needed = []
+        for parameter in signature(self.function).parameters.values():
+            is_option = parameter.kind is parameter.KEYWORD_ONLY
+            if is_option and parameter.default is parameter.empty:
+                needed.append(f"--{parameter.name} {parameter.name.upper()}")
         return " ".join([self.command, *self.places.values(), *needed, "[OPTIONS]"])
 
 
 @dataclass(frozen=True)
 class Failure:
-    """The failure of a command, as shown to the user: error class, message and exit code.
+    """The failure of a command, as shown to the user.
 
-    ``hints`` are further lines for a terminal, usage and an example. ``setting`` is the Python name of the setting with
-    a refused value, or empty.
+    Attributes:
+        kind: name of the error's class.
+        message: what was found, what was expected, and what to do.
+        code: exit code.
+        hints: further lines for a terminal: usage and an example.
+        setting: Python name of the setting with a refused value; empty without one.
     """
 
     kind: str
@@ -82,7 +96,10 @@ class Failure:
     setting: str = ""
 
     def show(self, output: Output) -> int:
-        """Print the failure on stderr, and with --json as a JSON object on stdout; return the exit code."""
+        """Print the failure on stderr, and with --json as a JSON object on stdout.
+
+        Return the exit code.
+        """
         from rich.console import Console
 
         if output.json:
@@ -90,6 +107,7 @@ class Failure:
             print(for_json(json.dumps({"error": error}, ensure_ascii=False)))
         if output.verbose:
             traceback.print_exc()
+        # No markup: messages repeat what users and files say, such as [b] in a file name.
         console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False, emoji=False)
         if self.code != INTERRUPTED:
             console.print("error: ", style="bold red", end="")
@@ -98,7 +116,15 @@ class Failure:
 
 
 def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
-    """Convert an error into text and exit code; None for a defect of the package. ``manual`` gives the usage."""
+    """Convert an error into text and exit code.
+
+    Args:
+        error: what a command has raised.
+        manual: the usage of the command; None if the command line names no command.
+
+    Returns:
+        The failure; None for a defect of the package, which keeps its traceback.
+    """
     kind = type(error).__name__
     if isinstance(error, CycloptsError):
         return Failure(kind, _message(error, manual), 2, _hints(error, manual))
@@ -108,6 +134,7 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
         shown = with_options(str(error), manual.places if manual else ())
         return Failure(error.kind, shown, setting=error.setting)
     if isinstance(error, ModuleNotFoundError):
+        # Of an optional package the remedy is known; another missing module is a defect.
         missing = missing_package("this command", error)
         return None if missing is error else Failure(kind, str(missing))
     if isinstance(error, OSError) and _is_raised_in(error, "pystow"):
@@ -117,6 +144,7 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
             "folder with write permission. Nothing was changed.",
         )
     if isinstance(error, OSError):
+        # Outputs are written at once or not at all, so nothing is half changed.
         where = f"'{error.filename}': " if error.filename else ""
         return Failure(kind, f"{where}{error.strerror or error}. Nothing was changed.")
     if isinstance(error, RuntimeError) and str(error).startswith(_NO_HOME):
@@ -125,12 +153,10 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
             "this user has no home folder. Set HOME to a folder with write permission. Nothing was changed.",
         )
     # The RuntimeError comes from torch, for tensors.
-    if isinstance(error, MemoryError) or (
-        isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))
-    ):
-        return Failure(
-            "MemoryError", "this machine does not have enough memory. Nothing was changed."
-        )
+    of_torch = isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))
+    if isinstance(error, MemoryError) or of_torch:
+        message = "this machine does not have enough memory. Nothing was changed."
+        return Failure("MemoryError", message)
     return None
 
 
@@ -146,22 +172,26 @@ def _is_raised_in(error: BaseException, package: str) -> bool:
 
 
 def _hints(error: CycloptsError, manual: Manual | None) -> tuple[str, ...]:
+    # Without a command there is no usage to show.
     if manual is None or isinstance(error, UnknownCommandError):
         return ("`wordcraft-kg --help` lists all commands.",)
     return f"usage:   {manual.usage}", f"example: {manual.module.EXAMPLES[0]}"
 
 
 def _message(error: CycloptsError, manual: Manual | None) -> str:
+    """Return the parser's message, in plainer words where its own are a programmer's."""
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
         return f"unexpected argument '{error.unused_tokens[0]}'."
+    # Not its subclasses, whose own messages are plain.
     if type(error) is MissingArgumentError and error.argument is not None:
-        given = error.keyword or next(
-            (token.keyword for token in error.argument.tokens if token.keyword), None
-        )
+        keywords = [token.keyword for token in error.argument.tokens if token.keyword]
+        given = error.keyword or next(iter(keywords), None)
         if given:
             return f"{given} needs a value."
         name = error.argument.field_info.name
-        return f"{name.upper() if manual and name in manual.places else error.argument.name} is missing."
+        if manual and name in manual.places:
+            return f"{name.upper()} is missing."
+        return f"{error.argument.name} is missing."
     if isinstance(error, UnknownOptionError) and "-" in (error.token.keyword, error.token.value):
         # A shell reads `score MODEL a + b -> c` as the words `a + b -`, and writes the output to a file `c`.
         return (
@@ -173,9 +203,14 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
 
 
 def with_options(message: str, places: Container[str] = ()) -> str:
-    """Replace Python setting names in backticks by command-line names, such as max_queries by --max-queries.
+    """Replace Python setting names in backticks by command-line names.
 
-    Settings in ``places`` are positional arguments of the command; their names become upper case, as in GRAPH.
+    So `max_queries` becomes --max-queries: libraries' errors name settings as Python does.
+
+    Args:
+        message: text of an error.
+        places: settings that are positional arguments of the command; their names become upper
+            case, as in GRAPH.
     """
 
     def named(match: re.Match[str]) -> str:

@@ -9,7 +9,8 @@ from wordcraft_kg.cli.options import Force, Graph
 
 EXAMPLES = (
     "wordcraft-kg import-knowledge graphs/everyday --wordnet /usr/share/wordnet --out knowledge/wn",
-    "wordcraft-kg import-knowledge graphs/everyday --conceptnet conceptnet-assertions-5.7.0.csv.gz --out knowledge/cn",
+    "wordcraft-kg import-knowledge graphs/everyday --conceptnet conceptnet-assertions-5.7.0.csv.gz "
+    "--out knowledge/cn",
     "wordcraft-kg import-knowledge everyday --triples triples.tsv --overrides nodes.tsv",
 )
 
@@ -25,18 +26,20 @@ def import_knowledge(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Import a general graph: WordNet, ConceptNet or any triples, as knowledge for train-recipes and train-complex.
+    """Import WordNet, ConceptNet or any triples as knowledge for train-recipes and train-complex.
 
-    The command aligns the labels with the general graph's nodes, and makes tables, triples and facts. Among several
-    senses of a word, the train recipes decide; other recipes are not read.
+    The command aligns the labels with the general graph's nodes, and makes tables, triples and
+    facts. Among several senses of a word, the train recipes decide; other recipes are not read.
 
     Args:
         wordnet: folder with WordNet's database files, such as data.noun and index.noun.
         conceptnet: ConceptNet's assertions, plain or .gz; only English words are used.
-        triples: file with head, relation, tail and optionally a weight, separated by tabs; plain or .gz.
-        overrides: file with a label, a tab and a node on each line, as in the output's alignment.tsv; without a node,
-            the label is left out.
-        out: knowledge folder to write. Default: knowledge/<graph name>-<wordnet, conceptnet or triples>.
+        triples: file with head, relation, tail and optionally a weight, separated by tabs; plain or
+            .gz.
+        overrides: file with a label, a tab and a node on each line, as in the output's
+            alignment.tsv; without a node, the label is left out.
+        out: knowledge folder to write. Default: knowledge/<graph name>-<wordnet, conceptnet or
+            triples>.
     """
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.models.knowledge.importing import Kind, describe, import_knowledge
@@ -46,6 +49,7 @@ def import_knowledge(
         "conceptnet": conceptnet,
         "triples": triples,
     }
+    # One graph for each folder; `--with` of the training commands takes several folders.
     given = [(kind, path) for kind, path in sources.items() if path is not None]
     if len(given) != 1:
         raise ConfigError(
@@ -54,7 +58,7 @@ def import_knowledge(
     ((kind, path),) = given
     opened = open_graph(graph)
     out = out or Path("knowledge") / f"{opened.graph.name}-{kind}"
-    check_output(out, force=force)
+    check_output(out, force=force)  # before a large file is read
     view = import_knowledge(opened, kind, path, out, overrides=overrides, force=force)
     text = aligned(describe(view), numbers=True)
     text.append(f"{view.triples:,} triples, {view.facts:,} facts, tables: {', '.join(view.tables)}")

@@ -20,7 +20,9 @@ AGENT = "train-agent"
 
 def _complete_book(context: "CompletionContext") -> Iterator[str]:
     yield from (book.name for book in known_books() if book.path is not None)
-    yield from map(str, sorted(Path(os.path.dirname(context.incomplete)).glob("[!.]*")))
+    # Not the whole path is given as a pattern: what a user has typed may hold a bracket or a star.
+    folder = Path(os.path.dirname(context.incomplete))
+    yield from map(str, sorted(folder.glob("[!.]*")))
 
 
 Book = Annotated[str, Parameter(completer=_complete_book)]
@@ -29,6 +31,7 @@ Graph = Annotated[Book, Parameter(help="graph folder, recipe book or known book'
 OptionalBook = Annotated[str | None, Parameter(completer=_complete_book)]
 FetchableBook = Annotated[str | None, Parameter(completer=lambda _: iter(FETCHABLE))]
 
+# The types below are one text of help for each option, whichever command has it.
 Force = Annotated[
     Flag,
     Parameter(
@@ -41,7 +44,8 @@ Words = Annotated[list[str] | None, Parameter(negative=(), consume_multiple=Fals
 Base = Annotated[
     Words,
     Parameter(
-        help="comma-separated base entities. Default: the book's base, or else entities without a recipe."
+        help="comma-separated base entities. Default: the book's base, or else entities without "
+        "a recipe."
     ),
 ]
 SingleIngredient = Annotated[
@@ -54,8 +58,8 @@ SingleIngredient = Annotated[
 Seeds = Annotated[
     str | None,
     Parameter(
-        help="seeds to train in turn, such as 0-4 or 0,3,7, each in a folder seed-N. Finished seeds are kept; "
-        "after Ctrl-C, repeat the command to continue."
+        help="seeds to train in turn, such as 0-4 or 0,3,7, each in a folder seed-N. Finished "
+        "seeds are kept; after Ctrl-C, repeat the command to continue."
     ),
 ]
 Trackers = Annotated[

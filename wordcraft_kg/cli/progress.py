@@ -17,41 +17,54 @@ MIN_BAR = 16
 
 
 class Progress:
-    """Reporter of progress for one piece of work, such as a training; within it, nested work is not shown.
+    """Reporter of progress for one piece of work, such as a training.
 
-    ``is_stage``: the bar disappears at the end, and short stages print no line.
+    A terminal has room for one bar: within a piece of work, nested work is not shown.
+
+    Attributes:
+        what: name of the work.
+        unit: unit of its steps, such as epoch.
+        hidden: whether nothing is shown.
+        is_stage: whether the bar disappears at the end, and a short piece of work prints no line.
     """
 
     INTERVAL = 5.0  # seconds between plain lines
+    # Of the class, because there is one terminal: the reporter whose bar is open,
     _current: ClassVar["Progress | None"] = None
-    _printed: ClassVar[float] = 0.0  # time of the last plain line
-    _named: ClassVar[set[str]] = set()  # work on plain lines of this session
+    # the time of the last plain line,
+    _printed: ClassVar[float] = 0.0
+    # and the names of the work on plain lines of this session.
+    _named: ClassVar[set[str]] = set()
 
     def __init__(self, what: str, *, unit: str = "", hidden: bool = False, is_stage: bool = False):
-        self.what, self.unit, self.hidden, self.is_stage = (
-            for_terminal(what),
-            unit,
-            hidden,
-            is_stage,
-        )
+        self.what = for_terminal(what)
+        self.unit = unit
+        self.hidden = hidden
+        self.is_stage = is_stage
         self._bar: Any = None
 
     def __call__(self, done: int, total: int, figures: Mapping[str, float]) -> None:
-        """Report that ``done`` of ``total`` units are done, with the latest metrics by name."""
+        """Report progress.
+
+        Args:
+            done: number of units that are done.
+            total: number of all units.
+            figures: latest metrics by name.
+        """
         from rich.console import Console
 
-        given_up = (
-            self.is_stage and done == total and Progress._current is None
-        )  # closed after the command has ended
+        # A generator that a failed command has left may be closed after the command has ended.
+        given_up = self.is_stage and done == total and Progress._current is None
         if self.hidden or given_up or Progress._current not in (None, self):
             return
         Progress._current = self
-        shown = [
-            f"{name.replace('_', ' ')} {f'{value:,.0f}' if abs(value) >= 1e4 else f'{value:.4g}'}"
-            for name, value in figures.items()
-            if name not in ("epoch", "seconds")
-        ]
+        shown = []
+        for name, value in figures.items():
+            if name not in ("epoch", "seconds"):  # the bar has its own count and clock
+                number = f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.4g}"
+                shown.append(f"{name.replace('_', ' ')} {number}")
         console = Console(stderr=True)
+        # In a log file, a bar would be thousands of lines.
         if console.is_interactive:
             self._draw(console, done, total, shown)
         else:
@@ -61,19 +74,23 @@ class Progress:
 
     def _print(self, done: int, total: int, figures: list[str]) -> None:
         now = time.monotonic()
-        if self.is_stage if done == total else now - Progress._printed < self.INTERVAL:
+        # The end of a training is always worth a line, the end of a stage never.
+        if done == total:
+            if self.is_stage:
+                return
+        elif now - Progress._printed < self.INTERVAL:
             return
         Progress._printed = now
         place = f"{self.unit} {done:,} of {total:,}".lstrip() if total > 1 else "..."
-        if (
-            total == 1 and self.what in Progress._named
-        ):  # a short stage that is repeated, such as ranking
+        # A short stage that is repeated, such as ranking, is named once.
+        if total == 1 and self.what in Progress._named:
             return
         Progress._named.add(self.what)
         print(", ".join([f"{self.what}: {place}", *figures]), file=sys.stderr, flush=True)
 
     def _draw(self, console: "Console", done: int, total: int, figures: list[str]) -> None:
         count = f"{_short(done)}/{_short(total)}" if total > 1 else ""
+        # As many metrics as fit beside the smallest bar; the first ones matter most.
         used = len(f"{self.what}  {count} 0:00:00 left ") + MIN_BAR
         while figures and used + len("  ".join(figures)) > console.width:
             figures.pop()
@@ -95,7 +112,7 @@ class Progress:
         )
         columns = (*before, TimeRemainingColumn(), TextColumn("{task.fields[figures]}"))
         options: dict[str, Any] = {
-            "redirect_stdout": False,
+            "redirect_stdout": False,  # a command's result may be piped
             "refresh_per_second": 4,
             "transient": self.is_stage,
         }
@@ -113,6 +130,7 @@ class Progress:
     @contextmanager
     def session(cls) -> Iterator[None]:
         """Close any open bar at the end of a ``with`` block, even after an error."""
+        # Quick commands print no progress: the first plain line comes after one interval.
         cls._printed = time.monotonic()
         cls._named.clear()
         try:
@@ -128,19 +146,27 @@ class Progress:
 
 
 class Stages:
-    """Listener for :mod:`wordcraft_kg.base.progress` that shows a command's stages of work, one at a time."""
+    """Listener for :mod:`wordcraft_kg.base.progress` that shows stages of work, one at a time."""
 
     INTERVAL = 0.1  # seconds between two steps on display
 
     def __init__(self) -> None:
         self._now: Progress | None = None
-        self._began = self._shown = 0.0
+        self._began = 0.0
+        self._shown = 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show that ``done`` of ``total`` steps of a stage are done; stages within a stage are not shown."""
+        """Show that ``done`` of ``total`` steps of a stage are done.
+
+        Args:
+            stage: name of the stage; a stage within another one is not shown.
+            done: number of steps that are done.
+            total: number of all steps.
+        """
         now = time.monotonic()
         if self._now is None:
-            self._now, self._began = Progress(stage, is_stage=True), now
+            self._now = Progress(stage, is_stage=True)
+            self._began = now
         elif self._now.what != stage or (0 < done < total and now - self._shown < self.INTERVAL):
             return
         self._shown = now

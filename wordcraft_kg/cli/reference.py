@@ -47,23 +47,25 @@ def reference(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Show reference figures: chance, words, graphs, scorers, agents, people, language models and external results.
+    """Show reference figures of chance, words, graphs, scorers, agents, people and language models.
 
-    Missing figures are measured with scripted players.
+    External results can be added. Missing figures are measured with scripted players.
 
     Args:
         distractors: comma-separated numbers of distractors. Default: 1,2,8.
         part: evaluated tasks: train, valid, test or all.
         depth: recipes in the shortest plan, 1 to 5.
         attempts: attempts in an episode. Default: depth.
-        open_ended: show known entities after n attempts in open-ended mode instead of success on tasks.
-        base: comma-separated entities known at the start in open-ended mode. Default: the graph's base.
-        external_results: results to add to the table: agent run folder (or folder with several seeds), model folder
-            (the scorer alone), output of `people serve`, `evaluate-text` or `mcp --out`, or Inspect AI log. May be
-            repeated.
+        open_ended: show known entities after n attempts in open-ended mode instead of success on
+            tasks.
+        base: comma-separated entities known at the start in open-ended mode. Default: the graph's
+            base.
+        external_results: results to add to the table: agent run folder (or folder with several
+            seeds), model folder (the scorer alone), output of `people serve`, `evaluate-text` or
+            `mcp --out`, or Inspect AI log. May be repeated.
         out: HTML page to write, with the same table.
     """
-    check_file(out, force=force)
+    check_file(out, force=force)  # before minutes of play
     from wordcraft_kg.envs.config import WordCraftConfig
     from wordcraft_kg.evaluation.reference import TaskPlay
     from wordcraft_kg.graphs.folder import open_graph
@@ -72,7 +74,8 @@ def reference(
     if open_ended:
         if distractors or (part, depth, attempts) != ("test", 1, None):
             raise ConfigError(
-                "--open-ended has no tasks; leave --distractors, --part, --depth and --attempts out."
+                "--open-ended has no tasks; leave --distractors, --part, --depth and --attempts "
+                "out."
             )
         opened = open_graph(graph)
         played = open_play(opened, split_labels(base) if base else None)
@@ -81,6 +84,7 @@ def reference(
         if base:
             raise ConfigError("`base` is for open-ended mode; add `open_ended`.")
         amounts = whole_numbers("distractors", distractors) if distractors else list(DISTRACTORS)
+        # Each number is checked before anything is measured; the attempts are the same in all.
         for amount in amounts:
             config = WordCraftConfig(
                 part=part, depth=depth, num_distractors=amount, max_attempts=attempts
@@ -97,14 +101,20 @@ def reference(
 
 def _text(view: "ReferenceTable") -> Iterator[str]:
     unit = "distractor" if view.measure == "success" else "attempt"
-    graph, everything = view.graph, (*view.rows, *view.literature)
-    notes = list(dict.fromkeys(note for row in everything if (note := _note(row))))
+    graph = view.graph
+    everything = (*view.rows, *view.literature)
+    # Footnotes: equal notes have one number.
+    notes = list(dict.fromkeys(filter(None, map(_note, everything))))
 
     def name(row: "ReferenceRow") -> str:
-        mark = f" [{notes.index(_note(row)) + 1}]" if _note(row) else ""
-        return f"{row.player}{' (yours)' * (row.origin == 'external')}{mark}"
+        note = _note(row)
+        mark = f" [{notes.index(note) + 1}]" if note else ""
+        yours = " (yours)" if row.origin == "external" else ""
+        return f"{row.player}{yours}{mark}"
 
-    has_own = any(row.shown_by_plan(column) for row in everything for column in view.columns)
+    # A second column for each, if any row has the share of goals by the task's own recipe.
+    columns = view.columns
+    has_own = any(any(map(row.shown_by_plan, columns)) for row in everything)
 
     def figures(row: "ReferenceRow") -> Iterator[str]:
         for column in view.columns:
@@ -115,26 +125,32 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
     titles = ["", ""]
     for column in view.columns:
         titles += [counted(column, unit), "own"] if has_own else [counted(column, unit)]
-    cells = (
-        (name(row), row.kind, *figures(row))
-        for row in everything
-        if row.fits(view.measure, view.columns)
-    )
+    fitting = [row for row in everything if row.fits(view.measure, view.columns)]
+    cells = [(name(row), row.kind, *figures(row)) for row in fitting]
+    # One table, aligned as a whole; its lines are then told apart by the titles between them.
     lines = iter(aligned([titles, *cells]))
-    yield f"{graph.name} {graph.hash[:12]}, split {graph.kind} {graph.split[:12]}: {_played(view.play)}"
+    split = f"split {graph.kind} {graph.split[:12]}"
+    yield f"{graph.name} {graph.hash[:12]}, {split}: {_played(view.play)}"
     yield f"  {next(lines)}"
     for title, rows in ((OURS, view.rows), (THEIRS, view.literature)):
         yield from ("", title)
         for row in rows:
-            fits = row.fits(view.measure, view.columns)
-            yield f"  {next(lines) if fits else f'{name(row)}, {row.kind}: {row.in_words}'}"
+            if row.fits(view.measure, view.columns):
+                yield f"  {next(lines)}"
+            else:
+                yield f"  {name(row)}, {row.kind}: {row.in_words}"
     yield ""
     yield from (f"[{number}] {note}" for number, note in enumerate(notes, 1))
     if has_own:
-        yield "own: success by the task's own recipe; the rest by other recipes for the goal, such as train recipes"
+        yield (
+            "own: success by the task's own recipe; "
+            "the rest by other recipes for the goal, such as train recipes"
+        )
     yield f"intervals: {'; '.join(_intervals(view.rows))}"
+    # The package holds results for its own books; others take time, and the reader knows why.
     if view.measured:
-        now = f"{', '.join(map(str, view.measured))} {unit}{'' if view.measured == (1,) else 's'}"
+        plural = "" if view.measured == (1,) else "s"
+        now = f"{', '.join(map(str, view.measured))} {unit}{plural}"
         reason = f"has no figures for {now}" if view.pack else "does not have this graph and split"
         yield f"measured now: scripted players with {now}, because the pack {reason}"
     if view.out:
@@ -149,16 +165,17 @@ def _played(play: "TaskPlay | OpenPlay") -> str:
     from wordcraft_kg.evaluation.reference import TaskPlay
 
     if isinstance(play, TaskPlay):
-        return f"success on {play.part} tasks of depth {play.depth}, {counted(play.attempts, 'attempt')}"
+        tasks = f"{play.part} tasks of depth {play.depth}"
+        return f"success on {tasks}, {counted(play.attempts, 'attempt')}"
     return f"entities known in open-ended mode from {', '.join(play.base)}"
 
 
 def _intervals(rows: "Sequence[ReferenceRow]") -> list[str]:
-    players: dict[str, dict[str, None]] = {}
+    """Return the kinds of intervals; with several, also the kinds of players that each is for."""
+    players: dict[str, dict[str, None]] = {}  # ordered sets
     for row in rows:
         if row.interval:
             players.setdefault(row.interval, {})[row.kind] = None
-    return [
-        interval + (f" ({', '.join(kinds)})" if len(players) > 1 else "")
-        for interval, kinds in players.items()
-    ]
+    if len(players) == 1:
+        return list(players)
+    return [f"{interval} ({', '.join(kinds)})" for interval, kinds in players.items()]

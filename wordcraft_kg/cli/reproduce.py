@@ -41,7 +41,8 @@ class Changes:
     Attributes:
         book: comma-separated recipe books for a built-in study. Default: little-alchemy-2.
         seeds: number of seeds for each cell. Default: the study's.
-        steps: environment steps for each training. Default: the study's; 3,000,000 (the paper's) for built-in studies.
+        steps: environment steps for each training. Default: the study's; 3,000,000 (the paper's)
+            for built-in studies.
     """
 
     book: Words = None
@@ -58,8 +59,8 @@ class EngineOptions:
         out: results folder; finished tasks are kept. After Ctrl-C, repeat the command to continue.
         jobs: parallel trainings. Default: the number of cores.
         keep: all run files, or figures: without weights and episodes (tens of megabytes).
-        store: folder of finished cells (docs/results/cells in the repository): its results are taken, missing cells are
-            trained and added.
+        store: folder of finished cells (docs/results/cells in the repository): its results are
+            taken, missing cells are trained and added.
         dry_run: list the tasks and the run time without running anything.
     """
 
@@ -75,10 +76,12 @@ class ShowOptions:
     """Options for existing results.
 
     Attributes:
-        metric: success, by-plan (success by a plan's last pair), train (success on train tasks), mrr (scorer),
-            or steps (until the reference's final success).
+        metric: success, by-plan (success by a plan's last pair), train (success on train tasks),
+            mrr (scorer), or steps (until the reference's final success).
         plot: write a page with all figures, a table (CSV) and plots (SVG).
-        report: page folder; implies --plot. Default: reports/<the study's name> in the results folder.
+        report: page folder; implies --plot. Default: reports/<the study's name> in the results
+            folder.
+        force: replace an existing output.
     """
 
     metric: Metric = "success"
@@ -99,14 +102,16 @@ def reproduce(
 ) -> int:
     """Run a study and write the report (build, train, evaluate, plot), or show existing results.
 
-    Each combination of settings is trained with several seeds. To continue an interrupted study, repeat the command.
+    Each combination of settings is trained with several seeds. To continue an interrupted study,
+    repeat the command.
 
     Args:
-        study: name of a built-in study, all, or a TOML file (see docs/studies.md). With --show, a study in the results
-            folder (default: the only study), or a results file.
+        study: name of a built-in study, all, or a TOML file (see docs/studies.md). With --show, a
+            study in the results folder (default: the only study), or a results file.
         all_studies: list the built-in studies with run times in hours.
         show: show existing results without training.
     """
+    # Options of the other mode would silently do nothing.
     if show:
         refuse_given(changes, "running a study, not for --show")
         return _show(study, engine.out, shown, output)
@@ -126,15 +131,14 @@ def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
     if study not in (ALL, *built_in()):
         if changes.book:
             raise ConfigError("`book` is for built-in studies; in a study file, set the book.")
-        return {
-            Path(study).stem: adapted(read_study(study), steps=changes.steps, seeds=changes.seeds)
-        }
+        changed = adapted(read_study(study), steps=changes.steps, seeds=changes.seeds)
+        return {Path(study).stem: changed}
     studies: dict[str, Study] = {}
     for name in built_in() if study == ALL else [study]:
         declared = read_study(name)
-        for book in split_labels(changes.book or ()) or [
-            str(declared.settings.get("book", "everyday"))
-        ]:
+        own_book = str(declared.settings.get("book", "everyday"))
+        for book in split_labels(changes.book or ()) or [own_book]:
+            # Names of studies are names of report folders, so they must differ.
             full = f"{name}-{Path(book).stem}"
             if full in studies:
                 raise ConfigError(
@@ -159,9 +163,8 @@ def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
         study = adapted(read_study(name), steps=changes.steps, seeds=changes.seeds)
         try:
             plan = make_plan(study, name)
-        except (
-            RecipeFileError
-        ):  # the published book is missing; the built-in book has about the same size
+        except RecipeFileError:
+            # The published book is missing; for the hours, the built-in book will do.
             plan = make_plan(adapted(study, book="everyday"), name)
         tasks |= plan.tasks
         hours = estimated_hours(plan, engine.out, engine.store) / plan.jobs(engine.jobs)
@@ -172,15 +175,15 @@ def _list(changes: Changes, engine: EngineOptions, output: Output) -> int:
             "trainings": trainings,
             "hours": round(hours, 2),
         }
-        about = (
-            f"{study.title}: {trainings} trainings, about {duration(hours)} left on this machine"
-        )
-        rows += [(name, about), ("", study.source)]
+        left = f"{trainings} trainings, about {duration(hours)} left on this machine"
+        rows += [(name, f"{study.title}: {left}"), ("", study.source)]
+    # Not the sum of the hours: studies share trainings, and tasks with one key run once.
     everything = replace(plan, tasks=tasks)
     hours = estimated_hours(everything, engine.out, engine.store) / everything.jobs(engine.jobs)
     rows.append((ALL, f"about {duration(hours)} left: shared trainings run once"))
     following = "run one: wordcraft-kg reproduce NAME; for a quick look: --steps 300000 --seeds 3"
-    output.result({"studies": listed, "hours": round(hours, 2)}, [*aligned(rows), following])
+    values = {"studies": listed, "hours": round(hours, 2)}
+    output.result(values, [*aligned(rows), following])
     return 0
 
 
@@ -194,8 +197,9 @@ def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -
     results = _collect(study, file, root)
     target = None
     if options.plot or options.report is not None:
-        target = options.report or (file.parent if file else root) / "reports" / results.name
-        check_output(target, force=options.force)
+        beside = file.parent if file else root
+        target = options.report or beside / "reports" / results.name
+        check_output(target, force=options.force)  # before the tables and plots are made
     view = view_study(results)
     text = [*lines_of(view, options.metric)]
     if target is not None:
@@ -206,6 +210,13 @@ def _show(study: str | None, root: Path, options: ShowOptions, output: Output) -
 
 
 def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults":
+    """Return existing results.
+
+    Args:
+        study: name of a study in the results folder, or a results file; None for the only study.
+        file: the results file, if ``study`` is one.
+        root: the results folder.
+    """
     from wordcraft_kg.base.records import read_record
     from wordcraft_kg.studies.results import StudyResults
     from wordcraft_kg.studies.store import collect_study, studies_of
@@ -222,6 +233,7 @@ def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults"
             f"'{study}': no such file. Give a results file, or the name of a study in '{root}'."
         )
     names = studies_of(root)
+    # With one study in the folder, its name says nothing new.
     if study is None and len(names) != 1:
         holds = f"has the studies {', '.join(names)}" if names else "has no study yet"
         raise ConfigError(f"{root} {holds}; name a study.")
@@ -229,36 +241,24 @@ def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults"
 
 
 def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) -> int:
-    """Run studies, write the reports, print the outcome and return the exit code; ``studies`` maps names to studies."""
-    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
-    from wordcraft_kg.studies.engine import run_plan
-    from wordcraft_kg.studies.local_workers import LocalWorkers
-    from wordcraft_kg.studies.perform import perform
+    """Run studies, write the reports, print the outcome and return the exit code.
+
+    Args:
+        studies: studies by name.
+        options: where and how they run.
+        output: the command's common options.
+    """
     from wordcraft_kg.studies.plan import make_plan
 
     values: dict[str, Any] = {}
     text: list[str] = []
     failed = False
+    # All plans first: a fault in the last study must not show after days of the others.
     for plan in [make_plan(study, name) for name, study in studies.items()]:
         if options.dry_run:
             values[plan.name], lines = _planned(plan, options)
         else:
-            command = shlex.join(["wordcraft-kg", *sys.argv[1:]])
-            with sigterm_as_interrupt():
-                work, jobs = (
-                    partial(perform, keep_all=options.keep == "all"),
-                    plan.jobs(options.jobs),
-                )
-                make_workers = partial(LocalWorkers, options.out, jobs, work, plan.threads)
-                watch = _watch(plan, output)
-                state = run_plan(
-                    plan,
-                    options.out,
-                    make_workers,
-                    command=command,
-                    watch=watch,
-                    store=options.store,
-                )
+            state = _run_plan(plan, options, output)
             values[plan.name], lines = _reported(plan, state, options)
             failed |= bool(state.failed) or values[plan.name]["report"] is None
         text += lines
@@ -266,26 +266,57 @@ def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) ->
     return 1 if failed else 0
 
 
+def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "State":
+    """Run a study's tasks in parallel processes on this machine."""
+    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+    from wordcraft_kg.studies.engine import run_plan
+    from wordcraft_kg.studies.local_workers import LocalWorkers
+    from wordcraft_kg.studies.perform import perform
+
+    work = partial(perform, keep_all=options.keep == "all")
+    # Results name the command that made them, so that others can repeat it.
+    command = shlex.join(["wordcraft-kg", *sys.argv[1:]])
+    # A cluster ends jobs by SIGTERM; finished tasks are kept as after Ctrl-C.
+    with sigterm_as_interrupt():
+        jobs = plan.jobs(options.jobs)
+        return run_plan(
+            plan,
+            options.out,
+            partial(LocalWorkers, options.out, jobs, work, plan.threads),
+            command=command,
+            watch=_watch(plan, output),
+            store=options.store,
+        )
+
+
 def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list[str]]:
+    """Return what a study would do, as JSON values and as lines of text."""
     from wordcraft_kg.studies.engine import estimated_hours
 
-    hours, jobs = estimated_hours(plan, options.out, options.store), plan.jobs(options.jobs)
+    hours = estimated_hours(plan, options.out, options.store)
+    jobs = plan.jobs(options.jobs)
     kinds = Counter(task.kind for task in plan.tasks.values())
-    counts = ", ".join(
-        f"{number:,} {kind if number > 1 else kind[:-1]}" for kind, number in kinds.items()
-    )
-    about = f"{counts}; about {duration(hours)} of one core, {duration(hours / jobs)} with {counted(jobs, 'job')}"
+    counts = []
+    for kind, number in kinds.items():
+        counts.append(f"{number:,} {kind if number > 1 else kind[:-1]}")  # kinds are plurals
+    alone = f"about {duration(hours)} of one core"
+    together = f"{duration(hours / jobs)} with {counted(jobs, 'job')}"
+    title = f"{plan.study.title}: {', '.join(counts)}; {alone}, {together}"
     tasks = [{"address": address, "title": task.title} for address, task in plan.tasks.items()]
     listed = _first([f"  {task['address']}  {task['title']}" for task in tasks], "--json lists all")
-    return {"core_hours": round(hours, 3), "tasks": tasks}, [
-        f"{plan.study.title}: {about}",
-        *listed,
-    ]
+    return {"core_hours": round(hours, 3), "tasks": tasks}, [title, *listed]
 
 
 def _reported(
     plan: "Plan", state: "State", options: EngineOptions
 ) -> tuple[dict[str, Any], list[str]]:
+    """Write the report of a study; return the outcome as JSON values and as lines of text.
+
+    Args:
+        plan: the study's plan.
+        state: how its tasks have ended.
+        options: where and how the study ran.
+    """
     from wordcraft_kg.base.artefacts import write_atomically
     from wordcraft_kg.studies.report import write_study_report
     from wordcraft_kg.studies.results import results_text
@@ -294,40 +325,41 @@ def _reported(
     from wordcraft_kg.studies.view import view_study
 
     results = collect_study(options.out, plan.name)
-    folder, page = options.out / "reports" / plan.name, None
+    folder = options.out / "reports" / plan.name
+    page = None
     failures = {
         plan.tasks[address].title: outcome.error for address, outcome in state.failed.items()
     }
     from_store = f" ({state.taken:,} of them in '{options.store}')" if state.taken else ""
-    text = [
-        f"{counted(state.done, 'task')} done, {state.kept:,} already done{from_store}, {len(failures):,} failed"
-    ]
-    text += _first(
-        [f"  {title}: {error}" for title, error in failures.items()],
-        f"in {options.out / 'failed'}/",
-    )
+    already = f"{state.kept:,} already done{from_store}"
+    text = [f"{counted(state.done, 'task')} done, {already}, {len(failures):,} failed"]
+    reasons = [f"  {title}: {error}" for title, error in failures.items()]
+    text += _first(reasons, f"in {options.out / 'failed'}/")
     try:
         if results.runs:
             view = view_study(results)
             page, *_ = write_study_report(view, folder, force=True)
-            # Written after the report, which replaces the folder; small enough to keep with the page.
+            # After the report, which replaces the folder; small enough to keep with the page.
             write_atomically(folder / "results.json", results_text(results))
             text = [*lines_of(view, "success"), *text, f"wrote {folder}/   open {page}"]
-    except ConfigError as error:  # figures cannot be averaged; continue with the next study
+    except ConfigError as error:
+        # Figures cannot be averaged; go on with the next study.
         text.append(f"no report: {error}")
-    report = None if page is None else str(folder)
-    return {
+    values = {
         "done": state.done,
         "kept": state.kept,
         "from_store": state.taken,
         "failed": failures,
-        "report": report,
-    }, text
+        "report": None if page is None else str(folder),
+    }
+    return values, text
 
 
 def _first(lines: list[str], rest: str) -> list[str]:
-    more = [f"  and {len(lines) - LISTED:,} more; {rest}"] if len(lines) > LISTED else []
-    return [*lines[:LISTED], *more]
+    """Return the first lines; ``rest`` says where all are."""
+    if len(lines) <= LISTED:
+        return lines
+    return [*lines[:LISTED], f"  and {len(lines) - LISTED:,} more; {rest}"]
 
 
 def _watch(plan: "Plan", output: Output) -> "Watch":
@@ -335,10 +367,8 @@ def _watch(plan: "Plan", output: Output) -> "Watch":
 
     def watch(plan: "Plan", state: "State") -> None:
         failed = len(state.failed)
-        progress(
-            state.kept + state.done + failed,
-            state.total,
-            {"running": len(state.running), "failed": failed},
-        )
+        # A failed task is over, too: the bar counts what needs no more time.
+        over = state.kept + state.done + failed
+        progress(over, state.total, {"running": len(state.running), "failed": failed})
 
     return watch

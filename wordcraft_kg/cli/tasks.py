@@ -33,13 +33,15 @@ def tasks(
     Args:
         depth: recipes in the shortest plan, 1 to 5.
         distractors: distractors on the table.
-        part: train (all plans use train recipes only), test (each plan uses a test recipe), valid, or all.
+        part: train (all plans use train recipes only), test (each plan uses a test recipe), valid,
+            or all.
         limit: tasks to show; with 0, only count.
         seed: seed for the order and the tables of the examples.
     """
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
     from wordcraft_kg.evaluation.tasks import view_tasks
 
+    # Before the search for tasks, which takes long at great depths.
     whole("limit", limit, 0, MAX_SIZE)
     whole("seed", seed, 0)
     env = WordCraftEnv(graph, part=part, depth=depth, num_distractors=distractors)
@@ -48,15 +50,14 @@ def tasks(
 
 
 def _text(view: "TaskListing") -> Iterator[str]:
-    yield from lines_of(
-        {name: getattr(view, name) for name in view.__struct_fields__ if name != "shown"}
-    )
+    # Counts as names and values; the examples follow in a form of their own.
+    counts = {name: getattr(view, name) for name in view.__struct_fields__ if name != "shown"}
+    yield from lines_of(counts)
     for task in view.shown:
-        plans = [
-            "; ".join(f"{a} + {b} -> {result}" for a, b, result in plan) for plan in task.plans
-        ]
-        rows = [
-            (f"  {name}", ", ".join(getattr(task, name)) or "none")
-            for name in ("start", "distractors", "table")
-        ]
-        yield from ("", task.goal, *aligned([*rows, *(("  plan", plan) for plan in plans)]))
+        rows = []
+        for name in ("start", "distractors", "table"):
+            rows.append((f"  {name}", ", ".join(getattr(task, name)) or "none"))
+        for plan in task.plans:
+            steps = [f"{first} + {second} -> {result}" for first, second, result in plan]
+            rows.append(("  plan", "; ".join(steps)))
+        yield from ("", task.goal, *aligned(rows))

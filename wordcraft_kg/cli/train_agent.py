@@ -17,6 +17,7 @@ EXAMPLES = (
     "wordcraft-kg train-agent everyday --seeds 0-4 --out runs/no-kg-seeds",
 )
 
+# What most trainings need; a configuration file takes all options.
 SHOWN = [
     "--scorer",
     "--use",
@@ -35,6 +36,7 @@ SHOWN = [
     "--scorer-cost",
     "--device",
 ]
+# Settings of the paper's released code, or of an earlier study: no guide needs them.
 FILE_ONLY = [
     "--ambiguity",
     "--baseline-cost",

@@ -17,6 +17,7 @@ EXAMPLES = (
     "wordcraft-kg train-complex graphs/mine --with knowledge/wn --out models/mine-wn",
 )
 
+# What most trainings need; a configuration file takes all options.
 SHOWN = [
     "--kg",
     "--dim",
@@ -47,10 +48,13 @@ def train_complex(
     track: Trackers = None,
     output: Output = Output(),
 ) -> int:
-    """Train ComplEx with the objective of Jiang et al. (2020) on the train recipes, or on all recipes (--kg full).
+    """Train ComplEx with the objective of Jiang et al. (2020).
+
+    The model learns the train recipes, or all recipes (--kg full).
 
     Args:
         out: model folder to write. Default: models/<graph name>-<kg>.
     """
-    config, trackers = LinksConfig(graph, settings), split_labels(track or ())
+    config = LinksConfig(graph, settings)
+    trackers = split_labels(track or ())
     return train(LINKS, config, out, force, output, seeds=seeds, trackers=trackers)

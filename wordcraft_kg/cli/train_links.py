@@ -13,11 +13,13 @@ from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, Lin
 
 EXAMPLES = (
     "wordcraft-kg train-links everyday --model rotate --out models/everyday-rotate",
-    "wordcraft-kg train-links everyday --model distmult --loop symmetric --out models/everyday-distmult",
+    "wordcraft-kg train-links everyday --model distmult --loop symmetric --out "
+    "models/everyday-distmult",
     "wordcraft-kg train-links everyday --model rotate --seeds 0,1 --out models/rotate-seeds",
     "wordcraft-kg train-links --list-models",
 )
 
+# What most trainings need; a configuration file takes all options.
 SHOWN = [
     "--model",
     "--list-models",
@@ -52,7 +54,8 @@ def train_links(
 
     Args:
         graph: graph folder, recipe book or known book name.
-        list_models: list all models: the paper's ComplEx, and installed PyKEEN models that need only triples.
+        list_models: list all models: the paper's ComplEx, and installed PyKEEN models that need
+            only triples.
         out: model folder to write. Default: models/<graph name>-<model>-<kg>.
     """
     if list_models:
@@ -61,18 +64,19 @@ def train_links(
         raise ConfigError(
             "train-links needs a graph, such as everyday; `wordcraft-kg train-links --list-models`."
         )
-    config, trackers = LinksConfig(graph, settings), split_labels(track or ())
+    config = LinksConfig(graph, settings)
+    trackers = split_labels(track or ())
     return train(LINKS, config, out, force, output, seeds=seeds, trackers=trackers)
 
 
 def _list(output: Output) -> int:
     from wordcraft_kg.models.links.builders import trainable_models
 
+    # The paper's ComplEx has a command of its own, so the list names it first.
     commands = {"ComplEx": ComplExConfig.command}
-    names = [kind.__name__ for kind in trainable_models()]
-    commands |= {name: f"{LinkModelConfig.command} --model {name}" for name in names}
-    values = {"models": [{"name": name, "command": command} for name, command in commands.items()]}
-    output.result(
-        values, aligned((name, f"wordcraft-kg {command}") for name, command in commands.items())
-    )
+    for kind in trainable_models():
+        commands[kind.__name__] = f"{LinkModelConfig.command} --model {kind.__name__}"
+    models = [{"name": name, "command": command} for name, command in commands.items()]
+    rows = [(name, f"wordcraft-kg {command}") for name, command in commands.items()]
+    output.result({"models": models}, aligned(rows))
     return 0

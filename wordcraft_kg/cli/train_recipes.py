@@ -27,9 +27,10 @@ def train_recipes(
     force: Force = False,
     output: Output = Output(),
 ) -> int:
-    """Fit a recipe scorer: how plausible is a result for a pair, and which train recipes support the score?
+    """Fit a recipe scorer: how plausible is a result for a pair, and which recipes support it?
 
-    Agents can use the scorer as a third knowledge source (train-agent --use u,v,w), and link commands accept it too.
+    Agents can use the scorer as a third knowledge source (train-agent --use u,v,w), and link
+    commands accept it too. Only train recipes support a score.
 
     Args:
         out: model folder to write. Default: models/<graph name>-recipes.

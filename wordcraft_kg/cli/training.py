@@ -1,4 +1,7 @@
-"""Shared code of all training commands: train with one seed or several, and print the outcome."""
+"""Shared code of all training commands: train with one seed or several, and print the outcome.
+
+``train`` is what the commands call, with one of the outputs at the end of this file.
+"""
 
 import logging
 import shlex
@@ -71,9 +74,10 @@ class TrainingOutput:
         try:
             self.finish(trained, config)
         except OSError as error:
-            reason = f"the {self.product} of '{trained.folder}' cannot be written ({error.strerror or error})"
+            product = f"the {self.product} of '{trained.folder}'"
             raise ArtefactError(
-                f"{reason}. The training is complete; make space and repeat the command."
+                f"{product} cannot be written ({error.strerror or error}). The training is "
+                "complete; make space and repeat the command."
             ) from None
 
 
@@ -87,34 +91,53 @@ def train(
     seeds: str | None = None,
     trackers: Sequence[str] = (),
 ) -> int:
-    """Run a training command: train with one seed or several, print the outcome and return the exit code."""
+    """Run a training command: train with one seed or several, and print the outcome.
+
+    Args:
+        training: the parts in which training commands differ.
+        config: settings of the run.
+        out: run folder, or parent folder of several seeds; None for the default.
+        force: whether an existing output is replaced.
+        output: the command's common options.
+        seeds: seeds to train in turn, such as 0-4; None trains with the seed in the settings.
+        trackers: names of metric trackers.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        KeyboardInterrupt: after Ctrl-C; the message says how to continue.
+        OutputExistsError: if the folder exists, without ``force``.
+    """
     if seeds is not None:
         return _train_seeds(training, config, seeds, out, force, trackers, output)
     if out is not None and (force or training.is_finished(out) or not (out / RUN_FILE).is_file()):
-        check_run_output(out, force=force)  # before torch takes seconds to import
+        # Before torch takes seconds to import. An unfinished run is no error: it is continued.
+        check_run_output(out, force=force)
     from wordcraft_kg.runs.training import train
 
     trainer = training.trainer()
     kg = getattr(getattr(config, "settings", None), "kg", None)
     progress = output.progress(f"{kg} graph" if kg else trainer.kind.name, unit=trainer.kind.unit)
 
+    # A complete training without its report, as after a full disk, is not trained again.
     def lacks_product(folder: Path) -> bool:
         return not training.is_finished(folder)
 
     trained = train(
         trainer, config, out, force=force, keep=lacks_product, trackers=trackers, progress=progress
     )
+    # The training of a recipe scorer raises by itself, and its outcome has no such attribute.
     if getattr(trained, "interrupted", False):
         last = next(iter(trainer.kind.checkpoints(trained.folder).records()))
         raise KeyboardInterrupt(interruption_message(trained.folder, trainer.kind.unit, last))
     training.finish_run(trained, config)
+    # What a user does next: an agent has its report already.
     following = f"next: {command_line('evaluate-links', trained.folder)}"
     if training.product:
         following = f"open {trained.folder / training.product / 'index.html'}"
-    output.result(
-        training.values(trained),
-        [*aligned(training.rows(trained)), f"wrote {trained.folder}/   {following}"],
-    )
+    end = f"wrote {trained.folder}/   {following}"
+    output.result(training.values(trained), [*aligned(training.rows(trained)), end])
     return 0
 
 
@@ -127,15 +150,17 @@ def _train_seeds(
     trackers: Sequence[str],
     output: Output,
 ) -> int:
+    """Train with several seeds in turn, each in a folder of its own; see :func:`train`."""
+    # Where the seed is: agents have several groups of settings, models one.
     part = "trainer" if hasattr(config, "trainer") else "settings"
     settings = getattr(config, part)
     if settings.seed:
         raise ConfigError(
             f"--seed {settings.seed} and --seeds {seeds} cannot be combined; use only one."
         )
-    configs = {
-        seed: replace(config, **{part: replace(settings, seed=seed)}) for seed in read_seeds(seeds)
-    }
+    configs = {}
+    for seed in read_seeds(seeds):
+        configs[seed] = replace(config, **{part: replace(settings, seed=seed)})
     from wordcraft_kg.graphs.folder import open_graph
     from wordcraft_kg.runs.training import train_seeds
 
@@ -146,6 +171,7 @@ def _train_seeds(
         def progress(seed: int) -> Progress:
             return output.progress(f"seed-{seed}", unit=trainer.kind.unit)
 
+        # One by one: each seed's report is there before the next training begins.
         for seed, trained in train_seeds(
             trainer, configs, parent, force=force, trackers=trackers, progress=progress
         ):
@@ -167,6 +193,16 @@ def _train_seeds(
 def _until_interrupted(
     outcomes: Iterator[tuple[int, Any]], number: int, force: bool
 ) -> dict[int, Any]:
+    """Return the outcomes by seed.
+
+    Args:
+        outcomes: pairs of a seed and its outcome; taking the next one trains.
+        number: number of all seeds, for the message.
+        force: whether the command replaces existing output, for the message.
+
+    Raises:
+        KeyboardInterrupt: after Ctrl-C; the message says how to continue.
+    """
     trained: dict[int, Any] = {}
     try:
         for seed, outcome in outcomes:
@@ -176,7 +212,10 @@ def _until_interrupted(
     except KeyboardInterrupt:
         again = "repeat the command to train the rest"
         if force:
-            again = "with --force the command trains all seeds again; leave out --force to keep finished seeds"
+            again = (
+                "with --force the command trains all seeds again; "
+                "leave out --force to keep finished seeds"
+            )
         message = f"interrupted; {len(trained)} of {number} seeds are done, {again}"
         raise KeyboardInterrupt(message) from None
     return trained
@@ -192,9 +231,13 @@ def _link_rows(trained: "TrainedLinks") -> Rows:
     rows = [
         ("trained", f"{metrics.epochs} epochs on {metrics.triples:,} triples ({metrics.kg} graph)"),
         *_learned_from(metrics),
-        *([("with", str(metrics.outside))] if metrics.outside else []),
+    ]
+    if metrics.outside:
+        rows.append(("with", str(metrics.outside)))
+    rows += [
         ("time", f"{metrics.seconds:.1f} s, {metrics.seconds_per_epoch:.3f} s per epoch"),
         ("parameters", f"{metrics.parameters:,}"),
+        # Memory, not ability: these are the triples that the model was trained on.
         ("train MRR", f"{metrics.train_mrr:.3f} on training triples (memory)"),
     ]
     if metrics.choice:
@@ -206,13 +249,15 @@ def _link_rows(trained: "TrainedLinks") -> Rows:
         )
     if metrics.choice and not metrics.choice.beats_counting:
         logging.getLogger(__name__).warning(
-            "on held-out train recipes no candidate is better than the frequency rule; expect the same for unseen "
+            "on held-out train recipes no candidate is better than the frequency rule; expect the "
+            "same for unseen "
             "triples."
         )
+    # A model that has converged remembers its training triples far better than this.
     if metrics.train_mrr < 0.1:
+        advice = _how_to_fit(LinksConfig.read(trained.folder))
         logging.getLogger(__name__).warning(
-            "the model hardly fits the training triples; try %s.",
-            _how_to_fit(LinksConfig.read(trained.folder)),
+            "the model hardly fits the training triples; try %s.", advice
         )
     return rows
 
@@ -234,9 +279,13 @@ def _recipe_rows(trained: "TrainedRecipes") -> Rows:
         *_folds(metrics),
     ]
     config = RecipesConfig.read(trained.folder)
+    # Only who has not chosen the words gets advice on them.
     if (config.settings.features, metrics.features) == ("auto", "glove"):
         command = ENCODE.replace("GRAPH", shlex.quote(config.graph))
-        effect = "a sentence encoder raised success with new goals from .53 to .61 on the built-in book everyday"
+        effect = (
+            "a sentence encoder raised success with new goals from .53 to .61 "
+            "on the built-in book everyday"
+        )
         rows.append(("words", f"glove; {effect}: {command}, then --features"))
     return rows
 
@@ -248,6 +297,7 @@ def _write_agent_report(trained: "TrainedAgent", config: "AgentConfig") -> None:
     from wordcraft_kg.reports.pages import write_report
 
     assert trained.summary is not None
+    # A split may have no test tasks at this depth.
     part: TaskPart = "test" if "test" in trained.summary.success else "train"
     report = make_agent_report(group_agents([open_agent(trained.folder, config.graph)]), part=part)
     write_report(report, trained.folder / "report", force=True)
@@ -260,6 +310,7 @@ def _agent_values(trained: "TrainedAgent") -> Values:
         "out": str(trained.folder),
         "report": str(trained.folder / "report" / "index.html"),
         **as_values(trained.summary),
+        # Flat, for scripts: the record has an object for each part.
         "success": {name: rate.mean for name, rate in success.items()},
         "success_ci": {name: [rate.ci_low, rate.ci_high] for name, rate in success.items()},
     }
@@ -269,31 +320,28 @@ def _agent_rows(trained: "TrainedAgent") -> Rows:
     summary = trained.summary
     assert summary is not None
     evaluation = f"{summary.curves_share:.1%} of the time spent on the curves"
-    return [
+    rows = [
         ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s"),
         ("speed", f"{summary.steps_per_second:,} steps/s; {evaluation}"),
-        *(
-            (
-                f"{name} tasks",
-                f"success {rate.mean:.3f} [{rate.ci_low:.3f}, {rate.ci_high:.3f}] greedy, {rate.tasks:,} tasks, "
-                f"{counted(rate.distractor_seeds, 'distractor seed')}, {counted(summary.distractors, 'distractor')}",
-            )
-            for name, rate in summary.success.items()
-        ),
     ]
+    distractors = counted(summary.distractors, "distractor")
+    for name, rate in summary.success.items():
+        success = f"success {rate.mean:.3f} [{rate.ci_low:.3f}, {rate.ci_high:.3f}] greedy"
+        seeds = counted(rate.distractor_seeds, "distractor seed")
+        rows.append((f"{name} tasks", f"{success}, {rate.tasks:,} tasks, {seeds}, {distractors}"))
+    return rows
 
 
 def _agent_seed_rows(values: dict[int, Values]) -> Rows:
-    part = "test" if all("test" in summary["success"] for summary in values.values()) else "train"
+    have_test = all("test" in summary["success"] for summary in values.values())
+    part = "test" if have_test else "train"
     rates = {seed: summary["success"][part] for seed, summary in values.items()}
+    rows = []
+    for seed, success in rates.items():
+        rows.append((f"seed {seed}", f"success {success:.3f} on {part} tasks"))
     spread = f"from {min(rates.values()):.3f} to {max(rates.values()):.3f}"
-    return [
-        *(
-            (f"seed {seed}", f"success {success:.3f} on {part} tasks")
-            for seed, success in rates.items()
-        ),
-        ("mean", f"success {sum(rates.values()) / len(rates):.3f}, {spread}"),
-    ]
+    rows.append(("mean", f"success {sum(rates.values()) / len(rates):.3f}, {spread}"))
+    return rows
 
 
 def _learned_from(metrics: "LinkMetrics | RecipeMetrics") -> Rows:
@@ -312,9 +360,8 @@ def _how_to_fit(config: LinksConfig) -> str:
     settings = config.settings
     if isinstance(settings, ComplExConfig):
         return "more --epochs, a larger --dim, or a smaller --n3"
-    return "more --epochs, another --learning-rate" + (
-        ", or --loop symmetric" if settings.loop == "slcwa" else ""
-    )
+    advice = "more --epochs, another --learning-rate"
+    return f"{advice}, or --loop symmetric" if settings.loop == "slcwa" else advice
 
 
 LINKS = TrainingOutput(

@@ -1,7 +1,28 @@
-"""Text agents: people, programs and language models that play the agents' tasks by reading and writing text.
+"""Text agents: people, programs and language models that play the agents' tasks as texts.
 
-A *game* (``games``) is a crafting task with a fixed table of entities, or a game in the open-ended world (without a
-goal: discover entities). A *conversation* (``conversation``) turns a game into prompts and answers. Players may look up
-facts (``knowledge``); ``results`` computes the same metrics as agent evaluation. Players connect by the line protocol
-(``line_player``), MCP (``mcp_server``) or Inspect AI (``inspect_tasks``).
+Read ``conversation`` first: it turns a *game* into prompts, and answers into attempts. A game
+(``games``) is a crafting task with a fixed inventory, or a game in the open-ended world (without a
+goal: discover entities). None of the files for playing needs torch, unless look-ups come from a
+trained scorer::
+
+    game = TaskGames(World("kitchen", WordCraftConfig(part="test"))).begin(task=0)
+    talk = Conversation(game)
+    print(talk.opening)
+    print(talk.hear("flour + water"))
+
+What lies where:
+
+* rules: ``settings`` (options), ``games``, ``conversation``, ``knowledge`` (facts to look up);
+* doors for players: ``line_player`` (programs), ``mcp_server`` with ``hosted_games`` (MCP clients),
+  ``inspect_tasks`` with ``inspect_log`` (language models in Inspect AI);
+* results: ``records`` (lines of ``games.jsonl``), ``results`` (play, resume, the same metrics as
+  agent evaluation), ``result_reader`` (rows for the command ``reference``);
+* the benchmark: ``benchmark`` (tracks), ``benchmark_players`` (kinds of players), ``submission``
+  (write and verify), ``second_reading``, ``leaderboard``;
+* ``commands``: the commands, by entry points in ``pyproject.toml``.
+
+Change freely: kinds of players, wording of errors, tables, commands. Change only with a new
+version: prompts (their hash is in every result and submission), the answer grammar, ``data/`` and
+the fields of ``Submission`` and ``GameLine``, because published submissions are compared byte by
+byte.
 """

@@ -1,6 +1,7 @@
-"""The benchmark: tracks of frozen tasks with a name and a version, independent of any random generator.
+"""The benchmark: tracks of frozen tasks with a name and a version.
 
-The manifest lists each task with its plans and its table as ids of a book, whose content hash guards the ids.
+The tasks do not depend on any random generator. The manifest lists each task with its plans and its
+table as ids of a book, whose content hash guards the ids.
 """
 
 import hashlib
@@ -24,6 +25,7 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import Count, Hash, Record, parse_record
 from wordcraft_kg.base.settings import nearest, one_of
 from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import padded
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
@@ -32,28 +34,56 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.tasks import Rows, TaskSet
 
 MANIFEST = Path(__file__).parent / "data" / "everyday-v2.json"
-LITE_TASKS, LITE_ATTEMPTS = 100, 100
+# With 100 tasks a 95 % interval is at most 20 points wide, enough to tell clearly different players
+# apart, at a price that a language model's user can pay.
+LITE_TASKS = 100
+LITE_ATTEMPTS = 100
+# A published track reads answers as on its first day. Otherwise, a more lenient grammar would raise
+# the scores of new submissions over those of old ones.
 _GRAMMAR_OF_SCORING = {1: 1}
-"""Version of the answer grammar by version of the scoring: a published track reads answers as on its first day."""
+"""Version of the answer grammar by version of the scoring."""
+# The first group is lazy: both endings belong to the name's form, not to the track's own name.
 _NAME = re.compile(r"(.+?)(-lite)?(-made-up)?")
 
 
 class FrozenBook(Record, frozen=True):
-    """Content hashes of a book's graph, and of its splits by kind."""
+    """The state of a book for which the tracks were made.
+
+    Attributes:
+        hash: content hash of the book's graph.
+        splits: content hash of the split by kind of split.
+    """
 
     hash: Hash
     splits: dict[str, Hash]
 
 
 class FrozenTask(Record, frozen=True, array_like=True):
-    """A task: plans as rows in ``graph.recipes``, each plan ending in the goal, and the ids on the table in order."""
+    """A task; an array in JSON.
+
+    Attributes:
+        plans: each plan as rows in ``graph.recipes``, in the order of crafting; the last row makes
+            the goal.
+        table: ids of the entities on the table at the start, in slot order.
+    """
 
     plans: tuple[Rows, ...]
     table: tuple[Count, ...]
 
 
 class FrozenTrack(Record, frozen=True, omit_defaults=True):
-    """A track: tasks of a split's test part, or open-ended games with the base (ids) in order for each game."""
+    """A track: tasks of a split's test part, or open-ended games.
+
+    Attributes:
+        about: description for `bench list`.
+        split: kind of the split, such as ``by-goal``; look-ups know its train recipes.
+        attempts: attempts in a game.
+        depth: fewest attempts that solve a task; 0 in an open-ended track.
+        distractors: entities on each table that no plan needs; 0 in an open-ended track.
+        tasks: tasks in order; empty in an open-ended track.
+        orders: for each open-ended game the base (ids) in the order in which players see it; empty
+            in a track with tasks.
+    """
 
     about: str
     split: str
@@ -65,7 +95,19 @@ class FrozenTrack(Record, frozen=True, omit_defaults=True):
 
 
 class Manifest(Record, frozen=True, kw_only=True):
-    """The benchmark's manifest: version of the rules, canary, tracks, prompt hashes by interface, and both books."""
+    """The benchmark's manifest.
+
+    Attributes:
+        format: format of the file.
+        name: name with version, such as in recorded games.
+        date: day of publication.
+        scoring: version of the rules of scoring.
+        licence: licence of the tasks.
+        canary: a unique text, by which training data that contains the benchmark can be recognised.
+        prompts: hash of the standard prompts by interface.
+        books: the book of the tracks and the same book with made-up words, in this order.
+        tracks: tracks by name, without the endings of shorter tracks and of made-up words.
+    """
 
     format: Literal["wordcraft-kg benchmark 1"] = "wordcraft-kg benchmark 1"
     name: str
@@ -80,24 +122,31 @@ class Manifest(Record, frozen=True, kw_only=True):
     @property
     def names(self) -> list[str]:
         """Names of all tracks, with the shorter tracks (``-lite``) and those with made-up words."""
-        return [
-            track + lite + words
-            for track in self.tracks
-            for lite in ("", "-lite")
-            for words in ("", "-made-up")
-        ]
+        endings = ("", "-made-up", "-lite", "-lite-made-up")
+        names: list[str] = []
+        for track in self.tracks:
+            names += [track + ending for ending in endings]
+        return names
 
 
 @cache
 def read_manifest(path: Path = MANIFEST) -> tuple[Manifest, str]:
-    """Return the manifest and the SHA-256 of its file; a damaged file is an ArtefactError."""
+    """Return the manifest and the SHA-256 of its file; raises ArtefactError for a damaged file."""
     data = read_small_file(path)
     return parse_record(data, Manifest, path), hashlib.sha256(data).hexdigest()
 
 
 @dataclass(frozen=True)
 class Track:
-    """A track ready for play: the graph with the track's split, and the games, numbered from 0."""
+    """A track ready for play; its games are numbered from 0, and ``len`` counts them.
+
+    Attributes:
+        name: name with endings, such as ``craft-8-lite``.
+        benchmark: name and version of the benchmark.
+        book: name of the built-in book.
+        frozen: the tasks or open-ended games, already shortened for a ``-lite`` track.
+        opened: the book's graph with the track's split.
+    """
 
     name: str
     benchmark: str
@@ -120,7 +169,7 @@ class Track:
 
     @cached_property
     def world(self) -> World:
-        """The world of the tasks; ConfigError in an open-ended track."""
+        """The world of the tasks; raises ConfigError in an open-ended track."""
         if self.is_open_ended:
             raise ConfigError(
                 f"track {self.name} is open-ended and has no tasks; choose another player."
@@ -132,63 +181,79 @@ class Track:
         return World(self.opened, config, task_set(self.opened.graph, frozen.depth, frozen.tasks))
 
     def play(self, look_ups: str = "none", **rules: Any) -> Play:
-        """Return the games as conversations; ``rules`` replace settings. ConfigError for other look-ups."""
+        """Return the games as conversations.
+
+        Args:
+            look_ups: source of look-ups: none, or partial (the train recipes).
+            rules: fields of the played settings that replace the track's, such as ``prompt_hash``.
+
+        Raises:
+            ConfigError: for other look-ups.
+        """
         one_of("knowledge", look_ups, get_args(LookUps))
-        games: TaskGames | DiscoveryGames
-        if self.is_open_ended:
-            games = DiscoveryGames(
-                self.opened, attempts=self.frozen.attempts, orders=self.frozen.orders
-            )
-        else:
-            games = TaskGames(self.world, lambda task, _: [*self.frozen.tasks[task].table])
+        frozen = self.frozen
         own: dict[str, Any] = {
+            "knowledge": look_ups,
             "track": self.full_name,
             "max_invalid": MAX_INVALID,
             "look_ups": LOOK_UPS,
             "answer_grammar": _GRAMMAR_OF_SCORING[read_manifest()[0].scoring],
         }
+        games: TaskGames | DiscoveryGames
+        played_in: World | OpenEndedEnv
         if self.is_open_ended:
+            games = DiscoveryGames(self.opened, attempts=frozen.attempts, orders=frozen.orders)
+            played_in = games.env
             own["distractor_seeds"] = len(self)
-        settings = PlayedSettings.of(
-            games.env if isinstance(games, DiscoveryGames) else games.world,
-            self.opened.split,
-            **{"knowledge": look_ups, **own, **rules},
-        )
-        return Play(
-            games,
-            settings,
-            PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None,
-        )
+        else:
+            # The frozen table replaces the drawn one, so the distractor seed has no meaning.
+            games = TaskGames(self.world, lambda task, _: [*frozen.tasks[task].table])
+            played_in = games.world
+        settings = PlayedSettings.of(played_in, self.opened.split, **(own | rules))
+        knowledge = PartialGraphKnowledge(self.opened.split) if look_ups == "partial" else None
+        return Play(games, settings, knowledge)
 
 
 @cache
 def open_track(name: str) -> Track:
-    """Open a track such as ``craft-8-lite-made-up``; ConfigError for a wrong name, GraphMismatchError for the book."""
+    """Open a track by its name, such as ``craft-8-lite-made-up``.
+
+    Raises:
+        ConfigError: if there is no such track.
+        GraphMismatchError: if this version of the package has another state of the book.
+    """
     manifest, _ = read_manifest()
     if name not in manifest.names:
         raise ConfigError(
-            f"unknown track '{name[:100]}'; expected one of {', '.join(manifest.tracks)}, with -lite or -made-up."
+            f"unknown track '{name[:100]}'; expected one of {', '.join(manifest.tracks)}, with "
+            "-lite or -made-up."
             f"{nearest(name, manifest.names)}"
         )
     match = _NAME.fullmatch(name)
     assert match is not None
-    frozen, (own, made_up) = manifest.tracks[match[1]], manifest.books
-    book = made_up if match[3] else own
-    opened = _book_with_split(book, frozen.split)
-    return Track(name, manifest.name, book, _shortened(frozen) if match[2] else frozen, opened)
+    track_name, is_lite, has_made_up_words = match.groups()
+    frozen = manifest.tracks[track_name]
+    if is_lite:
+        frozen = _shortened(frozen)
+    own, made_up = manifest.books
+    book = made_up if has_made_up_words else own
+    return Track(name, manifest.name, book, frozen, _book_with_split(book, frozen.split))
 
 
 def _book_with_split(book: str, kind: str) -> OpenedGraph:
     manifest, _ = read_manifest()
     graph = open_graph(book).graph
     split = make_split(graph, SplitConfig(kind))
+    frozen = manifest.books[book]
+    # The tasks are ids and rows: in another state of the book they would name other entities.
     for what, has, expected in (
-        ("the book", graph.hash, manifest.books[book].hash),
-        ("the split of", split.hash, manifest.books[book].splits[kind]),
+        ("the book", graph.hash, frozen.hash),
+        ("the split of", split.hash, frozen.splits[kind]),
     ):
         if has != expected:
             raise GraphMismatchError(
-                f"{what} '{book}' has the hash {has[:12]}, and {manifest.name} was made for {expected[:12]}. Install "
+                f"{what} '{book}' has the hash {has[:12]}, and {manifest.name} was made for "
+                f"{expected[:12]}. Install "
                 "the version of wordcraft-kg that has this book."
             )
     return OpenedGraph(graph, split, book)
@@ -197,23 +262,37 @@ def _book_with_split(book: str, kind: str) -> OpenedGraph:
 def _shortened(frozen: FrozenTrack) -> FrozenTrack:
     if not frozen.tasks:
         return msgspec.structs.replace(frozen, attempts=LITE_ATTEMPTS)
+    # Evenly spaced: the tasks are in the graph's order, so the first ones would be no fair sample.
     places = np.arange(LITE_TASKS) * len(frozen.tasks) // LITE_TASKS
     return msgspec.structs.replace(frozen, tasks=tuple(frozen.tasks[place] for place in places))
 
 
 def task_set(graph: RecipeGraph, depth: int, tasks: Sequence[FrozenTask]) -> TaskSet:
-    """Return a track's tasks as a task set; starts are the ingredients that a plan does not make."""
+    """Return a track's tasks as a task set of the test part.
+
+    Args:
+        graph: graph whose recipe rows the plans name.
+        depth: recipes in a plan; a plan needs at most ``depth + 1`` entities at the start.
+        tasks: frozen tasks in order.
+    """
     recipes = graph.recipes.tolist()
 
     def needed(plan: Rows) -> set[int]:
-        return {entity for row in plan for entity in recipes[row][:2]} - {
-            recipes[row][2] for row in plan
-        }
+        """Return the ingredients that the plan does not make itself."""
+        ingredients: set[int] = set()
+        results: set[int] = set()
+        for row in plan:
+            first, second, result = recipes[row]
+            ingredients |= {first, second}
+            results.add(result)
+        return ingredients - results
 
-    starts = [sorted(set[int]().union(*map(needed, task.plans))) for task in tasks]
+    starts: list[list[int]] = []
+    for task in tasks:
+        of_plans = [needed(plan) for plan in task.plans]
+        starts.append(sorted(set[int]().union(*of_plans)))
     goals = np.array([recipes[task.plans[0][-1]][2] for task in tasks])
-    table, plans = (
-        padded(starts, graph.num_entities, depth + 1),
-        tuple(task.plans for task in tasks),
-    )
+    # Padding is `num_entities`, the id of an empty slot.
+    table = padded(starts, graph.num_entities, depth + 1)
+    plans = tuple(task.plans for task in tasks)
     return TaskSet(graph, depth, "test", goals, table, plans, False, 0)

@@ -1,6 +1,7 @@
-"""Kinds of players for the benchmark; other packages add kinds by the entry point group ``wordcraft_kg.bench_players``.
+"""Kinds of players for the benchmark.
 
-A kind plays all games of a track, and returns the decisions with facts about the player.
+A kind plays all games of a track, and returns the decisions with facts about the player. Other
+packages add kinds by the entry point group ``wordcraft_kg.bench_players``.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,8 +23,8 @@ from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
     GamesHeader,
     PlayedSettings,
-    PlayedTask,
-    PlayedWorld,
+    TaskGameRecord,
+    WorldGameRecord,
 )
 from wordcraft_kg.apps.text_agents.results import play_all, read_games, replaced_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player
     from wordcraft_kg.models.model import Model
 
+# Submissions hold these texts, and verification compares bytes: a new wording needs a new scoring.
 _TRAINED_ON = {
     "none": "no recipe of this book",
     "partial": "train recipes of this book",
@@ -58,15 +60,16 @@ _SCRIPTED = {
 _USES = {"votes": "partial", "graph": "partial", "oracle": "full"}
 _BEST_PAIR = ("w, best pair", "u+v, self edges dropped")
 _OWN_LICENCE = "Apache-2.0"
+_POLICY = "policy.safetensors"
 
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Settings for text players.
+    """Settings for text players; other players need none of them.
 
     Attributes:
         messages: folder for a program's prompts and answers.
-        look_ups: look-up source.
+        look_ups: source of look-ups: none, or partial (the train recipes).
         timeout: seconds for an answer of a program.
         weights: file with the player's weights, for the hash; None without weights.
         is_replacing: whether earlier games stay in ``messages`` until the new games are complete.
@@ -81,16 +84,17 @@ class RunSettings:
 
 @dataclass(frozen=True)
 class Entrant:
-    """A player's decisions in all games of a track, in order, and facts for the submission.
+    """A player's decisions in all games of a track, and facts for the submission.
 
     Attributes:
         name: name in tables.
-        games: decisions by game.
-        training_data, licence: as the player's folder declares.
+        games: decisions by game, in the order of the track.
+        training_data: data on which the player was trained, as its folder declares.
+        licence: licence, as the player's folder declares.
         prompt_hash: hash of the prompts that were read; None for a player without text.
-        weights: SHA-256 by file name.
-        tokens: numbers of tokens by kind; None if not counted.
-        answers: for each game the player's messages; empty if they were not recorded.
+        weights: SHA-256 by file name; empty without weights.
+        tokens: numbers of tokens by kind (input, output); None if not counted.
+        answers: for each game the player's messages in order; empty if they were not recorded.
     """
 
     name: str
@@ -105,27 +109,48 @@ class Entrant:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of player: description, the argument's meaning (empty without one), and the function that plays."""
+    """A kind of player.
+
+    Attributes:
+        about: description for `bench list`.
+        argument: meaning of the argument in capitals, such as MODEL; empty without one.
+        enter: function that plays, given the track, the argument and the settings.
+    """
 
     about: str
     argument: str
     enter: Callable[[Track, str, RunSettings], Entrant]
 
+    def usage(self, name: str) -> str:
+        """Return how users name a player of this kind, such as ``scorer:MODEL``."""
+        return f"{name}:{self.argument}" if self.argument else name
+
 
 def decisions(track: Track, player: "Player") -> list[Played]:
-    """Return the decisions of a scripted player or policy in all tasks of a track, played together."""
-    world, size = track.world, len(track)
+    """Return the decisions of a scripted player or policy in all N tasks of a track.
+
+    The tasks are played together, a row for each. A pair with an empty slot is a lost attempt
+    (None).
+    """
+    world = track.world
+    size = len(track)
     engine = BatchEngine(world, size)
     tables = padded([task.table for task in track.frozen.tasks], world.nothing)
     state = engine.pose(np.arange(size), tables=tables)
-    rng, rows = np.random.default_rng([EVALUATION_SEED, 0]), np.arange(size)
+    # The generator of agent evaluation: a player has the same chance there and here.
+    rng = np.random.default_rng([EVALUATION_SEED, 0])
+    rows = np.arange(size)
     pairs: list[list[Pair | None]] = [[] for _ in rows]
-    names = (*track.opened.graph.entities, None)
+    # `world.nothing` is the number of entities, so its label is the last one: None.
+    labels = (*track.opened.graph.entities, None)
     while (running := state.attempts_left > 0).any():
         slots = player(state, rng)
-        first, second = state.selection, state.table[rows, slots]
+        first = state.selection
+        second = state.table[rows, slots]
+        # Where nothing is selected yet, this action is the first half of an attempt.
         for row in np.flatnonzero(running & (first != engine.nothing)).tolist():
-            one, other = names[first[row]], names[second[row]]
+            one = labels[first[row]]
+            other = labels[second[row]]
             pairs[row].append((one, other) if one and other else None)
         state, _ = engine.step_once(state, slots)
     return [Played(own) for own in pairs]
@@ -133,13 +158,17 @@ def decisions(track: Track, player: "Player") -> list[Played]:
 
 def discoveries(track: Track, player: Discoverer) -> list[Played]:
     """Return the decisions of a player in all open-ended games of a track."""
-    graph, games = track.opened.graph, []
+    graph = track.opened.graph
+    games = []
     for number, order in enumerate(track.frozen.orders):
-        world, pairs = Discovery(graph), list[Pair | None]()
+        world = Discovery(graph)
+        pairs: list[Pair | None] = []
+        # A generator for each game: a change in one game leaves the others as they were.
         player.begin(order, np.random.default_rng([EVALUATION_SEED, number]))
         while len(pairs) < track.frozen.attempts and not world.is_complete:
             one, other = player.choose()
-            player.observe((one, other), world.combine(one, other)[0])
+            new, _ = world.combine(one, other)
+            player.observe((one, other), new)
             pairs.append((graph.entities[one], graph.entities[other]))
         games.append(Played(pairs))
     return games
@@ -147,10 +176,12 @@ def discoveries(track: Track, player: Discoverer) -> list[Played]:
 
 def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
     def enter(track: Track, argument: str, settings: RunSettings) -> Entrant:
-        on_tasks, name = _SCRIPTED[kind]
-        knows = _TRAINED_ON[_USES.get(kind, "none")] + ", glove words" * (kind == "nearest-words")
-        if track.is_open_ended and name:
-            (player,) = make_discoverers([name], track.opened.graph).values()
+        on_tasks, in_world = _SCRIPTED[kind]
+        knows = _TRAINED_ON[_USES.get(kind, "none")]
+        if kind == "nearest-words":
+            knows += ", glove words"
+        if track.is_open_ended and in_world:
+            (player,) = make_discoverers([in_world], track.opened.graph).values()
             return Entrant(on_tasks, discoveries(track, player), knows, _OWN_LICENCE)
         from wordcraft_kg.agents.players import knowledge_players  # loads torch
 
@@ -163,13 +194,17 @@ def _scripted(kind: str) -> Callable[[Track, str, RunSettings], Entrant]:
 def _with_model(
     track: Track, folder: str, settings: RunSettings, names: Sequence[str] = ("planner",)
 ) -> Entrant:
+    """Let a model play: the first of the scorer's players in ``names`` that the model has."""
     from wordcraft_kg.agents.players import scorer_players  # these load torch
     from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.models.scorers.folder import WEIGHTS
 
-    model, graph = open_model(folder), track.opened.graph
-    own, name = model.opened, Path(folder).name
+    model = open_model(folder)
+    own = model.opened
+    graph = track.opened.graph
+    name = Path(folder).name
+    # A model of another book has seen none of these recipes, so its split does not matter.
     if own.graph.hash == graph.hash:
         _check_split(folder, own.split.hash, track)
     about: dict[str, Any] = {
@@ -190,10 +225,24 @@ def _with_model(
 
 
 def _learned_from(model: "Model", track: Track, kg: str) -> str:
-    """Return a model's training recipes, word vectors and outside knowledge, as its folder records them."""
-    book, words = model.opened.graph, getattr(model.metrics, "features", "")
-    known = [_TRAINED_ON[kg] if book.hash == track.opened.graph.hash else f"recipes of {book.name}"]
-    known += [f"{Path(words).name} words"] * (words not in ("", "one-hot"))
+    """Return what a model was trained on, as its folder records it.
+
+    Args:
+        model: the model.
+        track: the track; a model of its book is described by the part of the recipes that it knows.
+        kg: which recipes of the track's book the player knows: none, partial or full.
+
+    Returns:
+        Training recipes, word vectors and outside knowledge, separated by commas.
+    """
+    book = model.opened.graph
+    if book.hash == track.opened.graph.hash:
+        known = [_TRAINED_ON[kg]]
+    else:
+        known = [f"recipes of {book.name}"]
+    words = getattr(model.metrics, "features", "")
+    if words not in ("", "one-hot"):
+        known.append(f"{Path(words).name} words")
     if outside := model.history.facts.get("outside knowledge"):
         known.append(f"outside knowledge: {outside}")
     return ", ".join(known)
@@ -207,34 +256,35 @@ def _agent(track: Track, argument: str, settings: RunSettings) -> Entrant:
 
     agent = open_agent(argument)
     _check_split(argument, agent.opened.split.hash, track)
-    weights = {
-        name: agent.run.outputs[name]
-        for name in ("policy.safetensors",)
-        if name in agent.run.outputs
-    }
-    if not weights:
+    if _POLICY not in agent.run.outputs:
         raise ConfigError(f"'{argument}' is unfinished; expected a finished run of train-agent.")
-    kg = "full" if agent.run.kg == "full" else "partial"  # agents train on the train tasks
+    weights = {_POLICY: agent.run.outputs[_POLICY]}
+    # Even an agent without a knowledge graph has met the train recipes: its tasks are made of them.
+    kg = "full" if agent.run.kg == "full" else "partial"
     knows = _TRAINED_ON[kg]
     if agent.config.scorer is not None:
         model = open_model(agent.config.scorer)
+        # The folder may hold another scorer by now; the declaration is for the one that was used.
         if model.run.outputs[WEIGHTS] != agent.run.inputs["scorer"]:
             raise ArtefactError(
                 f"'{agent.config.scorer}' is not the scorer of '{argument}'. Restore a copy."
             )
         knows = _learned_from(model, track, kg)
-    words = f", {Path(agent.config.policy.features).name} words"
-    knows += words * (
-        words not in knows and agent.config.policy.features not in ("learned", "one-hot", "random")
-    )
+    features = agent.config.policy.features
+    words = f", {Path(features).name} words"
+    # The other kinds of features come from no words, or are in the scorer's list already.
+    if features not in ("learned", "one-hot", "random") and words not in knows:
+        knows += words
     return Entrant(agent.name, decisions(track, PolicyPlayer(agent.policy)), knows, weights=weights)
 
 
 def _check_split(folder: str, split: str, track: Track) -> None:
     if split != track.opened.split.hash:
         raise GraphMismatchError(
-            f"'{folder}' was trained on split {split[:12]}; {track.name} has the {track.frozen.split} split "
-            f"{track.opened.split.hash[:12]} of {track.book}. Build this graph with build-graph, and train on it."
+            f"'{folder}' was trained on split {split[:12]}; {track.name} has the "
+            f"{track.frozen.split} split "
+            f"{track.opened.split.hash[:12]} of {track.book}. Build this graph with build-graph, "
+            "and train on it."
         )
 
 
@@ -247,6 +297,7 @@ def _program(track: Track, argument: str, settings: RunSettings) -> Entrant:
         with replaced as games:
             play_all(program.name, program.speaker, play, games)
     played = read_games(settings.messages / GAMES_FILE)[1]
+    # Prompts and answers take turns, beginning with a prompt.
     answers = [one.messages[1::2] for one in played]
     return _recorded(track, settings, program.name, play.settings, played, answers)
 
@@ -269,10 +320,12 @@ def _recorded(
     run: RunSettings,
     name: str,
     settings: PlayedSettings,
-    played: Sequence[PlayedTask | PlayedWorld],
+    played: Sequence[TaskGameRecord | WorldGameRecord],
     answers: Sequence[Sequence[str]] = (),
 ) -> Entrant:
-    """Return the decisions in recorded games, in the order of the track; the first game of a task counts.
+    """Return the decisions in recorded games, in the order of the track.
+
+    Of a task that was played several times, the first game counts.
 
     Args:
         track: the track that was played.
@@ -283,28 +336,32 @@ def _recorded(
         answers: for each recorded game the player's messages; empty if they were not recorded.
 
     Raises:
-        ConfigError: for games of another track, with other look-ups, or if a game is missing.
+        ConfigError: for games of another track, with other look-ups, or if a game is missing:
+            a selection of games is no result for the track.
     """
     if settings.track != track.full_name:
         raise ConfigError(
-            f"the games of '{name}' are of {settings.track or 'no track'}; expected {track.full_name}. Play the track "
-            f"with `inspect eval wordcraft_kg/crafting -T track={track.name}` or `mcp --track {track.name}`."
+            f"the games of '{name}' are of {settings.track or 'no track'}; expected "
+            f"{track.full_name}. Play the track "
+            f"with `inspect eval wordcraft_kg/crafting -T track={track.name}` or `mcp --track "
+            f"{track.name}`."
         )
     if settings.knowledge != run.look_ups:
         raise ConfigError(
             f"`look_ups` {run.look_ups}: the games have {settings.knowledge}; give the same."
         )
-    numbers = [one.task if isinstance(one, PlayedTask) else one.game for one in played]
+    numbers = [one.task if isinstance(one, TaskGameRecord) else one.game for one in played]
+    # From the last to the first: the first game of a task stays, so that nobody plays again until
+    # the result is good.
     first = {numbers[place]: place for place in reversed(range(len(played)))}
     if missing := set(range(len(track))) - first.keys():
         raise ConfigError(
-            f"{len(track) - len(missing)} of {len(track)} games of {track.name} were played; play game {min(missing)}."
+            f"{len(track) - len(missing)} of {len(track)} games of {track.name} were played; play "
+            f"game {min(missing)}."
         )
     order = [first[number] for number in range(len(track))]
-    games = [
-        Played(one.pairs, one.look_ups, one.invalid_actions)
-        for one in map(played.__getitem__, order)
-    ]
+    counted = [played[place] for place in order]
+    games = [Played(one.pairs, one.look_ups, one.invalid_actions) for one in counted]
     messages = [answers[place] for place in order] if answers else []
     return Entrant(name, games, prompt_hash=settings.prompt_hash, answers=messages)
 
@@ -333,18 +390,30 @@ KINDS: Registry[Kind] = Registry(
 
 
 def enter(track: Track, player: str, settings: RunSettings) -> tuple[str, Entrant]:
-    """Let a player, ``KIND`` or ``KIND:ARGUMENT`` (else ConfigError), play; return kind and decisions."""
+    """Let a player play all games of a track.
+
+    Args:
+        track: the track.
+        player: ``KIND`` or ``KIND:ARGUMENT``, see :data:`KINDS`.
+        settings: settings for text players.
+
+    Returns:
+        The name of the kind, and the player's decisions.
+
+    Raises:
+        ConfigError: for an unknown kind, a missing or needless argument, or settings for text
+            players with another player.
+    """
     name, _, argument = player.partition(":")
     if name not in KINDS:
         raise ConfigError(f"`player` '{name[:100]}': expected one of {', '.join(KINDS)}.")
     kind = KINDS[name]
     if bool(argument) != bool(kind.argument):
-        raise ConfigError(
-            f"`player` '{player[:100]}': expected {name}{':' * bool(kind.argument)}{kind.argument}."
-        )
+        raise ConfigError(f"`player` '{player[:100]}': expected {kind.usage(name)}.")
     if name not in TEXT_PLAYERS and (settings.look_ups != "none" or settings.weights):
         raise ConfigError(
-            f"`look_ups` or `weights`: expected a player by text ({', '.join(TEXT_PLAYERS)}), but got {name}."
+            f"`look_ups` or `weights`: expected a player by text ({', '.join(TEXT_PLAYERS)}), but "
+            f"got {name}."
         )
     if not settings.weights:
         return name, kind.enter(track, argument, settings)
@@ -360,7 +429,19 @@ def reproduce(
     timeout: float = TIMEOUT,
     weights: Path | None = None,
 ) -> None:
-    """Let a submission's player play again; ArtefactError for a difference, ConfigError for a record."""
+    """Let a submission's player play again, and compare all games with the submission.
+
+    Args:
+        folder: folder of the submission.
+        submission: the submission, already verified.
+        player: the player, as for :func:`enter`.
+        timeout: seconds for an answer of a program.
+        weights: file with a text player's weights; None without weights.
+
+    Raises:
+        ArtefactError: if a game or a declared fact differs.
+        ConfigError: for a record of games, which cannot play.
+    """
     if player.partition(":")[0] in ("inspect", "mcp"):
         raise ConfigError(
             "expected a player that plays here; a record of games (inspect, mcp) cannot play."
@@ -370,10 +451,13 @@ def reproduce(
         kind, entrant = enter(
             track, player, RunSettings(Path(messages), submission.knowledge, timeout, weights)
         )
-    path, play = folder / GAMES_FILE, track.play(submission.knowledge)
+    path = folder / GAMES_FILE
+    play = track.play(submission.knowledge)
+    # Only facts that the player itself knows are compared; users may declare the others.
     facts: dict[str, Any] = {"kind": kind, "weights": dict(entrant.weights)}
     if entrant.training_data != Entrant.training_data:
         facts["training_data"] = entrant.training_data
+    # A player of this package has nothing to declare: another name or licence would be a claim.
     if not KINDS[kind].argument:
         facts |= {"player": entrant.name, "licence": entrant.licence, "tokens": None, "price": None}
     if entrant.prompt_hash is None or submission.prompts != "custom":
@@ -383,6 +467,7 @@ def reproduce(
             raise ArtefactError(
                 f"{folder}: '{name}' is {given}, but the given player has {value}. Play as before."
             )
+    # `verify` has checked the file: a line for each game, in the canonical form.
     lines = path.read_bytes().splitlines(keepends=True)
     for number, (line, played) in enumerate(zip(lines, entrant.games, strict=True)):
         if [line.decode()] != as_lines([replay(play, number, played)]):

@@ -23,6 +23,7 @@ from wordcraft_kg.envs.words import prompt_text
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import open_graph
 
+# Language models write "look up", "look-up" and "lookup", with and without a colon.
 _LOOK_UP = re.compile(r"look[\s-]*up\b[\s:]*(.*)", re.IGNORECASE)
 
 
@@ -30,15 +31,24 @@ class Conversation:
     """A game played in text: an opening prompt, and a reply to each message by the player.
 
     Two labels in a message are an attempt to combine the entities, read by
-    :func:`~wordcraft_kg.base.answers.read_answer`; a last line with ``look up`` and a label is a request for facts. An
-    invalid message costs nothing, but after ``max_invalid`` in a row the next costs an attempt (``lost_attempts``), so
-    every conversation ends.
+    :func:`~wordcraft_kg.base.answers.read_answer`; a last line with ``look up`` and a label is a
+    request for facts. An invalid message costs nothing, but after ``max_invalid`` in a row the next
+    costs an attempt, so every conversation ends.
+
+    Attributes:
+        game: the game.
+        grammar: version of the answer grammar.
+        invalid_actions: number of messages that were not understood.
+        lost_attempts: number of attempts lost by them.
+        look_ups: number of entities that were looked up.
 
     Example:
         >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
         >>> talk = Conversation(games.begin(task=0))
-        >>> talk.opening.splitlines()[-1], talk.hear("1 + unicorn").splitlines()[0][:15], talk.game.attempts_left
-        ('Attempts left: 1', 'Invalid answer:', 1)
+        >>> talk.opening.splitlines()[-1]
+        'Attempts left: 1'
+        >>> talk.hear("1 + unicorn").splitlines()[0][:15], talk.game.attempts_left
+        ('Invalid answer:', 1)
     """
 
     def __init__(
@@ -55,15 +65,18 @@ class Conversation:
         Args:
             game: a game that has just begun.
             knowledge: source of look-ups; None offers none.
-            max_invalid: see ``settings.EvaluationSettings``.
-            look_ups: see ``settings.GameSettings``.
+            max_invalid: consecutive invalid messages without cost; the next one costs an attempt.
+            look_ups: look-ups in the game.
             grammar: version of the answer grammar, see :mod:`wordcraft_kg.base.answers`.
         """
-        self.game, self.grammar = game, grammar
+        self.game = game
+        self.grammar = grammar
+        self.invalid_actions = 0
+        self.lost_attempts = 0
+        self.look_ups = 0
         self._knowledge = knowledge
         self._max_invalid = max_invalid
         self._most_look_ups = look_ups
-        self.invalid_actions = self.lost_attempts = self.look_ups = 0
         self._in_a_row = 0
 
     @property
@@ -85,11 +98,20 @@ class Conversation:
         return self.game.is_over
 
     def hear(self, message: str) -> str:
-        """Carry out the attempt or look-up in a player's message; return the reply: outcome and new state."""
+        """Carry out the attempt or look-up in a player's message.
+
+        Returns:
+            The reply: the outcome and the new state of the game.
+
+        Raises:
+            EpisodeError: if the game is over.
+        """
         line = last_line(message)
+        # Without knowledge "look up" is an ordinary word: an entity may have this label.
         look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
         try:
             if look_up is not None:
+                # By label alone: numbers stand for the entities at hand, but any may be looked up.
                 entity = read_label(
                     look_up[1], self.game.graph.entities, by_number=False, grammar=self.grammar
                 )
@@ -103,11 +125,15 @@ class Conversation:
         return f"{outcome}\n\n{self.game.state}"
 
     def look_up(self, entity: int) -> tuple[list[str], str]:
-        """Count a look-up (ActionError if none is left); return an entity's facts as lines, and as a reply."""
+        """Count a look-up, and return an entity's facts as lines, and as a reply.
+
+        Raises:
+            ActionError: if no look-up is left.
+        """
         if self._knowledge is None or self.look_ups >= self._most_look_ups:
             raise ActionError(prompt_text("no_look_ups"))
         facts = self._knowledge.facts(entity, self.game)
-        self.look_ups += 1
+        self.look_ups += 1  # only now: a look-up that failed is not counted
         return facts, self._knowledge.reply(self.game.graph.entities[entity], facts)
 
     def _reject(self, reason: str) -> str:
@@ -115,6 +141,7 @@ class Conversation:
         self._in_a_row += 1
         if self._in_a_row <= self._max_invalid:
             return prompt_text("invalid", reason=reason)
+        # The count begins anew, so that each lost attempt stands for equally many messages.
         self.game.lose_attempt()
         self.lost_attempts += 1
         self._in_a_row = 0
@@ -122,7 +149,15 @@ class Conversation:
 
 
 def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
-    """Play a game to its end: ``answer`` maps a prompt to an answer. Return all messages in turn, the outcome last."""
+    """Let a player play a game to its end.
+
+    Args:
+        talk: the conversation at its beginning.
+        answer: the player: a function from a prompt to an answer.
+
+    Returns:
+        All messages, prompts and answers in turn; the last one is the outcome.
+    """
     messages = [talk.opening]
     while not talk.is_over:
         messages.append(answer(messages[-1]))
@@ -132,7 +167,16 @@ def converse(talk: Conversation, answer: Callable[[str], str]) -> list[str]:
 
 @dataclass(frozen=True)
 class Play:
-    """Games with settings and look-up facts; a LeakError if look-ups would leak train recipes."""
+    """Games with settings and facts to look up.
+
+    Attributes:
+        games: tasks or open-ended games.
+        settings: settings as recorded with each game.
+        knowledge: source of look-ups; None offers none.
+
+    Raises:
+        LeakError: if look-ups would leak train recipes on train tasks.
+    """
 
     games: TaskGames | DiscoveryGames
     settings: PlayedSettings
@@ -140,23 +184,32 @@ class Play:
 
     def __post_init__(self) -> None:
         if self.knowledge is not None:
+            # A leak shows with the first look-up: found here, it costs no game.
             self.knowledge.facts(0, self.games.begin())
 
     @classmethod
     def open(cls, graph: str, settings: GameSettings, **rules: Any) -> Self:
-        """Prepare the games on a graph (folder, recipe book or built-in book).
+        """Prepare the games on a graph.
 
-        ``rules`` are further fields of :class:`~wordcraft_kg.apps.text_agents.records.PlayedSettings` to record.
-        ConfigError for settings that do not fit the graph, LeakError if a scorer would reveal its train recipes on
-        train tasks.
+        Args:
+            graph: graph folder, recipe book file, or name of a built-in book.
+            settings: the games.
+            rules: further fields of
+                :class:`~wordcraft_kg.apps.text_agents.records.PlayedSettings` to record.
+
+        Raises:
+            ConfigError: for settings that do not fit the graph.
+            GraphMismatchError: if the scorer is of another graph or split.
+            LeakError: if a scorer would reveal its train recipes on train tasks.
         """
         opened = open_graph(graph)
         knowledge = open_knowledge(settings, opened)
         rules |= {"knowledge": settings.knowledge, "look_ups": settings.look_ups}
         if isinstance(settings, EvaluationSettings):
             rules |= {
-                name: getattr(settings, name)
-                for name in ("distractor_seeds", "tasks", "max_invalid")
+                "distractor_seeds": settings.distractor_seeds,
+                "tasks": settings.tasks,
+                "max_invalid": settings.max_invalid,
             }
         if knowledge is not None:
             rules |= {"scorer": knowledge.scorer, "kg": knowledge.kg}
@@ -169,7 +222,13 @@ class Play:
         return cls(tasks, PlayedSettings.of(tasks.world, opened.split, **rules), knowledge)
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:
-        """Begin a game on a task (index) with the distractors for this seed; a ConfigError if there is no such task."""
+        """Begin a game on a task (index) with the distractors for this seed.
+
+        In the open-ended world the task is ignored, and the seed is the number of the game.
+
+        Raises:
+            ConfigError: if there is no such task or seed.
+        """
         rules = self.settings
         game = self.games.begin(task, distractor_seed)
         return Conversation(

@@ -1,4 +1,4 @@
-"""Games by entity labels: a crafting task at an evaluation table, or a game in the open-ended world."""
+"""Games by entity labels: a crafting task with a fixed table, or an open-ended game."""
 
 import copy
 from abc import ABC, abstractmethod
@@ -16,12 +16,21 @@ from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.tasks import TaskSet
 
 Pair = tuple[str, str]
-Table = Callable[[int, int], list[int]]
-"""A function from a task (index) and a distractor seed to the ids on the starting table, in slot order."""
+TableOf = Callable[[int, int], list[int]]
+"""From a task (index) and a distractor seed to the ids on the starting table, in slot order."""
 
 
 class Game(ABC):
-    """Base class for games: an attempt combines two of :attr:`labels`; a lost attempt is None in ``pairs``."""
+    """Base class for games: an attempt combines two of :attr:`labels`.
+
+    Attributes:
+        goal: label of the entity to make; None in the open-ended world.
+        tasks: the tasks of which this game has one; None in the open-ended world.
+        task: index of the game's task; -1 in the open-ended world.
+        graph: the recipe graph.
+        rules: prompt text with the rules.
+        pairs: labels of the combined pairs so far; None for a lost attempt.
+    """
 
     goal: str | None = None
     tasks: TaskSet | None = None
@@ -52,24 +61,39 @@ class Game(ABC):
     @property
     def state(self) -> str:
         """Prompt with the current state; after the end, the outcome."""
-        return prompt_text("ended") if self._is_ended else self._termination() or self._ongoing()
+        if self._is_ended:
+            return prompt_text("ended")
+        return self._termination() or self._ongoing()
 
     def combine(self, one: int, other: int) -> str:
-        """Make an attempt with two entities, by index in :attr:`labels`; describe the result in a sentence."""
+        """Make an attempt with two entities, by index in :attr:`labels`.
+
+        Returns:
+            A sentence with the result.
+
+        Raises:
+            EpisodeError: if the game is over.
+        """
         self._check()
+        # By label, and before the attempt, which may change the numbers.
         table = self.labels
         self.pairs.append((table[one], table[other]))
         return self._combine(one, other)
 
     def lose_attempt(self) -> None:
-        """Use up an attempt without combining entities."""
+        """Use up an attempt without combining entities.
+
+        Raises:
+            EpisodeError: if the game is over.
+        """
         self._check()
         self.pairs.append(None)
         self._lose()
 
     def end(self) -> None:
-        """Give up the game, with or without attempts left."""
-        self._is_ended = not self.is_over or self._is_ended
+        """Give up the game, with or without attempts left; a game that is over stays as it is."""
+        if not self.is_over:
+            self._is_ended = True
 
     def _check(self) -> None:
         if self.is_over:
@@ -92,20 +116,47 @@ class Game(ABC):
 
 
 class TaskGame(Game):
-    """A game for a task: make the goal from the labels ``start``; an attempt lost by invalid messages is one action."""
+    """A game on a task: make the goal from the entities on the table.
+
+    Attributes:
+        goal: label of the entity to make.
+        tasks: the world's tasks.
+        task: index of the game's task.
+        distractor_seed: seed of the distractors on the table.
+        start: labels on the table at the start, in slot order.
+        attempts: attempts in the game.
+        is_made: whether the goal was made.
+        by_plan: whether the last pair of one of the task's plans made it.
+        actions: number of actions, as agent evaluation counts them: two for an attempt, one for an
+            attempt that was lost by invalid messages.
+    """
 
     goal: str
     tasks: TaskSet
 
-    def __init__(self, env: WordCraftEnv, table: Table, task: int, distractor_seed: int):
-        """Begin a task with the table for a distractor seed; no other game may use ``env``."""
+    def __init__(self, env: WordCraftEnv, table: TableOf, task: int, distractor_seed: int):
+        """Begin a game.
+
+        Args:
+            env: the environment; no other game may use it.
+            table: function that gives the starting table.
+            task: index of the task.
+            distractor_seed: seed of the distractors.
+
+        Raises:
+            ConfigError: if there is no such task.
+        """
         super().__init__(env.world.graph, "goal")
-        self.tasks, self.task, self.distractor_seed = env.tasks, task, distractor_seed
+        self.tasks = env.tasks
+        self.task = task
+        self.distractor_seed = distractor_seed
         self._env = env
         env.reset(options={"task": task, "table": table(task, distractor_seed)})
         self.goal = self.graph.entities[env.state.goal]
-        self.start, self.attempts = self.labels, env.world.config.attempts
-        self.is_made = self.by_plan = False
+        self.start = self.labels
+        self.attempts = env.world.config.attempts
+        self.is_made = False
+        self.by_plan = False
         self.actions = 0
         self._tried: set[tuple[str, ...]] = set()
 
@@ -134,37 +185,65 @@ class TaskGame(Game):
 
     def _combine(self, one: int, other: int) -> str:
         table = self.labels
-        pair = table[one], table[other]
+        pair = (table[one], table[other])
+        # Two actions of the environment are an attempt: select an entity, then combine it.
         self._env.step(one)
         *_, info = self._env.step(other)
         self.actions += 2
-        self.is_made, self.by_plan = info["outcome"] == "goal", info["by_plan"]
-        key = tuple(sorted(pair))
-        text = combined(pair, results_of(self._env, *pair)) + (
-            prompt_text("tried") if key in self._tried else ""
-        )
+        self.is_made = info["outcome"] == "goal"
+        self.by_plan = info["by_plan"]
+        text = combined(pair, results_of(self._env, *pair))
+        key = tuple(sorted(pair))  # the order of a pair has no meaning
+        if key in self._tried:
+            text += prompt_text("tried")
         self._tried.add(key)
         return text
 
     def _lose(self) -> None:
-        self._env.step(len(self._env.state.table))  # picks an empty slot
+        # An empty slot ends the attempt with this action, as for an agent that picks one.
+        self._env.step(len(self._env.state.table))
         self.actions += 1
 
 
 class TaskGames:
-    """A factory for independent games: all tasks in a world, by default with the tables of agent evaluation."""
+    """A factory for independent games on all tasks in a world; many games may go on at once.
 
-    def __init__(self, world: World, table: Table | None = None):
-        self.world, self.graph = world, world.graph
-        self._env, self._table = WordCraftEnv(world), table or EvaluationTables(world).table
+    Attributes:
+        world: graph, tasks and settings.
+        graph: the recipe graph.
+
+    Example:
+        >>> games = TaskGames(World("kitchen", WordCraftConfig(part="test", num_distractors=2)))
+        >>> game = games.begin(task=0)
+        >>> len(game.labels), game.goal == games.world.tasks[0].goal
+        (4, True)
+    """
+
+    def __init__(self, world: World, table: TableOf | None = None):
+        """Take a world; ``table`` replaces the tables of agent evaluation (None)."""
+        self.world = world
+        self.graph = world.graph
+        self._env = WordCraftEnv(world)
+        self._table = table or EvaluationTables(world).table
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> TaskGame:
-        """Begin a game on a task (index) with the distractors for this seed; a ConfigError if there is no such task."""
+        """Begin a game on a task (index) with the distractors for this seed.
+
+        Raises:
+            ConfigError: if there is no such task or seed.
+        """
+        # A shallow copy shares the world, which never changes; `reset` makes the state anew.
         return TaskGame(copy.copy(self._env), self._table, task, distractor_seed)
 
 
 class DiscoveryGame(Game):
-    """An open-ended game, perhaps with a number in a track; ``known_after`` counts entities by attempt."""
+    """A game in the open-ended world: discover as many entities as possible.
+
+    Attributes:
+        number: number of the game in a track; None outside of tracks.
+        known_after: number of known entities after each attempt so far.
+        repeated: number of attempts with a pair that had been tried before.
+    """
 
     def __init__(self, env: OpenEndedEnv, number: int | None = None):
         """Begin a game; no other game may use ``env``."""
@@ -190,32 +269,43 @@ class DiscoveryGame(Game):
         return None if self.attempts_left else prompt_text("no_attempt_left", known=known)
 
     def _ongoing(self) -> str:
-        table, known = numbered(self.labels), len(self._entities())
-        return prompt_text("world", known=known, table=table, attempts_left=self.attempts_left)
+        labels = self.labels
+        return prompt_text(
+            "world",
+            known=len(labels),
+            table=numbered(labels),
+            attempts_left=self.attempts_left,
+        )
 
     def _combine(self, one: int, other: int) -> str:
         known = self._entities()
-        pair = known[one], known[other]
+        pair = (known[one], known[other])
         *_, info = self._env.step([*pair])
         self.known_after.append(len(self._entities()))
         self.repeated += info["repeated"]
-        text = combined(
-            self.graph.labels(pair), self.graph.labels(info["new_entities"]), PROMPTS["nothing_new"]
-        )
-        return text + (prompt_text("tried") if info["repeated"] else "")
+        new = self.graph.labels(info["new_entities"])
+        text = combined(self.graph.labels(pair), new, PROMPTS["nothing_new"])
+        if info["repeated"]:
+            text += prompt_text("tried")
+        return text
 
     def _lose(self) -> None:
-        unknown = next(
-            entity
-            for entity in range(self.graph.num_entities)
-            if entity not in self._env.discovery.known
-        )
-        self._env.step([unknown, unknown])  # an illegal action, which wastes the attempt
+        # An unknown entity is an illegal action, which wastes the attempt. There is one: a game
+        # in which all entities are known is over.
+        known = self._env.discovery.known
+        unknown = next(entity for entity in range(self.graph.num_entities) if entity not in known)
+        self._env.step([unknown, unknown])
         self.known_after.append(len(self._entities()))
 
 
 class DiscoveryGames:
-    """A factory for independent open-ended games, perhaps with the base in a benchmark's ``orders``."""
+    """A factory for independent open-ended games; many games may go on at once.
+
+    Attributes:
+        env: the environment from which each game begins.
+        graph: the recipe graph.
+        orders: for each game of a track the base (ids) in order; empty outside of tracks.
+    """
 
     def __init__(
         self,
@@ -225,15 +315,32 @@ class DiscoveryGames:
         base: Iterable[Entity] | None = None,
         orders: Sequence[tuple[int, ...]] = (),
     ):
+        """Open the graph.
+
+        Args:
+            graph: graph folder, recipe book, name of a built-in book, or an open graph.
+            attempts: attempts in a game.
+            base: entities (ids or labels) that are known at the start; None for the graph's base.
+            orders: for each game of a track the base (ids) in the order in which players see it.
+
+        Raises:
+            ConfigError: for a value out of range, or a base from which nothing can be made.
+        """
         self.env = OpenEndedEnv(graph, max_attempts=attempts, base=base)
-        self.graph, self.orders = self.env.graph, orders
+        self.graph = self.env.graph
+        self.orders = orders
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> DiscoveryGame:
-        """Begin a game; the task is ignored, and the seed is the number of the game in ``orders``, if any."""
+        """Begin a game; the task is ignored, and the seed is the number of the game in a track.
+
+        Raises:
+            ConfigError: if the track has no such game.
+        """
+        # The discovery changes with every attempt, so each game has its own.
         env = copy.copy(self.env)
         env.discovery = copy.copy(self.env.discovery)
-        if self.orders:
-            env.discovery.base = self.orders[
-                whole("game", distractor_seed, 0, len(self.orders) - 1)
-            ]
-        return DiscoveryGame(env, distractor_seed if self.orders else None)
+        if not self.orders:
+            return DiscoveryGame(env)
+        number = whole("game", distractor_seed, 0, len(self.orders) - 1)
+        env.discovery.base = self.orders[number]
+        return DiscoveryGame(env, number)

@@ -1,4 +1,8 @@
-"""Concurrent games with ids on a server: players may reconnect by id; the least recent games are forgotten."""
+"""Concurrent games with ids on a server.
+
+Players may reconnect by id. The memory is bounded, because anyone can begin games: the least recent
+games are forgotten, and long games are recorded in part.
+"""
 
 import secrets
 from collections import OrderedDict
@@ -24,28 +28,45 @@ _MOST_CHARACTERS = 200_000
 
 
 class HostedGame:
-    """A game on a server: id, conversation, and all messages between player and server.
+    """A game on a server.
 
-    Methods raise an EpisodeError once the game is over, an ActionError for invalid input, and an OSError if the record
-    cannot be written; :meth:`end` then tries to write the record again. Of the prompts, only the first has rules and
-    state.
+    Methods raise an EpisodeError once the game is over, an ActionError for invalid input, and an
+    OSError if the record cannot be written; :meth:`end` then tries to write the record again.
+
+    Attributes:
+        name: the game's id.
+        talk: the conversation.
+        messages: all messages by server and player in turn, as far as there is room. Of the
+            server's, only the first has rules and state.
     """
 
     def __init__(self, name: str, talk: Conversation, keep: "Callable[[HostedGame], None]"):
-        """Begin a game; ``keep`` is called with the finished game."""
-        self.name, self.talk, self._keep = name, talk, keep
+        """Begin a game.
+
+        Args:
+            name: the game's id.
+            talk: the conversation at its beginning.
+            keep: function that records the finished game.
+        """
+        self.name = name
+        self.talk = talk
+        self._keep = keep
         self.messages = [f"{talk.game.rules}\n\n{talk.game.state}"]
         self._room = _MOST_CHARACTERS
         self._is_kept = False
 
     def combine(self, first: str, second: str) -> str:
-        """Make an attempt with two entities, by label or number; describe the result in a sentence."""
+        """Make an attempt with two entities, by label or number.
+
+        Return a sentence on the result.
+        """
         game = self.talk.game
-        with self._hearing(message := f"{first} + {second}"):
-            grammar = self.talk.grammar
-            result = game.combine(
-                *(read_label(item, game.labels, grammar=grammar) for item in (first, second))
-            )
+        grammar = self.talk.grammar
+        message = f"{first} + {second}"
+        with self._hearing(message):
+            one = read_label(first, game.labels, grammar=grammar)
+            other = read_label(second, game.labels, grammar=grammar)
+            result = game.combine(one, other)
         self._note(message, result)
         self._keep_if_over()
         return result
@@ -53,7 +74,8 @@ class HostedGame:
     def look_up(self, item: str) -> tuple[str, list[str], str]:
         """Look up an entity; return label, facts as lines, and facts as a text."""
         entities = self.talk.game.graph.entities
-        with self._hearing(message := f"look up {item}"):
+        message = f"look up {item}"
+        with self._hearing(message):
             entity = read_label(item, entities, by_number=False, grammar=self.talk.grammar)
             facts, reply = self.talk.look_up(entity)
         self._note(message, "\n".join(facts))
@@ -78,11 +100,13 @@ class HostedGame:
             raise
 
     def _note(self, message: str, answer: str) -> None:
+        # A client may send invalid calls without end; they cost no attempt, so this bounds memory.
         self._room -= len(message) + len(answer) + 100  # for two objects
         if self._room > 0:
             self.messages += [message, answer]
 
     def _keep_if_over(self) -> None:
+        # Marked as kept after the record is written: after an OSError, `end` can try again.
         if self.talk.is_over and not self._is_kept:
             self._keep(self)
             self._is_kept = True
@@ -90,33 +114,47 @@ class HostedGame:
 
 
 class HostedGames:
-    """All games on a server, open to anyone with a game's id; ``keep`` records each finished game."""
+    """All games on a server, open to anyone with a game's id.
+
+    Attributes:
+        play: the games.
+        keep: function that records each finished game; by default nothing is recorded.
+    """
 
     def __init__(self, play: Play, *, most: int = _MOST_GAMES):
         """Prepare to host games; at most ``most`` games are remembered."""
-        self.play, self._most = play, most
+        self.play = play
+        self._most = most
         self.keep: Callable[[HostedGame], None] = lambda game: None
         self._begun: set[tuple[int, int]] = set()
         self._hosted: OrderedDict[str, HostedGame] = OrderedDict()
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> HostedGame:
-        """Begin a game, see :meth:`Play.begin`; of a track each game once, and open-ended games in turn.
+        """Begin a game, see :meth:`Play.begin`.
 
-        If there are too many games, end and forget a game: finished games first, then the least recent. An EpisodeError
-        if this game cannot be recorded, or was begun before on a track.
+        On a track each game can be begun once, and open-ended games come in turn. If there are too
+        many games, end and forget a game: finished games first, then the least recent.
+
+        Raises:
+            ConfigError: if there is no such task or seed.
+            EpisodeError: if the game was begun before on a track, or if the forgotten game cannot
+                be recorded.
         """
         settings = self.play.settings
         if settings.track and settings.is_open_ended:
             distractor_seed = len(self._begun)
-        key = task, distractor_seed
+        key = (task, distractor_seed)
+        # Who begins a game again knows it, and could pick the better result.
         if settings.track and (key in self._begun or distractor_seed >= settings.distractor_seeds):
             raise EpisodeError(
                 f"Each game of {settings.track} is played once, and this game was begun before."
             )
-        name = secrets.token_urlsafe(9)  # unguessable
+        # The id is the only key to a game, so nobody may guess it: 72 random bits.
+        name = secrets.token_urlsafe(9)
         hosted = HostedGame(name, self.play.begin(task, distractor_seed), self.keep)
         self._begun.add(key)
         if len(self._hosted) >= self._most:
+            # `min` takes the first of equals, the least recent one: `game` moves ids to the end.
             oldest = min(self._hosted, key=lambda name: not self._hosted[name].talk.is_over)
             try:
                 self._hosted[oldest].end()
@@ -129,10 +167,14 @@ class HostedGames:
         return hosted
 
     def game(self, name: str) -> HostedGame:
-        """Return the game with the id ``name``; an unknown or forgotten id is an EpisodeError."""
+        """Return the game with the id ``name``.
+
+        Raises EpisodeError for an unknown or forgotten id.
+        """
         if name not in self._hosted:
             raise EpisodeError(
-                f"Unknown game id '{name[:40]}': expected an id returned by `begin`; the server keeps the last "
+                f"Unknown game id '{name[:40]}': expected an id returned by `begin`; the server "
+                "keeps the last "
                 f"{self._most:,} games. Start a new game."
             )
         self._hosted.move_to_end(name)
@@ -141,16 +183,28 @@ class HostedGames:
 
 @contextmanager
 def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame], None]]:
-    """Lock a games file, and yield a function that appends a game; errors as :func:`open_games`."""
+    """Lock a games file, and yield a function that appends a finished game.
+
+    Args:
+        path: the file; it is created if it does not exist, and continued if it does.
+        header: player and settings of the games.
+
+    Raises:
+        ArtefactError: if the file is damaged, no plain file, or in use by another process.
+        GraphMismatchError: if its games are of another graph or split.
+        ConfigError: if its games are of another player or other settings.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists():
-        path.touch()
+        path.touch()  # the lock needs a file
+    # No device, folder or broken link: records are appended for as long as the server runs.
     check_file(path)
     with locked(path, "written"):
         count = len(open_games(path, header))
 
         def keep(hosted: HostedGame) -> None:
             nonlocal count
+            # The record of a conversation ends with the outcome, which is in no tool's message.
             last = f"{hosted.messages[-1]}\n\n{hosted.talk.game.state}".lstrip()
             append_game(path, record_of(hosted.talk, [*hosted.messages[:-1], last], count))
             count += 1

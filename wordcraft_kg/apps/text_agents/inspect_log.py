@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from wordcraft_kg.apps.text_agents.records import (
     PlayedSettings,
-    PlayedTask,
-    PlayedWorld,
+    TaskGameRecord,
     TextResult,
+    WorldGameRecord,
 )
 from wordcraft_kg.apps.text_agents.results import groups_of, result_of
 from wordcraft_kg.base.errors import ArtefactError, reason
@@ -20,7 +20,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 if TYPE_CHECKING:
     from inspect_ai.log import EvalLog, EvalSample
 
-_Played = TypeVar("_Played", bound=PlayedTask | PlayedWorld)
+_Played = TypeVar("_Played", bound=TaskGameRecord | WorldGameRecord)
 METADATA = "wordcraft_kg"
 """Key in the metadata of an Inspect task; the value is a :class:`LoggedTask`."""
 UNFINISHED = "unfinished"
@@ -28,12 +28,18 @@ UNFINISHED = "unfinished"
 VERDICT = "verdict"
 """Key in the record of a game: the outcome as text."""
 
+# The records of the games stand in the scores, so results need none of these.
 _NOT_NEEDED = {"messages", "events", "events_data", "timelines", "store", "output", "attachments"}
 """Skipped log fields; messages are the largest part."""
 
 
 class LoggedTask(Record, frozen=True, kw_only=True):
-    """Metadata for an Inspect task in a log: game settings and number of games."""
+    """Metadata for an Inspect task in a log.
+
+    Attributes:
+        settings: settings of the games.
+        games: number of games in an epoch.
+    """
 
     settings: PlayedSettings
     games: Count
@@ -47,21 +53,27 @@ class LoggedGames:
         model: the model's name.
         settings: settings of the games.
         games: records of the games, without messages.
-        tokens: numbers of tokens by kind.
+        tokens: numbers of tokens by kind (input, output), over all models in the log.
         answers: for each game the model's messages; empty if not asked for.
     """
 
     model: str
     settings: PlayedSettings
-    games: Sequence[PlayedTask | PlayedWorld]
+    games: Sequence[TaskGameRecord | WorldGameRecord]
     tokens: Mapping[str, int]
     answers: Sequence[Sequence[str]] = ()
 
 
 def read_inspect_log(path: str | Path, opened: OpenedGraph | None = None) -> TextResult:
-    """Read a language model's result from an Inspect log, see :func:`read_logged_games`.
+    """Read a language model's result from an Inspect log.
 
-    Intervals resample the groups of tasks that the split of ``opened`` holds out together; without the graph, tasks.
+    The metrics are computed from the games, as for any other player, not read from the log's
+    scores. Errors as :func:`read_logged_games`.
+
+    Args:
+        path: the log.
+        opened: graph of the games, for intervals that resample the groups of tasks that its split
+            holds out together; None resamples tasks.
     """
     logged = read_logged_games(Path(path))
     groups = groups_of(opened, logged.settings) if opened else None
@@ -69,33 +81,46 @@ def read_inspect_log(path: str | Path, opened: OpenedGraph | None = None) -> Tex
 
 
 def read_logged_games(path: Path, *, with_answers: bool = False) -> LoggedGames:
-    """Read a language model's games from an Inspect log (``.eval``, ``.json``) for ``crafting`` or ``discovery``.
+    """Read a language model's games from an Inspect log of ``crafting`` or ``discovery``.
 
-    The player is the model's name. Games that an Inspect limit ended count. A missing or damaged file, the log of
-    another Inspect task, or missing games are an ArtefactError. ``with_answers`` also reads the model's messages, the
-    largest part of a log.
+    The player is the model's name. A game that an Inspect limit ended counts. A game that was not
+    played or has failed is missing, and then there is no result, because the other tasks may be
+    easier.
+
+    Args:
+        path: the log's file, ``.eval`` or ``.json``.
+        with_answers: also read the model's messages, the largest part of a log.
+
+    Raises:
+        MissingExtraError: if Inspect AI is not installed.
+        ArtefactError: for a missing or damaged file, the log of another Inspect task, or missing
+            games.
     """
     log = _read(path, with_messages=with_answers)
     about = (log.eval.metadata or {}).get(METADATA)
     if about is None:
         raise ArtefactError(
-            f"{path} logs the task '{log.eval.task}'; expected wordcraft_kg/crafting or wordcraft_kg/discovery."
+            f"{path} logs the task '{log.eval.task}'; expected wordcraft_kg/crafting or "
+            "wordcraft_kg/discovery."
         )
     task = as_record(about, LoggedTask, path)
-    settings, scores = task.settings, _scores(path, log, task.games)
-    answers = [_answers(sample) for sample in log.samples or [] if _score(sample) is not None]
-    kind: type[PlayedTask | PlayedWorld] = PlayedWorld if settings.is_open_ended else PlayedTask
+    settings = task.settings
+    scores = _scores(path, log, task.games)
+    kind: type[TaskGameRecord | WorldGameRecord] = TaskGameRecord
+    if settings.is_open_ended:
+        kind = WorldGameRecord
+    games = [played_of(one, kind, str(path)) for one in scores]
     used = log.stats.model_usage.values()
     tokens = {
-        name: sum(getattr(one, f"{name}_tokens") for one in used) for name in ("input", "output")
+        "input": sum(one.input_tokens for one in used),
+        "output": sum(one.output_tokens for one in used),
     }
-    return LoggedGames(
-        log.eval.model,
-        settings,
-        [played_of(one, kind, str(path)) for one in scores],
-        tokens,
-        answers if with_answers else (),
-    )
+    answers: list[list[str]] = []
+    if with_answers:
+        # The same samples as in `_scores`, in the same order.
+        scored = [sample for sample in log.samples or [] if _score(sample) is not None]
+        answers = [_answers(sample) for sample in scored]
+    return LoggedGames(log.eval.model, settings, games, tokens, answers)
 
 
 def _read(path: Path, *, with_messages: bool) -> "EvalLog":
@@ -125,16 +150,22 @@ def _scores(path: Path, log: "EvalLog", games: int) -> list[dict[str, Any]]:
             f"{path}: the evaluation is {why}, {progress}. Continue with inspect eval-retry {path}"
         )
     if len(scores) != games:
+        # Fewer games are a selection; more are repetitions, whose tables are no independent draws.
         raise ArtefactError(
-            f"{path}: {progress}; expected each game once. Play fewer tasks with -T tasks=N instead of --limit or "
-            "--sample-id, and more games with -T distractor_seeds=N or games=N instead of --epochs; repeat failed "
+            f"{path}: {progress}; expected each game once. Play fewer tasks with -T tasks=N "
+            "instead of --limit or "
+            "--sample-id, and more games with -T distractor_seeds=N or games=N instead of "
+            "--epochs; repeat failed "
             "games with inspect eval-retry."
         )
     return scores
 
 
 def _score(sample: "EvalSample") -> dict[str, Any] | None:
-    """Return the metadata of a game's score; None for a failed game, or a sample of another task."""
+    """Return the metadata of a game's score.
+
+    None for a failed game, or a sample of another task.
+    """
     for name in ("goal_made", "known_items"):
         if sample.error is None and sample.scores and name in sample.scores:
             return sample.scores[name].metadata or {}
@@ -146,6 +177,16 @@ def _answers(sample: "EvalSample") -> list[str]:
 
 
 def played_of(values: Mapping[str, Any] | None, kind: type[_Played], where: str) -> _Played:
-    """Parse a score's metadata as the record of a game; damage is an ArtefactError that names ``where``."""
+    """Parse a score's metadata as the record of a game.
+
+    Args:
+        values: the metadata; None if the score has none.
+        kind: type of the record.
+        where: where the score is from, for errors.
+
+    Raises:
+        ArtefactError: if the metadata is no such record.
+    """
     bare = {key: value for key, value in (values or {}).items() if key not in (UNFINISHED, VERDICT)}
+    # The messages are in the log's samples, once.
     return as_record({**bare, "messages": []}, kind, where)

@@ -1,4 +1,4 @@
-"""Tasks for Inspect AI, which evaluates language models: crafting tasks at evaluation tables, and open-ended games.
+"""Tasks for Inspect AI, which evaluates language models: crafting tasks, and open-ended games.
 
 ``inspect eval wordcraft_kg/crafting`` finds the tasks by the package's entry point.
 """
@@ -22,7 +22,7 @@ from wordcraft_kg.apps.text_agents.inspect_log import (
     LoggedTask,
     played_of,
 )
-from wordcraft_kg.apps.text_agents.records import PlayedTask, PlayedWorld
+from wordcraft_kg.apps.text_agents.records import TaskGameRecord, WorldGameRecord
 from wordcraft_kg.apps.text_agents.results import (
     COUNTS,
     chosen_tasks,
@@ -65,6 +65,7 @@ except ModuleNotFoundError:
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 _PLAYED = "wordcraft_kg_played"
+"""Key in a sample's store, by which the solver hands the game's record to the scorer."""
 _RULES = ("knowledge", "scorer", "look_ups", "max_invalid")
 
 
@@ -74,11 +75,17 @@ class InspectTaskError(ConfigError, PrerequisiteError):
     def __init__(self, message: str):
         from rich.markup import escape
 
+        # Inspect prints the message as Rich markup, in which text in brackets would vanish.
         ValueError.__init__(self, message)
         self.message = escape(message)
 
 
 def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
+    """Declare a function's parameters: fields of the evaluation settings, and others by default.
+
+    Inspect finds and documents parameters by the signature, and the settings have their defaults in
+    one place.
+    """
     defaults = {field.name: field.default for field in fields(EvaluationSettings)}
     kind = Parameter.POSITIONAL_OR_KEYWORD
     given = {"graph": "everyday", **{name: defaults[name] for name in names}, **own}
@@ -100,29 +107,29 @@ def _with_parameters(*names: str, **own: Any) -> Callable[[_F], _F]:
 def crafting(graph: str = "everyday", **settings: Any) -> Task:
     """Return an Inspect task: make goals from the entities on a table, as in agent evaluation.
 
-    ``graph`` is a graph folder, a recipe book file, or the name of a built-in book; see
-    :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other parameters. ``track`` is a track of
-    the benchmark, which fits with ``knowledge`` only. A wrong parameter, or an unreadable graph or scorer, is an
-    InspectTaskError.
+    Args:
+        graph: graph folder, recipe book file, or name of a built-in book.
+        settings: fields of :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings`;
+            and ``track``, a track of the benchmark, which fits with ``knowledge`` only.
+
+    Raises:
+        InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
     """
     with _readable():
         play = _open(crafting, graph, settings)
         rules = play.settings
-        if not isinstance(play.games, TaskGames):  # a track
+        if not isinstance(play.games, TaskGames):  # an open-ended track
             return _discovery(play)
-        tasks, groups = play.games.world.tasks, play.games.world.groups.tolist()
-        samples = [
-            _sample(
-                f"{rules.part}-{number}-{seed}",
-                play,
-                task=number,
-                distractor_seed=seed,
-                goal=tasks[number].goal,
-                group=groups[number],
-            )
-            for seed in range(rules.distractor_seeds)
-            for number in chosen_tasks(play.games.world, rules.tasks).tolist()
-        ]
+        tasks = play.games.world.tasks
+        groups = play.games.world.groups.tolist()
+        chosen = chosen_tasks(play.games.world, rules.tasks).tolist()
+        samples: list[Sample] = []
+        # Seed by seed: after a part of the run, each task has been played about equally often.
+        for seed in range(rules.distractor_seeds):
+            for number in chosen:
+                about = {"task": number, "distractor_seed": seed, "goal": tasks[number].goal}
+                about["group"] = groups[number]
+                samples.append(_sample(f"{rules.part}-{number}-{seed}", play, **about))
         return _task(play, samples, f"{rules.graph}, {rules.part}", goal_made())
 
 
@@ -131,15 +138,24 @@ def crafting(graph: str = "everyday", **settings: Any) -> Task:
 def discovery(
     graph: str = "everyday", *, games: int = 1, base: Any = None, **settings: Any
 ) -> Task:
-    """Return an Inspect task: discover entities from those in ``base``, in ``games``; see :func:`crafting`."""
+    """Return an Inspect task: discover entities in the open-ended world.
+
+    Args:
+        graph: graph folder, recipe book file, or name of a built-in book.
+        games: number of games, all from the same entities.
+        base: label or labels of the entities at the start; None for the graph's base.
+        settings: see :func:`crafting`.
+
+    Raises:
+        InspectTaskError: for a wrong parameter, or an unreadable graph or scorer.
+    """
     with _readable():
         whole("games", games, 1, MAX_SIZE)
         # Inspect parses labels such as `1` and `true` as a number and a truth value.
         labels = base if isinstance(base, list | tuple) else [base]
         start = None if base is None else [str(label) for label in labels]
-        return _discovery(
-            _open(discovery, graph, settings, open_ended=True, base=start, distractor_seeds=games)
-        )
+        world = {"open_ended": True, "base": start, "distractor_seeds": games}
+        return _discovery(_open(discovery, graph, settings, **world))
 
 
 def _discovery(play: Play) -> Task:
@@ -151,6 +167,14 @@ def _discovery(play: Play) -> Task:
 
 
 def _open(declared: Callable[..., Task], graph: Any, given: Mapping[str, Any], **own: Any) -> Play:
+    """Open the games for the parameters of an Inspect task.
+
+    Args:
+        declared: the task's function, for the names of its parameters.
+        graph: the graph as given; Inspect may have parsed it as a number.
+        given: other parameters as given.
+        own: settings that the task itself chooses.
+    """
     known = [name for name in signature(declared).parameters if name != "unknown"]
     for name in given:
         if name not in known:
@@ -178,6 +202,7 @@ def _sample(identity: str, play: Play, **about: Any) -> Sample:
         ChatMessageSystem(content=talk.rules),
         ChatMessageUser(content=talk.game.state),
     ]
+    # The hashes tell, in a log, for which graph, split and prompts a sample was made.
     return Sample(id=identity, input=opening, target=about.get("goal", ""), metadata=about | hashes)
 
 
@@ -205,7 +230,9 @@ def conversation(play: Play) -> Solver:
     """Return an Inspect solver: a model plays until the game is over, or until an Inspect limit."""
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
-        talk = play.begin(state.metadata.get("task", 0), state.metadata["distractor_seed"])
+        seed = state.metadata["distractor_seed"]
+        # The same game as in the sample, whose prompts the model has already got.
+        talk = play.begin(state.metadata.get("task", 0), seed)
         try:
             state = await generate(state)
             reply = talk.hear(state.output.completion)
@@ -213,14 +240,15 @@ def conversation(play: Play) -> Solver:
                 state.messages.append(ChatMessageUser(content=reply))
                 state = await generate(state)
                 reply = talk.hear(state.output.completion)
-        finally:  # also on a limit, which Inspect raises as an error
+        finally:
+            # Also on a limit, which Inspect raises as an error: the game counts as it stands,
+            # because a model that runs out of tokens has not made the goal.
             is_finished = talk.is_over
             talk.game.end()
-            played = as_values(record_of(talk, [], state.metadata["distractor_seed"]))
+            played = as_values(record_of(talk, [], seed))
             del played["messages"]  # they are in Inspect's log
-            state.store.set(
-                _PLAYED, {**played, UNFINISHED: not is_finished, VERDICT: talk.game.state}
-            )
+            ending = {UNFINISHED: not is_finished, VERDICT: talk.game.state}
+            state.store.set(_PLAYED, {**played, **ending})
         return state
 
     return solve
@@ -228,34 +256,34 @@ def conversation(play: Play) -> Solver:
 
 @metric(scores="unreduced")
 def crafting_figures() -> Metric:
-    """Return an Inspect metric: success, actions per game, counts, and the standard error over groups of tasks."""
+    """Return an Inspect metric for crafting tasks.
+
+    Its values are success with the standard error and interval over groups of tasks that the split
+    holds out together, the share of goals made by a plan, actions per game, and counts in the run.
+    """
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
             return {}
-        played = [_played(one, PlayedTask) for one in scores]
-        tasks, distractor_seeds = (
-            {one.task for one in played},
-            {one.distractor_seed for one in played},
-        )
-        by_task = {
-            game.task: one.sample_metadata["group"]
-            for one, game in zip(scores, played, strict=True)
-            if one.sample_metadata
-        }
-        groups = np.array([by_task.get(task, task) for task in range(max(tasks) + 1)])
-        # The interval over tasks needs all distractor seeds.
-        success = (
-            evaluation_of(played, groups).figures()
-            if len(played) == len(tasks) * len(distractor_seeds)
-            else None
-        )
+        played = [_played(one, TaskGameRecord) for one in scores]
+        tasks = {one.task for one in played}
+        distractor_seeds = {one.distractor_seed for one in played}
+        group_of_task = {}
+        for one, game in zip(scores, played, strict=True):
+            if one.sample_metadata:
+                group_of_task[game.task] = one.sample_metadata["group"]
+        groups = np.array([group_of_task.get(task, task) for task in range(max(tasks) + 1)])
+        # The interval needs all distractor seeds. Failed samples may be missing.
+        success = None
+        if len(played) == len(tasks) * len(distractor_seeds):
+            success = evaluation_of(played, groups).figures()
 
         def mean(name: str) -> float:
             return sum(getattr(one, name) for one in played) / len(played)
 
         return {
             "success": mean("success"),
+            # Games of a group are not independent: alike goals, and one task on several tables.
             "stderr": float(stderr(cluster="group")(scores)),  # type: ignore[arg-type]
             "ci_low": success.ci_low if success else None,
             "ci_high": success.ci_high if success else None,
@@ -269,13 +297,17 @@ def crafting_figures() -> Metric:
 
 @metric(scores="unreduced")
 def discovery_figures() -> Metric:
-    """Return an Inspect metric: mean number of known entities by attempts, and the standard error at the end."""
+    """Return an Inspect metric for open-ended games.
+
+    Its values are the mean numbers of known entities by attempts, the standard error at the end,
+    and counts in the run.
+    """
 
     def figures(scores: list[SampleScore]) -> Value:
         if not scores:
             return {}
         about = scores[0].sample_metadata or {}
-        played = [_played(one, PlayedWorld) for one in scores]
+        played = [_played(one, WorldGameRecord) for one in scores]
         known = mean_known(
             [(about["known_at_start"], *one.known_after) for one in played], about["attempts"]
         )
@@ -294,14 +326,18 @@ def _played(score: SampleScore, kind: type[Any]) -> Any:
 
 def _counts(scores: list[SampleScore]) -> dict[str, int]:
     values = [one.score.metadata or {} for one in scores]
-    return {
-        f"{name}_in_run": sum(one.get(name, 0) for one in values) for name in (*COUNTS, UNFINISHED)
-    }
+    counts: dict[str, int] = {}
+    for name in (*COUNTS, UNFINISHED):
+        counts[f"{name}_in_run"] = sum(one.get(name, 0) for one in values)
+    return counts
 
 
 @scorer(metrics=[crafting_figures()])
 def goal_made() -> Scorer:
-    """Return an Inspect scorer: 1 if the goal was made, else 0; the score's metadata is the game's record."""
+    """Return an Inspect scorer: 1 if the goal was made, else 0.
+
+    The score's metadata is the game's record.
+    """
 
     async def score(state: TaskState, target: Target) -> Score:
         played = _record(state)
@@ -322,6 +358,7 @@ def known_items() -> Scorer:
 
     async def score(state: TaskState, target: Target) -> Score:
         played = _record(state)
+        # A limit may end a game before its first attempt.
         after = played["known_after"] or [state.metadata["known_at_start"]]
         return Score(value=after[-1], explanation=played[VERDICT], metadata=played)
 
@@ -332,6 +369,7 @@ def _record(state: TaskState) -> dict[str, Any]:
     played = state.store.get(_PLAYED)
     if played is None:
         raise ArtefactError(
-            f"sample {state.sample_id} has no game: these tasks are scored by their own solver; leave --solver out."
+            f"sample {state.sample_id} has no game: these tasks are scored by their own solver; "
+            "leave --solver out."
         )
     return dict(played)

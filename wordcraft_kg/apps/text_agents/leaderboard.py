@@ -34,13 +34,22 @@ _TITLES = (
     "date",
 )
 SENSIBLE = 0.98
-"""Share of sensible recipes in the book `everyday`: 392 of 400, by the stricter of two readers (data/everyday)."""
+"""Share of sensible recipes in the book `everyday`: 392 of 400, by the stricter of two readers
+(data/everyday).
+"""
+# Declared names may not hold this sign, so no player can mark itself or another one.
 _TWIN = "‡"
 
 
 @dataclass(frozen=True)
 class _Row:
-    """A verified submission, its mark (replayed or reproduced), and its answers, empty for players without text."""
+    """A verified submission.
+
+    Attributes:
+        submission: the submission.
+        mark: replayed or reproduced.
+        answers: number and share of invalid answers as text; empty for players without text.
+    """
 
     submission: Submission
     mark: str
@@ -48,7 +57,13 @@ class _Row:
 
 
 def leaderboard_page(folder: Path) -> str:
-    """Verify all submissions below a folder (else ArtefactError), reproduce some, and return the page."""
+    """Verify all submissions below a folder, and return the page with a table for each track.
+
+    Submissions by players of this package are also reproduced.
+
+    Raises:
+        ArtefactError: if there is no submission, or one is refused.
+    """
     paths = sorted(path.parent for path in folder.rglob(SUBMISSION_FILE))
     if not paths:
         raise ArtefactError(
@@ -61,6 +76,8 @@ def leaderboard_page(folder: Path) -> str:
 def _marked(path: Path) -> _Row:
     submission, lines = verified_games(path)
     answers = "" if submission.prompts == "none" else answers_text(lines)
+    # A kind with an argument needs a model or a program, and to start a foreign program is no part
+    # of making a page.
     if submission.kind not in KINDS or KINDS[submission.kind].argument:
         return _Row(submission, "replayed", answers)
     reproduce(path, submission, submission.kind)
@@ -70,8 +87,8 @@ def _marked(path: Path) -> _Row:
 def _twins(marked: Sequence[_Row]) -> set[str]:
     """Return the names that readers could take for the name of another player on the page.
 
-    A name is a twin if another spelling looks the same, or if players of different kinds, or of one track with
-    different weights, have this name.
+    A name is a twin if another spelling looks the same, or if players of different kinds, or of one
+    track with different weights, have this name.
     """
     spellings = defaultdict[str, set[str]](set)
     kinds = defaultdict[str, set[str]](set)
@@ -82,30 +99,42 @@ def _twins(marked: Sequence[_Row]) -> set[str]:
         spellings[key].add(one.player)
         kinds[key].add(one.kind)
         weights[key, one.track].add(json.dumps(one.weights, sort_keys=True))
+    # Equal weights on different tracks are one player; so weights are compared within a track.
     several = {key for key, different in (*spellings.items(), *kinds.items()) if len(different) > 1}
     several |= {key for (key, _), different in weights.items() if len(different) > 1}
-    return {name for key in several for name in spellings[key]}
+    names: set[str] = set()
+    for key in several:
+        names |= spellings[key]
+    return names
 
 
 def _lines(marked: Sequence[_Row]) -> Iterator[str]:
+    # No time and no version of the package: the page depends on the submissions alone.
     manifest, manifest_hash = read_manifest()
     yield from (
         "# Leaderboard",
         "",
         f"Made by `bench leaderboard` from verified submissions to {manifest.name}",
     )
-    yield f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). Figures: success, or known items if open-ended,"
-    yield f"with 95 % intervals. † marks a success above {SENSIBLE:.0%}, the share of sensible recipes in the book:"
+    yield (
+        f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). "
+        "Figures: success, or known items if open-ended,"
+    )
+    yield (
+        f"with 95 % intervals. † marks a success above {SENSIBLE:.0%}, "
+        "the share of sensible recipes in the book:"
+    )
     yield "such a player knows the book, not only common sense."
     twins = _twins(marked)
     if twins:
-        yield f"{_TWIN} marks a name that another player on this page has too, or one that looks the same:"
+        yield (
+            f"{_TWIN} marks a name that another player on this page has too, "
+            "or one that looks the same:"
+        )
         yield "judge such rows by their other columns."
     for track in manifest.names:
-        rows = sorted(
-            (one for one in marked if one.submission.track == track),
-            key=lambda one: -one.submission.figures.mean,
-        )
+        on_track = [one for one in marked if one.submission.track == track]
+        rows = sorted(on_track, key=lambda one: -one.submission.figures.mean)
         if rows:
             yield from ("", f"## {track}", "", _row(_TITLES), _row(["---"] * len(_TITLES)))
             yield from (_row(_cells(one, twins)) for one in rows)
@@ -116,8 +145,14 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
 
 
 def _cells(row: _Row, twins: set[str]) -> Iterator[str]:
-    submission, figures = row.submission, row.submission.figures
+    """Yield the cells of a row.
+
+    Texts from the submission are escaped, because anyone may declare.
+    """
+    submission = row.submission
+    figures = submission.figures
     marks = []
+    # Some recipes of the book are not sensible: who makes them all the same has seen the book.
     if figures.by_plan is not None and figures.mean > SENSIBLE:
         marks.append("†")
     if submission.player in twins:
@@ -126,11 +161,10 @@ def _cells(row: _Row, twins: set[str]) -> Iterator[str]:
     yield figures_text(figures)
     yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
     yield submission.prompts
-    yield (
-        ""
-        if submission.knowledge == "none"
-        else f"{submission.look_ups:,} ({submission.knowledge})"
-    )
+    if submission.knowledge == "none":
+        yield ""
+    else:
+        yield f"{submission.look_ups:,} ({submission.knowledge})"
     yield row.answers
     yield for_markdown(submission.training_data)
     tokens = "" if submission.tokens is None else f"{sum(submission.tokens.values()):,} tokens"

@@ -1,6 +1,20 @@
-"""The line protocol for external players: a program reads JSON objects, a line each, and writes a line per answer.
+"""The line protocol for external players: any program that reads and writes lines can play.
 
-The program reads stdin and writes stdout. The guide to text agents describes the keys of the JSON objects.
+The program is started once. It reads a JSON object in a line from stdin, and writes a line with the
+answer to stdout, until its input ends:
+
+| key | meaning |
+|---|---|
+| game | number of the game since the program was started, from 1 |
+| new | whether the game begins with this line |
+| text | prompt: at first the rules, later the last result, and always the state |
+| goal | entity to make; null in the open-ended world |
+| table | entities that can be combined, in the order of their numbers |
+| attempts_left | attempts left, including the current attempt |
+
+A program may be foreign, and it may hang, crash, write without end or leave processes behind. So
+each pipe has a thread of its own, every wait has a limit, and the program's environment holds no
+keys.
 """
 
 import json
@@ -28,71 +42,65 @@ MOST_CHARACTERS = 100_000
 """Most characters in an answer line; a language model may include reasoning."""
 _MOST_LOG = 1_000_000
 """Most bytes of the program's stderr that are shown."""
+# Lines that a program has written and nobody has read. There should be one: more are an error, and
+# a program that writes without end must not fill the memory.
 _MOST_WAITING = 16
-_PATIENCE = 5.0  # seconds between the end of the input and the exit
+_PATIENCE = 5.0
+"""Seconds between the end of the input and the exit."""
 _MOST_ROUNDS = 20
 """Most searches for processes of a program: each may have started others meanwhile."""
+# A list of what is passed on, not of what is kept back: nobody knows the names of all keys.
 _PASSED_ON = frozenset(
     (
-        *(
-            "PATH",
-            "HOME",
-            "USER",
-            "LOGNAME",
-            "SHELL",
-            "LANG",
-            "LANGUAGE",
-            "TZ",
-            "TERM",
-            "TMPDIR",
-            "TMP",
-            "TEMP",
-        ),
-        *(
-            "PYTHONPATH",
-            "PYTHONHOME",
-            "PYTHONUTF8",
-            "PYTHONIOENCODING",
-            "PYTHONHASHSEED",
-            "VIRTUAL_ENV",
-        ),
-        *(
-            "CONDA_PREFIX",
-            "LD_LIBRARY_PATH",
-            "DYLD_LIBRARY_PATH",
-            "XDG_CACHE_HOME",
-            "XDG_DATA_HOME",
-        ),
-        *("HF_HOME", "HF_HUB_CACHE", "HF_HUB_OFFLINE", "TRANSFORMERS_OFFLINE", "TORCH_HOME"),
-        *("CUDA_VISIBLE_DEVICES", "CUDA_HOME", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NO_PROXY"),
+        # The user and the machine.
+        *("PATH", "HOME", "USER", "LOGNAME", "SHELL", "TERM", "TMPDIR", "TMP", "TEMP"),
+        *("LANG", "LANGUAGE", "TZ"),
+        # Python, and the environment in which its packages lie.
+        *("PYTHONPATH", "PYTHONHOME", "PYTHONUTF8", "PYTHONIOENCODING", "PYTHONHASHSEED"),
+        *("VIRTUAL_ENV", "CONDA_PREFIX", "LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH"),
+        # Caches of models, and devices; without HF_TOKEN.
+        *("XDG_CACHE_HOME", "XDG_DATA_HOME", "HF_HOME", "HF_HUB_CACHE", "HF_HUB_OFFLINE"),
+        *("TRANSFORMERS_OFFLINE", "TORCH_HOME", "CUDA_VISIBLE_DEVICES", "CUDA_HOME"),
+        *("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NO_PROXY"),
         # Windows starts no program without these.
-        *(
-            "SYSTEMROOT",
-            "SYSTEMDRIVE",
-            "COMSPEC",
-            "PATHEXT",
-            "USERPROFILE",
-            "APPDATA",
-            "LOCALAPPDATA",
-            "WINDIR",
-        ),
+        *("SYSTEMROOT", "SYSTEMDRIVE", "COMSPEC", "PATHEXT", "WINDIR"),
+        *("USERPROFILE", "APPDATA", "LOCALAPPDATA"),
     )
 )
-"""Environment variables that a program receives, besides LC_* and WORDCRAFT_KG_*: neither keys nor tokens."""
+"""Environment variables that a program receives, besides LC_* and WORDCRAFT_KG_*."""
 _OWN_PREFIXES = ("LC_", "WORDCRAFT_KG_")
 TAG = "WORDCRAFT_KG_PLAYER"
-"""Environment variable of a program with a value of its own, by which all its processes are found."""
+"""Environment variable of a program with a value of its own, by which all its processes are found.
+"""
 
 
 class LinePlayer:
-    """A running program that plays by the line protocol; its name omits options, which may contain a secret.
+    """A running program that plays by the line protocol.
 
-    The program receives the environment variables of :func:`player_environment`. It runs as the present user, so this
-    keeps keys from a program by mistake, not from one that reads the user's files or the memory of other processes.
+    The program receives the environment variables of :func:`player_environment`. It runs as the
+    present user, so this keeps keys from a program by mistake, not from one that reads the user's
+    files or the memory of other processes.
+
+    Attributes:
+        name: name of the script or program in results; without options, which may hold a secret.
+
+    Example:
+        >>> with LinePlayer("python examples/line_player.py") as player:
+        ...     player.name
+        'line_player.py'
     """
 
     def __init__(self, command: str, *, timeout: float = TIMEOUT):
-        """Start a command (ConfigError if invalid) without a shell; ``timeout`` is seconds for an answer."""
+        """Start a program without a shell.
+
+        Args:
+            command: program and arguments as a user types them, with quotes.
+            timeout: seconds for an answer.
+
+        Raises:
+            ConfigError: if the command cannot be parsed, or the time is out of range.
+            PlayerError: if the program cannot be started.
+        """
         number_in("timeout", timeout, 1e-3, 1e6, "seconds, .001 to a million")
         self._timeout = timeout
         try:
@@ -111,6 +119,8 @@ class LinePlayer:
         try:
             pipe = subprocess.PIPE
             self._tag = secrets.token_hex(16)
+            # A session of its own: Ctrl-C reaches this process alone, which then saves the games
+            # and ends the program; and the program's process group can be killed as a whole.
             self._process = subprocess.Popen(
                 words,
                 stdin=pipe,
@@ -125,13 +135,11 @@ class LinePlayer:
             ) from None
         # Direct writing would block on a program that does not read.
         self._unsent: SimpleQueue[bytes | None] = SimpleQueue()
-        threads = [
-            threading.Thread(target=work, daemon=True)
-            for work in (self._read, self._write, self._log)
-        ]
-        for thread in threads:
-            thread.start()
-        self._logging = threads[-1]
+        # Daemons: a thread that waits for a pipe must not keep this process from ending.
+        self._logging = threading.Thread(target=self._log, daemon=True)
+        self._logging.start()
+        threading.Thread(target=self._read, daemon=True).start()
+        threading.Thread(target=self._write, daemon=True).start()
 
     def __enter__(self) -> Self:
         """Return the player."""
@@ -140,11 +148,13 @@ class LinePlayer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
     ) -> None:
-        """Close the program's input; kill the program if it does not end, and all processes that it has started.
+        """Close the program's input, and kill what is left of the program.
 
-        On Linux these include processes in sessions of their own (``setsid``): descendants of the program, and
-        processes with its tag in their environment, whose parents may have ended. A process that has lost its parents
-        and also cleared its environment is not found; on other systems, only the program's process group ends.
+        A program has a few seconds to end by itself, or none after an error. All processes that it
+        has started are killed. On Linux these include processes in sessions of their own
+        (``setsid``): descendants of the program, and processes with its tag in their environment,
+        whose parents may have ended. A process that has lost its parents and also cleared its
+        environment is not found; on other systems, only the program's process group ends.
         """
         self._unsent.put(None)
         with suppress(subprocess.TimeoutExpired):
@@ -159,9 +169,10 @@ class LinePlayer:
         self._logging.join(1)
 
     def speaker(self, talk: Conversation) -> Callable[[str], str]:
-        """Return a function that sends a prompt of the conversation ``talk`` to the program, and returns the answer."""
+        """Begin a game: return a function from a prompt in this conversation to the answer."""
         self._games += 1
-        number, is_new = self._games, True
+        number = self._games
+        is_new = True
 
         def answer(prompt: str) -> str:
             nonlocal is_new
@@ -180,11 +191,19 @@ class LinePlayer:
         return answer
 
     def ask(self, line: str) -> str:
-        """Send a line, and return the answer; PlayerError if the program has ended, is late or breaks the protocol."""
+        """Send a line, and return the answer.
+
+        Raises:
+            PlayerError: if the program has ended, does not answer in time, or writes what is no
+                answer to this line.
+        """
+        # A line that came before the question would be taken for the answer, and all later answers
+        # would be one line late.
         if not self._lines.empty():
             self._receive(0)  # raises if the program has ended
             raise self._error(
-                "wrote extra lines: expected one line per input line. Write everything else to stderr."
+                "wrote extra lines: expected one line per input line. Write everything else to "
+                "stderr."
             )
         self._unsent.put(line.encode() + b"\n")
         return self._receive(self._timeout)
@@ -194,20 +213,24 @@ class LinePlayer:
             answer = self._lines.get(timeout=timeout) if timeout else self._lines.get_nowait()
         except Empty:
             raise self._error(
-                f"did not answer within {self._timeout:g} seconds: expected one line per input line. Flush stdout "
+                f"did not answer within {self._timeout:g} seconds: expected one line per input "
+                "line. Flush stdout "
                 "after each line, or increase --timeout."
             ) from None
         if answer is None:
+            # The output has ended; the exit code comes a little later.
             code = None
             with suppress(subprocess.TimeoutExpired):
                 code = self._process.wait(_PATIENCE)
+            with_code = f" with exit code {code}" if code else ""
             raise self._error(
-                f"has ended{f' with exit code {code}' if code else ''} before the last game was over: expected "
+                f"has ended{with_code} before the last game was over: expected "
                 "a program that reads until the input ends."
             )
         if len(answer) > MOST_CHARACTERS:
             raise self._error(
-                f"wrote a line of more than {MOST_CHARACTERS:,} bytes: expected two items, such as 'water + earth'."
+                f"wrote a line of more than {MOST_CHARACTERS:,} bytes: expected two items, such as "
+                "'water + earth'."
             )
         return answer.decode(errors="replace").rstrip("\r\n")
 
@@ -215,6 +238,7 @@ class LinePlayer:
         return PlayerError(f"player '{self.name}' {problem}")
 
     def _write(self) -> None:
+        """Pass on the lines for the program, and close its input at the end; runs in a thread."""
         stream = self._process.stdin
         assert stream is not None
         with suppress(OSError):  # the program has ended; earlier output may still be an answer
@@ -225,38 +249,51 @@ class LinePlayer:
             stream.close()
 
     def _read(self) -> None:
+        """Pass on the program's lines as long as somebody takes them; runs in a thread.
+
+        None is the end of the output.
+        """
         stream = self._process.stdout
         assert stream is not None
         with suppress(OSError, ValueError, Full):
+            # With a limit: a program may write without a line break.
             while line := stream.readline(MOST_CHARACTERS + 1):
                 self._lines.put(line, timeout=self._timeout)
             self._lines.put(None, timeout=self._timeout)
         stream.close()
 
     def _log(self) -> None:
-        stream, room = self._process.stderr, _MOST_LOG
+        """Show the program's stderr, without control characters; runs in a thread.
+
+        Reading goes on when no more is shown: a full pipe would stop the program.
+        """
+        stream = self._process.stderr
+        room = _MOST_LOG
         assert stream is not None
         while line := stream.readline(1_000):
             if room > 0:
                 text = line.decode(errors="replace").rstrip("\r\n")
+                # Escape sequences could rewrite what the terminal shows; tabs are harmless.
                 sys.stderr.write("\t".join(map(for_terminal, text.split("\t"))) + "\n")
                 room -= len(line)
                 if room <= 0:
                     sys.stderr.write(
-                        f"{self.name}: more than {_MOST_LOG:,} bytes on stderr; the rest is not shown\n"
+                        f"{self.name}: more than {_MOST_LOG:,} bytes on stderr; the rest is not "
+                        "shown\n"
                     )
         stream.close()
 
 
 def player_environment(variables: Mapping[str, str]) -> dict[str, str]:
-    """Return the environment variables that a player's program receives: paths, language, caches and devices.
+    """Return the environment variables that a player's program receives.
 
-    Tokens and keys are not among them, because a program may be foreign. Proxies are passed on unless their address
-    holds a password.
+    These are paths, language, caches and devices. Tokens and keys are not among them, because a
+    program may be foreign. Proxies are passed on unless their address holds a password.
     """
     kept = {}
     for name, value in variables.items():
         is_proxy = name.upper() in ("HTTP_PROXY", "HTTPS_PROXY", "ALL_PROXY") and "@" not in value
+        # Each program has a tag of its own, so the tag of an outer one is not passed on.
         is_own = name.upper().startswith(_OWN_PREFIXES) and name != TAG
         if name.upper() in _PASSED_ON or is_proxy or is_own:
             kept[name] = value
@@ -266,6 +303,7 @@ def player_environment(variables: Mapping[str, str]) -> dict[str, str]:
 def _kill_processes(pid: int | None, tag: str) -> None:
     """Kill a program with all its processes, repeatedly, until no search finds any."""
     for _ in range(_MOST_ROUNDS):
+        # A process may have started another between the search and its end, so search again.
         found = _processes_of(pid, tag)
         for one in found:
             with suppress(OSError):  # it has ended meanwhile
@@ -275,7 +313,15 @@ def _kill_processes(pid: int | None, tag: str) -> None:
 
 
 def _processes_of(pid: int | None, tag: str) -> set[int]:
-    """Return the ids of the running processes that descend from ``pid`` or carry its tag; empty except on Linux."""
+    """Return the ids of the running processes that descend from a program or carry its tag.
+
+    Args:
+        pid: id of the program; None if it has ended, because another process may have its id now.
+        tag: value of the program's variable :data:`TAG`.
+
+    Returns:
+        Ids; empty except on Linux.
+    """
     mark = f"{TAG}={tag}".encode()
     parents: dict[int, int] = {}
     tagged: set[int] = set()
@@ -283,6 +329,7 @@ def _processes_of(pid: int | None, tag: str) -> set[int]:
         try:
             # Behind the name, which may hold blanks and brackets: state and parent.
             state, parent = (folder / "stat").read_bytes().rpartition(b")")[2].split()[:2]
+            # Dead, and waiting for its parent to take note: killing it has no effect.
             if state in (b"Z", b"X"):
                 continue
             parents[int(folder.name)] = int(parent)
@@ -293,13 +340,17 @@ def _processes_of(pid: int | None, tag: str) -> set[int]:
     found = set(tagged)
     if pid in parents:
         found.add(pid)
+    # Children, their children, and so on, until a search finds no more.
     while more := {child for child, parent in parents.items() if parent in found} - found:
         found |= more
     return found - {os.getpid()}
 
 
 def name_of(words: list[str]) -> str:
-    """Return a short name for a command: the script name for Python programs, else the program name."""
+    """Return a short name for a command: for Python programs the script's, else the program's.
+
+    Never an option, which may hold a key: names stand in results.
+    """
     is_python = Path(words[0]).stem.startswith("python") or words[0] == sys.executable
     for word in words[1:] if is_python else ():
         with suppress(OSError):  # code may take the place of a file name

@@ -1,6 +1,7 @@
-"""A server with tools for crafting games, for language models that speak the Model Context Protocol (MCP).
+"""A server with tools for crafting games, for clients of the Model Context Protocol (MCP).
 
-Connections have no memory in the present protocol, so ``begin`` returns an id for each game.
+Connections have no memory in the present protocol: each call stands alone. So ``begin`` returns an
+id for each game, which every other tool takes.
 """
 
 import hashlib
@@ -34,19 +35,28 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.words import prompt_hash, prompt_text
 
 _LONGEST = 200
+"""Most characters of a label or a game's id."""
 PATH = "/mcp"
+"""Path of the server below its address."""
+# Language models read these texts, so they are prompts: `tools_hash` is recorded with each game,
+# and results under another wording are not comparable.
 _TOOLS = {
-    "begin": "Start a game. Returns the game id, the rules and the current state. Tasks are numbered 0 to {last}; "
-    "`distractor_seed` selects the distractor items on the table. The same task and seed always give the same game.",
-    "begin_world": "Start a game in the open-ended world. Returns the game id, the rules and the current state. All "
-    "games start from the same items.",
-    "state": "Get the current state of a game: the goal (if any), the available items, and the attempts left.",
-    "combine": "Make an attempt: combine two items, or one item with itself. Refer to each item by name or number. "
-    "Invalid input is rejected and does not use up an attempt.",
-    "look_up": "Look up {known} an item by name. Does not use up an attempt; limited to {look_ups} per game.",
+    "begin": "Start a game. Returns the game id, the rules and the current state. Tasks are "
+    "numbered 0 to {last}; `distractor_seed` selects the distractor items on the table. The same "
+    "task and seed always give the same game.",
+    "begin_world": "Start a game in the open-ended world. Returns the game id, the rules and the "
+    "current state. All games start from the same items.",
+    "state": "Get the current state of a game: the goal (if any), the available items, and the "
+    "attempts left.",
+    "combine": "Make an attempt: combine two items, or one item with itself. Refer to each item by "
+    "name or number. Invalid input is rejected and does not use up an attempt.",
+    "look_up": "Look up {known} an item by name. Does not use up an attempt; limited to {look_ups} "
+    "per game.",
     "end": "End a game early.",
 }
 _INSTRUCTIONS = "Call `begin`, then call `combine` until the game is over."
+# Hints by which clients decide whether to ask their user before a call. Nothing here reaches beyond
+# the game (open_world) or destroys anything.
 _READS = ToolAnnotations(read_only_hint=True, open_world_hint=False)
 _PLAYS = ToolAnnotations(
     read_only_hint=False, destructive_hint=False, idempotent_hint=False, open_world_hint=False
@@ -56,6 +66,7 @@ _ENDS = ToolAnnotations(
 )
 
 
+# The descriptions of fields are in the tools' schemas, so language models read them too.
 class Position(BaseModel, frozen=True):
     """The current state of a game."""
 
@@ -108,9 +119,11 @@ class Facts(BaseModel, frozen=True):
 
 
 def _as_text(value: Any) -> Any:
-    return (
-        str(value) if type(value) is int and abs(value) < 10**9 else value
-    )  # models write a number either way
+    # Models write an item's number as 2 or "2". Python writes no numbers of thousands of digits, so
+    # there is a limit; a truth value is no number here, though it is an `int`.
+    if type(value) is int and abs(value) < 10**9:
+        return str(value)
+    return value
 
 
 _GameName = Annotated[str, Field(max_length=_LONGEST, description="game id returned by `begin`")]
@@ -126,10 +139,21 @@ class _Server(MCPServer[Any]):
     async def call_tool(
         self, name: str, arguments: dict[str, Any], context: Context[Any, Any] | None = None
     ) -> CallToolResult | InputRequiredResult:
-        """Call a tool; reject unknown arguments, and reword errors for players."""
-        known = {
-            tool.name: tool.input_schema["properties"] for tool in await self.list_tools()
-        }.get(name, arguments)
+        """Call a tool; reject unknown arguments, and reword errors for players.
+
+        Args:
+            name: name of the tool.
+            arguments: arguments as sent by the client.
+            context: the request; None for a call without a client.
+
+        Raises:
+            ToolError: with a text that tells a player what to do.
+        """
+        # The SDK drops unknown arguments, so a misspelled optional one would silently do nothing.
+        known: Collection[str] = arguments
+        for tool in await self.list_tools():
+            if tool.name == name:
+                known = tool.input_schema["properties"]
         for unknown in arguments.keys() - known:
             expected = ", ".join(known) or "no arguments"
             reason = f"unknown argument '{unknown[:_LONGEST]}': expected {expected}."
@@ -137,6 +161,7 @@ class _Server(MCPServer[Any]):
         try:
             return await super().call_tool(name, arguments, context)
         except ToolError as error:
+            # The SDK wraps what a tool raises; only expected errors are reworded, bugs are not.
             cause = error.__cause__
             if not isinstance(cause, ValidationError | OSError | WordCraftKGError):
                 raise
@@ -151,13 +176,18 @@ class _Server(MCPServer[Any]):
 
 
 async def _messages() -> AsyncIterator[str]:
+    # Bytes that are no UTF-8 are replaced: one bad message gets an error, and the server goes on.
     async for line in anyio.wrap_file(TextIOWrapper(sys.stdin.buffer, "utf-8", "replace")):
         yield line
-    await anyio.wait_all_tasks_blocked()  # at the end the SDK cancels calls without an answer
+    # At the end of its input the SDK cancels calls without an answer: let them come first.
+    await anyio.wait_all_tasks_blocked()
 
 
 class _Answers:
-    """Standard output without threads: a tool call is over, or waits for its client."""
+    """Standard output without threads.
+
+    Writing may block the loop: by then a tool call is over, or waits for its client.
+    """
 
     async def write(self, line: str) -> None:
         sys.stdout.buffer.write(line.encode())
@@ -168,6 +198,7 @@ class _Answers:
 
 def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
     if isinstance(error, ValidationError):
+        # Without the input: a player's own text would come back as a part of the prompt.
         details = error.errors(include_url=False, include_context=False, include_input=False)
         each = (f"'{'.'.join(map(str, one['loc']))}': {one['msg']}" for one in details)
         return prompt_text("invalid", reason="; ".join(each) + ".")
@@ -175,7 +206,8 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
         return prompt_text("invalid", reason=str(error))
     if isinstance(error, OSError):
         return (
-            f"The game is over, but its record could not be saved: {error.strerror or error}. Call `state` to see the "
+            f"The game is over, but its record could not be saved: {error.strerror or error}. Call "
+            "`state` to see the "
             "outcome, or `end` to try saving again."
         )
     return str(error)
@@ -186,22 +218,30 @@ def _no_games() -> HostedGames:
 
 
 def make_server(hosted: HostedGames) -> MCPServer[Any]:
-    """Return an MCP server with tools to play the hosted games; the server fits any transport (stdio, HTTP)."""
-    games, settings = hosted.play.games, hosted.play.settings
+    """Return an MCP server with tools to play the hosted games.
+
+    The server fits any transport (stdio, HTTP), and can be asked within this process.
+    """
+    games = hosted.play.games
+    settings = hosted.play.settings
     last = len(games.world.tasks) - 1 if isinstance(games, TaskGames) else None
-    return _server(
-        games.begin().rules, last, settings.look_ups, settings.knowledge == "scorer", lambda: hosted
-    )
+    has_scorer = settings.knowledge == "scorer"
+    return _server(games.begin().rules, last, settings.look_ups, has_scorer, lambda: hosted)
 
 
 @lru_cache(1)
 def tools_hash() -> str:
-    """Return the SHA-256 of all MCP prompts: game texts, instructions, tool lists for tasks and open-ended games."""
-    servers = [_server("", last, 2, has_scorer) for last, has_scorer in ((0, False), (None, True))]
-    lists = [
-        [tool.model_dump(mode="json") for tool in anyio.run(server.list_tools)]
-        for server in servers
-    ]
+    """Return the SHA-256 of all prompts by MCP.
+
+    These are the game texts, the instructions, and the lists of tools with their schemas.
+    """
+    # Two servers have all tools and all wordings between them: tasks with the train recipes, and
+    # the open-ended world with a scorer.
+    lists = []
+    for last, has_scorer in ((0, False), (None, True)):
+        server = _server("", last, 2, has_scorer)
+        tools = anyio.run(server.list_tools)
+        lists.append([tool.model_dump(mode="json") for tool in tools])
     prompts = [prompt_hash(), _TOOLS, _INSTRUCTIONS, lists]
     return hashlib.sha256(json.dumps(prompts, sort_keys=True).encode()).hexdigest()
 
@@ -213,12 +253,24 @@ def _server(
     has_scorer: bool,
     hosted: Callable[[], HostedGames] = _no_games,
 ) -> MCPServer[Any]:
+    """Return a server.
+
+    Args:
+        rules: the rules of the games, for the instructions.
+        last: index of the last task; None in the open-ended world.
+        look_ups: look-ups in a game; without any, there is no such tool.
+        has_scorer: whether facts are a scorer's links instead of recipes.
+        hosted: function that returns the games; without it the server only lists its tools.
+    """
     known = "the likely links of" if has_scorer else "the known recipes of"
     about_look_ups = _TOOLS["look_up"].format(known=known, look_ups=counted(look_ups, "look-up"))
+    instructions = [rules, _INSTRUCTIONS]
+    if look_ups:
+        instructions.insert(1, about_look_ups)
     server = _Server(
         "wordcraft-kg",
         title="wordcraft-kg crafting games",
-        instructions="\n".join([rules, *([about_look_ups] if look_ups else []), _INSTRUCTIONS]),
+        instructions="\n".join(instructions),
         version=__version__,
         log_level="WARNING",
     )
@@ -260,6 +312,7 @@ def _server(
 
 
 def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], HostedGames]) -> None:
+    """Add the tool ``begin``, which has no arguments in the open-ended world."""
     if last is None:
 
         @server.tool(title="Start a game", description=_TOOLS["begin_world"], annotations=_PLAYS)
@@ -275,6 +328,7 @@ def _add_begin(server: MCPServer[Any], last: int | None, hosted: Callable[[], Ho
     @server.tool(
         name="begin",
         title="Start a game",
+        # The number of tasks belongs to the prompt; `tools_hash` uses a fixed one instead.
         description=_TOOLS["begin"].format(last=last),
         annotations=_PLAYS,
     )
@@ -305,25 +359,40 @@ def _is_no_disconnection(record: logging.LogRecord) -> bool:
 def make_http_app(
     server: MCPServer[Any], host: str = LOOPBACK[0], more_hosts: Collection[str] = ()
 ) -> ASGIApp:
-    """Return an ASGI application for ``host``, ``more_hosts`` and local names, closed to foreign web pages."""
+    """Return a server as an ASGI application.
+
+    A web page in a browser on this machine can send requests here, even to a server that listens
+    on a local address: directly, or by DNS rebinding, where a foreign name gets this machine's
+    address. So requests must name a known host (``Host``), and a page, if any, must come from one
+    (``Origin``).
+
+    Args:
+        server: the server.
+        host: address on which it listens.
+        more_hosts: further names by which clients may ask it, such as a proxy's.
+    """
     names = sorted({*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)})
-    hosts = [(f"[{name}]" if ":" in name else name) + port for name in names for port in ("", ":*")]
-    origins = [f"{scheme}://{one}" for scheme in ("http", "https") for one in hosts]
+    hosts: list[str] = []
+    for name in names:
+        in_url = f"[{name}]" if ":" in name else name  # an IPv6 address stands in brackets
+        hosts += [in_url, f"{in_url}:*"]  # without a port, and with any
+    origins = [f"http://{name}" for name in hosts] + [f"https://{name}" for name in hosts]
     app = server.streamable_http_app(
         streamable_http_path=PATH,
         # A call has one answer, and games have ids: neither streams nor sessions are needed.
         json_response=True,
         stateless_http=True,
-        max_request_body_size=LONGEST_BODY,
+        max_request_body_size=LONGEST_BODY,  # arguments are short; memory is bounded
         transport_security=TransportSecuritySettings(allowed_hosts=hosts, allowed_origins=origins),
     )
 
     logging.getLogger("mcp.server.streamable_http").addFilter(_is_no_disconnection)
 
     async def without_streams(scope: Scope, receive: Receive, send: Send) -> None:
+        # A GET would open a stream of events, and hold a connection without an end.
         is_call = scope["type"] != "http" or scope["path"] != PATH or scope["method"] == "POST"
-        await (app if is_call else Response(status_code=405, headers={"Allow": "POST"}))(
-            scope, receive, send
-        )
+        refusal = Response(status_code=405, headers={"Allow": "POST"})
+        answer = app if is_call else refusal
+        await answer(scope, receive, send)
 
     return without_streams

@@ -18,16 +18,28 @@ GAMES_FILE = "games.jsonl"
 
 
 class PlayedSettings(Record, frozen=True, kw_only=True):
-    """Game settings as recorded with games, including hashes; results with equal settings are comparable.
-
-    See :class:`~wordcraft_kg.apps.text_agents.settings.EvaluationSettings` for other attributes.
+    """Game settings as recorded with games; results with equal settings are comparable.
 
     Attributes:
-        part: None in the open-ended world, like depth and distractors.
+        graph: name of the graph.
+        graph_hash: content hash of the graph.
+        split_hash: content hash of the split.
+        part: part of the tasks; None in the open-ended world.
+        depth: fewest attempts that solve a task; None in the open-ended world.
+        distractors: entities on each table that no plan needs; None in the open-ended world.
+        attempts: attempts in a game.
+        base: labels of the entities at the start of open-ended games; empty for tasks.
+        distractor_seeds: distractor seeds per task, or number of open-ended games.
+        tasks: number of tasks, evenly spaced over the part; None for all.
+        knowledge: source of look-ups.
+        scorer: hash of the weights of the scorer that answers look-ups; None without one.
+        kg: training triples of this scorer (full or partial); None without one.
+        look_ups: look-ups in a game; 0 without a source.
+        max_invalid: consecutive invalid messages without cost.
         prompt_hash: hash of all prompt texts, see :func:`~wordcraft_kg.envs.words.prompt_hash`.
-        track: name of a benchmark's track, if the games are on its tasks.
-        answer_grammar: version of the rules by which answers were read (``wordcraft_kg.base.answers``); 1 in files of
-            earlier versions and on frozen tracks.
+        track: name of a benchmark's track; None if the games are on no track.
+        answer_grammar: version of the rules by which answers were read
+            (``wordcraft_kg.base.answers``); 1 in files of earlier versions and on frozen tracks.
     """
 
     graph: str
@@ -46,6 +58,7 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
     look_ups: Count = LOOK_UPS
     max_invalid: Count = MAX_INVALID
     prompt_hash: Hash
+    # Fields of later versions, with the value that earlier files had without saying so.
     track: str | None = None
     answer_grammar: Count = 1
 
@@ -56,58 +69,76 @@ class PlayedSettings(Record, frozen=True, kw_only=True):
 
     @classmethod
     def of(cls, world: World | OpenEndedEnv, split: Split, **others: Any) -> Self:
-        """Return the settings of tasks or open-ended games; ``others`` are further fields, such as ``look_ups``."""
-        own: dict[str, Any] = {"part": None, "depth": None, "distractors": None}
+        """Return the settings of tasks or open-ended games.
+
+        Args:
+            world: the world of the tasks, or the open-ended environment.
+            split: the split of the graph, whose train recipes look-ups know.
+            others: further fields, such as ``look_ups``; they win over the fields made here.
+        """
+        fields: dict[str, Any] = {
+            "graph": world.graph.name,
+            "graph_hash": world.graph.hash,
+            "split_hash": split.hash,
+            "prompt_hash": prompt_hash(),
+            "answer_grammar": ANSWER_GRAMMAR,
+        }
         if isinstance(world, OpenEndedEnv):
-            own |= {
+            fields |= {
+                "part": None,
+                "depth": None,
+                "distractors": None,
                 "attempts": world.max_attempts,
                 "base": world.graph.labels(world.discovery.base),
             }
         else:
             config = world.config
-            own = {
+            fields |= {
                 "part": config.part,
                 "depth": config.depth,
                 "distractors": config.num_distractors,
+                "attempts": config.attempts,
             }
-            own["attempts"] = config.attempts
+        # Without a source the number means nothing; equal games have equal settings.
         if others.get("knowledge", "none") == "none":
             others["look_ups"] = 0
-        hashes = {
-            "graph_hash": world.graph.hash,
-            "split_hash": split.hash,
-            "prompt_hash": prompt_hash(),
-        }
-        return cls(
-            **{
-                "graph": world.graph.name,
-                "answer_grammar": ANSWER_GRAMMAR,
-                **hashes,
-                **own,
-                **others,
-            }
-        )  # a server has another prompt hash
+        # A server has other prompts, so another hash may be among the others.
+        return cls(**(fields | others))
 
 
 class GamesHeader(Record, frozen=True, kw_only=True):
-    """The first line in a ``games.jsonl`` file, before the games: file format, player and settings."""
+    """The first line in a ``games.jsonl`` file, before the games.
+
+    Attributes:
+        format: format of the file.
+        player: the player's name, such as a program's or a language model's.
+        settings: settings of all games in the file.
+    """
 
     format: GamesFormat = "wordcraft-kg text games 1"
     player: str
     settings: PlayedSettings
 
 
-class PlayedTask(Record, frozen=True, kw_only=True):
+class TaskGameRecord(Record, frozen=True, kw_only=True):
     """A finished game on a crafting task: a line in ``games.jsonl``.
 
     Attributes:
-        table: labels on the table at the start.
+        task: index of the task in its part.
+        distractor_seed: seed of the distractors on the table.
+        goal: label of the entity to make.
+        table: labels on the table at the start, in slot order.
+        success: whether the goal was made.
         by_plan: whether a plan's last pair made the goal.
         actions: number of actions (choices of an entity) until the end.
+        termination: how the game ended, as agent evaluation says it.
         last: labels of the last combined pair; None after a lost attempt.
-        pairs: labels of all combined pairs in turn, None for a lost attempt; empty in files of earlier versions.
-        invalid_actions, lost_attempts: numbers of invalid messages, and of attempts lost by them.
-        messages: all prompts and answers in turn.
+        invalid_actions: number of messages that were not understood.
+        lost_attempts: number of attempts lost by them.
+        look_ups: number of entities that were looked up.
+        messages: all prompts and answers in turn; empty in Inspect's logs, which have their own.
+        pairs: labels of all combined pairs in turn, None for a lost attempt; empty in files of
+            earlier versions.
     """
 
     task: Count
@@ -126,8 +157,20 @@ class PlayedTask(Record, frozen=True, kw_only=True):
     pairs: tuple[tuple[str, str] | None, ...] = ()
 
 
-class PlayedWorld(Record, frozen=True, kw_only=True):
-    """A finished open-ended game: a line in ``games.jsonl``; for the last fields see :class:`PlayedTask`."""
+class WorldGameRecord(Record, frozen=True, kw_only=True):
+    """A finished open-ended game: a line in ``games.jsonl``.
+
+    Attributes:
+        game: number of the game.
+        known_after: number of known entities after each attempt.
+        repeated: number of attempts with a pair that had been tried before.
+        invalid_actions: number of messages that were not understood.
+        lost_attempts: number of attempts lost by them.
+        look_ups: number of entities that were looked up.
+        messages: all prompts and answers in turn; empty in Inspect's logs, which have their own.
+        pairs: labels of all combined pairs in turn, None for a lost attempt; empty in files of
+            earlier versions.
+    """
 
     game: Count
     known_after: tuple[Count, ...]
@@ -140,7 +183,19 @@ class PlayedWorld(Record, frozen=True, kw_only=True):
 
 
 class TextResult(Record, frozen=True, kw_only=True):
-    """Metrics over all games: on tasks ``success``, in the open-ended world mean known entities by attempts."""
+    """A player's metrics over all games.
+
+    Attributes:
+        player: the player's name.
+        settings: settings of the games.
+        games: number of games.
+        success: success on the tasks with its interval; None in the open-ended world.
+        outcomes: share of each termination; empty in the open-ended world.
+        known: mean number of known entities by number of attempts; empty for tasks.
+        invalid_actions: number of messages that were not understood, over all games.
+        lost_attempts: number of attempts lost by them, over all games.
+        look_ups: number of entities that were looked up, over all games.
+    """
 
     player: str
     settings: PlayedSettings

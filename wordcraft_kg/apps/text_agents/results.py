@@ -1,4 +1,8 @@
-"""Resumable evaluation of text agents: each game is on disk before the next; metrics are as for trained agents."""
+"""Resumable evaluation of text agents, with the metrics of trained agents.
+
+Each game is on disk before the next one begins: a language model's games are expensive, and a
+machine may stop at any time.
+"""
 
 import logging
 import os
@@ -19,9 +23,9 @@ from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
     GamesHeader,
     PlayedSettings,
-    PlayedTask,
-    PlayedWorld,
+    TaskGameRecord,
     TextResult,
+    WorldGameRecord,
 )
 from wordcraft_kg.apps.text_agents.settings import GameSettings
 from wordcraft_kg.base.artefacts import read_large_file
@@ -43,7 +47,15 @@ COUNTS = ("invalid_actions", "lost_attempts", "look_ups")
 
 
 def chosen_tasks(world: World, most: int | None) -> Ids:
-    """Return the indices of all tasks in a world, or of ``most`` (1 or more) evenly spaced tasks."""
+    """Return the indices of the tasks to play, shape (T,).
+
+    Args:
+        world: the world.
+        most: number of tasks, evenly spaced over all; None for all.
+
+    Raises:
+        ConfigError: for a number below 1.
+    """
     if most is not None:
         whole("tasks", most, 1, MAX_SIZE)
     number = len(world.tasks)
@@ -53,8 +65,14 @@ def chosen_tasks(world: World, most: int | None) -> Ids:
 
 def record_of(
     talk: Conversation, messages: Sequence[str], number: int = 0
-) -> PlayedTask | PlayedWorld:
-    """Return the record of the finished game in a conversation; ``number`` is the index of an open-ended game."""
+) -> TaskGameRecord | WorldGameRecord:
+    """Return the record of the finished game in a conversation.
+
+    Args:
+        talk: the conversation.
+        messages: all prompts and answers in turn.
+        number: number of an open-ended game; a track's own number wins.
+    """
     game = talk.game
     counts = {
         **{name: getattr(talk, name) for name in COUNTS},
@@ -63,11 +81,11 @@ def record_of(
     }
     if isinstance(game, DiscoveryGame):
         number = number if game.number is None else game.number
-        return PlayedWorld(
+        return WorldGameRecord(
             game=number, known_after=tuple(game.known_after), repeated=game.repeated, **counts
         )
     assert isinstance(game, TaskGame)
-    return PlayedTask(
+    return TaskGameRecord(
         task=game.task,
         distractor_seed=game.distractor_seed,
         goal=game.goal,
@@ -82,29 +100,30 @@ def record_of(
 
 
 def _termination_of(game: TaskGame) -> TerminationReason:
+    """Return how a finished game ended, in the terms of agent evaluation."""
     if game.is_made:
         return "goal"
+    # A lost attempt has no pair, so none that makes anything.
     if game.last is None:
         return "no_recipe"
     one, other = map(game.graph.id_of, game.last)
-    parts = {
-        part
-        for plan in game.tasks.plans[game.task]
-        for part in game.graph.recipes[plan[-1], :2].tolist()
-    }
+    # The ingredients of each plan's last step, which makes the goal.
+    parts: set[int] = set()
+    for plan in game.tasks.plans[game.task]:
+        parts.update(game.graph.recipes[plan[-1], :2].tolist())
     if one == other:
         return "same_twice"
     if {one, other} & parts:
         return "one_right_part"
-    return (
-        "no_right_part"
-        if (min(one, other), max(one, other)) in game.graph.outcomes
-        else "no_recipe"
-    )
+    pair = (min(one, other), max(one, other))
+    return "no_right_part" if pair in game.graph.outcomes else "no_recipe"
 
 
 def groups_of(opened: OpenedGraph, settings: PlayedSettings) -> Ids | None:
-    """Return the resampling group of each task of recorded games; None without tasks, or for a track or other graph."""
+    """Return the resampling group of each task of recorded games.
+
+    None for open-ended games, for the games of a track, and for another graph or split.
+    """
     hashes = settings.graph_hash, settings.split_hash
     if settings.track is not None or hashes != (opened.graph.hash, opened.split.hash):
         return None
@@ -114,60 +133,80 @@ def groups_of(opened: OpenedGraph, settings: PlayedSettings) -> Ids | None:
     return World(opened, games.environment).groups
 
 
-def evaluation_of(played: Sequence[PlayedTask], groups: Ids | None = None) -> "Evaluation":
-    """Convert the records of N tasks with D distractor seeds each to an evaluation, without pairs (-1).
+def evaluation_of(played: Sequence[TaskGameRecord], groups: Ids | None = None) -> "Evaluation":
+    """Convert the records of N tasks with D distractor seeds each to an evaluation, shape (N, D).
 
-    ``groups`` has the resampling group of each task of the world, see :attr:`World.groups`; None if each task is a
-    group of its own.
+    The last pairs have no ids (-1), because records need no graph; no metric depends on them.
+
+    Args:
+        played: the records, in any order.
+        groups: resampling group of each task of the world, see :attr:`World.groups`; None if each
+            task is a group of its own.
+
+    Raises:
+        ValueError: if a task lacks a distractor seed that another one has.
     """
     from wordcraft_kg.agents.evaluation import Evaluation  # loads torch
 
     tasks = np.array(sorted({one.task for one in played}), dtype=np.int64)
-    shape = len(tasks), len({one.distractor_seed for one in played})
+    seeds = {one.distractor_seed for one in played}
+    shape = (len(tasks), len(seeds))
     if len(played) != shape[0] * shape[1]:
         raise ValueError(
             f"{len(played)} games: expected {shape[0]} tasks with {shape[1]} distractor seeds each"
         )
+    # Sorted by task, then by seed, so that a reshaping gives a row for each task.
     games = sorted(played, key=lambda one: (one.task, one.distractor_seed))
+    terminations = [TERMINATION_REASONS.index(one.termination) for one in games]
     return Evaluation(
         tasks,
         tasks if groups is None else groups[tasks],
         np.array([one.success for one in games], dtype=bool).reshape(shape),
         np.array([one.by_plan for one in games], dtype=bool).reshape(shape),
         np.array([one.actions for one in games], dtype=np.int64).reshape(shape),
-        np.array(
-            [TERMINATION_REASONS.index(one.termination) for one in games], dtype=np.int8
-        ).reshape(shape),
+        np.array(terminations, dtype=np.int8).reshape(shape),
         np.full((*shape, 2), -1),
         np.full(shape, -1),
     )
 
 
 def mean_known(curves: Sequence[Sequence[int]], attempts: int) -> dict[int, float]:
-    """Return the mean number of known entities by attempts; curves begin at the start, and may end early."""
-    marks = sorted({attempts, *(mark for mark in (*MARKS, *LATER_MARKS) if mark < attempts)})
-    return {mark: float(np.mean([curve[: mark + 1][-1] for curve in curves])) for mark in marks}
+    """Return the mean number of known entities after some numbers of attempts.
+
+    Args:
+        curves: for each game the number of known entities at the start and after each attempt. A
+            curve may end early: the game keeps what it knew.
+        attempts: attempts in a game, the last of the numbers.
+    """
+    before = [mark for mark in (*MARKS, *LATER_MARKS) if mark < attempts]
+    means: dict[int, float] = {}
+    for mark in sorted({attempts, *before}):
+        known = [curve[: mark + 1][-1] for curve in curves]
+        means[mark] = float(np.mean(known))
+    return means
 
 
 def result_of(
     player: str,
     settings: PlayedSettings,
-    played: Sequence[PlayedTask | PlayedWorld],
+    played: Sequence[TaskGameRecord | WorldGameRecord],
     groups: Ids | None = None,
 ) -> TextResult:
     """Return a player's result: metrics and counts over all recorded games.
 
     Args:
-        player: name of the player.
+        player: the player's name.
         settings: settings of the games.
-        played: all games.
+        played: the records, of tasks or of open-ended games; of tasks with all distractor seeds.
         groups: resampling groups of the tasks, see :func:`evaluation_of`.
     """
-    counts = {name: sum(getattr(one, name) for one in played) for name in COUNTS}
+    counts: dict[str, int] = {}
+    for name in COUNTS:
+        counts[name] = sum(getattr(one, name) for one in played)
     curves = [
-        (len(settings.base), *one.known_after) for one in played if isinstance(one, PlayedWorld)
+        (len(settings.base), *one.known_after) for one in played if isinstance(one, WorldGameRecord)
     ]
-    tasks = [one for one in played if isinstance(one, PlayedTask)]
+    tasks = [one for one in played if isinstance(one, TaskGameRecord)]
     evaluation = None if settings.is_open_ended else evaluation_of(tasks, groups)
     return TextResult(
         player=player,
@@ -180,13 +219,21 @@ def result_of(
     )
 
 
-def read_games(path: Path) -> tuple[GamesHeader, Sequence[PlayedTask | PlayedWorld], bytes]:
-    """Return the header, the games and the incomplete last line (empty if complete) in a games file."""
+def read_games(path: Path) -> tuple[GamesHeader, Sequence[TaskGameRecord | WorldGameRecord], bytes]:
+    """Read a games file without changing it.
+
+    Returns:
+        The header, the games, and the bytes of an incomplete last line (empty if complete), which
+        is from a process that was killed.
+
+    Raises:
+        ArtefactError: if the file is missing, of another kind, or damaged.
+    """
     lines, _, torn = read_large_file(path).rpartition(b"\n")
     first, _, rest = lines.partition(b"\n")
     header = parse_record(first, GamesHeader, f"{path}, line 1,")
-    kind: type[PlayedTask | PlayedWorld] = (
-        PlayedWorld if header.settings.is_open_ended else PlayedTask
+    kind: type[TaskGameRecord | WorldGameRecord] = (
+        WorldGameRecord if header.settings.is_open_ended else TaskGameRecord
     )
     return header, parse_lines(rest, kind, f"{path} (after line 1)"), torn
 
@@ -197,32 +244,48 @@ _Speaker = Callable[[Conversation], Callable[[str], str]]
 
 
 def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResult:
-    """Evaluate a player in all games, and write the games to a folder; continue an interrupted evaluation.
+    """Evaluate a player in all games, or continue an interrupted evaluation.
 
-    ``speak`` maps a conversation to the function that answers the prompts. Damaged or changed games, or a folder in use
-    by another process, are an ArtefactError; for other players or settings see :func:`open_games`.
+    Args:
+        player: the player's name.
+        speak: from a conversation at its beginning to the function that answers its prompts.
+        play: the games.
+        folder: folder for the games.
+
+    Raises:
+        ArtefactError: if the folder's games are damaged or changed, or the folder is in use by
+            another process.
+        GraphMismatchError: if the folder's games are of another graph or split.
+        ConfigError: if they are of another player or other settings.
     """
-    path, settings = folder / GAMES_FILE, play.settings
-    tasks = (
-        chosen_tasks(play.games.world, settings.tasks).tolist()
-        if isinstance(play.games, TaskGames)
-        else [0]
-    )
-    missing = dict.fromkeys(
-        (task, distractor_seed)
-        for distractor_seed in range(settings.distractor_seeds)
-        for task in tasks
-    )
+    path = folder / GAMES_FILE
+    settings = play.settings
+    tasks = [0]
+    if isinstance(play.games, TaskGames):
+        tasks = chosen_tasks(play.games.world, settings.tasks).tolist()
+    # An ordered set: games are played seed by seed.
+    missing: dict[tuple[int, int], None] = {}
+    for distractor_seed in range(settings.distractor_seeds):
+        for task in tasks:
+            missing[task, distractor_seed] = None
     folder.mkdir(parents=True, exist_ok=True)
+    # Two processes that play at once would play the same games.
     with locked(folder, "written"):
+        # Not to write through a link: the file that it names may be anyone's.
         if path.is_symlink():
             raise ArtefactError(f"{path} is a link; expected a file. Choose another `out`.")
         played = open_games(path, GamesHeader(player=player, settings=settings))
         for line, one in enumerate(played, 2):
-            key = (one.task, one.distractor_seed) if isinstance(one, PlayedTask) else (0, one.game)
+            key = (
+                (one.task, one.distractor_seed)
+                if isinstance(one, TaskGameRecord)
+                else (0, one.game)
+            )
+            # A game twice would count twice; a game of other tasks is not part of the result.
             if key not in missing:
                 raise ArtefactError(
-                    f"{path}, line {line}, is damaged: the game is a duplicate, or not part of the evaluation. "
+                    f"{path}, line {line}, is damaged: the game is a duplicate, or not part of the "
+                    "evaluation. "
                     "Remove the line."
                 )
             del missing[key]
@@ -236,14 +299,17 @@ def play_all(player: str, speak: _Speaker, play: Play, folder: Path) -> TextResu
 
 @contextmanager
 def replaced_games(folder: Path, header: GamesHeader) -> Iterator[Path]:
-    """Yield a folder for new games, which take the place of the earlier games at the end of the block.
+    """Yield a folder for new games, which replace the earlier games at the end of the block.
 
-    After an interruption the earlier games are as before; the new games are kept, and continued by a later call with
-    the same header. ArtefactError if another process plays in the folder.
+    After an interruption the earlier games are as before; the new games are kept, and continued by
+    a later call with the same header.
 
     Args:
         folder: folder with earlier games, perhaps without any.
         header: player and settings of the new games.
+
+    Raises:
+        ArtefactError: if another process plays in the folder.
     """
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "written"):
@@ -251,6 +317,7 @@ def replaced_games(folder: Path, header: GamesHeader) -> Iterator[Path]:
         if not _has_header(new / GAMES_FILE, header):
             shutil.rmtree(new, ignore_errors=True)
         yield new
+        # Only now, and at once: before this line the earlier games are complete, after it the new.
         os.replace(new / GAMES_FILE, folder / GAMES_FILE)
         shutil.rmtree(new)
 
@@ -262,21 +329,30 @@ def _has_header(path: Path, header: GamesHeader) -> bool:
         return False
 
 
-def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld]:
-    """Create a games file with this header, or return the games in an existing file without an incomplete last line.
+def open_games(path: Path, header: GamesHeader) -> list[TaskGameRecord | WorldGameRecord]:
+    """Create a games file with this header, or return the games in an existing file.
 
-    A damaged file is an ArtefactError, another graph or split a GraphMismatchError, and another player or setting a
-    ConfigError. The file is unchanged on errors.
+    An incomplete last line is cut off. The file is unchanged on errors.
+
+    Args:
+        path: the file.
+        header: player and settings of the games.
+
+    Raises:
+        ArtefactError: if the file is of another kind or damaged.
+        GraphMismatchError: if its games are of another graph or split.
+        ConfigError: if its games are of another player or other settings.
     """
     line = as_lines([header])[0].encode()
     if not path.exists():
         path.touch()
     with path.open("rb") as file:
         start = file.read(len(line))
-    if start == line or not line.startswith(
-        start
-    ):  # else empty, or killed while the header was written
+    # A beginning of the header is an empty file, or one whose writer was killed meanwhile.
+    is_unfinished_header = line.startswith(start) and start != line
+    if not is_unfinished_header:
         kept, played, torn = read_games(path)
+        # Without games, nothing is lost by new settings.
         if played or kept == header:
             _check_header(path, kept, header)
             if torn:
@@ -288,12 +364,17 @@ def open_games(path: Path, header: GamesHeader) -> list[PlayedTask | PlayedWorld
     return []
 
 
-def append_game(path: Path, played: PlayedTask | PlayedWorld) -> None:
-    """Append the record of a game to a games file and flush to disk; the file is unchanged on an OSError."""
+def append_game(path: Path, played: TaskGameRecord | WorldGameRecord) -> None:
+    """Append the record of a game; it is on disk when this returns.
+
+    Raises:
+        OSError: if it cannot be written, such as on a full disk; the file is unchanged.
+    """
     size = path.stat().st_size
     try:
         _write(path, "ab", as_lines([played])[0].encode())
     except OSError:
+        # A part of the line may be there, and the next record would be glued to it.
         with suppress(OSError):
             os.truncate(path, size)
         raise
@@ -303,17 +384,20 @@ def _write(path: Path, mode: str, line: bytes) -> None:
     with path.open(mode) as file:
         file.write(line)
         file.flush()
-        os.fsync(file.fileno())
+        os.fsync(file.fileno())  # survives a power failure, too
 
 
 def _check_header(path: Path, kept: GamesHeader, own: GamesHeader) -> None:
     if kept.player != own.player:
         raise ConfigError(
-            f"'{path}' holds games by '{kept.player}', and the player is '{own.player}'. Choose another `out`."
+            f"'{path}' holds games by '{kept.player}', and the player is '{own.player}'. Choose "
+            "another `out`."
         )
     names = [field.name for field in msgspec.structs.fields(kept.settings)]
+    # Hashes first: another graph may also differ in settings, and is what the user has to know.
     for name in sorted(names, key=_HASHES.__contains__, reverse=True):
-        before, now = (_given(getattr(header.settings, name)) for header in (kept, own))
+        before = _given(getattr(kept.settings, name))
+        now = _given(getattr(own.settings, name))
         if before != now:
             kind = GraphMismatchError if name in _HASHES else ConfigError
             called = (_HASHES | _NO_OPTION).get(name, f"`{name}`")

@@ -1,8 +1,9 @@
-"""A second reading of recorded answers: the figures of a frozen track under another answer grammar.
+"""A second reading of recorded answers: the result of a frozen track under another answer grammar.
 
-A track keeps the grammar of its publication. The second reading plays the same messages by the present grammar, and
-says how much of a score is the form of the answers. Once the two grammars read a message differently, the player would
-have received other prompts; its later messages say nothing about that game.
+A track keeps the grammar of its publication. The second reading plays the same messages by the
+present grammar, and says how much of a score is the form of the answers. Once the two grammars read
+a message differently, the player would have received other prompts; its later messages say nothing
+about that game.
 """
 
 from collections.abc import Sequence
@@ -11,12 +12,13 @@ from dataclasses import dataclass
 from wordcraft_kg.apps.text_agents.benchmark import Track
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.submission import (
-    Figures,
     GameLine,
     Played,
+    TrackFigures,
     answers_text,
     figures_of,
     figures_text,
+    game_of_track,
     replay,
 )
 from wordcraft_kg.base.labels import ANSWER_GRAMMAR
@@ -34,13 +36,13 @@ class SecondReading:
     """
 
     grammar: int
-    figures: Figures | None
+    figures: TrackFigures | None
     lines: Sequence[GameLine]
     open_games: int
 
     @property
     def text(self) -> str:
-        """The figure with its interval and the share of invalid answers, or the reason why there is none."""
+        """The result with its interval and the share of invalid answers, or why there is none."""
         if self.figures is None:
             games = self.open_games + len(self.lines)
             return f"not known: {self.open_games} of {games} games would have gone on differently"
@@ -57,6 +59,9 @@ def read_again(
         play: the games with the settings under which they were played.
         answers: for each game, in the order of the track, the player's messages.
         grammar: version of the grammar.
+
+    Returns:
+        The result under this grammar, or the number of games that the messages do not decide.
     """
     decided = [_decided(play, number, messages, grammar) for number, messages in enumerate(answers)]
     lines = [
@@ -68,8 +73,12 @@ def read_again(
 
 
 def _decided(play: Play, number: int, messages: Sequence[str], grammar: int) -> Played | None:
-    """Return the decisions in a game; None if the game was not over when its messages ended to fit."""
-    task, seed = (0, number) if play.settings.is_open_ended else (number, 0)
+    """Return the decisions in a game.
+
+    None if the game was not over when its messages ended to fit.
+    """
+    task, seed = game_of_track(play, number)
+    # The game as it was played, and the game under the other grammar, message by message.
     was = play.begin(task, seed)
     now = play.begin(task, seed)
     now.grammar = grammar
@@ -77,6 +86,7 @@ def _decided(play: Play, number: int, messages: Sequence[str], grammar: int) -> 
     for message in messages:
         if now.is_over:
             break
+        # The two games differ, so this message answers a prompt that the new game did not give.
         if not is_same:
             return None
         was.hear(message)

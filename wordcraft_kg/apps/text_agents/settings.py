@@ -19,10 +19,13 @@ KnowledgeKind = Literal["none", "partial", "scorer"]
 LookUps = Literal["none", "partial"]
 """Look-up sources in the benchmark."""
 MAX_INVALID = 3
+"""Consecutive invalid messages without cost: a model may correct its form, but not try for ever."""
 LOOK_UPS = 10
+"""Look-ups in a game."""
 TIMEOUT = 60.0
-"""Seconds."""
+"""Seconds that a program has for an answer."""
 ATTEMPTS = 100
+"""Attempts in an open-ended game."""
 
 
 def _labels(kind: Any, tokens: Sequence[Any]) -> list[str]:
@@ -40,8 +43,8 @@ class GameSettings:
         attempts: attempts in a game. Default: depth; 100 in the open-ended world.
         open_ended: discover as many entities as possible from the base, without tasks.
         base: comma-separated initial entities in the open-ended world. Default: the graph's base.
-        knowledge: look-up source: none, partial (train recipes that do not make the goal from the table) or scorer
-            (best links by --scorer).
+        knowledge: look-up source: none, partial (train recipes that do not make the goal from the
+            table) or scorer (best links by --scorer).
         scorer: model folder, for --knowledge scorer.
         look_ups: look-ups in a game.
 
@@ -54,6 +57,7 @@ class GameSettings:
     distractors: int = WordCraftConfig.num_distractors
     attempts: int | None = None
     open_ended: Flag = False
+    # Split at commas: the parser itself would take the whole text for one label.
     base: Annotated[
         list[str] | None,
         Parameter(negative=(), consume_multiple=False, converter=_labels, accepts_keys=False),
@@ -61,30 +65,34 @@ class GameSettings:
     knowledge: KnowledgeKind = "none"
     scorer: Path | None = None
     look_ups: int = LOOK_UPS
+    # Settings that an open-ended game does not have.
     _of_tasks: ClassVar[tuple[str, ...]] = ("part", "depth", "distractors")
 
     def __post_init__(self) -> None:
+        # Checked here, because Python code and Inspect make settings without the command line.
         one_of("part", self.part, get_args(TaskPart))
         whole("depth", self.depth, 1, MAX_DEPTH)
         whole("distractors", self.distractors, 0, MAX_SIZE)
         if self.base is not None and not self.open_ended:
             raise ConfigError(f"`base` {','.join(self.base)}: a base needs `open_ended`.")
-        for name in self._of_tasks if self.open_ended else ():
-            if getattr(self, name) != getattr(type(self), name):
-                raise ConfigError(f"`open_ended` has no tasks; omit `{name}`.")
+        if self.open_ended:
+            for name in self._of_tasks:
+                # The class has the default: another value was given by the user.
+                if getattr(self, name) != getattr(type(self), name):
+                    raise ConfigError(f"`open_ended` has no tasks; omit `{name}`.")
         if self.attempts is not None:
-            whole(
-                "attempts",
-                self.attempts,
-                *((1, MAX_SIZE) if self.open_ended else (self.depth, MAX_ATTEMPTS)),
-            )
+            # With fewer attempts than its depth, a task cannot be solved.
+            fewest = 1 if self.open_ended else self.depth
+            most = MAX_SIZE if self.open_ended else MAX_ATTEMPTS
+            whole("attempts", self.attempts, fewest, most)
         one_of("knowledge", self.knowledge, get_args(KnowledgeKind))
         whole("look_ups", self.look_ups, 0, MAX_SIZE)
         if self.knowledge == "scorer" and self.scorer is None:
             raise ConfigError("`knowledge` scorer: add the model folder as `scorer`.")
         if self.knowledge != "scorer" and self.scorer is not None:
             raise ConfigError(
-                f"`scorer` {self.scorer}: a scorer needs `knowledge` scorer; add this setting, or omit the scorer."
+                f"`scorer` {self.scorer}: a scorer needs `knowledge` scorer; add this setting, or "
+                "omit the scorer."
             )
 
     @property
@@ -105,7 +113,8 @@ class EvaluationSettings(GameSettings):
     Attributes:
         distractor_seeds: distractor seeds per task; number of games with --open-ended.
         tasks: number of tasks, evenly spaced over the part. Default: all.
-        max_invalid: consecutive invalid actions without cost; the next invalid action costs the attempt.
+        max_invalid: consecutive invalid actions without cost; the next invalid action costs the
+            attempt.
     """
 
     distractor_seeds: int = 1

@@ -1,6 +1,8 @@
-"""Submissions to the benchmark: a folder with ``submission.json`` and all games, which verification plays again.
+"""Submissions to the benchmark: a folder with ``submission.json`` and all games.
 
-Both files are canonical: the same games give the same bytes, and verification compares bytes.
+Anyone may send one, so nothing in it is trusted: verification plays all games again by the rules,
+computes all results again, and compares bytes. Both files are canonical: the same games give the
+same bytes. What a player declares about itself cannot be verified; it may only be a harmless line.
 """
 
 import datetime
@@ -44,7 +46,9 @@ MESSAGES = "messages"
 _MOST_SHOWN = 300
 """Characters of a wrong value in an error."""
 SCHEMA = Path(__file__).parent / "data" / "submission.schema.json"
+# Processors may differ in the last bits of a mean, and verification compares bytes.
 _DIGITS = 6
+# Declared numbers are shown in tables: the limits keep nonsense out, and columns narrow.
 MOST_DOLLARS = 1_000_000
 MOST_TOKENS = 10**12
 _Amount = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
@@ -53,12 +57,13 @@ _Tokens = Annotated[int, msgspec.Meta(ge=0, le=MOST_TOKENS)]
 LONGEST_NAME = 100
 LONGEST_TEXT = 500
 LONGEST_FILE_NAME = 255
-# Declared texts are letters and digits of any script, with common punctuation. Refused are characters that mark up text
-# or columns (angle brackets, bars, backquotes, backslashes), addresses of mail, control and invisible characters, and
-# the page's own daggers.
+# Declared texts are letters and digits of any script, with common punctuation. Refused are
+# characters that mark up text or columns (angle brackets, bars, backquotes, backslashes), addresses
+# of mail, control and invisible characters, and the page's own daggers.
 _PATTERN = (
-    "^[^\\u0000-\\u001f\\u007f-\\u00a0\\u00ad\\u034f\\u061c\\u115f\\u1160\\u1680\\u17b4\\u17b5\\u180e\\u2000-\\u200f"
-    "\\u2020\\u2021\\u2028-\\u202f\\u205f-\\u206f\\u2800\\u3000\\u3164\\ufe00-\\ufe0f\\ufeff\\uffa0\\ufff9-\\uffff<>|`\\\\@]+$"
+    "^[^\\u0000-\\u001f\\u007f-\\u00a0\\u00ad\\u034f\\u061c\\u115f\\u1160\\u1680\\u17b4\\u17b5"
+    "\\u180e\\u2000-\\u200f\\u2020\\u2021\\u2028-\\u202f\\u205f-\\u206f\\u2800\\u3000\\u3164"
+    "\\ufe00-\\ufe0f\\ufeff\\uffa0\\ufff9-\\uffff<>|`\\\\@]+$"
 )
 # The pattern is for other programs: here, `check_declared` refuses the same texts in words.
 _SHOWN: Any = {"pattern": _PATTERN}
@@ -75,6 +80,7 @@ _Date = Annotated[
     str,
     msgspec.Meta(pattern="^[0-9]{4}-[0-9]{2}-[0-9]{2}$", max_length=10, description="ISO 8601"),
 ]
+# A page or a viewer may turn an address into a link, and a link may run code or open a program.
 _SCHEME = re.compile(r"([a-z][a-z0-9+.-]*)\s*:\s*//", re.IGNORECASE)
 _CODE = re.compile(r"\b(?:javascript|vbscript)\s*:|\bdata\s*:\s*\w+/", re.IGNORECASE)
 _STACKED = re.compile(r"[\u0300-\u036f\u0483-\u0489\u1ab0-\u1aff\u1dc0-\u1dff\u20d0-\u20ff]{3}")
@@ -83,7 +89,13 @@ _STACKED = re.compile(r"[\u0300-\u036f\u0483-\u0489\u1ab0-\u1aff\u1dc0-\u1dff\u2
 
 @dataclass(frozen=True)
 class Played:
-    """A player's decisions in a game: labels of the combined pairs (None for a lost attempt), and counts."""
+    """A player's decisions in a game: all that a replay needs.
+
+    Attributes:
+        pairs: labels of the combined pairs in turn; None for an attempt lost by invalid answers.
+        look_ups: number of entities that were looked up.
+        invalid_actions: number of invalid answers.
+    """
 
     pairs: Sequence[Pair | None]
     look_ups: int = 0
@@ -94,10 +106,15 @@ class GameLine(Record, frozen=True, kw_only=True, omit_defaults=True):
     """A game: a line in ``games.jsonl``.
 
     Attributes:
+        number: number of the game in the track, from 0.
+        goal: label of the entity to make; None in open-ended games.
         pairs: labels of the combined pairs in turn; None for an attempt lost by invalid answers.
         made: for each attempt, the labels of the new entities.
-        success, by_plan: whether the goal was made, and by a plan's last pair; None in open-ended games.
-        known: number of known entities at the end of an open-ended game.
+        success: whether the goal was made; None in open-ended games.
+        by_plan: whether a plan's last pair made the goal; None in open-ended games.
+        known: number of known entities at the end of an open-ended game; None for tasks.
+        look_ups: number of entities that were looked up.
+        invalid_actions: number of invalid answers.
         ended: whether the game ended with attempts left and without success.
     """
 
@@ -113,13 +130,16 @@ class GameLine(Record, frozen=True, kw_only=True, omit_defaults=True):
     ended: bool = False
 
 
-class Figures(Record, frozen=True, kw_only=True):
-    """Figures over all games, rounded to six digits.
+class TrackFigures(Record, frozen=True, kw_only=True):
+    """Results over all games, rounded to six digits.
 
     Attributes:
+        games: number of games.
         mean: share of made goals, or mean number of known entities after the last attempt.
-        ci_low, ci_high: 95 % interval: a bootstrap over the groups of tasks that the track's split holds out together,
-            or Student's t over open-ended games. In earlier submissions the bootstrap is over tasks.
+        ci_low: lower end of the 95 % interval: a bootstrap over the groups of tasks that the
+            track's split holds out together, or Student's t over open-ended games. In earlier
+            submissions the bootstrap is over tasks.
+        ci_high: upper end of this interval.
         by_plan: share of goals made by a plan's last pair; None in open-ended games.
         known: mean number of known entities by attempts; empty for tasks.
     """
@@ -136,15 +156,29 @@ class Submission(Record, frozen=True, kw_only=True):
     """A submission (``submission.json``).
 
     Attributes:
-        benchmark, benchmark_hash, scoring: name, SHA-256 of the manifest file, and version of the scoring.
+        format: format of the file.
+        benchmark: name and version of the benchmark.
+        benchmark_hash: SHA-256 of the benchmark's manifest file.
+        scoring: version of the rules of scoring.
+        track: name of the track, such as ``craft-8-lite``.
+        graph_hash: content hash of the book's graph.
+        player: the player's name in tables.
+        kind: kind of the player, such as ``program``.
         weights: SHA-256 of the weights by file or model name; empty without weights.
         prompts: standard prompts of this package, custom prompts, or none for players without text.
+        prompt_hash: hash of the prompts; null for players without text.
         training_data: data on which the player was trained, as declared.
-        knowledge: offered look-ups: none, or the train recipes.
-        tokens, price: number of tokens by kind, and price of the evaluation in US dollars, if known.
-        seconds, date: only on request, so that the same player writes the same file; the date in the calendar's form
-            2026-11-23.
+        knowledge: offered look-ups: none, or partial (the train recipes).
+        tokens: number of tokens by kind; null if unknown.
+        price: price of the evaluation in US dollars; null if unknown.
+        seconds: duration; null unless asked for, so that the same player writes the same file.
+        date: day of the evaluation, such as 2026-11-23; null unless asked for.
         licence: licence of the player or its weights, as declared.
+        look_ups: number of look-ups over all games.
+        invalid_actions: number of invalid answers over all games.
+        lost_attempts: number of attempts lost by invalid answers over all games.
+        figures: results over all games.
+        games_hash: SHA-256 of the file with the games.
     """
 
     format: Literal["wordcraft-kg submission 1"] = "wordcraft-kg submission 1"
@@ -168,7 +202,7 @@ class Submission(Record, frozen=True, kw_only=True):
     look_ups: Count
     invalid_actions: Count
     lost_attempts: Count
-    figures: Figures
+    figures: TrackFigures
     games_hash: Hash
 
 
@@ -180,9 +214,22 @@ def submission_schema() -> dict[str, Any]:
 
 
 def replay(play: Play, number: int, played: Played) -> GameLine:
-    """Play a game again by the rules; return its line, or raise an EpisodeError for impossible decisions."""
-    task, seed = (0, number) if play.settings.is_open_ended else (number, 0)
-    game, made = play.games.begin(task, seed), list[tuple[str, ...]]()
+    """Play a game again by the rules.
+
+    Args:
+        play: the games of the track.
+        number: number of the game in the track, from 0.
+        played: the player's decisions.
+
+    Returns:
+        The game's line, with the results that the rules give.
+
+    Raises:
+        EpisodeError: for decisions against the rules.
+    """
+    task, seed = game_of_track(play, number)
+    game = play.games.begin(task, seed)
+    made: list[tuple[str, ...]] = []
     for attempt, pair in enumerate(played.pairs, 1):
         before = game.labels
         if game.is_over:
@@ -196,6 +243,7 @@ def replay(play: Play, number: int, played: Played) -> GameLine:
                         f"attempt {attempt} combines '{label[:100]}', which is not on the table"
                     )
             game.combine(*map(before.index, pair))
+        # New entities take the next places behind those at hand.
         made.append(game.labels[len(before) :])
     _check_counts(play, played)
     own: dict[str, Any] = {"known": len(game.labels)}
@@ -212,13 +260,23 @@ def replay(play: Play, number: int, played: Played) -> GameLine:
     )
 
 
+def game_of_track(play: Play, number: int) -> tuple[int, int]:
+    """Return the task and the distractor seed with which a game of a track begins."""
+    return (0, number) if play.settings.is_open_ended else (number, 0)
+
+
 def _check_counts(play: Play, played: Played) -> None:
+    """Raise an EpisodeError for counts that the decisions make impossible.
+
+    The messages are not part of a submission, so only bounds can be checked.
+    """
     most = play.settings.look_ups
     if played.look_ups > most:
         raise EpisodeError(
             f"the game has {counted(played.look_ups, 'look-up')}; expected at most {most}"
         )
-    lost, each = list(played.pairs).count(None), play.settings.max_invalid + 1
+    lost = list(played.pairs).count(None)
+    each = play.settings.max_invalid + 1  # invalid answers that cost an attempt
     if played.invalid_actions < lost * each:
         few = counted(played.invalid_actions, "invalid answer")
         raise EpisodeError(
@@ -226,7 +284,7 @@ def _check_counts(play: Play, played: Played) -> None:
         )
 
 
-def figures_text(figures: Figures) -> str:
+def figures_text(figures: TrackFigures) -> str:
     """Return the mean with its interval as text, such as ``0.360 [0.270, 0.450]``."""
     digits = 3 if figures.by_plan is not None else 1
     mean, low, high = (
@@ -243,12 +301,12 @@ def answers_text(lines: Sequence[GameLine]) -> str:
         '3 of 4 invalid (75.0%)'
     """
     invalid = sum(line.invalid_actions for line in lines)
-    combined = sum(pair is not None for line in lines for pair in line.pairs)
+    combined = sum(len(line.pairs) - line.pairs.count(None) for line in lines)
     answers = invalid + combined + sum(line.look_ups for line in lines)
     return f"{invalid:,} of {answers:,} invalid ({invalid / max(answers, 1):.1%})"
 
 
-def figures_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False) -> Figures:
+def figures_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False) -> TrackFigures:
     """Return the figures over all games of a track.
 
     ``by_task``: with the interval of earlier submissions, as if a split held out tasks by themselves.
@@ -272,7 +330,7 @@ def figures_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False
         mean, interval = float(success.mean()), task_bootstrap(success[:, None], groups)
         by_plan = _rounded(np.mean([bool(line.by_plan) for line in lines]))
     low, high = interval or (mean, mean)
-    return Figures(
+    return TrackFigures(
         games=len(lines),
         mean=_rounded(mean),
         ci_low=_rounded(low),
@@ -293,7 +351,9 @@ def write_submission(
     knowledge: LookUps,
     about: Mapping[str, Any],
 ) -> tuple[Submission, list[GameLine]]:
-    """Write a submission with its games, and return both; an earlier submission is replaced at the end.
+    """Write a submission with its games, and return both.
+
+    An earlier submission is replaced at the end.
 
     Args:
         folder: folder to write, perhaps with an earlier submission.
@@ -325,6 +385,8 @@ def write_submission(
     dumped = dump_json(as_values(submission))
     _check_versions(folder, parse_record(dumped.encode(), Submission, folder / SUBMISSION_FILE))
     folder.mkdir(parents=True, exist_ok=True)
+    # The games first: between the two writes, `games_hash` of an earlier submission does not fit,
+    # and verification refuses it.
     write_atomically(folder / GAMES_FILE, text)
     write_atomically(folder / SUBMISSION_FILE, dumped)
     return submission, lines
@@ -356,6 +418,7 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     path = folder / SUBMISSION_FILE
     data = read_small_file(path)
     submission = parse_record(data, Submission, path)
+    # Before the replay: with another version of the benchmark the games are others.
     _check_versions(path, submission)
     track = open_track(submission.track)
     if submission.graph_hash != track.opened.graph.hash:
@@ -366,23 +429,33 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
         given = getattr(submission, name)
         is_earlier = name == "figures" and given == figures_of(track, lines, by_task=True)
         if given != value and not is_earlier:
-            raise _refused(path, name, *(json.dumps(as_values(each)) for each in (given, value)))
+            shown = json.dumps(as_values(given))
+            raise _refused(path, name, shown, json.dumps(as_values(value)))
+    # The same values in another form, such as other blanks, would have another hash.
     if dump_json(as_values(submission)).encode() != data:
         raise ArtefactError(f"{path} was edited: expected the form in which `bench run` writes it.")
     return msgspec.structs.replace(submission, figures=totals["figures"]), lines
 
 
 def check_declared(name: str, text: str, most: int = LONGEST_TEXT) -> None:
-    """Raise a ConfigError unless a declared text is a line of letters, digits and common punctuation.
+    """Check that a declared text is a line of letters, digits and common punctuation.
+
+    Submissions are shown in terminals, on pages and in tables, and anyone may send one: a text must
+    not mark up a page, hide characters, overwrite neighbouring lines, or hold a link that runs
+    code.
 
     Args:
         name: the setting, for the message.
         text: the declared text; addresses in it begin with http or https.
         most: largest number of characters.
+
+    Raises:
+        ConfigError: for another text.
     """
     one_line(name, text, most)
     if not re.match(_PATTERN, text):
         raise refuse(name, text, r"a text without < > | ` \ @ and invisible characters")
+    # Decomposed, a letter with an accent is two characters, so that all accents count.
     if _STACKED.search(unicodedata.normalize("NFD", text)):
         raise refuse(name, text, "at most two accents on a letter")
     schemes = {match[1].casefold() for match in _SCHEME.finditer(text)}
@@ -391,8 +464,14 @@ def check_declared(name: str, text: str, most: int = LONGEST_TEXT) -> None:
 
 
 def acceptable(text: str, most: int = LONGEST_TEXT) -> str:
-    """Return a text that passes :func:`check_declared`; a dash is in the place of refused characters."""
-    plain = re.sub(_PATTERN.replace("[^", "[").replace("+$", "").removeprefix("^"), "-", text)
+    """Return a text that passes :func:`check_declared`.
+
+    A dash is in the place of refused characters; if this is not enough, the text is "not declared".
+    A player's own name and folder give such texts, and must not stop a long evaluation at its end.
+    """
+    # `^[^...]+$` allows other characters than these; `[...]` finds one of them.
+    refused = _PATTERN.replace("[^", "[").replace("+$", "").removeprefix("^")
+    plain = re.sub(refused, "-", text)
     printable = "".join(char if char.isprintable() else "-" for char in plain).strip()[:most]
     try:
         check_declared("text", printable, most)
@@ -402,6 +481,7 @@ def acceptable(text: str, most: int = LONGEST_TEXT) -> str:
 
 
 def _check_versions(path: Path, submission: Submission) -> None:
+    """Check versions and declarations; raises ArtefactError or ConfigError for the first fault."""
     manifest, manifest_hash = read_manifest()
     versions = {
         "benchmark": manifest.name,
@@ -420,29 +500,37 @@ def _check_versions(path: Path, submission: Submission) -> None:
             datetime.date.fromisoformat(submission.date)
         except ValueError:
             raise _refused(path, "date", submission.date, "a day such as 2026-11-23") from None
-    standard, given = manifest.prompts.values(), submission.prompt_hash
+    standard = manifest.prompts.values()
+    given = submission.prompt_hash
     if submission.prompts == "standard" and given not in standard:
         raise _refused(path, "prompt_hash", given, " or ".join(standard), "declare custom prompts")
     if (submission.prompts == "none") != (given is None):
-        raise _refused(
-            path,
-            "prompts",
-            submission.prompts,
-            "none without a 'prompt_hash', else standard or custom",
-        )
+        expected = "none without a 'prompt_hash', else standard or custom"
+        raise _refused(path, "prompts", submission.prompts, expected)
 
 
 def _refused(
     path: Path, name: str, value: object, expected: object, remedy: str = "play the track again"
 ) -> Exception:
+    # A file from outside may hold values of any length.
     shown = str(value)[:_MOST_SHOWN]
     return ArtefactError(f"{path}: '{name}' is {shown}; expected {expected}. Please {remedy}.")
 
 
 def read_lines(path: Path, track: Track, play: Play) -> list[GameLine]:
-    """Read and replay the games of a track; an ArtefactError names the first line that differs from the replay."""
+    """Read and replay the games of a track.
+
+    Args:
+        path: the file with the games.
+        track: the track.
+        play: the games of the track, with the look-ups that were offered.
+
+    Raises:
+        ArtefactError: for a damaged file, a missing or needless game, or a line that differs from
+            the replay; the message names the first such line.
+    """
     texts = read_small_file(path).split(b"\n")
-    if texts.pop():
+    if texts.pop():  # what follows the last line break
         raise ArtefactError(f"{path}, line {len(texts) + 1}, has no end. Play the track again.")
     if len(texts) < len(track):
         raise ArtefactError(
@@ -453,9 +541,9 @@ def read_lines(path: Path, track: Track, play: Play) -> list[GameLine]:
         where = f"{path}, line {number + 1}"
         line = parse_record(text, GameLine, f"{where},")
         if line.number != number or number >= len(track):
-            expected = (
-                f"game {number}" if number < len(track) else f"no more than {len(track)} games"
-            )
+            expected = f"game {number}"
+            if number >= len(track):
+                expected = f"no more than {len(track)} games"
             raise ArtefactError(
                 f"{where}: game {line.number}; expected {expected}. Play the track again."
             )
@@ -463,9 +551,10 @@ def read_lines(path: Path, track: Track, play: Play) -> list[GameLine]:
             again = replay(play, number, Played(line.pairs, line.look_ups, line.invalid_actions))
         except EpisodeError as error:
             raise ArtefactError(f"{where}: {error}. Play the track again.") from None
-        if as_lines([again])[0].encode() != text + b"\n":
+        expected_line = as_lines([again])[0]
+        if expected_line.encode() != text + b"\n":
             raise ArtefactError(
-                f"{where}: the replay gives {as_lines([again])[0].strip()[:200]}. Play the track again."
+                f"{where}: the replay gives {expected_line.strip()[:200]}. Play the track again."
             )
         lines.append(line)
     return lines

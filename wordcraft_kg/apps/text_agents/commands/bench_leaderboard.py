@@ -25,6 +25,7 @@ def bench_leaderboard(
     from wordcraft_kg.apps.text_agents.leaderboard import leaderboard_page
     from wordcraft_kg.base.artefacts import output_target, write_atomically
 
+    # The page depends on the submissions alone, so that --check can compare it in full.
     page = leaderboard_page(folder)
     if not check:
         write_atomically(output_target(out), page)

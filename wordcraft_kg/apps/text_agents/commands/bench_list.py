@@ -20,9 +20,7 @@ def bench_list(*, output: Output = Output()) -> None:
         name: {"about": one.about, "games": counted(len(one.tasks or one.orders), "game")}
         for name, one in manifest.tracks.items()
     }
-    kinds = {
-        name + f":{kind.argument}" * bool(kind.argument): kind.about for name, kind in KINDS.items()
-    }
+    kinds = {kind.usage(name): kind.about for name, kind in KINDS.items()}
 
     def text() -> Iterator[str]:
         yield f"{manifest.name} of {manifest.date}, {manifest.licence}, {manifest_hash[:12]}"
@@ -33,6 +31,7 @@ def bench_list(*, output: Output = Output()) -> None:
         yield "players"
         yield from aligned([(f"  {name}", about) for name, about in kinds.items()])
 
+    # Text names the endings once; programs get each full name.
     view = {
         "benchmark": manifest.name,
         "hash": manifest_hash,

@@ -3,8 +3,11 @@
 import hashlib
 import shutil
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
@@ -15,10 +18,16 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output
 from wordcraft_kg.cli.options import Force
 
+if TYPE_CHECKING:
+    from wordcraft_kg.apps.text_agents.benchmark import Track
+    from wordcraft_kg.apps.text_agents.benchmark_players import Entrant
+    from wordcraft_kg.apps.text_agents.submission import GameLine, Submission
+
 GROUP = "Text agents"
 EXAMPLES = (
     "wordcraft-kg bench run craft-8-lite --player votes --out submission",
-    'wordcraft-kg bench run craft-8-lite --player "program:python examples/line_player.py" --out submission',
+    'wordcraft-kg bench run craft-8-lite --player "program:python examples/line_player.py" '
+    "--out submission",
     "wordcraft-kg bench run depth-2 --player planner:models/recipes --out submission",
 )
 
@@ -43,121 +52,219 @@ def bench_run(
 ) -> None:
     """Let a player play a track of the benchmark; write a submission with all games.
 
-    The same player writes the same bytes. Repeat the command to continue an interrupted program. An earlier submission
-    stays until the new one is complete.
+    The same player writes the same bytes. Repeat the command to continue an interrupted program. An
+    earlier submission stays until the new one is complete.
 
     Args:
         track: name from `bench list`, such as craft-8-lite.
         player: KIND or KIND:ARGUMENT, see `bench list`, such as random or scorer:models/mine.
-        out: folder for submission.json, games.jsonl, and a program's prompts and answers (messages).
+        out: folder for submission.json, games.jsonl, and a program's prompts and answers
+            (messages).
         name: player's name in tables.
         look_ups: look-up source for players by text: none, or partial (train recipes).
         weights: file with a text player's weights; the submission holds the hash.
-        prompts: file with the prompts, if they differ from the standard prompts; the submission holds the hash.
+        prompts: file with the prompts, if they differ from the standard prompts; the submission
+            holds the hash.
         training_data: data on which the player was trained, in words.
         licence: licence of the player or its weights.
-        tokens: numbers of input and output tokens, if the player has counted them; an Inspect log holds them.
+        tokens: numbers of input and output tokens, if the player has counted them; an Inspect log
+            holds them.
         price: price of the evaluation in US dollars.
         measured: add the date and the duration, which differ between runs.
         timeout: seconds for an answer of a program.
     """
-    from wordcraft_kg.apps.text_agents.benchmark import open_track, read_manifest
+    from wordcraft_kg.apps.text_agents.benchmark import open_track
     from wordcraft_kg.apps.text_agents.benchmark_players import RunSettings, enter
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
-    from wordcraft_kg.apps.text_agents.second_reading import read_again
-    from wordcraft_kg.apps.text_agents.submission import (
-        LONGEST_NAME,
-        LONGEST_TEXT,
-        MESSAGES,
-        MOST_DOLLARS,
-        MOST_TOKENS,
-        SUBMISSION_FILE,
-        acceptable,
-        answers_text,
-        check_declared,
-        figures_text,
-        write_submission,
-    )
-    from wordcraft_kg.base.settings import number_in
-    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+    from wordcraft_kg.apps.text_agents.submission import MESSAGES, write_submission
 
+    # Everything that the user can mistype is checked before the games, which may take hours.
     messages = out / MESSAGES
-    is_finished = (out / SUBMISSION_FILE).exists()
     is_program = player.startswith("program:")
-    is_replacing = force and (is_finished or (messages / GAMES_FILE).is_file())
-    if is_finished or not (is_program and (messages / GAMES_FILE).is_file()):
-        check_output(out, force=force)
-        if out.is_dir() and not is_finished and any(out.iterdir()):
-            raise OutputExistsError(
-                f"'{out}' {what_is(out)}, not a submission. Choose another `out`."
-            )
-    for option, text, most in (
-        ("name", name, LONGEST_NAME),
-        ("training_data", training_data, LONGEST_TEXT),
-        ("licence", licence, LONGEST_NAME),
-        ("weights", None if weights is None else weights.name, LONGEST_TEXT),
-    ):
-        if text is not None:
-            check_declared(option, text, most)
-    counts = None if tokens is None else dict(zip(("input", "output"), tokens, strict=True))
-    for each in tokens or ():
-        number_in("tokens", each, 0, MOST_TOKENS, f"two numbers of tokens, 0 to {MOST_TOKENS:,}")
-    if price is not None:
-        number_in("price", price, 0, MOST_DOLLARS, f"US dollars, 0 to {MOST_DOLLARS:,}")
-    own_prompts = None if prompts is None else hashlib.sha256(read_small_file(prompts)).hexdigest()
-    opened, begin = open_track(track), time.perf_counter()
-    with sigterm_as_interrupt():
-        try:
-            kind, entrant = enter(
-                opened, player, RunSettings(messages, look_ups, timeout, weights, is_replacing)
-            )
-        except (KeyboardInterrupt, PlayerError) as error:
-            why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
-            has_games = any(messages.rglob(GAMES_FILE)) and is_program
-            kept = " Finished games are kept; to continue, repeat the command." if has_games else ""
-            raise type(error)(f"{why}{kept}") from None
-    if counts and entrant.tokens is not None:
+    is_replacing = _check_folder(out, messages / GAMES_FILE, is_program=is_program, force=force)
+    declared = _Declared(name, training_data, licence, tokens, price)
+    declared.check(weights)
+    prompts_hash = None
+    if prompts is not None:
+        prompts_hash = hashlib.sha256(read_small_file(prompts)).hexdigest()
+    opened = open_track(track)
+    begin = time.perf_counter()
+    with _continuable(messages, is_program=is_program):
+        settings = RunSettings(messages, look_ups, timeout, weights, is_replacing)
+        kind, entrant = enter(opened, player, settings)
+    if declared.tokens and entrant.tokens is not None:
         raise ConfigError(
             f"`tokens`: the log of '{player[:100]}' has its own numbers. Leave the option out."
         )
     seconds = round(time.perf_counter() - begin, 1)
-    is_standard = own_prompts is None and entrant.prompt_hash in (
-        None,
-        *read_manifest()[0].prompts.values(),
-    )
-    about: dict[str, Any] = {
-        "player": name or acceptable(entrant.name, LONGEST_NAME),
+    about = {
         "kind": kind,
-        "weights": dict(entrant.weights),
-        "prompts": "custom"
-        if not is_standard
-        else "none"
-        if entrant.prompt_hash is None
-        else "standard",
-        "prompt_hash": own_prompts or entrant.prompt_hash,
-        "training_data": training_data or acceptable(entrant.training_data),
-        "tokens": counts if entrant.tokens is None else dict(entrant.tokens),
-        "price": price,
+        **declared.facts(entrant),
+        **_prompts(entrant, prompts_hash),
         "seconds": seconds if measured else None,
         "date": time.strftime("%Y-%m-%d", time.gmtime()) if measured else None,
-        "licence": licence or acceptable(entrant.licence, LONGEST_NAME),
     }
     written, lines = write_submission(out, opened, entrant.games, look_ups, about)
     if not is_program:
+        # A program's prompts and answers belong to the submission. Other players have none, so a
+        # folder here is from the player of a submission that was replaced.
         shutil.rmtree(messages, ignore_errors=True)
-    games = counted(written.figures.games, "game")
-    shown = [f"{track}  {written.player}  {figures_text(written.figures)} over {games}"]
     view: dict[str, Any] = {"out": str(out), "submission": written}
-    if written.prompts != "none":
-        shown.append(
-            f"answers    {answers_text(lines)}, {counted(written.lost_attempts, 'attempt')} lost"
-        )
+    shown = _shown(written, lines)
     if entrant.answers:
-        play = opened.play(look_ups)
-        again = read_again(opened, play, entrant.answers)
-        shown += [
-            f"grammar {play.settings.answer_grammar}  {figures_text(written.figures)}, the score of this track",
-            f"grammar {again.grammar}  {again.text}",
-        ]
-        view["second_reading"] = {"answer_grammar": again.grammar, "figures": again.figures}
+        second, text = _second_reading(opened, written, entrant)
+        view["second_reading"] = second
+        shown += text
     output.result(view, [*shown, f"wrote {out}/   next: wordcraft-kg bench verify {out}"])
+
+
+def _check_folder(out: Path, games: Path, *, is_program: bool, force: bool) -> bool:
+    """Check that a submission may be written, or continued, in a folder.
+
+    Args:
+        out: folder of the submission.
+        games: file with a program's games, perhaps of an interrupted run.
+        is_program: whether a program plays: only a program's games can be continued.
+        force: whether the user allows that an earlier submission is replaced.
+
+    Returns:
+        Whether earlier games are replaced at the end.
+
+    Raises:
+        OutputExistsError: if the folder has other files, or a submission without ``force``.
+    """
+    from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE
+
+    is_finished = (out / SUBMISSION_FILE).exists()
+    has_games = games.is_file()
+    is_continued = is_program and has_games and not is_finished
+    if not is_continued:
+        check_output(out, force=force)
+        # Even --force replaces submissions only, never a folder that happens to have this name.
+        if out.is_dir() and not is_finished and any(out.iterdir()):
+            raise OutputExistsError(
+                f"'{out}' {what_is(out)}, not a submission. Choose another `out`."
+            )
+    return force and (is_finished or has_games)
+
+
+@dataclass(frozen=True)
+class _Declared:
+    """What the user declares about a player; None where nothing is declared.
+
+    Attributes:
+        name: name in tables.
+        training_data: data on which the player was trained.
+        licence: licence of the player or its weights.
+        tokens: numbers of input and output tokens.
+        price: price of the evaluation in US dollars.
+    """
+
+    name: str | None
+    training_data: str | None
+    licence: str | None
+    tokens: tuple[int, int] | None
+    price: float | None
+
+    def check(self, weights: Path | None) -> None:
+        """Raise a ConfigError for a text or a number that a submission may not hold.
+
+        ``weights`` is the file with the player's weights, whose name becomes part of the
+        submission.
+        """
+        from wordcraft_kg.apps.text_agents.submission import (
+            LONGEST_NAME,
+            LONGEST_TEXT,
+            MOST_DOLLARS,
+            MOST_TOKENS,
+            check_declared,
+        )
+        from wordcraft_kg.base.settings import number_in
+
+        for option, text, most in (
+            ("name", self.name, LONGEST_NAME),
+            ("training_data", self.training_data, LONGEST_TEXT),
+            ("licence", self.licence, LONGEST_NAME),
+            ("weights", None if weights is None else weights.name, LONGEST_TEXT),
+        ):
+            if text is not None:
+                check_declared(option, text, most)
+        numbers = f"two numbers of tokens, 0 to {MOST_TOKENS:,}"
+        for number in self.tokens or ():
+            number_in("tokens", number, 0, MOST_TOKENS, numbers)
+        if self.price is not None:
+            number_in("price", self.price, 0, MOST_DOLLARS, f"US dollars, 0 to {MOST_DOLLARS:,}")
+
+    def facts(self, entrant: "Entrant") -> dict[str, Any]:
+        """Return fields of the submission: as declared, else as the player's folder says."""
+        from wordcraft_kg.apps.text_agents.submission import LONGEST_NAME, acceptable
+
+        tokens = entrant.tokens
+        if tokens is None and self.tokens is not None:
+            tokens = dict(zip(("input", "output"), self.tokens, strict=True))
+        return {
+            "player": self.name or acceptable(entrant.name, LONGEST_NAME),
+            "weights": dict(entrant.weights),
+            "training_data": self.training_data or acceptable(entrant.training_data),
+            "tokens": None if tokens is None else dict(tokens),
+            "price": self.price,
+            "licence": self.licence or acceptable(entrant.licence, LONGEST_NAME),
+        }
+
+
+@contextmanager
+def _continuable(messages: Path, *, is_program: bool) -> Iterator[None]:
+    """Say, when the games are interrupted or the player fails, whether they can be continued."""
+    from wordcraft_kg.apps.text_agents.records import GAMES_FILE
+    from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+
+    with sigterm_as_interrupt():
+        try:
+            yield
+        except (KeyboardInterrupt, PlayerError) as error:
+            why = "interrupted." if isinstance(error, KeyboardInterrupt) else error
+            has_games = is_program and any(messages.rglob(GAMES_FILE))
+            kept = " Finished games are kept; to continue, repeat the command." if has_games else ""
+            raise type(error)(f"{why}{kept}") from None
+
+
+def _prompts(entrant: "Entrant", own: str | None) -> dict[str, Any]:
+    """Return the submission's fields about prompts; ``own`` is the hash of the user's prompts."""
+    from wordcraft_kg.apps.text_agents.benchmark import read_manifest
+
+    read = entrant.prompt_hash
+    standard = read_manifest()[0].prompts.values()
+    if own is not None or (read is not None and read not in standard):
+        kind = "custom"
+    elif read is None:
+        kind = "none"
+    else:
+        kind = "standard"
+    return {"prompts": kind, "prompt_hash": own or read}
+
+
+def _shown(written: "Submission", lines: list["GameLine"]) -> list[str]:
+    """Return the result as lines of text."""
+    from wordcraft_kg.apps.text_agents.submission import answers_text, figures_text
+
+    games = counted(written.figures.games, "game")
+    result = f"{written.track}  {written.player}  {figures_text(written.figures)} over {games}"
+    if written.prompts == "none":
+        return [result]
+    lost = counted(written.lost_attempts, "attempt")
+    return [result, f"answers    {answers_text(lines)}, {lost} lost"]
+
+
+def _second_reading(
+    track: "Track", written: "Submission", entrant: "Entrant"
+) -> tuple[dict[str, Any], list[str]]:
+    """Return the result under the present answer grammar, as JSON values and as lines of text."""
+    from wordcraft_kg.apps.text_agents.second_reading import read_again
+    from wordcraft_kg.apps.text_agents.submission import figures_text
+
+    play = track.play(written.knowledge)
+    again = read_again(track, play, entrant.answers)
+    frozen = f"grammar {play.settings.answer_grammar}"
+    score = f"{frozen}  {figures_text(written.figures)}, the score of this track"
+    text = [score, f"grammar {again.grammar}  {again.text}"]
+    return {"answer_grammar": again.grammar, "figures": again.figures}, text

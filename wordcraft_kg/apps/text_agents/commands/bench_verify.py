@@ -22,11 +22,11 @@ def bench_verify(
     timeout: float = TIMEOUT,
     output: Output = Output(),
 ) -> int:
-    """Verify submissions: play all games again by the rules, and compute figures and intervals again.
+    """Verify submissions: play all games again, and compute figures and intervals again.
 
-    Each folder is marked as replayed, or refused with the reason. With --player, the player plays the track again:
-    if weights and games are the same, the submission is also marked as reproduced. The exit code is 1 if any is
-    refused.
+    Each folder is marked as replayed, or refused with the reason. With --player, the player plays
+    the track again: if weights and games are the same, the submission is also marked as reproduced.
+    The exit code is 1 if any is refused.
 
     Args:
         folders: folders of `bench run`.
@@ -41,20 +41,22 @@ def bench_verify(
     marks: list[dict[str, Any]] = []
     lines = []
     for folder in folders:
+        # A refused submission does not end the command: the others are still checked.
         try:
-            checked, mark = verify(folder), "replayed"
+            checked = verify(folder)
+            mark = "replayed"
             if player is not None:
                 from wordcraft_kg.apps.text_agents.benchmark_players import reproduce
 
                 reproduce(folder, checked, player, timeout, weights)
                 mark = "reproduced"
-            marks.append({"folder": str(folder), "mark": mark, "submission": checked})
-            games = counted(checked.figures.games, "game")
-            lines.append(
-                f"{mark}  {checked.track}  {checked.player}  {figures_text(checked.figures)} over {games}   {folder}"
-            )
         except WordCraftKGError as error:
             marks.append({"folder": str(folder), "mark": "refused", "reason": str(error)})
             lines.append(f"refused  {error}")
+            continue
+        marks.append({"folder": str(folder), "mark": mark, "submission": checked})
+        games = counted(checked.figures.games, "game")
+        result = f"{figures_text(checked.figures)} over {games}"
+        lines.append(f"{mark}  {checked.track}  {checked.player}  {result}   {folder}")
     output.result({"submissions": marks}, lines)
     return 1 if any(one["mark"] == "refused" for one in marks) else 0

@@ -21,10 +21,13 @@ if TYPE_CHECKING:
 GROUP = "Text agents"
 EXAMPLES = (
     'wordcraft-kg evaluate-text everyday --player "python examples/line_player.py"',
-    'wordcraft-kg evaluate-text everyday --player "python my_player.py" --distractors 8 --knowledge partial',
-    'wordcraft-kg evaluate-text everyday --player "python my_player.py" --open-ended --attempts 100',
+    'wordcraft-kg evaluate-text everyday --player "python my_player.py" --distractors 8 '
+    "--knowledge partial",
+    'wordcraft-kg evaluate-text everyday --player "python my_player.py" --open-ended '
+    "--attempts 100",
 )
 
+# Options in the help; the others work all the same, and are in the guide.
 SHOWN = [
     "--player",
     "--timeout",
@@ -60,8 +63,9 @@ def evaluate_text(
 ) -> None:
     """Evaluate a program that plays by text, on the tasks and tables for agents.
 
-    For each JSON object on stdin (a line with text, goal, table, attempts_left, game, new), the program writes a line
-    with two items to combine, such as: water + earth. Repeat the command to continue an interrupted evaluation.
+    For each JSON object on stdin (a line with text, goal, table, attempts_left, game, new), the
+    program writes a line with two items to combine, such as: water + earth. Repeat the command to
+    continue an interrupted evaluation.
 
     Args:
         graph: graph folder, recipe book or known book's name.
@@ -80,12 +84,13 @@ def evaluate_text(
 
     if name is not None:
         one_line("name", name, 100)
+    # The games first: a wrong setting must not start a program that loads a model.
     play = Play.open(graph, settings)
     with sigterm_as_interrupt(), LinePlayer(player, timeout=timeout) as program:
         called = name or program.name
-        folder = out or Path("text-agents") / (
-            re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player"
-        )
+        # A name may hold separators or `..`; the folder is always one below text-agents.
+        file_name = re.sub(r"[^\w.+ -]", "-", called).strip(". ") or "player"
+        folder = out or Path("text-agents") / file_name
         _check(folder)
         is_replaced = force and (folder / GAMES_FILE).is_file()
         header = GamesHeader(player=called, settings=play.settings)
@@ -102,12 +107,14 @@ def evaluate_text(
 
 
 def _check(folder: Path) -> None:
+    """Raise an OutputExistsError for a file, and for a folder with other files than games."""
     from wordcraft_kg.apps.text_agents.records import GAMES_FILE
     from wordcraft_kg.base.artefacts import output_target
 
     output_target(folder)  # a link that leads nowhere is refused before the games
     if folder.exists() and not folder.is_dir():
         raise OutputExistsError(f"'{folder}' is a file; expected a folder. Choose another --out.")
+    # Games are continued or replaced there; other files are none of this command's.
     if folder.is_dir() and any(folder.iterdir()) and not (folder / GAMES_FILE).is_file():
         raise OutputExistsError(
             f"'{folder}' exists without {GAMES_FILE}; nothing was changed. Choose another --out."
@@ -122,6 +129,7 @@ def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:
     if settings.knowledge != "none":
         rows.append(("look-ups", f"{result.look_ups:,} ({settings.knowledge})"))
     yield from aligned(rows)
+    # Such a scorer answers from memory; the result says nothing about new recipes.
     if settings.kg == "full":
         yield "the scorer was trained on all recipes, including the test recipes."
     options = f"{_reference_options(settings)} --external-results {folder}"
@@ -129,7 +137,9 @@ def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:
 
 
 def _figures(result: "TextResult") -> list[tuple[str, str]]:
-    settings, success = result.settings, result.success
+    """Return the metrics as rows of a label and a text."""
+    settings = result.settings
+    success = result.success
     if success is None:
         known = ", ".join(f"{number:g} after {mark}" for mark, number in result.known.items())
         return [("known", f"{known} attempts"), ("over", counted(result.games, "game"))]
@@ -139,15 +149,11 @@ def _figures(result: "TextResult") -> list[tuple[str, str]]:
         f"{termination.replace('_', ' ')} {share:.1%}"
         for termination, share in result.outcomes.items()
     )
+    interval = f"[{success.ci_low:.3f}, {success.ci_high:.3f}]"
+    seeds = counted(success.distractor_seeds, "distractor seed")
     return [
-        (
-            "success",
-            f"{success.mean:.3f} [{success.ci_low:.3f}, {success.ci_high:.3f}]   by plan {success.by_plan:.3f}",
-        ),
-        (
-            "over",
-            f"{tasks}, {distractors}, {counted(success.distractor_seeds, 'distractor seed')} each",
-        ),
+        ("success", f"{success.mean:.3f} {interval}   by plan {success.by_plan:.3f}"),
+        ("over", f"{tasks}, {distractors}, {seeds} each"),
         ("terminations", ", ".join(terminations)),
     ]
 
@@ -158,6 +164,6 @@ def _reference_options(settings: "PlayedSettings") -> str:
     options = (
         f"--part {settings.part} --depth {settings.depth} --distractors {settings.distractors}"
     )
-    return options + (
-        f" --attempts {settings.attempts}" if settings.attempts != settings.depth else ""
-    )
+    if settings.attempts != settings.depth:  # else the default
+        options += f" --attempts {settings.attempts}"
+    return options

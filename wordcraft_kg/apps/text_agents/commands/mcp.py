@@ -40,30 +40,34 @@ def mcp(
 ) -> None:
     """Serve games to language models as Model Context Protocol tools, until Ctrl-C.
 
-    Clients start the server and use the standard streams, or connect over HTTP. Tasks and tables are
-    the same as for agents.
+    Clients start the server and use the standard streams, or connect over HTTP. Tasks and tables
+    are the same as for agents.
 
     Args:
         graph: graph folder, recipe book or known book's name.
         settings: the games.
-        track: track of the benchmark, such as craft-8-lite, instead of other games; fits with --knowledge only.
+        track: track of the benchmark, such as craft-8-lite, instead of other games; fits with
+            --knowledge only.
         transport: stdio, for a local client that starts the server, or http.
-        host: address to listen on; any but 127.0.0.1, such as 0.0.0.0, opens the games to other machines.
+        host: address to listen on; any but 127.0.0.1, such as 0.0.0.0, opens the games to other
+            machines.
         port: port to listen on; 0 selects a free port.
-        allow_host: additional server name or address, as with --host 0.0.0.0 or a proxy; repeatable.
+        allow_host: additional server name or address, as with --host 0.0.0.0 or a proxy;
+            repeatable.
         out: file for finished games (JSON lines), which the same command continues.
     """
+    # One foreign line on stdout, and the client cannot parse the protocol any more.
     if transport == "stdio" and output.json:
         raise ConfigError(
             "--json: stdout is reserved for the protocol; omit --json, or add --transport http."
         )
-    if track is not None and (graph, settings) != (
-        "everyday",
-        GameSettings(knowledge=settings.knowledge),
-    ):
-        raise ConfigError(
-            "--track has its own games; omit the graph and the options of games but --knowledge."
-        )
+    if track is not None:
+        has_own_games = settings != GameSettings(knowledge=settings.knowledge)
+        if graph != "everyday" or has_own_games:
+            raise ConfigError(
+                "--track has its own games; omit the graph and the options of games "
+                "but --knowledge."
+            )
     check_extra("mcp")
     from wordcraft_kg.apps.text_agents.benchmark import open_track
     from wordcraft_kg.apps.text_agents.conversation import Play
@@ -78,15 +82,16 @@ def mcp(
     from wordcraft_kg.apps.web.serving import listen, serve
 
     with ExitStack() as stack:
-        listening = (
-            stack.enter_context(listen(host, port)) if transport == "http" else None
-        )  # before the work
+        # The port first: if it is taken, nobody waits for a graph and a model to load.
+        listening = None
+        if transport == "http":
+            listening = stack.enter_context(listen(host, port))
+        # Tools reject an invalid call, and the client asks again; so it never costs an attempt.
         rules: dict[str, Any] = {"max_invalid": NEVER, "prompt_hash": tools_hash()}
-        play = (
-            open_track(track).play(settings.knowledge, **rules)
-            if track
-            else Play.open(graph, settings, **rules)
-        )
+        if track:
+            play = open_track(track).play(settings.knowledge, **rules)
+        else:
+            play = Play.open(graph, settings, **rules)
         hosted = HostedGames(play)
         if out is not None:
             header = GamesHeader(player="MCP clients", settings=hosted.play.settings)
@@ -100,7 +105,7 @@ def mcp(
             output.result(
                 {"address": address + PATH}, [f"{address}{PATH}   Ctrl-C stops the server"]
             )
-            sys.stdout.flush()
+            sys.stdout.flush()  # a script may wait for the address on a pipe
 
         serve(make_http_app(server, host, allow_host or ()), listening, started, has_lifespan=True)
 
@@ -111,9 +116,9 @@ def _serve_stdio(server: "MCPServer[Any]") -> None:
             "Waiting for an MCP client on stdin and stdout; Ctrl-C stops the server.",
             file=sys.stderr,
         )
-    signal.signal(
-        signal.SIGINT, signal.SIG_DFL
-    )  # the SDK reads stdin in a thread that cannot be interrupted
+    # The SDK reads stdin in a thread that cannot be interrupted, so Python's own handler would
+    # wait for it for ever.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     try:
         server.run("stdio")
     except* BrokenPipeError:

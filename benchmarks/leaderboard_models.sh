@@ -9,7 +9,8 @@ out="$1" rows=leaderboard/everyday-v2
 check() { # PLAYER ROW...
   local player="$1"
   shift
-  wordcraft-kg bench verify "${@/#/$rows/}" --player "$player" || true
+  local files=("${@/#/$rows/}")
+  wordcraft-kg bench verify "${files[@]/%/.zip}" --player "$player" || true
 }
 
 wordcraft-kg build-graph everyday --out "$out/by-recipe"

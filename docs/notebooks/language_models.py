@@ -64,12 +64,12 @@ assert main(["bench", "verify", "submission"]) == 0
 
 # %%
 submissions = [
-    verify(path.parent) for path in sorted(Path("leaderboard/everyday-v2/craft-1-lite").glob("*/submission.json"))
+    verify(path) for path in sorted(Path("leaderboard/everyday-v2/craft-1-lite").glob("*.zip"))
 ]
 table = pd.DataFrame(
     {
         "player": one.player,
-        "success": figures_text(one),
+        "success": figures_text(one.figures),
         "look-ups": one.look_ups,
         "invalid answers": one.invalid_actions,
         "tokens": "" if one.tokens is None else f"{sum(one.tokens.values()):,}",

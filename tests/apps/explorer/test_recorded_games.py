@@ -18,8 +18,9 @@ from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.records import PlayedSettings
 from wordcraft_kg.apps.text_agents.results import play_all
 from wordcraft_kg.apps.text_agents.submission import Submission
+from wordcraft_kg.apps.text_agents.submission_files import read_submission_file
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
-from wordcraft_kg.base.records import checked_values, read_record
+from wordcraft_kg.base.records import checked_values, parse_record
 from wordcraft_kg.studies.result_readers import read_table_games
 
 
@@ -103,9 +104,10 @@ def test_a_game_at_a_table_of_the_evaluation_is_shown_there_too(played):
 
 
 def test_the_games_of_a_benchmark_are_those_of_its_submission():
-    folder = Path(__file__).parents[3] / "leaderboard/everyday-v2/craft-1-lite/graph"
+    folder = Path(__file__).parents[3] / "leaderboard/everyday-v2/craft-1-lite/graph.zip"
     games = read_table_games(open_graph("everyday"), folder)
-    mean = read_record(folder / "submission.json", Submission).figures.mean
+    data = read_submission_file(folder, "submission.json")
+    mean = parse_record(data, Submission, folder).figures.mean
     assert sum(game.success for game in games) / len(games) == pytest.approx(mean)
     with pytest.raises(GraphMismatchError, match="was played on graph"):
         read_table_games(open_graph("kitchen"), folder)

@@ -3,6 +3,7 @@ import re
 import runpy
 import shlex
 import sys
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from wordcraft_kg import (
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer
 from wordcraft_kg.agents.players import knowledge_players, scorer_players
-from wordcraft_kg.apps.text_agents import benchmark, benchmark_players, submission
+from wordcraft_kg.apps.text_agents import benchmark, benchmark_players, submission, submission_files
 from wordcraft_kg.apps.text_agents.benchmark import (
     FrozenTask,
     FrozenTrack,
@@ -712,7 +713,7 @@ def test_submissions_with_an_interval_over_tasks_stay_valid_and_are_shown_over_g
     folder = copied("goal-8-lite", "votes")
     record = json.loads((folder / "submission.json").read_text())
     track = open_track("goal-8-lite")
-    lines = read_lines(folder / "games.jsonl", track, track.play())
+    lines = read_lines(folder, track, track.play())
     now, before = figures_of(track, lines), figures_of(track, lines, by_task=True)
     assert record["figures"] == as_values(now)
     assert now.mean == before.mean
@@ -722,3 +723,47 @@ def test_submissions_with_an_interval_over_tasks_stay_valid_and_are_shown_over_g
     edit(folder, figures=as_values(before) | {"ci_high": 0.999999})
     with pytest.raises(ArtefactError, match="'figures' is"):
         verify(folder)
+
+
+def archived(folder, path, names=("submission.json", "games.jsonl")):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in names:
+            archive.write(folder / name, name)
+    return path
+
+
+def test_an_archive_of_the_two_files_is_a_submission_too(submitted, tmp_path):
+    folder = submitted(player="votes")
+    archive = archived(folder, tmp_path / "votes.zip")
+    assert verify(archive) == verify(folder)
+    bench_leaderboard(tmp_path, out=tmp_path / "page.md")
+    assert "| reproduced |" in (tmp_path / "page.md").read_text()
+
+
+@pytest.mark.parametrize(
+    ("damage", "says"),
+    [
+        (lambda data: data[: len(data) // 2], "is damaged"),
+        (lambda data: data.replace(b"PK", b"QK"), "is damaged"),
+        (lambda data: b"", "is damaged"),
+    ],
+)
+def test_a_damaged_archive_is_refused_by_name(submitted, tmp_path, damage, says):
+    archive = archived(submitted(player="votes"), tmp_path / "votes.zip")
+    archive.write_bytes(damage(archive.read_bytes()))
+    with pytest.raises(ArtefactError, match=f"votes.zip.*{says}"):
+        verify(archive)
+
+
+def test_an_archive_without_games_or_with_too_large_ones_is_refused(
+    submitted, tmp_path, monkeypatch
+):
+    folder = submitted(player="votes")
+    archive = archived(folder, tmp_path / "votes.zip", ["submission.json"])
+    with pytest.raises(ArtefactError, match=r"has no games\.jsonl"):
+        verify(archive)
+    # An archive may unpack to a thousand times its size.
+    bomb = archived(folder, tmp_path / "bomb.zip")
+    monkeypatch.setattr(submission_files, "SMALL_FILE", bomb.stat().st_size + 1)
+    with pytest.raises(ArtefactError, match=r"games\.jsonl has more than"):
+        verify(bomb)

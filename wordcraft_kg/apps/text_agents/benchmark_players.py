@@ -29,6 +29,7 @@ from wordcraft_kg.apps.text_agents.records import (
 from wordcraft_kg.apps.text_agents.results import play_all, read_games, replaced_games
 from wordcraft_kg.apps.text_agents.settings import TIMEOUT, LookUps
 from wordcraft_kg.apps.text_agents.submission import Played, Submission, replay
+from wordcraft_kg.apps.text_agents.submission_files import read_submission_file
 from wordcraft_kg.base.artefacts import check_file, sha256_of
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_lines
@@ -432,7 +433,7 @@ def reproduce(
     """Let a submission's player play again, and compare all games with the submission.
 
     Args:
-        folder: folder of the submission.
+        folder: folder or archive of the submission.
         submission: the submission, already verified.
         player: the player, as for :func:`enter`.
         timeout: seconds for an answer of a program.
@@ -468,7 +469,7 @@ def reproduce(
                 f"{folder}: '{name}' is {given}, but the given player has {value}. Play as before."
             )
     # `verify` has checked the file: a line for each game, in the canonical form.
-    lines = path.read_bytes().splitlines(keepends=True)
+    lines = read_submission_file(folder, GAMES_FILE).splitlines(keepends=True)
     for number, (line, played) in enumerate(zip(lines, entrant.games, strict=True)):
         if [line.decode()] != as_lines([replay(play, number, played)]):
             raise ArtefactError(

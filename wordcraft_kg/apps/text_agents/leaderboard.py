@@ -9,12 +9,12 @@ from pathlib import Path
 from wordcraft_kg.apps.text_agents.benchmark import read_manifest
 from wordcraft_kg.apps.text_agents.benchmark_players import KINDS, reproduce
 from wordcraft_kg.apps.text_agents.submission import (
-    SUBMISSION_FILE,
     Submission,
     answers_text,
     figures_text,
     verified_games,
 )
+from wordcraft_kg.apps.text_agents.submission_files import submissions_below
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.escaping import for_markdown, look_alike_key
 from wordcraft_kg.base.progress import steps
@@ -64,10 +64,10 @@ def leaderboard_page(folder: Path) -> str:
     Raises:
         ArtefactError: if there is no submission, or one is refused.
     """
-    paths = sorted(path.parent for path in folder.rglob(SUBMISSION_FILE))
+    paths = submissions_below(folder)
     if not paths:
         raise ArtefactError(
-            f"'{folder}' has no submission; expected folders of `wordcraft-kg bench run`."
+            f"'{folder}' has no submission; expected folders of `wordcraft-kg bench run`, or archives of them."
         )
     marked = [_marked(path) for path in steps("verifying submissions", paths)]
     return "\n".join(_lines(marked)) + "\n"

@@ -21,9 +21,14 @@ from wordcraft_kg.apps.text_agents.records import (
 )
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, groups_of, read_games, result_of
 from wordcraft_kg.apps.text_agents.settings import GameSettings
-from wordcraft_kg.apps.text_agents.submission import SUBMISSION_FILE, Submission, read_lines
+from wordcraft_kg.apps.text_agents.submission import Submission, read_lines
+from wordcraft_kg.apps.text_agents.submission_files import (
+    SUBMISSION_FILE,
+    is_submission,
+    read_submission_file,
+)
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.records import read_record
+from wordcraft_kg.base.records import parse_record
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import (
@@ -58,7 +63,7 @@ def _games_file(path: Path) -> Path:
 
 def _knows(path: Path) -> bool:
     return (
-        (path / SUBMISSION_FILE).is_file()
+        is_submission(path)
         or _is_log(path)
         or begins_with(_games_file(path), *get_args(GamesFormat))
     )
@@ -69,7 +74,7 @@ def _result(path: Path, opened: OpenedGraph) -> TextResult:
 
     Raises ConfigError for a track's games, which are other tasks.
     """
-    if (path / SUBMISSION_FILE).is_file():
+    if is_submission(path):
         raise ConfigError(f"'{path}' has the games of a track, not all tasks; see `bench run`.")
     if _is_log(path):
         result = read_inspect_log(path, opened)
@@ -248,7 +253,7 @@ def _row(
 
 
 def _games(path: Path, opened: OpenedGraph) -> Iterator[TableGame]:
-    if (path / SUBMISSION_FILE).is_file():
+    if is_submission(path):
         games = _submitted_games(path, opened)
     elif _is_log(path):
         logged = read_logged_games(path)
@@ -263,9 +268,10 @@ def _games(path: Path, opened: OpenedGraph) -> Iterator[TableGame]:
 
 def _submitted_games(path: Path, opened: OpenedGraph) -> list[TableGame]:
     """Return the games on tasks in a submission, after replaying them."""
-    submission = read_record(path / SUBMISSION_FILE, Submission)
+    data = read_submission_file(path, SUBMISSION_FILE)
+    submission = parse_record(data, Submission, path / SUBMISSION_FILE)
     track = open_track(submission.track)
-    lines = read_lines(path / GAMES_FILE, track, track.play(submission.knowledge))
+    lines = read_lines(path, track, track.play(submission.knowledge))
     graph = track.opened.graph
     games = []
     # An open-ended track has no tasks, so this leaves its lines out.

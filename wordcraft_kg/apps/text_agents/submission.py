@@ -24,7 +24,8 @@ from wordcraft_kg.apps.text_agents.games import Pair, TaskGame
 from wordcraft_kg.apps.text_agents.records import GAMES_FILE
 from wordcraft_kg.apps.text_agents.results import mean_known
 from wordcraft_kg.apps.text_agents.settings import LookUps
-from wordcraft_kg.base.artefacts import dump_json, read_small_file, sha256_of, write_atomically
+from wordcraft_kg.apps.text_agents.submission_files import SUBMISSION_FILE, read_submission_file
+from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, EpisodeError
 from wordcraft_kg.base.records import (
     Count,
@@ -40,7 +41,6 @@ from wordcraft_kg.base.settings import one_line, refuse
 from wordcraft_kg.base.statistics import student_interval, task_bootstrap
 from wordcraft_kg.base.wording import counted
 
-SUBMISSION_FILE = "submission.json"
 MESSAGES = "messages"
 """Folder in a submission with a text player's prompts and answers, which verification ignores."""
 _MOST_SHOWN = 300
@@ -415,16 +415,17 @@ def verify(folder: Path) -> Submission:
 
 def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     """Return a verified submission with its games, see :func:`verify`."""
-    path = folder / SUBMISSION_FILE
-    data = read_small_file(path)
+    path = folder / SUBMISSION_FILE  # for messages; an archive is no folder, but reads like one
+    data = read_submission_file(folder, SUBMISSION_FILE)
     submission = parse_record(data, Submission, path)
     # Before the replay: with another version of the benchmark the games are others.
     _check_versions(path, submission)
     track = open_track(submission.track)
     if submission.graph_hash != track.opened.graph.hash:
         raise _refused(path, "graph_hash", submission.graph_hash, track.opened.graph.hash)
-    lines = read_lines(folder / GAMES_FILE, track, track.play(submission.knowledge))
-    totals = _totals(track, lines) | {"games_hash": sha256_of(folder / GAMES_FILE)}
+    lines = read_lines(folder, track, track.play(submission.knowledge))
+    games_hash = hashlib.sha256(read_submission_file(folder, GAMES_FILE)).hexdigest()
+    totals = _totals(track, lines) | {"games_hash": games_hash}
     for name, value in totals.items():
         given = getattr(submission, name)
         is_earlier = name == "figures" and given == figures_of(track, lines, by_task=True)
@@ -517,11 +518,11 @@ def _refused(
     return ArtefactError(f"{path}: '{name}' is {shown}; expected {expected}. Please {remedy}.")
 
 
-def read_lines(path: Path, track: Track, play: Play) -> list[GameLine]:
+def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
     """Read and replay the games of a track.
 
     Args:
-        path: the file with the games.
+        folder: folder or archive of the submission.
         track: the track.
         play: the games of the track, with the look-ups that were offered.
 
@@ -529,7 +530,8 @@ def read_lines(path: Path, track: Track, play: Play) -> list[GameLine]:
         ArtefactError: for a damaged file, a missing or needless game, or a line that differs from
             the replay; the message names the first such line.
     """
-    texts = read_small_file(path).split(b"\n")
+    path = folder / GAMES_FILE
+    texts = read_submission_file(folder, GAMES_FILE).split(b"\n")
     if texts.pop():  # what follows the last line break
         raise ArtefactError(f"{path}, line {len(texts) + 1}, has no end. Play the track again.")
     if len(texts) < len(track):

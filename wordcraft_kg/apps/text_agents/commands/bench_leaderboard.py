@@ -18,7 +18,7 @@ def bench_leaderboard(
     """Verify all submissions in a folder, and write a page with a table for each track.
 
     Args:
-        folder: folder with the folders of `bench run`, at any depth.
+        folder: folder with folders of `bench run`, or ZIP archives of their files, at any depth.
         out: Markdown page to write.
         check: write nothing, and fail if the page would change.
     """

@@ -29,7 +29,7 @@ def bench_verify(
     The exit code is 1 if any is refused.
 
     Args:
-        folders: folders of `bench run`.
+        folders: folders of `bench run`, or ZIP archives of their two files.
         player: the player of the submissions, as for `bench run`.
         weights: file with a text player's weights.
         timeout: seconds for an answer of a program.

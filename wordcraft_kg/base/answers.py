@@ -1,18 +1,19 @@
 r"""The answer grammar: which two items a message of a player names.
 
-Grammar 1 reads the last line of a message as a whole, see :func:`~wordcraft_kg.base.labels.read_pair`. Grammar 2 reads
-the forms in which language models write, and refuses a message that could mean several pairs. The first rule that
-applies decides:
+Grammar 1 reads the last line of a message as a whole, see
+:func:`~wordcraft_kg.base.labels.read_pair`. Grammar 2 reads the forms in which language models
+write, and refuses a message that could mean several pairs. The first rule that applies decides:
 
-1. JSON at the end of the message: ``["a", "b"]``, ``{"first": "a", "second": "b"}``, or ``{"answer": "a + b"}``.
-2. The last line as a whole, as in grammar 1. If pairs also follow the result (``a + b = c, c + d = e``), the line is
-   ambiguous.
+1. JSON at the end of the message: ``["a", "b"]``, ``{"first": "a", "second": "b"}``, or
+    ``{"answer": "a + b"}``.
+2. The last line as a whole, as in grammar 1. If pairs also follow the result (``a + b = c, c + d =
+   e``), the line is ambiguous.
 3. A marked answer in the last line: ``Final answer: a and b``, or ``\boxed{a + b}``.
-4. The only pair of known items in the last line (``I combine **a** + **b** now.``), without negation or alternative.
+4. The only pair of known items in the last line (``I combine **a** + **b** now.``), without
+    negation or alternative.
 
-In all rules of grammar 2 an item may be written with its number, as prompts print it (``2 orchard + 3 doctor``), and a
-label that is a number has priority over the place with this number.
-"""
+In all rules of grammar 2 an item may be written with its number, as prompts print it (``2 orchard +
+3 doctor``), and a label that is a number has priority over the place with this number."""
 
 import json
 import re
@@ -185,7 +186,8 @@ def _only_pair(line: str, labels: Sequence[str]) -> list[Pair]:
     pair = _one_of([one.pair for one in found.pairs], labels)
     if not found.is_clear:
         raise ActionError(
-            f"the answer mentions {labels[pair[0]]} + {labels[pair[1]]}, but with a negation, a question, an "
+            f"the answer mentions {labels[pair[0]]} + {labels[pair[1]]}, but with a negation, a "
+            "question, an "
             "alternative, or other items. Write the pair alone in the last line."
         )
     return [pair]

@@ -104,8 +104,8 @@ def what_is(path: Path) -> str:
 def output_target(out: Path) -> Path:
     """Return the path that an output replaces: the end of a link, so that the link stays; otherwise ``out`` itself.
 
-    Only outputs that a user names are followed through links. Files in a folder are not: a folder that somebody else
-    made may hold links to any file of the user's.
+    Only outputs that a user names are followed through links. Files in a folder are not: a folder
+    that somebody else made may hold links to any file of the user's.
 
     Raises:
         OutputExistsError: if ``out`` is a device, a pipe or a socket, or a link that leads nowhere.
@@ -116,7 +116,8 @@ def output_target(out: Path) -> Path:
     target = Path(os.path.realpath(out))
     if not os.path.lexists(target):
         raise OutputExistsError(
-            f"'{out}' is a link to '{target}', which does not exist. Remove the link, or choose another `out`."
+            f"'{out}' is a link to '{target}', which does not exist. Remove the link, or choose "
+            "another `out`."
         )
     if target.is_symlink():
         raise OutputExistsError(
@@ -133,7 +134,8 @@ def _refuse_special(path: Path) -> None:
         return
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OutputExistsError(
-            f"'{path}' is a device, a pipe or a socket; expected a file or a folder. Choose another `out`."
+            f"'{path}' is a device, a pipe or a socket; expected a file or a folder. Choose "
+            "another `out`."
         )
 
 
@@ -188,9 +190,8 @@ def drop_temporary(folder: Path) -> None:
 def check_output(out: Path, *, force: bool) -> None:
     """Check, before any work, that an output may be written to ``out``.
 
-    OutputExistsError if ``out`` exists and ``force`` is False. A file, a device, or a non-empty folder that this
-    package did not write, is never replaced; a link must lead to a folder.
-    """
+    OutputExistsError if ``out`` exists and ``force`` is False. A file, a device, or a non-empty
+    folder that this package did not write, is never replaced; a link must lead to a folder."""
     output_target(out)
     if out.is_file():
         raise OutputExistsError(
@@ -200,7 +201,8 @@ def check_output(out: Path, *, force: bool) -> None:
         return
     if not has_only_temporary(out) and not any((out / name).is_file() for name in _OWN_FILES):
         raise OutputExistsError(
-            f"'{out}' exists and does not look like an output of wordcraft-kg (without {', '.join(_OWN_FILES)});"
+            f"'{out}' exists and does not look like an output of wordcraft-kg (without "
+            f"{', '.join(_OWN_FILES)});"
             " the folder is not replaced, even with `force`. Choose another `out`."
         )
     if not force:

@@ -1,8 +1,8 @@
 """Texts from outside in an output: one function for each format, and the comparison of look-alike names.
 
-A label, a name, a path or a commit of a hub is foreign text: it may hold escape codes of terminals, marks that reorder
-a line, links or headings. Each function returns a text that the format shows character for character.
-"""
+A label, a name, a path or a commit of a hub is foreign text: it may hold escape codes of terminals,
+marks that reorder a line, links or headings. Each function returns a text that the format shows
+character for character."""
 
 import re
 import unicodedata
@@ -10,16 +10,20 @@ import unicodedata
 from markupsafe import Markup, escape
 
 _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
-# Control characters reach a terminal as commands, and lone surrogates (bytes of a path that are not UTF-8) end print in
-# an error. Blanks other than the space, format characters other than joiners (which some scripts and emoji need),
+# Control characters reach a terminal as commands, and lone surrogates (bytes of a path that are not
+# UTF-8) end print in
+# an error. Blanks other than the space, format characters other than joiners (which some scripts
+# and emoji need),
 # fillers and tags are invisible, or change the direction of a line.
 _HIDDEN = re.compile(
     "[\x00-\x1f\x7f-\xa0\xad\u034f\u115f\u1160\u1680\u17b4\u17b5\u180e\u2000-\u200b\u2028\u2029\u202f\u205f-\u2065"
     f"\u206a-\u206f\u2800\u3000\u3164\ufeff\uffa0\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f{_BIDI}]"
 )
 _BIDI_MARK = re.compile(f"[{_BIDI}]")
-# All characters that begin a construct of Markdown inside a line or a table. The pipe ends a cell, even inside code.
-# Some dialects turn bare addresses into links, so the colon of `http://` and the point of `example.org` are among them.
+# All characters that begin a construct of Markdown inside a line or a table. The pipe ends a cell,
+# even inside code.
+# Some dialects turn bare addresses into links, so the colon of `http://` and the point of
+# `example.org` are among them.
 _MARKDOWN = re.compile(r"[\\`*_{}\[\]<>#|&~!$^@=]|(?<=[A-Za-z]):(?=//)|(?<=\w)\.(?=[^\W\d])")
 # At the beginning of a line, these make a list, a rule, a heading or a definition.
 _MARKDOWN_START = re.compile(r"^(\s*)([-+:]|\d+[.)])")
@@ -42,7 +46,8 @@ def for_terminal(text: str) -> str:
 def for_markdown(text: str) -> str:
     """Return a text for a cell or a line of Markdown: no link, image, heading, code or further cell comes from it.
 
-    Character references are used in place of backslashes, because all dialects show them as plain text, even in tables.
+    Character references are used in place of backslashes, because all dialects show them as plain
+    text, even in tables.
 
     Example:
         >>> for_markdown("[x](javascript:0) | a_b")
@@ -79,7 +84,8 @@ def _references(found: re.Match[str] | str) -> str:
     return "".join(mark if mark.isdigit() else f"&#{ord(mark)};" for mark in marks)
 
 
-# Letters of other scripts, and digits, that look like a Latin letter in common fonts: the frequent part of the
+# Letters of other scripts, and digits, that look like a Latin letter in common fonts: the frequent
+# part of the
 # confusables of Unicode Technical Standard 39, after case folding.
 _LOOKS_LIKE = {
     "a": "\u0430\u03b1\u0251",  # Cyrillic a, Greek alpha, Latin alpha
@@ -113,8 +119,8 @@ _LATIN = str.maketrans({char: letter for letter, chars in _LOOKS_LIKE.items() fo
 def look_alike_key(name: str) -> str:
     r"""Return a key that names share if readers can hardly tell them apart.
 
-    Compatibility forms, case, accents, blanks, kinds of dashes, and letters of other scripts or digits in the place of
-    Latin letters make no difference.
+    Compatibility forms, case, accents, blanks, kinds of dashes, and letters of other scripts or
+    digits in the place of Latin letters make no difference.
 
     Example:
         >>> look_alike_key("r\u0430nd0m") == look_alike_key("Random")

@@ -1,8 +1,7 @@
 """Parser for entity labels in texts by people and models; different spellings are accepted if the match is unique.
 
-The rules have a version, the answer grammar. A frozen benchmark keeps the version under which it was published;
-:mod:`wordcraft_kg.base.answers` reads whole messages, and names the differences.
-"""
+The rules have a version, the answer grammar. A frozen benchmark keeps the version under which it
+was published; :mod:`wordcraft_kg.base.answers` reads whole messages, and names the differences."""
 
 import re
 import unicodedata
@@ -53,10 +52,10 @@ def read_label(
 ) -> int:
     """Return the index of the label that a text names.
 
-    The first matching rule decides: exact label; number from 1; case-insensitive label; label without article, quotes
-    and punctuation; singular or plural; number and label as printed (``2 orchard``); label prefix. A number is never
-    the spelling or the prefix of another label. In grammar 1 the number comes before the exact label, and the number
-    with a label is not read.
+    The first matching rule decides: exact label; number from 1; case-insensitive label; label
+    without article, quotes and punctuation; singular or plural; number and label as printed (``2
+    orchard``); label prefix. A number is never the spelling or the prefix of another label. In
+    grammar 1 the number comes before the exact label, and the number with a label is not read.
 
     Args:
         written: text that names a label.
@@ -169,9 +168,10 @@ def read_pair(
 ) -> tuple[int, int]:
     """Return the indices of the two labels that a text such as ``water + earth`` names, in written order.
 
-    Separators are ``+``, ``&``, comma, semicolon, ``and``, ``with``, ``plus`` and ``then``; a blank between two numbers
-    is enough. A leading verb and a trailing result (``= mud``, ``-> mud``) are ignored. A label may contain a separator
-    if the result is unambiguous. ActionError if the text does not name two labels, or could name several pairs.
+    Separators are ``+``, ``&``, comma, semicolon, ``and``, ``with``, ``plus`` and ``then``; a blank
+    between two numbers is enough. A leading verb and a trailing result (``= mud``, ``-> mud``) are
+    ignored. A label may contain a separator if the result is unambiguous. ActionError if the text
+    does not name two labels, or could name several pairs.
 
     Example:
         >>> read_pair("Combine the water with earth", ["earth", "fire", "water"])

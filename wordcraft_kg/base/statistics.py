@@ -1,8 +1,8 @@
 """Confidence intervals for success rates, and statistics that compare agents trained with several seeds.
 
-Intervals have a confidence of 95 % unless stated otherwise; ``draws`` is the number of resamples, and ``seed`` fixes
-the resampling. Every function raises a ConfigError for scores that are empty, not finite or misshapen.
-"""
+Intervals have a confidence of 95 % unless stated otherwise; ``draws`` is the number of resamples,
+and ``seed`` fixes the resampling. Every function raises a ConfigError for scores that are empty,
+not finite or misshapen."""
 
 import math
 from collections.abc import Sequence
@@ -66,7 +66,8 @@ def cluster_interval(
         level: confidence.
 
     Returns:
-        lower and upper bound; below :data:`FEWEST_GROUPS` clusters those of :func:`crossed_difference`.
+        lower and upper bound; below :data:`FEWEST_GROUPS` clusters those of
+        :func:`crossed_difference`.
     """
     if len(np.unique(clusters)) >= FEWEST_GROUPS:
         return interval(means, level)
@@ -101,9 +102,8 @@ def by_task(name: str, values: ArrayLike, axes: str) -> Scores:
 def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None = None) -> Scores:
     """Return scores, shape (E, E), scaled to mean 0 and standard deviation 1 over pairs of different entities.
 
-    Self scores (the diagonal) are scaled too but do not count for mean and deviation, because they are often outliers.
-    With ``among`` (entity ids), only pairs of these entities count.
-    """
+    Self scores (the diagonal) are scaled too but do not count for mean and deviation, because they
+    are often outliers. With ``among`` (entity ids), only pairs of these entities count."""
     scores = np.asarray(table, dtype=np.float64)
     counted = scores if among is None else scores[np.ix_(among, among)]
     different = counted[~np.eye(len(counted), dtype=bool)]
@@ -115,17 +115,19 @@ def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None 
     return np.asarray((scores - different.mean()) / deviation)
 
 
-# --- success rates over tasks ----------------------------------------------------------------------------------------
+# --- success rates over tasks
+# ----------------------------------------------------------------------------------------
 
 
 def wilson_interval(successes: float, n: int) -> tuple[float, float]:
     """Return Wilson's score interval for a success probability: lower and upper bound.
 
-    The interval contains the probabilities p that a two-sided normal test does not reject,
-    ``|k/n - p| <= z * sqrt(p (1 - p) / n)``: ``(k + z²/2 ± z * sqrt(k (n - k) / n + z²/4)) / (n + z²)``. The bounds
-    stay within 0 and 1, and the width is positive even for k = 0 and k = n.
+    The interval contains the probabilities p that a two-sided normal test does not reject, ``|k/n -
+    p| <= z * sqrt(p (1 - p) / n)``: ``(k + z²/2 ± z * sqrt(k (n - k) / n + z²/4)) / (n + z²)``. The
+    bounds stay within 0 and 1, and the width is positive even for k = 0 and k = n.
 
-    ``successes`` is k, from 0 to ``n``; a sum of rates need not be whole. ``n`` counts independent trials, from 1.
+    ``successes`` is k, from 0 to ``n``; a sum of rates need not be whole. ``n`` counts independent
+    trials, from 1.
 
     Source: Wilson 1927, "Probable inference, the law of succession, and statistical inference".
     """
@@ -146,13 +148,15 @@ def task_bootstrap(
 ) -> tuple[float, float]:
     """Return a bootstrap interval for a mean success rate, resampling whole groups of tasks.
 
-    Attempts at one task are correlated, and so are tasks that a split holds out together, such as all tasks of a goal:
-    whole groups are resampled with all tasks and attempts (cluster bootstrap). With a group's sum of rates ``s_g`` and
-    its ``n_g`` tasks, the bounds are quantiles of ``sum_g c_g s_g / sum_g c_g n_g``, where the counts c are multinomial
-    with G draws from G groups. Equal groups are drawn together, so a draw's cost grows with the distinct groups.
+    Attempts at one task are correlated, and so are tasks that a split holds out together, such as
+    all tasks of a goal: whole groups are resampled with all tasks and attempts (cluster bootstrap).
+    With a group's sum of rates ``s_g`` and its ``n_g`` tasks, the bounds are quantiles of ``sum_g
+    c_g s_g / sum_g c_g n_g``, where the counts c are multinomial with G draws from G groups. Equal
+    groups are drawn together, so a draw's cost grows with the distinct groups.
 
-    If all groups have the same rate, resampling shows no variation; Wilson's interval for G trials is used instead.
-    Below :data:`FEWEST_GROUPS` groups resampling shows too little of it; :func:`rate_interval` is used instead.
+    If all groups have the same rate, resampling shows no variation; Wilson's interval for G trials
+    is used instead. Below :data:`FEWEST_GROUPS` groups resampling shows too little of it;
+    :func:`rate_interval` is used instead.
 
     Args:
         successes: shape (N tasks, D attempts), 0 and 1.
@@ -164,10 +168,11 @@ def task_bootstrap(
         lower and upper bound, within 0 and 1.
 
     Raises:
-        ConfigError: for a table of another shape, a value other than 0 and 1, or not one group for each task.
+        ConfigError: for a table of another shape, a value other than 0 and 1, or not one group for
+            each task.
 
-    Source: Davison and Hinkley 1997, "Bootstrap methods and their application", section 3.8; Wilson 1927.
-    """
+    Source: Davison and Hinkley 1997, "Bootstrap methods and their application", section 3.8; Wilson
+    1927."""
     rng = np.random.default_rng(seed)
     table = by_task("successes", successes, "(tasks, attempts)")
     wrong = table[(table != 0) & (table != 1)]
@@ -191,9 +196,10 @@ def paired_difference(
 ) -> Interval:
     """Return the mean difference between two players' success on the same tasks, and its bootstrap interval.
 
-    With the rates ``a_i`` and ``b_i`` on task i, the difference is ``mean_i (a_i - b_i)``. Whole groups of tasks are
-    resampled, as in :func:`task_bootstrap`, in pairs: a task that is hard for both players does not widen the
-    interval. Below :data:`FEWEST_GROUPS` groups, the interval is that of :func:`crossed_difference`.
+    With the rates ``a_i`` and ``b_i`` on task i, the difference is ``mean_i (a_i - b_i)``. Whole
+    groups of tasks are resampled, as in :func:`task_bootstrap`, in pairs: a task that is hard for
+    both players does not widen the interval. Below :data:`FEWEST_GROUPS` groups, the interval is
+    that of :func:`crossed_difference`.
 
     Args:
         x: successes of the first player, 0 and 1, shape (N tasks, D attempts).
@@ -213,7 +219,8 @@ def paired_difference(
     rng, a, b = np.random.default_rng(seed), finite("x", x), finite("y", y)
     if a.ndim != 2 or b.ndim != 2 or len(a) != len(b):
         raise ConfigError(
-            f"x of shape {a.shape} and y of shape {b.shape}: expected (tasks, attempts) of the same tasks."
+            f"x of shape {a.shape} and y of shape {b.shape}: expected (tasks, attempts) of the "
+            "same tasks."
         )
     difference = a.mean(axis=1) - b.mean(axis=1)
     sums, sizes = _group_sums(difference, groups)
@@ -248,13 +255,13 @@ def _group_sums(values: Scores, groups: Groups) -> tuple[Scores, Scores]:
 def rate_interval(scores: ArrayLike, groups: Groups) -> tuple[float, float]:
     """Return the interval for a mean success rate over seeds and tasks.
 
-    Wilson's interval with the half-width h of :func:`crossed_difference` at the rate p: with ``q = h² / p (1 - p)`` the
-    bounds are ``(p + q/2 ± sqrt(q p (1 - p) + q²/4)) / (1 + q)``, within 0 and 1 and skewed near them. If all groups
-    have the same rate, q grows by ``z² / G``. A single seed shows no variation between seeds: the interval then covers
-    tasks only.
+    Wilson's interval with the half-width h of :func:`crossed_difference` at the rate p: with ``q =
+    h² / p (1 - p)`` the bounds are ``(p + q/2 ± sqrt(q p (1 - p) + q²/4)) / (1 + q)``, within 0 and
+    1 and skewed near them. If all groups have the same rate, q grows by ``z² / G``. A single seed
+    shows no variation between seeds: the interval then covers tasks only.
 
-    ``scores`` has shape (S seeds, K tasks); ``groups`` is the number of each task's group, shape (K,), or None if each
-    task is a group of its own.
+    ``scores`` has shape (S seeds, K tasks); ``groups`` is the number of each task's group, shape
+    (K,), or None if each task is a group of its own.
 
     Source: Wilson 1927, with the variance of two random effects in place of the binomial one.
     """
@@ -272,23 +279,25 @@ def crossed_difference(
 ) -> tuple[Interval, float]:
     """Return a mean difference between two agents over seeds and tasks, its interval, and the p-value of "none".
 
-    ``scores``, shape (S seeds, K tasks), are differences of rates, paired by seed and task. Tasks are in G groups that
-    a split holds out together: ``groups`` has the number of each task's group, shape (K,), or is None if each task is
-    a group of its own; ``level`` is the confidence.
+    ``scores``, shape (S seeds, K tasks), are differences of rates, paired by seed and task. Tasks
+    are in G groups that a split holds out together: ``groups`` has the number of each task's group,
+    shape (K,), or is None if each task is a group of its own; ``level`` is the confidence.
 
-    ``h² = t²_(S-1) max(v_seeds - v_rest, 0) + t²_(H-1) v_groups`` adds the variance of the mean by seeds, without the
-    noise of single trainings on single groups, and by groups: ``v_groups`` and ``v_rest`` are jackknife variances over
-    groups. Few seeds and few groups get Student's t; ``H = K² / sum_g n_g²`` groups of equal size say as much as G
-    groups with n_g tasks. With groups of one task these are the mean squares of a two-way table.
+    ``h² = t²_(S-1) max(v_seeds - v_rest, 0) + t²_(H-1) v_groups`` adds the variance of the mean by
+    seeds, without the noise of single trainings on single groups, and by groups: ``v_groups`` and
+    ``v_rest`` are jackknife variances over groups. Few seeds and few groups get Student's t; ``H =
+    K² / sum_g n_g²`` groups of equal size say as much as G groups with n_g tasks. With groups of
+    one task these are the mean squares of a two-way table.
 
-    The p-value is the level at which the interval reaches 0. If all groups have the same difference, their part is
-    ``z² / G`` in place of 0, as for a rate of 0 or 1. One task leaves the part of the seeds; one group of several
-    tasks says nothing of other groups. ``benchmarks/interval_coverage.py`` simulates the coverage.
+    The p-value is the level at which the interval reaches 0. If all groups have the same
+    difference, their part is ``z² / G`` in place of 0, as for a rate of 0 or 1. One task leaves the
+    part of the seeds; one group of several tasks says nothing of other groups.
+    ``benchmarks/interval_coverage.py`` simulates the coverage.
 
-    Source: Howe 1974, "Approximate confidence limits on the mean of X + Y where X and Y are two tabled independent
-    random variables"; Cameron and Miller 2015, "A practitioner's guide to cluster-robust inference", section VI, for
-    the jackknife over groups and for Student's t with fewer groups than there are.
-    """
+    Source: Howe 1974, "Approximate confidence limits on the mean of X + Y where X and Y are two
+    tabled independent random variables"; Cameron and Miller 2015, "A practitioner's guide to
+    cluster-robust inference", section VI, for the jackknife over groups and for Student's t with
+    fewer groups than there are."""
     from scipy.special import ndtri
 
     table, least = by_task("scores", scores, "(seeds, tasks)"), 1e-100
@@ -313,11 +322,13 @@ class _Crossed:
     """What varies in a table of S seeds and K tasks in G groups.
 
     Attributes:
-        of_seeds: standard error of the mean by seeds, without the noise of single trainings on single groups.
+        of_seeds: standard error of the mean by seeds, without the noise of single trainings on
+            single groups.
         of_groups: standard error of the mean by groups of tasks, with this noise.
         seeds: S.
         groups: number of groups of equal size that say as much, at most G: ``K² / sum_g n_g²``.
-        floor: 1 / G if all groups have the same mean, which does not say that all groups are alike; else 0.
+        floor: 1 / G if all groups have the same mean, which does not say that all groups are alike;
+            else 0.
     """
 
     of_seeds: float
@@ -342,7 +353,8 @@ def _crossed(table: Scores, groups: Groups) -> _Crossed:
     deviations, sizes = _group_sums(by_column - mean, groups)
     number, of_groups, of_seeds = len(sizes), 0.0, 0.0
     if number > 1:
-        # Leaving out group g moves the mean by its summed deviation / (K - n_g): the jackknife over groups.
+        # Leaving out group g moves the mean by its summed deviation / (K - n_g): the jackknife over
+        # groups.
         left, widened = tasks - sizes, (number - 1) / number
         of_groups = math.sqrt(widened * ((deviations / left) ** 2).sum())
     if seeds > 1:
@@ -361,7 +373,8 @@ def _crossed(table: Scores, groups: Groups) -> _Crossed:
     )
 
 
-# --- several seeds ---------------------------------------------------------------------------------------------------
+# --- several seeds --------------------------------------------------------------------------------
+# -------------------
 
 
 FEWEST_PAIRS = 3
@@ -373,9 +386,9 @@ def student_interval(
 ) -> tuple[float, float] | None:
     """Return Student's t interval for the mean score over seeds, shape (S,); None for a single seed.
 
-    ``mean ± t_(S-1) s / sqrt(S)``, with the scores' sample deviation s, cut to the possible values ``within``. A
-    bootstrap fails for few seeds: resampling 3 seeds gives [minimum, maximum], which covers the true mean with
-    probability .68 instead of .95, and with 2 seeds .48.
+    ``mean ± t_(S-1) s / sqrt(S)``, with the scores' sample deviation s, cut to the possible values
+    ``within``. A bootstrap fails for few seeds: resampling 3 seeds gives [minimum, maximum], which
+    covers the true mean with probability .68 instead of .95, and with 2 seeds .48.
 
     Source: Student 1908, "The probable error of a mean".
     """
@@ -394,15 +407,17 @@ def split_interval(
 ) -> tuple[float, float]:
     """Return the interval for the mean score over splits of a book, never narrower than the task noise of a split.
 
-    ``mean ± h``: with s the sample deviation of the S scores and e² the mean squared standard error of a score within
-    its split, h² is the larger of Student's ``t²_(S-1) s² / S`` and ``t²_(S-1) max(s² - e², 0) / S + z² e²``. Three
-    scores may be alike by chance, and Student's t alone is then narrower than the noise of the tasks in each. The noise
-    e is not divided by S: splits share a book, so their test parts overlap and their trainings share most recipes. A
-    single split has the noise of its tasks.
+    ``mean ± h``: with s the sample deviation of the S scores and e² the mean squared standard error
+    of a score within its split, h² is the larger of Student's ``t²_(S-1) s² / S`` and ``t²_(S-1)
+    max(s² - e², 0) / S + z² e²``. Three scores may be alike by chance, and Student's t alone is
+    then narrower than the noise of the tasks in each. The noise e is not divided by S: splits share
+    a book, so their test parts overlap and their trainings share most recipes. A single split has
+    the noise of its tasks.
 
     Args:
         scores: a score for each split, shape (S,).
-        errors: standard error of each score within its split, shape (S,), such as ``sqrt(p (1 - p) / n)``.
+        errors: standard error of each score within its split, shape (S,), such as ``sqrt(p (1 - p)
+            / n)``.
         within: lowest and highest possible value, to which the interval is cut.
 
     Returns:
@@ -411,10 +426,10 @@ def split_interval(
     Raises:
         ConfigError: unless there is an error for each score.
 
-    Source: the variance between splits as in DerSimonian and Laird 1986, "Meta-analysis in clinical trials"; added to
-    the variance within as in Howe 1974; Nadeau and Bengio 2003, "Inference for the generalization error", on splits of
-    the same data, whose mean varies more than that of independent samples.
-    """
+    Source: the variance between splits as in DerSimonian and Laird 1986, "Meta-analysis in clinical
+    trials"; added to the variance within as in Howe 1974; Nadeau and Bengio 2003, "Inference for
+    the generalization error", on splits of the same data, whose mean varies more than that of
+    independent samples."""
     from scipy.special import stdtrit
 
     values, noise = finite("scores", scores).ravel(), finite("errors", errors).ravel()
@@ -432,7 +447,8 @@ def split_interval(
     return max(mean - half, lowest), min(mean + half, highest)
 
 
-# --- comparisons and correlations ------------------------------------------------------------------------------------
+# --- comparisons and correlations
+# ------------------------------------------------------------------------------------
 
 
 _FEWEST = 3  # points: any two lie on a line
@@ -442,9 +458,9 @@ _CERTAIN = 1 - 1e-12  # artanh of 1 is infinite
 def holm(p_values: Sequence[float]) -> list[float]:
     """Return p-values corrected for multiple tests by Holm's method, which controls the family-wise error rate.
 
-    With the m values in ascending order, ``p'_(i) = max_(j <= i) min(1, (m - j + 1) p_(j))``. Rejecting below .05 errs
-    anywhere in at most 5 % of all studies, under any dependence between the comparisons; Holm's method never rejects
-    less than Bonferroni's correction.
+    With the m values in ascending order, ``p'_(i) = max_(j <= i) min(1, (m - j + 1) p_(j))``.
+    Rejecting below .05 errs anywhere in at most 5 % of all studies, under any dependence between
+    the comparisons; Holm's method never rejects less than Bonferroni's correction.
 
     Source: Holm 1979, "A simple sequentially rejective multiple test procedure".
     """
@@ -463,15 +479,15 @@ def correlation(
 ) -> Interval | None:
     """Compute the correlation of paired values x and y, both of shape (N,), and its interval.
 
-    Pearson's correlation measures how near the points (x_i, y_i) are to a line. Spearman's is Pearson's correlation of
-    the ranks (ties share their mean rank). The interval is ``tanh(artanh r ± z sqrt(c / (N - 3)))``, with c = 1 for
-    Pearson's and ``1 + r²/2`` for Spearman's correlation; of 3 points it is -1 to 1.
+    Pearson's correlation measures how near the points (x_i, y_i) are to a line. Spearman's is
+    Pearson's correlation of the ranks (ties share their mean rank). The interval is ``tanh(artanh r
+    ± z sqrt(c / (N - 3)))``, with c = 1 for Pearson's and ``1 + r²/2`` for Spearman's correlation;
+    of 3 points it is -1 to 1.
 
     The result is None for fewer than 3 points, or if all x or all y are equal.
 
-    Source: Fisher 1921; Bonett and Wright 2000, "Sample size requirements for estimating Pearson, Kendall and Spearman
-    correlations".
-    """
+    Source: Fisher 1921; Bonett and Wright 2000, "Sample size requirements for estimating Pearson,
+    Kendall and Spearman correlations"."""
     one_of("kind", kind, ("pearson", "spearman"))
     a, b = finite("x", x), finite("y", y)
     if a.ndim != 1 or a.shape != b.shape:

@@ -31,7 +31,8 @@ def encode_labels(
 ) -> tuple[NDArray[np.float16], dict[str, str]]:
     """Encode N labels with a sentence encoder, or with mean pooling over the tokens of another transformer.
 
-    No code of the model is run: modules that sentence-transformers does not have are refused by name.
+    No code of the model is run: modules that sentence-transformers does not have are refused by
+    name.
 
     Args:
         labels: N texts.
@@ -43,8 +44,10 @@ def encode_labels(
 
     Raises:
         MissingExtraError: if a package is missing or too old.
-        ConfigError: if a label has only tokens for unknown text, and so the vector of any such label.
-        ArtefactError: if the model is damaged, incomplete, needs code, or is far larger than its weights.
+        ConfigError: if a label has only tokens for unknown text, and so the vector of any such
+            label.
+        ArtefactError: if the model is damaged, incomplete, needs code, or is far larger than its
+            weights.
     """
     check_extra("text")
     check_sentence_transformers()
@@ -102,7 +105,8 @@ def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
     ):  # a vocabulary of bytes has tokens for any text
         if {*tokenizer(label, add_special_tokens=False).input_ids} <= {unknown}:
             raise ConfigError(
-                f"the label '{label}' has no tokens in this encoder's vocabulary. Use an `encoder` for the labels' "
+                f"the label '{label}' has no tokens in this encoder's vocabulary. Use an "
+                "`encoder` for the labels' "
                 "language, or rename the entity."
             )
 

@@ -1,10 +1,10 @@
 """Refuse a pretrained model that would run code, before any library reads its folder.
 
-A model folder from elsewhere is data of a stranger. Its JSON files can name Python classes to import, kernels and other
-models to download, options that switch off a library's own checks, and sizes that no memory holds. The libraries refuse
-most of that if asked to; this module refuses the rest, and by name. It imports no library of models, except to look up
-the kind of a model that names code and may not need it.
-"""
+A model folder from elsewhere is data of a stranger. Its JSON files can name Python classes to
+import, kernels and other models to download, options that switch off a library's own checks, and
+sizes that no memory holds. The libraries refuse most of that if asked to; this module refuses the
+rest, and by name. It imports no library of models, except to look up the kind of a model that names
+code and may not need it."""
 
 import os
 import re
@@ -49,7 +49,8 @@ def check_sentence_transformers() -> None:
     installed = version("sentence-transformers")
     if Version(installed) < Version(SAFE_SENTENCE_TRANSFORMERS):
         raise MissingExtraError(
-            f"sentence-transformers {installed} runs Python code that a model folder names; expected "
+            f"sentence-transformers {installed} runs Python code that a model folder names; "
+            "expected "
             f"{SAFE_SENTENCE_TRANSFORMERS} or later: {pip_install(extra='text')}"
         )
 
@@ -58,8 +59,9 @@ def check_model_files(path: Path) -> None:
     """Check a model folder, or a ``.gguf`` file and the files beside it, before a library reads them.
 
     Raises:
-        ArtefactError: if a file names code, a kernel or another model to load, has weights as a pickle only, sets an
-            option that the loader must decide, is a device or a pipe, or is a link out of the folder.
+        ArtefactError: if a file names code, a kernel or another model to load, has weights as a
+            pickle only, sets an option that the loader must decide, is a device or a pipe, or is a
+            link out of the folder.
     """
     folder = path if path.is_dir() else path.parent
     if path.is_dir():
@@ -81,7 +83,8 @@ def check_model_files(path: Path) -> None:
             continue
         if file.name == _ADAPTER:
             raise ArtefactError(
-                f"'{folder}' is an adapter ({_ADAPTER}), which loads another model. Merge the adapter into its model, "
+                f"'{folder}' is an adapter ({_ADAPTER}), which loads another model. Merge the "
+                "adapter into its model, "
                 "and give that folder."
             )
         content = read_json(file)
@@ -91,7 +94,8 @@ def check_model_files(path: Path) -> None:
                 named += sorted(_strings(value))
     if named and not _is_known(folder):
         raise ArtefactError(
-            f"'{folder}' needs its own Python code, {named[0]}, and code of a model is never run. Give a model that "
+            f"'{folder}' needs its own Python code, {named[0]}, and code of a model is never "
+            "run. Give a model that "
             "transformers itself knows."
         )
 
@@ -100,7 +104,8 @@ def _module_folders(folder: Path) -> list[Path]:
     """Return the folders of modules that ``modules.json`` names.
 
     Raises:
-        ArtefactError: if a class is no module of a text encoder, or a path is not the name of a folder in this one.
+        ArtefactError: if a class is no module of a text encoder, or a path is not the name of a
+            folder in this one.
     """
     file = folder / "modules.json"
     if not os.path.lexists(file):
@@ -112,12 +117,14 @@ def _module_folders(folder: Path) -> list[Path]:
         kind, path = about.get("type"), about.get("path")
         if not isinstance(kind, str) or not _MODULE.fullmatch(kind):
             raise ArtefactError(
-                f"'{file}' names the module {kind!r}, and code of a model is never run; expected modules of "
+                f"'{file}' names the module {kind!r}, and code of a model is never run; expected "
+                "modules of "
                 f"sentence-transformers for text: {', '.join(_MODULES)}. Give another model."
             )
         if not isinstance(path, str) or not _FOLDER_NAME.fullmatch(path):
             raise ArtefactError(
-                f"'{file}' has the path {path!r} of a module; expected the name of a folder. Restore a copy."
+                f"'{file}' has the path {path!r} of a module; expected the name of a folder. "
+                "Restore a copy."
             )
         if path and (folder / path).is_dir():
             folders.append(folder / path)
@@ -128,14 +135,16 @@ def _check_places(folder: Path, files: Iterable[Path]) -> None:
     """Refuse devices, pipes, and links out of the model folder."""
     root = os.path.realpath(folder)
     inside = [root]
-    # In a cache of the hub, the files of a model are links to the folder blobs beside its snapshots.
+    # In a cache of the hub, the files of a model are links to the folder blobs beside its
+    # snapshots.
     if os.path.basename(os.path.dirname(root)) == "snapshots":
         inside.append(os.path.join(os.path.dirname(os.path.dirname(root)), "blobs"))
     for file in files:
         place = os.path.realpath(file)
         if not any(Path(place).is_relative_to(allowed) for allowed in inside):
             raise ArtefactError(
-                f"'{file}' is a link out of the model folder, to {place}. Replace the link by a copy of the file."
+                f"'{file}' is a link out of the model folder, to {place}. Replace the link by a "
+                "copy of the file."
             )
         if not file.is_file():
             raise ArtefactError(f"'{file}' is not a regular file. Restore a copy.")
@@ -146,7 +155,8 @@ def _check_weights(place: Path) -> None:
     pickles = sorted(place.glob("pytorch_model*.bin"))
     if pickles and not any(place.glob("model*.safetensors")):
         raise ArtefactError(
-            f"'{place}' has weights as a pickle only, {pickles[0].name}, and a pickle can run code. Give a model with "
+            f"'{place}' has weights as a pickle only, {pickles[0].name}, and a pickle can run "
+            "code. Give a model with "
             "weights in model.safetensors."
         )
     for index in sorted(place.glob("*.index.json")):
@@ -155,7 +165,8 @@ def _check_weights(place: Path) -> None:
         for name in named:
             if not _WEIGHTS.fullmatch(name):
                 raise ArtefactError(
-                    f"'{index}' names '{name}'; expected *.safetensors in the same folder. Restore a copy."
+                    f"'{index}' names '{name}'; expected *.safetensors in the same folder. "
+                    "Restore a copy."
                 )
 
 
@@ -177,7 +188,8 @@ def _check_item(file: Path, key: str, value: Any) -> None:
         problem = f"names the activation function {value!r}, which is not one of torch"
     if problem:
         raise ArtefactError(
-            f"'{file}' {problem}, and code of a model is never run. Give another model, or remove this setting."
+            f"'{file}' {problem}, and code of a model is never run. Give another model, or "
+            "remove this setting."
         )
 
 

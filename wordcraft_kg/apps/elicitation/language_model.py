@@ -1,8 +1,8 @@
 """Tables from a causal language model: how much more probable is a label after a text about another label?
 
-For each entity and prompt the model reads one text, in one forward pass without generation. A cell is a pointwise
-mutual information: the label's log-probability after the text, minus its log-probability after neutral texts.
-"""
+For each entity and prompt the model reads one text, in one forward pass without generation. A cell
+is a pointwise mutual information: the label's log-probability after the text, minus its
+log-probability after neutral texts."""
 
 import hashlib
 import json
@@ -68,14 +68,16 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
 
     Args:
         path: model folder with weights in safetensors, or a ``.gguf`` file.
-        random_seed: seed for random weights in the same architecture, as a control; None for the model's weights.
+        random_seed: seed for random weights in the same architecture, as a control; None for the
+            model's weights.
 
     Returns:
         The model in float32, its tokenizer, and hashes.
 
     Raises:
         MissingExtraError: if a package is missing.
-        ArtefactError: if the model is damaged, incomplete, not causal, needs code, or is far larger than its weights.
+        ArtefactError: if the model is damaged, incomplete, not causal, needs code, or is far larger
+            than its weights.
     """
     check_extra("text")
     check_model_files(path)
@@ -124,16 +126,16 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
 def label_tokens(tokenizer: Any, label: str) -> list[int]:
     """Return the tokens that stand for a label: the first token of each word after a blank.
 
-    The mean of their log-probabilities is the label's log-probability. ConfigError if a word has no token, or only the
-    token for unknown words.
-    """
+    The mean of their log-probabilities is the label's log-probability. ConfigError if a word has no
+    token, or only the token for unknown words."""
     before = len(tokenizer("a", add_special_tokens=False).input_ids)
     tokens = []
     for word in label.split():
         token = tokenizer(f"a {word}", add_special_tokens=False).input_ids[before : before + 1]
         if not token or token[0] == tokenizer.unk_token_id:
             raise ConfigError(
-                f"the label '{label}' has no tokens in this language model's vocabulary. Use a `model` for the labels' "
+                f"the label '{label}' has no tokens in this language model's vocabulary. Use a "
+                "`model` for the labels' "
                 "language, or rename the entity."
             )
         tokens += token
@@ -196,19 +198,19 @@ def elicit_knowledge(
 ) -> KnowledgeTables:
     """Write a knowledge folder with a table for each prompt, and return the tables.
 
-    Rows are saved in a hidden folder beside ``out``: a call after an interruption computes only the remaining rows.
-    ``report`` is called with the numbers of finished and of all texts. KeyboardInterrupt after Ctrl-C has the number of
-    saved texts.
+    Rows are saved in a hidden folder beside ``out``: a call after an interruption computes only the
+    remaining rows. ``report`` is called with the numbers of finished and of all texts.
+    KeyboardInterrupt after Ctrl-C has the number of saved texts.
 
-    ConfigError if the tables are too large, or a label has no tokens; ArtefactError if a probability is not finite;
-    OutputExistsError if ``out`` exists and ``force`` is False.
-    """
+    ConfigError if the tables are too large, or a label has no tokens; ArtefactError if a
+    probability is not finite; OutputExistsError if ``out`` exists and ``force`` is False."""
     out = with_a_name(out)
     check_output(out, force=force)
     size = graph.num_entities
     if len(prompts) * size**2 * 2 > _LARGEST:
         raise ConfigError(
-            f"{len(prompts)} tables of {size:,} x {size:,} entities need {len(prompts) * size**2 * 2:,} bytes; "
+            f"{len(prompts)} tables of {size:,} x {size:,} entities need "
+            f"{len(prompts) * size**2 * 2:,} bytes; "
             f"expected at most {_LARGEST:,}. Use a smaller graph, or fewer `prompts`."
         )
     text = prompts_text(prompts)

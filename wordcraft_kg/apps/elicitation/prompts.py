@@ -17,10 +17,12 @@ class Prompt(Record, frozen=True, kw_only=True):
     Attributes:
         name: name of the table.
         role: role of the table: ``part``, ingredient and result, or ``pair``, two ingredients.
-        about: role of the entity in the text, ingredient or result; the next words have the other role.
+        about: role of the entity in the text, ingredient or result; the next words have the other
+            role.
         template: text with ``{e}``, a label, or ``{E}``, a label with a capital letter.
         neutral: texts with a general word, such as "something", in place of the label.
-        phrase: evidence in explanations, with ``{ingredient}`` and ``{result}``, or ``{a}`` and ``{b}``.
+        phrase: evidence in explanations, with ``{ingredient}`` and ``{result}``, or ``{a}`` and
+            ``{b}``.
     """
 
     name: str
@@ -38,7 +40,8 @@ class Prompt(Record, frozen=True, kw_only=True):
             )
         if not self.neutral or any(not text or text != text.strip() for text in texts):
             raise ValueError(
-                f"prompt '{self.name}' needs neutral texts; texts neither start nor end with a blank"
+                f"prompt '{self.name}' needs neutral texts; texts neither start nor end with a "
+                "blank"
             )
         if any(part not in self.phrase for part in _IN_PHRASE[self.role]):
             raise ValueError(f"phrase '{self.phrase}' lacks {' or '.join(_IN_PHRASE[self.role])}")
@@ -64,7 +67,8 @@ def read_prompts(path: Path) -> tuple[Prompt, ...]:
     """Read prompts from a JSON file, ``{"prompts": [...]}``; ArtefactError if missing, not JSON or invalid."""
     if not path.is_file():
         raise ArtefactError(
-            f"`prompts` '{path}' {what_is(path)}; expected a file such as prompts.json of an elicit folder."
+            f"`prompts` '{path}' {what_is(path)}; expected a file such as prompts.json of an "
+            "elicit folder."
         )
     return parse_record(read_small_file(path), _Prompts, path).prompts
 

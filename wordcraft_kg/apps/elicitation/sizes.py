@@ -26,7 +26,8 @@ def check_counts(path: Path, config: Mapping[str, Any]) -> None:
         config: content of ``config.json``, or the settings in a ``.gguf`` file.
 
     Raises:
-        ArtefactError: if a number of layers or other parts is far above the number of stored tensors.
+        ArtefactError: if a number of layers or other parts is far above the number of stored
+            tensors.
     """
     most = len(_shapes(path)) + _MORE_PARTS
     for name, value in _numbers(config):
@@ -39,7 +40,8 @@ def check_size(path: Path, build: Callable[[], Any]) -> None:
 
     Args:
         path: model folder or ``.gguf`` file.
-        build: builds the model, a torch module; called on torch's device meta, which holds no values.
+        build: builds the model, a torch module; called on torch's device meta, which holds no
+            values.
 
     Raises:
         ArtefactError: if the model has far more elements than the weights.
@@ -60,7 +62,8 @@ def check_modules(folder: Path) -> None:
     """Check the modules of a sentence encoder that have settings and weights in folders of their own.
 
     Raises:
-        ArtefactError: if a matrix of a module is far larger than the weights in the module's folder.
+        ArtefactError: if a matrix of a module is far larger than the weights in the module's
+            folder.
     """
     for file in sorted(folder.glob("*/config.json")):
         config = read_json(file)
@@ -74,7 +77,8 @@ def check_modules(folder: Path) -> None:
 
 def _too_large(path: Path, found: str, expected: str) -> ArtefactError:
     return ArtefactError(
-        f"'{path}' is damaged: {found}, expected {expected}. Restore a copy of config.json and the weights."
+        f"'{path}' is damaged: {found}, expected {expected}. Restore a copy of config.json and "
+        "the weights."
     )
 
 

@@ -26,7 +26,8 @@ def locate_model(setting: str, name: str) -> Path:
         return Path(snapshot_download(name, ignore_patterns=[*_FORMATS, *_CODE]))
     except (OSError, ValueError) as error:
         raise ConfigError(
-            f"`{setting}` '{name}' is not on disk, and cannot be downloaded from the hub ({reason(error)}). Give the "
+            f"`{setting}` '{name}' is not on disk, and cannot be downloaded from the hub "
+            f"({reason(error)}). Give the "
             "path of a model folder with config.json and weights."
         ) from None
 
@@ -39,7 +40,8 @@ def hash_weights(path: Path) -> dict[str, str]:
     if not files or not (path / "config.json").is_file():
         missing = "config.json" if files else "weights (*.safetensors)"
         raise ArtefactError(
-            f"'{path}' has no {missing}; expected the folder of a pretrained model. Download the whole folder."
+            f"'{path}' has no {missing}; expected the folder of a pretrained model. Download the "
+            "whole folder."
         )
     return {file.relative_to(path).as_posix(): sha256_of(file) for file in files}
 
@@ -55,11 +57,13 @@ def loading(path: Path, expected: str) -> Iterator[None]:
     """Load a model without bars, warnings and questions.
 
     Raises:
-        ArtefactError: if the model is damaged, not of the ``expected`` kind, or needs code of its own.
+        ArtefactError: if the model is damaged, not of the ``expected`` kind, or needs code of its
+            own.
     """
     stdin = sys.stdin
     try:
-        # A library that asks "run the custom code? [y/N]" reads no answer, whatever stands in a pipe.
+        # A library that asks "run the custom code? [y/N]" reads no answer, whatever stands in a
+        # pipe.
         sys.stdin = io.StringIO()
         with redirect_stderr(io.StringIO()), redirect_stdout(io.StringIO()):
             yield
@@ -68,11 +72,13 @@ def loading(path: Path, expected: str) -> Iterator[None]:
     except Exception as error:  # libraries report damaged files by errors of many classes
         if "trust_remote_code" in str(error):
             raise ArtefactError(
-                f"'{path}' needs its own Python code, and code of a model is never run. Give a model that transformers "
+                f"'{path}' needs its own Python code, and code of a model is never run. Give a "
+                "model that transformers "
                 "itself knows."
             ) from None
         raise ArtefactError(
-            f"'{path}' cannot be loaded as {expected}: {reason(error)}. Give another model, or restore a copy."
+            f"'{path}' cannot be loaded as {expected}: {reason(error)}. Give another model, or "
+            "restore a copy."
         ) from None
     finally:
         sys.stdin = stdin

@@ -59,13 +59,16 @@ class SharedFolder:
             built_in = [open_book(book.name) for book in known_books() if book.origin == "built in"]
             if self.graph not in (RecipeGraph.from_book(book).hash for book in built_in):
                 raise ConfigError(
-                    f"the book in '{self.path}' has no known licence; Little Alchemy 2 has none at all. Publish only "
-                    "with the permission of the authors, and name the licence, as in `licence` cc-by-4.0."
+                    f"the book in '{self.path}' has no known licence; Little Alchemy 2 has none "
+                    "at all. Publish only "
+                    "with the permission of the authors, and name the licence, as in `licence` "
+                    "cc-by-4.0."
                 )
             licence = "cc0-1.0"
         if not re.fullmatch(r"[a-z0-9][a-z0-9.-]{1,40}", licence):
             raise ConfigError(
-                f"`licence` '{licence}': expected an identifier of the hub, such as cc-by-4.0 or other."
+                f"`licence` '{licence}': expected an identifier of the hub, such as cc-by-4.0 or "
+                "other."
             )
         head, _, body = self.card.removeprefix("---\n").partition("\n---\n")
         lines = [
@@ -80,8 +83,9 @@ def open_folder(folder: Path) -> SharedFolder:
     """Open a graph folder, a finished model or agent, and check all its files.
 
     Raises:
-        ArtefactError: if a file is missing, changed or damaged, is a link out of the folder, or disagrees with the
-            other files, or if a run lists a file that this package does not write.
+        ArtefactError: if a file is missing, changed or damaged, is a link out of the folder, or
+            disagrees with the other files, or if a run lists a file that this package does not
+            write.
     """
     if (folder / "graph.json").is_file():
         return _open_graph_folder(folder)
@@ -93,7 +97,8 @@ def open_folder(folder: Path) -> SharedFolder:
     foreign = sorted(set(run.outputs) - set(_RUN_FILES))
     if foreign:
         raise ArtefactError(
-            f"{folder / RUN_FILE} lists {foreign[0]!r}, which is no file of a model or an agent. Train again, or "
+            f"{folder / RUN_FILE} lists {foreign[0]!r}, which is no file of a model or an agent. "
+            "Train again, or "
             "restore a copy."
         )
     # Other inputs, such as the hash of the graph, are not in the folder.
@@ -117,7 +122,8 @@ def _check_places(folder: Path, names: Iterable[str]) -> None:
         place = Path(os.path.realpath(folder / name))
         if not place.is_relative_to(inside):
             raise ArtefactError(
-                f"{folder / name} is a link out of the folder, to {place}. Replace the link by a copy of a file that "
+                f"{folder / name} is a link out of the folder, to {place}. Replace the link by a "
+                "copy of a file that "
                 "belongs to this folder."
             )
 
@@ -158,7 +164,8 @@ def read_sums(path: Path, repository: str) -> dict[str, str]:
     """Read a list of hashes: SHA-256 by file name.
 
     Raises:
-        ArtefactError: if a line has another form, or names a file that `wordcraft-kg hub push` does not share.
+        ArtefactError: if a line has another form, or names a file that `wordcraft-kg hub push` does
+            not share.
     """
     lines = [
         _SUM.fullmatch(line) for line in read_small_file(path).decode(errors="replace").splitlines()
@@ -171,7 +178,8 @@ def read_sums(path: Path, repository: str) -> dict[str, str]:
     foreign = sorted(set(sums) - {RUN_FILE, *_RUN_FILES, *_GRAPH_FILES, *_TRIPLES})
     if foreign:
         raise ArtefactError(
-            f"{SUMS} in '{repository}' lists '{foreign[0]}', which `wordcraft-kg hub push` never shares. Pull from "
+            f"{SUMS} in '{repository}' lists '{foreign[0]}', which `wordcraft-kg hub push` never "
+            "shares. Pull from "
             "another repository, or ask its owner to push the folder again."
         )
     return sums

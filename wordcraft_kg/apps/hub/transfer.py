@@ -47,7 +47,8 @@ def push(
 def pull(repository: str, out: Path, revision: str | None) -> str:
     """Write a pushed folder to ``out``, a new folder, and return the commit's hash.
 
-    Only files that :func:`push` shares are downloaded, and the folder is opened before it is written.
+    Only files that :func:`push` shares are downloaded, and the folder is opened before it is
+    written.
 
     Args:
         repository: OWNER/NAME on the hub.
@@ -56,8 +57,8 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
 
     Raises:
         FetchError: if the hub cannot be reached or refuses.
-        ArtefactError: if a file differs from its recorded hash or from the other files, or is not one of ours; ``out``
-            is then not written.
+        ArtefactError: if a file differs from its recorded hash or from the other files, or is not
+            one of ours; ``out`` is then not written.
         OutputExistsError: if ``out`` exists.
     """
     with staged_folder(out) as folder:
@@ -83,7 +84,8 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
         for name, expected in sums.items():
             if sha256_of(folder / name) != expected:
                 raise ArtefactError(
-                    f"{name} in '{repository}' differs from the hash in {SUMS}; nothing was written."
+                    f"{name} in '{repository}' differs from the hash in {SUMS}; nothing was "
+                    "written."
                 )
         try:
             open_folder(folder)
@@ -110,6 +112,7 @@ def _transfer(repository: str, done: str) -> Iterator[None]:
         status = getattr(getattr(error, "response", None), "status_code", None)
         kind = type(error).__name__ + (f", status {status}" if status else "")
         raise FetchError(
-            f"'{repository}' could not be {done} ({kind}). Check the name, the revision and the network, and log in: "
+            f"'{repository}' could not be {done} ({kind}). Check the name, the revision and the "
+            "network, and log in: "
             "hf auth login, or the variable HF_TOKEN."
         ) from None

@@ -1,7 +1,7 @@
 """The answers database of a study: each answer is on disk before the next page.
 
-SQLite in write-ahead mode with full synchronisation: commits survive a killed process and a power failure.
-"""
+SQLite in write-ahead mode with full synchronisation: commits survive a killed process and a power
+failure."""
 
 import json
 import logging
@@ -28,13 +28,17 @@ APPLICATION = 0x57434B47
 VERSION = 2
 TABLES = (
     "CREATE TABLE study (record TEXT PRIMARY KEY) STRICT",
-    "CREATE TABLE sessions (number INTEGER PRIMARY KEY, code TEXT NOT NULL UNIQUE, form INTEGER NOT NULL, "
+    "CREATE TABLE sessions (number INTEGER PRIMARY KEY, code TEXT NOT NULL UNIQUE, form INTEGER "
+    "NOT NULL, "
     "distractors INTEGER NOT NULL) STRICT",
     # Only for unanswered tasks: answer times are private.
-    "CREATE TABLE showings (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
+    "CREATE TABLE showings (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, "
+    "number INTEGER NOT NULL, "
     "shown REAL NOT NULL, loads INTEGER NOT NULL, PRIMARY KEY (session, part, number)) STRICT",
-    "CREATE TABLE answers (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
-    "goal TEXT NOT NULL, slots TEXT NOT NULL, actions TEXT NOT NULL, made TEXT NOT NULL, success INTEGER NOT NULL, "
+    "CREATE TABLE answers (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, "
+    "number INTEGER NOT NULL, "
+    "goal TEXT NOT NULL, slots TEXT NOT NULL, actions TEXT NOT NULL, made TEXT NOT NULL, success "
+    "INTEGER NOT NULL, "
     "seconds REAL NOT NULL, loads INTEGER NOT NULL, PRIMARY KEY (session, part, number)) STRICT",
 )
 COUNTS = """
@@ -94,7 +98,8 @@ class AnswersDatabase:
             path, timeout=BUSY, isolation_level=None, check_same_thread=False
         )
         try:
-            # Withdrawn answers are overwritten; writing the version again fails in a read-only folder.
+            # Withdrawn answers are overwritten; writing the version again fails in a read-only
+            # folder.
             settings = (
                 "journal_mode = WAL",
                 "synchronous = FULL",
@@ -165,7 +170,8 @@ class AnswersDatabase:
         with self._writing() as connection:
             if connection.execute(f"SELECT 1 FROM answers WHERE {_KEY}", key).fetchone() is None:
                 connection.execute(
-                    "INSERT INTO showings VALUES (?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET loads = loads + 1",
+                    "INSERT INTO showings VALUES (?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET loads "
+                    "= loads + 1",
                     (*key, now),
                 )
 
@@ -268,7 +274,8 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
                 raise _damaged(path, problem)
             if connection.execute("SELECT record FROM study").fetchall() != [(study,)]:
                 raise ArtefactError(
-                    f"{path} belongs to another study than the study.json in its folder, or study.json was changed. "
+                    f"{path} belongs to another study than the study.json in its folder, or "
+                    "study.json was changed. "
                     "Nothing was changed; restore a copy."
                 )
             yield connection

@@ -17,9 +17,9 @@ from wordcraft_kg.models.policies.policy import Policy
 def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[TableKey, AgentGame]:
     """Return whether an agent, acting greedily, makes the goal at each answered table, and each task's group.
 
-    As in training, the model without a task's recipes scores a train task if the scorer is cross-fitted. Another graph
-    or split is a GraphMismatchError, a table size that the agent cannot play a ConfigError.
-    """
+    As in training, the model without a task's recipes scores a train task if the scorer is
+    cross-fitted. Another graph or split is a GraphMismatchError, a table size that the agent cannot
+    play a ConfigError."""
     protocols: dict[tuple[int, int], HumanProtocol] = {}
     posed: dict[TableKey, PosedTask] = {}
     world: World | None = None
@@ -37,7 +37,8 @@ def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Tab
                 posed[key] = protocols[distractors, seed].task(answer.part, answer.number)
             if not posed[key].is_of(answer):
                 raise ArtefactError(
-                    f"{answer.part} task {answer.number} of seed {seed}, {distractors} distractors: "
+                    f"{answer.part} task {answer.number} of seed {seed}, {distractors} "
+                    "distractors: "
                     "this version poses another task than the answered task."
                 )
     games: dict[TableKey, AgentGame] = {}
@@ -60,7 +61,8 @@ def _check_graph(agent: OpenedAgent, session: Session) -> None:
     for name, (answered, trained) in hashes.items():
         if answered != trained:
             raise GraphMismatchError(
-                f"the answered tasks belong to {name} {answered[:12]}, but '{agent.name}' was trained on {name} "
+                f"the answered tasks belong to {name} {answered[:12]}, but '{agent.name}' was "
+                f"trained on {name} "
                 f"{trained[:12]}. Give an agent with the same graph and split."
             )
 

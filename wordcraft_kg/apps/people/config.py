@@ -30,9 +30,8 @@ answers are removed. Do not share the code: anyone who has it can continue your 
 class StudyConfig:
     """Settings of a study: tasks per part, distractors per table in each condition, and sampled task lists (forms).
 
-    People are spread evenly over forms and conditions; each form after the first has the next seed. Blank lines
-    separate paragraphs of the consent text.
-    """
+    People are spread evenly over forms and conditions; each form after the first has the next seed.
+    Blank lines separate paragraphs of the consent text."""
 
     tasks: int = TASKS_PER_PART
     distractors: tuple[int, ...] = (8,)
@@ -48,9 +47,11 @@ class StudyConfig:
             self.distractors
         ):
             raise ConfigError(
-                f"`num_distractors` {self.distractors}: expected 1 to {MOST_CONDITIONS} different numbers."
+                f"`num_distractors` {self.distractors}: expected 1 to {MOST_CONDITIONS} "
+                "different numbers."
             )
         if not self.consent.strip() or len(self.consent) > LONGEST_CONSENT:
             raise ConfigError(
-                f"`consent`: the text has {len(self.consent):,} characters; expected 1 to {LONGEST_CONSENT:,}."
+                f"`consent`: the text has {len(self.consent):,} characters; expected 1 to "
+                f"{LONGEST_CONSENT:,}."
             )

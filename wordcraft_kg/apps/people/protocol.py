@@ -96,9 +96,8 @@ class PosedTask:
 class HumanProtocol:
     """The protocol of the paper: 40 train tasks with feedback, then 40 test tasks; depth 1, one attempt.
 
-    Tasks and tables are sampled as for agents and depend only on graph, split, distractor condition and seed. A shorter
-    protocol is the start of a longer protocol.
-    """
+    Tasks and tables are sampled as for agents and depend only on graph, split, distractor condition
+    and seed. A shorter protocol is the start of a longer protocol."""
 
     def __init__(
         self,

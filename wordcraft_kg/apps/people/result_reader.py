@@ -36,7 +36,8 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
     if not estimates:
         has = ", ".join(str(condition.distractors) for condition in view.conditions)
         raise ConfigError(
-            f"--external-results: '{path}' has no answers to {play.part} tasks with {', '.join(map(str, columns))} "
+            f"--external-results: '{path}' has no answers to {play.part} tasks with "
+            f"{', '.join(map(str, columns))} "
             f"distractors; expected train or test tasks with {has} distractors."
         )
     return ReferenceRow(

@@ -130,9 +130,8 @@ class Study:
 def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
     """Yield the answers of a new or begun study folder, for one server; on errors the folder is unchanged.
 
-    It is an ArtefactError if another server uses the folder, a file is damaged, or this version poses different tasks;
-    for further errors see :func:`check_study_folder`.
-    """
+    It is an ArtefactError if another server uses the folder, a file is damaged, or this version
+    poses different tasks; for further errors see :func:`check_study_folder`."""
     if check_study_folder(folder, study.record) and (folder / ANSWERS_FILE).exists():
         _check_tasks(folder, study)
     output_target(folder)  # refuses a link that leads nowhere
@@ -164,22 +163,24 @@ def _check_tasks(folder: Path, study: Study) -> None:
         ):
             if not task.is_of(stored.answer):
                 raise ArtefactError(
-                    f"'{folder}': this version poses another {task.part} task {task.number} than person "
-                    f"{person.number} answered. Nothing was changed; continue with the version that began the study."
+                    f"'{folder}': this version poses another {task.part} task {task.number} than "
+                    "person "
+                    f"{person.number} answered. Nothing was changed; continue with the version "
+                    "that began the study."
                 )
 
 
 def check_study_folder(folder: Path, record: StudyRecord) -> bool:
     """Return whether a folder holds this study; False for a new or empty folder.
 
-    Another graph or split is a GraphMismatchError, another setting a ConfigError, another folder or file an
-    OutputExistsError, and a damaged ``study.json`` an ArtefactError.
-    """
+    Another graph or split is a GraphMismatchError, another setting a ConfigError, another folder or
+    file an OutputExistsError, and a damaged ``study.json`` an ArtefactError."""
     if not os.path.lexists(folder) or (folder.is_dir() and not any(folder.iterdir())):
         return False
     if not (folder / STUDY_FILE).exists():
         raise OutputExistsError(
-            f"'{folder}' {what_is(folder)}; expected the folder of this study, or a new one. Choose another `out`."
+            f"'{folder}' {what_is(folder)}; expected the folder of this study, or a new one. "
+            "Choose another `out`."
         )
     begun, _ = read_study_record(folder)
     if begun.consent != record.consent:
@@ -188,7 +189,8 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
         )
     if begun.texts_hash != record.texts_hash:
         raise ConfigError(
-            f"'{folder}': the pages of this version have other texts than the pages that people have seen. Nothing was "
+            f"'{folder}': the pages of this version have other texts than the pages that people "
+            "have seen. Nothing was "
             "changed; continue with the version that began the study."
         )
     check_equal(

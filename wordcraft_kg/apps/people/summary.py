@@ -35,9 +35,9 @@ class AgentRate(Record):
 class AnswerRate(Record):
     """Number and share of correct answers; None without answers.
 
-    The 95 % Wilson interval is for independent answers of these people; ``people_interval`` is a bootstrap over people,
-    Wilson's for equal results, and None for a single person. ``agents`` played at the same tables.
-    """
+    The 95 % Wilson interval is for independent answers of these people; ``people_interval`` is a
+    bootstrap over people, Wilson's for equal results, and None for a single person. ``agents``
+    played at the same tables."""
 
     answered: Count
     successes: Count
@@ -82,9 +82,9 @@ def view_people(
 ) -> HumanSummary:
     """Return success rates over sessions; ``agents`` holds the games of each agent by name and table.
 
-    Two studies with the same answers are an ArtefactError, other graphs or splits a GraphMismatchError, and other
-    settings than the number of distractors, or no session, a ConfigError.
-    """
+    Two studies with the same answers are an ArtefactError, other graphs or splits a
+    GraphMismatchError, and other settings than the number of distractors, or no session, a
+    ConfigError."""
     _check_sources(sources)
     sessions = [session for group in sources.values() for session in group]
     header = sessions[0].header

@@ -1,8 +1,7 @@
 """A study as a web application: consent, tasks, answers. The answers alone determine a person's progress.
 
-A repeated, late or resent form leads to the next page and never to a second answer. The server uses only the code and
-the selected items of a request, and sets no cookie.
-"""
+A repeated, late or resent form leads to the next page and never to a second answer. The server uses
+only the code and the selected items of a request, and sets no cookie."""
 
 import hashlib
 import re

@@ -45,7 +45,8 @@ def listen(host: str, port: int) -> socket.socket:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
     except (OSError, UnicodeError):
         raise ConfigError(
-            f"`host` '{host}': unknown host; expected an address of this machine, such as 127.0.0.1."
+            f"`host` '{host}': unknown host; expected an address of this machine, such as "
+            "127.0.0.1."
         ) from None
     # asyncio sets TCP_NODELAY only for a named protocol; otherwise a page may wait for 40 ms.
     listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -76,7 +77,8 @@ def serve(
 ) -> None:
     """Serve until Ctrl-C or SIGTERM, and finish requests that take no longer than :data:`PATIENCE`.
 
-    The number of connections is bounded and clients have deadlines, see :mod:`wordcraft_kg.apps.web.connections`.
+    The number of connections is bounded and clients have deadlines, see
+    :mod:`wordcraft_kg.apps.web.connections`.
 
     Args:
         app: the ASGI application.

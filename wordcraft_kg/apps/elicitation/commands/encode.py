@@ -9,7 +9,8 @@ from wordcraft_kg.cli.options import Book, Force, Graph, Words
 
 GROUP = "Knowledge from outside the book"
 EXAMPLES = (
-    "wordcraft-kg encode graphs/mine --encoder sentence-transformers/all-MiniLM-L6-v2 --out vectors/mine",
+    "wordcraft-kg encode graphs/mine --encoder sentence-transformers/all-MiniLM-L6-v2 --out "
+    "vectors/mine",
     "wordcraft-kg train-recipes graphs/mine --features vectors/mine --out models/mine",
 )
 

@@ -118,8 +118,10 @@ def play(
         attempts: attempts per episode. Default: depth; 100 in open-ended mode.
         seed: seed for tasks and tables. Default: a random seed, which is shown.
         episodes: number of episodes; 0 plays until you quit.
-        open_ended: play without goals: start with the base entities and discover as many entities as you can.
-        base: comma-separated entities known at the start in open-ended mode. Default: the base entities of the graph.
+        open_ended: play without goals: start with the base entities and discover as many entities
+            as you can.
+        base: comma-separated entities known at the start in open-ended mode. Default: the base
+            entities of the graph.
     """
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
     if open_ended:

@@ -39,22 +39,24 @@ def people_serve(
 ) -> None:
     """Serve the human protocol of the paper in the browser; Ctrl-C stops the server; repeat the command to resume.
 
-    Several people can participate at once. Each answer is on disk before the next page. The study stores only the
-    selected items, times and page loads.
+    Several people can participate at once. Each answer is on disk before the next page. The study
+    stores only the selected items, times and page loads.
 
     Args:
         graph: graph folder, recipe book file, or built-in book name.
         out: study folder.
         tasks: number of train tasks with feedback, and of test tasks without feedback.
-        distractors: comma-separated numbers of distractors on a table. Several numbers are conditions, with people
-            spread evenly over them. Default: 8.
-        forms: number of task samples, with people spread evenly over them; 1 gives everybody the same tasks.
+        distractors: comma-separated numbers of distractors on a table. Several numbers are
+            conditions, with people spread evenly over them. Default: 8.
+        forms: number of task samples, with people spread evenly over them; 1 gives everybody the
+            same tasks.
         seed: seed for the first form; further forms have the following seeds.
         consent: text file with the consent text. Default: a text that matches the stored data.
-        host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages to other machines.
+        host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages
+            to other machines.
         port: port to listen on; 0 selects a free port.
-        allow_host: further permitted host name or address, as with --host 0.0.0.0 or behind a proxy. May be given
-            several times.
+        allow_host: further permitted host name or address, as with --host 0.0.0.0 or behind a
+            proxy. May be given several times.
         no_browser: do not open the browser.
     """
     from wordcraft_kg.apps.people.study import Study, kept_answers

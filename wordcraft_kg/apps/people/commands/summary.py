@@ -23,7 +23,8 @@ EXAMPLES = (
 )
 NOTE = (
     "95 % intervals: Wilson for rates, as if all answers were independent; bootstrap",
-    "over people, and for agents over tasks that the split holds out together (Wilson for equal results),",
+    "over people, and for agents over tasks that the split holds out together (Wilson for equal "
+    "results),",
     "too narrow for few people.",
 )
 
@@ -39,8 +40,10 @@ def people_summary(
 
     Args:
         studies: study folders (`people serve`) with equal graph and split.
-        run: run folder of an agent, which plays at exactly the same tables. May be given several times.
-        export: write the answers in one study folder to this JSON lines file instead; the server may be running.
+        run: run folder of an agent, which plays at exactly the same tables. May be given several
+            times.
+        export: write the answers in one study folder to this JSON lines file instead; the server
+            may be running.
     """
     from wordcraft_kg.apps.people.study import read_study
     from wordcraft_kg.apps.people.summary import view_people

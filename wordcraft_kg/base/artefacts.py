@@ -191,7 +191,8 @@ def check_output(out: Path, *, force: bool) -> None:
     """Check, before any work, that an output may be written to ``out``.
 
     OutputExistsError if ``out`` exists and ``force`` is False. A file, a device, or a non-empty
-    folder that this package did not write, is never replaced; a link must lead to a folder."""
+    folder that this package did not write, is never replaced; a link must lead to a folder.
+    """
     output_target(out)
     if out.is_file():
         raise OutputExistsError(

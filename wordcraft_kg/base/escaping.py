@@ -2,7 +2,8 @@
 
 A label, a name, a path or a commit of a hub is foreign text: it may hold escape codes of terminals,
 marks that reorder a line, links or headings. Each function returns a text that the format shows
-character for character."""
+character for character.
+"""
 
 import re
 import unicodedata

@@ -1,7 +1,8 @@
 """Parser for entity labels in texts by people and models; different spellings are accepted if the match is unique.
 
 The rules have a version, the answer grammar. A frozen benchmark keeps the version under which it
-was published; :mod:`wordcraft_kg.base.answers` reads whole messages, and names the differences."""
+was published; :mod:`wordcraft_kg.base.answers` reads whole messages, and names the differences.
+"""
 
 import re
 import unicodedata

@@ -2,7 +2,8 @@
 
 Intervals have a confidence of 95 % unless stated otherwise; ``draws`` is the number of resamples,
 and ``seed`` fixes the resampling. Every function raises a ConfigError for scores that are empty,
-not finite or misshapen."""
+not finite or misshapen.
+"""
 
 import math
 from collections.abc import Sequence
@@ -103,7 +104,8 @@ def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None 
     """Return scores, shape (E, E), scaled to mean 0 and standard deviation 1 over pairs of different entities.
 
     Self scores (the diagonal) are scaled too but do not count for mean and deviation, because they
-    are often outliers. With ``among`` (entity ids), only pairs of these entities count."""
+    are often outliers. With ``among`` (entity ids), only pairs of these entities count.
+    """
     scores = np.asarray(table, dtype=np.float64)
     counted = scores if among is None else scores[np.ix_(among, among)]
     different = counted[~np.eye(len(counted), dtype=bool)]
@@ -172,7 +174,8 @@ def task_bootstrap(
             each task.
 
     Source: Davison and Hinkley 1997, "Bootstrap methods and their application", section 3.8; Wilson
-    1927."""
+    1927.
+    """
     rng = np.random.default_rng(seed)
     table = by_task("successes", successes, "(tasks, attempts)")
     wrong = table[(table != 0) & (table != 1)]
@@ -297,7 +300,8 @@ def crossed_difference(
     Source: Howe 1974, "Approximate confidence limits on the mean of X + Y where X and Y are two
     tabled independent random variables"; Cameron and Miller 2015, "A practitioner's guide to
     cluster-robust inference", section VI, for the jackknife over groups and for Student's t with
-    fewer groups than there are."""
+    fewer groups than there are.
+    """
     from scipy.special import ndtri
 
     table, least = by_task("scores", scores, "(seeds, tasks)"), 1e-100
@@ -429,7 +433,8 @@ def split_interval(
     Source: the variance between splits as in DerSimonian and Laird 1986, "Meta-analysis in clinical
     trials"; added to the variance within as in Howe 1974; Nadeau and Bengio 2003, "Inference for
     the generalization error", on splits of the same data, whose mean varies more than that of
-    independent samples."""
+    independent samples.
+    """
     from scipy.special import stdtrit
 
     values, noise = finite("scores", scores).ravel(), finite("errors", errors).ravel()
@@ -487,7 +492,8 @@ def correlation(
     The result is None for fewer than 3 points, or if all x or all y are equal.
 
     Source: Fisher 1921; Bonett and Wright 2000, "Sample size requirements for estimating Pearson,
-    Kendall and Spearman correlations"."""
+    Kendall and Spearman correlations".
+    """
     one_of("kind", kind, ("pearson", "spearman"))
     a, b = finite("x", x), finite("y", y)
     if a.ndim != 1 or a.shape != b.shape:

@@ -4,7 +4,8 @@ A model folder from elsewhere is data of a stranger. Its JSON files can name Pyt
 import, kernels and other models to download, options that switch off a library's own checks, and
 sizes that no memory holds. The libraries refuse most of that if asked to; this module refuses the
 rest, and by name. It imports no library of models, except to look up the kind of a model that names
-code and may not need it."""
+code and may not need it.
+"""
 
 import os
 import re

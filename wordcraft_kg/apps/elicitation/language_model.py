@@ -2,7 +2,8 @@
 
 For each entity and prompt the model reads one text, in one forward pass without generation. A cell
 is a pointwise mutual information: the label's log-probability after the text, minus its
-log-probability after neutral texts."""
+log-probability after neutral texts.
+"""
 
 import hashlib
 import json
@@ -127,7 +128,8 @@ def label_tokens(tokenizer: Any, label: str) -> list[int]:
     """Return the tokens that stand for a label: the first token of each word after a blank.
 
     The mean of their log-probabilities is the label's log-probability. ConfigError if a word has no
-    token, or only the token for unknown words."""
+    token, or only the token for unknown words.
+    """
     before = len(tokenizer("a", add_special_tokens=False).input_ids)
     tokens = []
     for word in label.split():
@@ -203,7 +205,8 @@ def elicit_knowledge(
     KeyboardInterrupt after Ctrl-C has the number of saved texts.
 
     ConfigError if the tables are too large, or a label has no tokens; ArtefactError if a
-    probability is not finite; OutputExistsError if ``out`` exists and ``force`` is False."""
+    probability is not finite; OutputExistsError if ``out`` exists and ``force`` is False.
+    """
     out = with_a_name(out)
     check_output(out, force=force)
     size = graph.num_entities

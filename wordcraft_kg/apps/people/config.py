@@ -8,10 +8,12 @@ from wordcraft_kg.base.settings import whole
 TASKS_PER_PART = 40
 """The number in the paper."""
 MOST_TASKS = 1_000
+"""Maximum number of tasks in a part: more than anybody answers."""
 MOST_FORMS = 1_000
 MOST_CONDITIONS = 10
 LONGEST_CONSENT = 20_000
 """Characters."""
+# A promise: answers_database must store nothing else.
 CONSENT = """You are invited to take part in a study of how people combine items. Each task shows a goal and a set of \
 items. You select the two items that make the goal.
 
@@ -28,10 +30,17 @@ answers are removed. Do not share the code: anyone who has it can continue your 
 
 @dataclass(frozen=True)
 class StudyConfig:
-    """Settings of a study: tasks per part, distractors per table in each condition, and sampled task lists (forms).
+    """Settings of a study.
 
-    People are spread evenly over forms and conditions; each form after the first has the next seed.
-    Blank lines separate paragraphs of the consent text."""
+    People are spread evenly over forms and conditions.
+
+    Attributes:
+        tasks: tasks per part, 1 to 1,000.
+        distractors: distractors on a table in each condition, 1 to 10 different numbers.
+        forms: sampled task lists, 1 to 1,000; each form after the first has the next seed.
+        seed: seed of the first form.
+        consent: text that people agree to, 1 to 20,000 characters; blank lines separate paragraphs.
+    """
 
     tasks: int = TASKS_PER_PART
     distractors: tuple[int, ...] = (8,)
@@ -43,9 +52,9 @@ class StudyConfig:
         whole("tasks", self.tasks, 1, MOST_TASKS)
         whole("forms", self.forms, 1, MOST_FORMS)
         whole("seed", self.seed, 0, 2**63 - 1 - MOST_FORMS)
-        if not 1 <= len(self.distractors) <= MOST_CONDITIONS or len(set(self.distractors)) < len(
-            self.distractors
-        ):
+        number = len(self.distractors)
+        has_repeated = len(set(self.distractors)) < number
+        if has_repeated or not 1 <= number <= MOST_CONDITIONS:
             raise ConfigError(
                 f"`num_distractors` {self.distractors}: expected 1 to {MOST_CONDITIONS} "
                 "different numbers."

@@ -25,7 +25,8 @@ def most_connections() -> int:
     """Return the maximum number of connections: a third of the open files that the system allows, at most 512.
 
     New connections are accepted in bursts, before old connections are closed: they need files as
-    well."""
+    well.
+    """
     if sys.platform == "win32":  # sockets are not files there
         return MOST_CONNECTIONS
     import resource
@@ -41,7 +42,8 @@ class Connection(H11Protocol):
 
     At the limit, the connection whose client has been silent for longest gives way, so that a
     visitor is served while others hold connections open. A connection whose answer is being
-    computed never gives way."""
+    computed never gives way.
+    """
 
     limit = MOST_CONNECTIONS
     """Maximum number of connections of a server."""

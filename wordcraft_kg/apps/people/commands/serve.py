@@ -8,6 +8,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.apps.people.config import CONSENT, LONGEST_CONSENT, StudyConfig
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, whole_numbers
 from wordcraft_kg.cli.options import Book
 
@@ -68,7 +69,8 @@ def people_serve(
 
     amounts = whole_numbers("distractors", distractors) if distractors else StudyConfig.distractors
     config = StudyConfig(tasks, tuple(amounts), forms, seed, _consent(consent))
-    listening = listen(host, port)  # before anything is written
+    # Before anything is written: a port in use must not leave a begun study.
+    listening = listen(host, port)
     try:
         study = Study(graph, config)
         with kept_answers(out, study) as answers:
@@ -92,6 +94,7 @@ def people_serve(
 def _consent(path: Path | None) -> str:
     if path is None:
         return CONSENT
+    # A character has at most 4 bytes in UTF-8. The exact limit is that of StudyConfig.
     if not path.is_file() or path.stat().st_size > 8 * LONGEST_CONSENT:
         raise ConfigError(
             f"--consent {path}: expected a text file of at most {LONGEST_CONSENT:,} characters."
@@ -106,5 +109,6 @@ def _consent(path: Path | None) -> str:
 
 
 def _counts(stored: "Stored") -> str:
-    people = f"{stored.people:,} {'person' if stored.people == 1 else 'people'} ({stored.finished:,} finished)"
-    return f"{people} and {stored.answers:,} answer{'s' * (stored.answers != 1)}"
+    people = counted(stored.people, "person", "people")
+    answers = counted(stored.answers, "answer")
+    return f"{people} ({stored.finished:,} finished) and {answers}"

@@ -1,12 +1,14 @@
 """``wordcraft-kg people summary``."""
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.cli.options import Force
 
@@ -23,8 +25,8 @@ EXAMPLES = (
 )
 NOTE = (
     "95 % intervals: Wilson for rates, as if all answers were independent; bootstrap",
-    "over people, and for agents over tasks that the split holds out together (Wilson for equal "
-    "results),",
+    "over people, and for agents over tasks that the split holds out together "
+    "(Wilson for equal results),",
     "too narrow for few people.",
 )
 
@@ -58,9 +60,8 @@ def people_summary(
     sources = {path: read_study(path).sessions() for path in studies}
     if len(sources) < len(studies):
         raise ConfigError("a path is given twice; give each path once.")
-    view = view_people(
-        sources, _compared(run or [], [session for group in sources.values() for session in group])
-    )
+    sessions = list(chain.from_iterable(sources.values()))
+    view = view_people(sources, _compared(run or [], sessions))
     output.result(view, _text(view))
 
 
@@ -92,21 +93,22 @@ def _compared(
 def _text(view: "HumanSummary") -> Iterator[str]:
     yield f"{view.graph}; sessions: {view.sessions}, finished: {view.finished}"
     rows = []
+    has_notes = False
     for condition in view.conditions:
-        amount = f"{condition.distractors} distractor{'s' * (condition.distractors != 1)}"
+        amount = counted(condition.distractors, "distractor")
         for part, row in condition.parts.items():
             rows.append((f"{amount}, {part}", _figures(row)))
             if row.people_interval:
                 rows.append((f"  over {row.people} people", _interval(row.people_interval)))
             for name, agent in row.agents.items():
-                shown = f"{agent.successes} of {row.answered} at the same {agent.tables} tables, rate {agent.rate:.3f}"
-                rows.append((f"  {name}", f"{shown} {_interval(agent.interval)}".rstrip()))
+                shown = (
+                    f"{agent.successes} of {row.answered} at the same {agent.tables} tables, "
+                    f"rate {agent.rate:.3f} {_interval(agent.interval)}"
+                )
+                rows.append((f"  {name}", shown.rstrip()))
+            has_notes |= bool(row.people_interval or row.agents)
     yield from aligned(rows)
-    if any(
-        row.people_interval or row.agents
-        for condition in view.conditions
-        for row in condition.parts.values()
-    ):
+    if has_notes:
         yield from NOTE
 
 

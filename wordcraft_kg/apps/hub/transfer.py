@@ -21,17 +21,30 @@ def push(
     private: bool,
     revision: str | None,
 ) -> str:
-    """Commit the files of a folder and ``texts`` to a repository, created if necessary; return the commit's address.
+    """Commit the files of a folder to a repository, created if necessary.
 
-    FetchError if the hub cannot be reached or refuses.
+    All files are one commit, so a reader never sees a part of them.
+
+    Args:
+        shared: the checked folder.
+        texts: further files by name: the card and the list of hashes.
+        repository: OWNER/NAME on the hub.
+        private: create a private repository; an existing one stays as it is.
+        revision: branch, created if necessary; None for the main branch.
+
+    Returns:
+        The web address of the commit.
+
+    Raises:
+        ConfigError: if ``repository`` is not OWNER/NAME.
+        FetchError: if the hub cannot be reached or refuses.
     """
     with _transfer(repository, "pushed"):
         from huggingface_hub import CommitOperationAdd, HfApi
 
-        api, where = (
-            HfApi(library_name="wordcraft-kg"),
-            {"repo_id": repository, "repo_type": shared.repo_type},
-        )
+        api = HfApi(library_name="wordcraft-kg")
+        where = {"repo_id": repository, "repo_type": shared.repo_type}
+        # None rather than False: an organisation may make all its repositories private.
         api.create_repo(**where, private=private or None, exist_ok=True)
         if revision is not None:
             api.create_branch(**where, branch=revision, exist_ok=True)
@@ -56,6 +69,7 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
         revision: branch, tag or commit; None for the main branch.
 
     Raises:
+        ConfigError: if ``repository`` is not OWNER/NAME.
         FetchError: if the hub cannot be reached or refuses.
         ArtefactError: if a file differs from its recorded hash or from the other files, or is not
             one of ours; ``out`` is then not written.
@@ -67,10 +81,14 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
             from huggingface_hub.errors import RepositoryNotFoundError
 
             api = HfApi(library_name="wordcraft-kg")
+            # Models and datasets have names of their own on the hub; a name does not tell the kind.
             try:
-                repo_type, commit = "model", api.model_info(repository, revision=revision).sha
+                commit = api.model_info(repository, revision=revision).sha
+                repo_type = "model"
             except RepositoryNotFoundError:
-                repo_type, commit = "dataset", api.dataset_info(repository, revision=revision).sha
+                commit = api.dataset_info(repository, revision=revision).sha
+                repo_type = "dataset"
+            # The commit, not the branch: all files are of the same state.
             where = {
                 "repo_id": repository,
                 "repo_type": repo_type,

@@ -14,18 +14,19 @@ MOST_CONDITIONS = 10
 LONGEST_CONSENT = 20_000
 """Characters."""
 # A promise: answers_database must store nothing else.
-CONSENT = """You are invited to take part in a study of how people combine items. Each task shows a goal and a set of \
-items. You select the two items that make the goal.
+CONSENT = """You are invited to take part in a study of how people combine items. Each task shows \
+a goal and a set of items. You select the two items that make the goal.
 
-Participation is voluntary. You may stop at any time, without giving a reason and without any disadvantage, by \
-closing the page.
+Participation is voluntary. You may stop at any time, without giving a reason and without any \
+disadvantage, by closing the page.
 
-We store the items that you select, the time that you take for each task, and the number of times its page was \
-loaded. We do not store your name, your IP address, cookies or dates. The stored answers contain nothing that \
-identifies you. The answers may be published for research.
+We store the items that you select, the time that you take for each task, and the number of times \
+its page was loaded. We do not store your name, your IP address, cookies or dates. The stored \
+answers contain nothing that identifies you. The answers may be published for research.
 
-You will receive a code. With this code you can continue later or withdraw from the study. If you withdraw, all your \
-answers are removed. Do not share the code: anyone who has it can continue your session."""
+You will receive a code. With this code you can continue later or withdraw from the study. If you \
+withdraw, all your answers are removed. Do not share the code: anyone who has it can continue \
+your session."""
 
 
 @dataclass(frozen=True)

@@ -155,7 +155,7 @@ class _Server:
         return _to(f"/s/{code}")
 
     def of_person(self, reply: Reply) -> Endpoint:
-        """Return the endpoint that finds the person of the address's code, and lets ``reply`` answer."""
+        """Return the endpoint that finds the person of a code, and lets ``reply`` answer."""
 
         async def endpoint(request: Request) -> Response:
             form = await _form(request) if request.method == "POST" else {}
@@ -167,7 +167,7 @@ class _Server:
                     return self._missing(NO_SESSION)
                 return reply(request, form, code, person)
 
-            # In a thread: a reply waits for the disk, and other people's pages must not wait with it.
+            # In a thread: a reply waits for the disk; other people's pages must not wait with it.
             return await run_in_threadpool(replied)
 
         return endpoint

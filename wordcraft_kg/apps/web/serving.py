@@ -22,11 +22,11 @@ PATIENCE = 1
 _WAITING = 128
 """Connections that may wait in the system until they are accepted."""
 _ACCEPTED_AT_ONCE = 16
-"""Connections that are accepted before older connections are closed: asyncio accepts as many as it lets wait."""
+"""Connections accepted before older ones are closed: asyncio accepts as many as it lets wait."""
 
 
 class _Once(logging.Filter):
-    """Passes equal messages without traceback once: malformed requests must not fill the terminal."""
+    """Passes equal messages without traceback once, lest malformed requests fill the terminal."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -39,7 +39,11 @@ class _Once(logging.Filter):
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Return a listening socket; port 0 takes a free port, an unusable host or port is a ConfigError."""
+    """Return a listening socket; port 0 takes a free port.
+
+    Raises:
+        ConfigError: if the host is unknown, or the port is in use or not permitted.
+    """
     whole("port", port, 0, LARGEST_PORT)
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
@@ -57,7 +61,9 @@ def listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         listening.close()
         reasons = {
-            errno.EADDRINUSE: "is in use by another program; choose another port (0 selects a free port)",
+            errno.EADDRINUSE: (
+                "is in use by another program; choose another port (0 selects a free port)"
+            ),
             errno.EACCES: "is not permitted for this user; choose a port above 1023",
             errno.EADDRNOTAVAIL: f"cannot be opened: '{host}' is not an address of this machine",
         }
@@ -121,7 +127,8 @@ def serve(
         server_header=False,
         timeout_graceful_shutdown=PATIENCE,
     )
-    logging.getLogger("uvicorn.error").addFilter(once := _Once())
+    once = _Once()
+    logging.getLogger("uvicorn.error").addFilter(once)
     try:
         with sigterm_as_interrupt():  # the server finishes requests and raises the signal again
             Server(config).run(sockets=[listening])

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.cli.options import Force
 
@@ -95,7 +94,8 @@ def _text(view: "HumanSummary") -> Iterator[str]:
     rows = []
     has_notes = False
     for condition in view.conditions:
-        amount = counted(condition.distractors, "distractor")
+        noun = "distractor" if condition.distractors == 1 else "distractors"
+        amount = f"{condition.distractors} {noun}"
         for part, row in condition.parts.items():
             rows.append((f"{amount}, {part}", _figures(row)))
             if row.people_interval:

@@ -240,7 +240,7 @@ def test_the_summary_of_a_study_is_by_condition_with_its_people(summary, begun):
     assert text[0] == "kitchen; sessions: 4, finished: 1"
     assert text[1].startswith("1 distractor, train   2 of 4 correct, rate 0.500 [")
     assert text[2] == "  over 2 people       [0.500, 0.500]"
-    assert text[-2].startswith("95 % intervals: Wilson")
+    assert text[-3].startswith("95 % intervals: Wilson")
     assert max(map(len, text)) <= 80
 
 

@@ -29,7 +29,7 @@ _CHUNK = 256
 def encode_labels(
     labels: Sequence[str], path: Path, report: Progress | None = None
 ) -> tuple[NDArray[np.float16], dict[str, str]]:
-    """Encode N labels with a sentence encoder, or with mean pooling over the tokens of another transformer.
+    """Encode N labels with a sentence encoder, or with mean pooling over another transformer.
 
     No code of the model is run: modules that sentence-transformers does not have are refused by
     name.
@@ -78,6 +78,7 @@ def encode_labels(
             str(path),
             device="cpu",
             trust_remote_code=False,
+            # Never ask the hub, even if a file of the folder names a model there.
             local_files_only=True,
             model_kwargs=options,
             processor_kwargs={"trust_remote_code": False},
@@ -90,6 +91,7 @@ def encode_labels(
         parts.append(model.encode(some, normalize_embeddings=True, show_progress_bar=False))
         if report:
             report(start + len(some), len(labels), {})
+    # Half precision: the last bits of a vector have no meaning, and the folder is half as large.
     vectors = np.concatenate(parts).astype(np.float16)
     if not np.isfinite(vectors).all():
         raise ArtefactError(
@@ -99,10 +101,14 @@ def encode_labels(
 
 
 def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
+    """Check that each label has a token of its own.
+
+    All labels without one would get the same vector, as if they were the same entity.
+    """
     unknown = getattr(tokenizer, "unk_token_id", None)
-    for label in (
-        labels if unknown is not None else ()
-    ):  # a vocabulary of bytes has tokens for any text
+    if unknown is None:  # a vocabulary of bytes has tokens for any text
+        return
+    for label in labels:
         if {*tokenizer(label, add_special_tokens=False).input_ids} <= {unknown}:
             raise ConfigError(
                 f"the label '{label}' has no tokens in this encoder's vocabulary. Use an "
@@ -119,13 +125,28 @@ def write_vectors(
     inputs: Mapping[str, str],
     force: bool = False,
 ) -> Path:
-    """Write vectors and the hashes ``inputs``; OutputExistsError if ``out`` exists and ``force`` is False."""
+    """Write a folder of vectors, for the option ``--features``.
+
+    Args:
+        out: folder to write.
+        labels: N labels.
+        vectors: their vectors, shape (N, D).
+        inputs: hashes of graphs and weights by name, for the record.
+        force: replace an existing output.
+
+    Returns:
+        The folder.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
     folder = with_a_name(out)
     with staged_folder(folder, force=force) as staging:
         buffer = io.BytesIO()
         np.save(buffer, vectors, allow_pickle=False)
         names = "".join(f"{label}\n" for label in labels).encode()
-        files = {ENCODED: buffer.getvalue(), Path(ENCODED).with_suffix(".labels.txt").name: names}
+        names_file = Path(ENCODED).with_suffix(".labels.txt").name
+        files = {ENCODED: buffer.getvalue(), names_file: names}
         for name, content in files.items():
             write_atomically(staging / name, content)
         end_run(staging, start_run(staging, "encode", inputs=inputs), "done", tuple(files))

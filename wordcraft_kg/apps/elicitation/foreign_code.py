@@ -21,13 +21,16 @@ from wordcraft_kg.base.errors import ArtefactError, MissingExtraError
 from wordcraft_kg.base.extras import pip_install
 
 SAFE_SENTENCE_TRANSFORMERS = "6.0.1"
-"""Earlier versions import any module that the modules.json of a local folder names, whatever they are told."""
+"""Earlier versions import any module that a local modules.json names, whatever they are told."""
 _MODULES = (
     *("Transformer", "Pooling", "Dense", "Normalize", "LayerNorm", "Dropout"),
     *("WeightedLayerPooling", "StaticEmbedding"),
 )
 _MODULE = re.compile(rf"sentence_transformers(\.[a-z_]+)*\.({'|'.join(_MODULES)})")
-"""Modules of sentence encoders of text. A path in the package alone is not enough: it also reaches what it imports."""
+"""Modules of sentence encoders of text.
+
+A path in the package alone is not enough: it also reaches the modules that the package imports.
+"""
 _FOLDER_NAME = re.compile(r"[\w-][\w.-]*|")
 _TOKENIZER = re.compile(r"(?!Auto)[A-Z]\w*(Tokenizer|TokenizerFast|Backend)")
 _ACTIVATION = re.compile(r"torch\.nn\.modules\.(activation|linear)\.\w+")
@@ -37,7 +40,10 @@ _HARMLESS_OPTIONS = {
     *("is_decoder", "max_length", "model_max_length", "padding_side", "truncation_side"),
     *("use_fast", "do_lower_case", "add_bos_token", "add_eos_token"),
 }
-"""Options of a folder that change no more than sizes and text; others, such as weights_only, change what is trusted."""
+"""Options of a folder that change no more than sizes and text.
+
+Others, such as weights_only, change what is trusted.
+"""
 _IMPLEMENTATION = re.compile(r"_?\w*implementation(_internal)?")
 _WEIGHTS = re.compile(r"[\w-][\w.-]*\.safetensors")
 _NOT_READ = ("tokenizer.json", "vocab.json")
@@ -46,7 +52,7 @@ _ADAPTER = "adapter_config.json"
 
 
 def check_sentence_transformers() -> None:
-    """Raise MissingExtraError if the installed sentence-transformers would run the code of a model folder."""
+    """Raise MissingExtraError if sentence-transformers would run the code of a model folder."""
     installed = version("sentence-transformers")
     if Version(installed) < Version(SAFE_SENTENCE_TRANSFORMERS):
         raise MissingExtraError(
@@ -57,7 +63,7 @@ def check_sentence_transformers() -> None:
 
 
 def check_model_files(path: Path) -> None:
-    """Check a model folder, or a ``.gguf`` file and the files beside it, before a library reads them.
+    """Check a model folder, or a ``.gguf`` file and its neighbours, before a library reads them.
 
     Raises:
         ArtefactError: if a file names code, a kernel or another model to load, has weights as a
@@ -68,8 +74,9 @@ def check_model_files(path: Path) -> None:
     if path.is_dir():
         # Only these folders are read; others hold what other libraries read, such as ONNX.
         places = [folder, *_module_folders(folder)]
-        files = [entry for place in places for entry in sorted(place.iterdir())]
-        files = [file for file in files if not file.is_dir()]
+        files = []
+        for place in places:
+            files += [entry for entry in sorted(place.iterdir()) if not entry.is_dir()]
         _check_places(folder, files)
         for place in places:
             _check_weights(place)
@@ -88,11 +95,11 @@ def check_model_files(path: Path) -> None:
                 "adapter into its model, "
                 "and give that folder."
             )
-        content = read_json(file)
-        for key, value in _items(content):
+        for key, value in _items(read_json(file)):
             _check_item(file, key, value)
             if key == "auto_map" and value:
                 named += sorted(_strings(value))
+    # Many models of a kind that transformers has also name code, for its earlier versions.
     if named and not _is_known(folder):
         raise ArtefactError(
             f"'{folder}' needs its own Python code, {named[0]}, and code of a model is never "
@@ -115,7 +122,8 @@ def _module_folders(folder: Path) -> list[Path]:
     folders = []
     for module in content if isinstance(content, list) else [content]:
         about = module if isinstance(module, dict) else {}
-        kind, path = about.get("type"), about.get("path")
+        kind = about.get("type")
+        path = about.get("path")
         if not isinstance(kind, str) or not _MODULE.fullmatch(kind):
             raise ArtefactError(
                 f"'{file}' names the module {kind!r}, and code of a model is never run; expected "
@@ -152,7 +160,7 @@ def _check_places(folder: Path, files: Iterable[Path]) -> None:
 
 
 def _check_weights(place: Path) -> None:
-    """Refuse pickles without safetensors beside them, and an index of safetensors that names other files."""
+    """Refuse pickles without safetensors, and an index of safetensors that names other files."""
     pickles = sorted(place.glob("pytorch_model*.bin"))
     if pickles and not any(place.glob("model*.safetensors")):
         raise ArtefactError(
@@ -162,8 +170,8 @@ def _check_weights(place: Path) -> None:
         )
     for index in sorted(place.glob("*.index.json")):
         content = read_json(index)
-        named = _strings(content.get("weight_map")) if isinstance(content, dict) else ()
-        for name in named:
+        weight_map = content.get("weight_map") if isinstance(content, dict) else None
+        for name in _strings(weight_map):
             if not _WEIGHTS.fullmatch(name):
                 raise ArtefactError(
                     f"'{index}' names '{name}'; expected *.safetensors in the same folder. "
@@ -172,7 +180,7 @@ def _check_weights(place: Path) -> None:
 
 
 def _check_item(file: Path, key: str, value: Any) -> None:
-    """Refuse one name and value, at any depth of a JSON file, that changes what a loader imports or trusts."""
+    """Refuse a name and value of a JSON file that change what a loader imports or trusts."""
     problem = ""
     if _LOADER_OPTIONS.fullmatch(key) and isinstance(value, Mapping):
         odd = sorted(set(value) - _HARMLESS_OPTIONS)
@@ -214,13 +222,18 @@ def _strings(value: Any) -> Iterator[str]:
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict | list):
-        for inner in value.values() if isinstance(value, dict) else value:
+        values = value.values() if isinstance(value, dict) else value
+        for inner in values:
             yield from _strings(inner)
 
 
 def _is_known(folder: Path) -> bool:
-    """Return whether transformers has a class of its own for a model that also names code: it then needs no code."""
+    """Return whether transformers has a class of its own for a model that also names code.
+
+    It then needs no code.
+    """
     from transformers.models.auto.configuration_auto import CONFIG_MAPPING_NAMES
 
-    config = read_json(folder / "config.json") if (folder / "config.json").is_file() else {}
+    file = folder / "config.json"
+    config = read_json(file) if file.is_file() else {}
     return isinstance(config, dict) and config.get("model_type") in CONFIG_MAPPING_NAMES

@@ -17,7 +17,17 @@ _CODE = ("*.py", "*.pyc", "*.so", "*.bin", "*.pt", "*.pth", "*.pkl", "*.pickle",
 
 
 def locate_model(setting: str, name: str) -> Path:
-    """Return a model's path, perhaps after a download from the hub; ConfigError naming ``setting`` otherwise."""
+    """Return a model's path, after a download from the hub if it is not on disk.
+
+    Files of other libraries are not downloaded, nor programs and pickles.
+
+    Args:
+        setting: name of the setting, for the error.
+        name: path, or name on the Hugging Face hub.
+
+    Raises:
+        ConfigError: if there is no such path, and the model cannot be downloaded.
+    """
     if os.path.exists(name):
         return Path(name)
     from huggingface_hub import snapshot_download
@@ -33,7 +43,11 @@ def locate_model(setting: str, name: str) -> Path:
 
 
 def hash_weights(path: Path) -> dict[str, str]:
-    """Return SHA-256 hashes of a model's weights by file name; ArtefactError without weights or config.json."""
+    """Return SHA-256 hashes of a model's weights by file name.
+
+    Raises:
+        ArtefactError: if the folder has no weights in safetensors, or no config.json.
+    """
     if path.is_file():
         return {path.name: sha256_of(path)}
     files = weight_files(path)
@@ -47,8 +61,8 @@ def hash_weights(path: Path) -> dict[str, str]:
 
 
 def weight_files(folder: Path) -> list[Path]:
-    """Return the safetensors files of a model folder, also of its modules in folders of their own."""
-    files = [file for pattern in ("*", "*/*") for file in sorted(folder.glob(pattern))]
+    """Return the safetensors files of a model folder, and of its modules in folders inside."""
+    files = sorted(folder.glob("*")) + sorted(folder.glob("*/*"))
     return [file for file in files if file.suffix == ".safetensors" and file.is_file()]
 
 

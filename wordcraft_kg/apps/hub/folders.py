@@ -90,11 +90,8 @@ class SharedFolder:
 
     def _is_built_in(self) -> bool:
         """Return whether the graph is that of a built-in book: the content counts, not the name."""
-        for book in known_books():
-            if book.origin == "built in":
-                if RecipeGraph.from_book(open_book(book.name)).hash == self.graph:
-                    return True
-        return False
+        names = [book.name for book in known_books() if book.origin == "built in"]
+        return any(RecipeGraph.from_book(open_book(name)).hash == self.graph for name in names)
 
 
 def open_folder(folder: Path) -> SharedFolder:
@@ -161,8 +158,8 @@ def _open_graph_folder(folder: Path) -> SharedFolder:
     card = f"""{front_matter("knowledge-graph", "recipes")}
 # Recipe graph {graph.name}
 
-{graph.num_entities:,} entities and {graph.num_recipes:,} recipes, with a split and its triples for \
-link prediction.
+{graph.num_entities:,} entities and {graph.num_recipes:,} recipes, with a split and its triples \
+for link prediction.
 
 - graph `{graph.hash}`
 - split `{split.hash}`: {split.config.kind}, seed {split.config.seed}; recipes: {sizes}

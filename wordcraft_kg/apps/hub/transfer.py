@@ -114,7 +114,10 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
 
 @contextmanager
 def _transfer(repository: str, done: str) -> Iterator[None]:
-    """Turn the client's errors into a FetchError without their text, which may hold signed addresses."""
+    """Turn the client's errors into a FetchError.
+
+    Their text is left out, since it may hold signed addresses, which let anyone in.
+    """
     if not re.fullmatch(r"[\w.-]{1,96}/[\w.-]{1,96}", repository, re.ASCII):
         raise ConfigError(
             f"`repository` '{repository}': expected OWNER/NAME, such as me/kitchen-recipes."

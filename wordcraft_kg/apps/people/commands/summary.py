@@ -24,9 +24,8 @@ EXAMPLES = (
 )
 NOTE = (
     "95 % intervals: Wilson for rates, as if all answers were independent; bootstrap",
-    "over people, and for agents over tasks that the split holds out together "
-    "(Wilson for equal results),",
-    "too narrow for few people.",
+    "over people, and for agents over tasks that the split holds out together (Wilson",
+    "for equal results), too narrow for few people.",
 )
 
 

@@ -1,8 +1,8 @@
-"""Texts from outside in an output: one function for each format, and the comparison of look-alike names.
+"""Texts from outside in an output, and the comparison of look-alike names.
 
-A label, a name, a path or a commit of a hub is foreign text: it may hold escape codes of terminals,
-marks that reorder a line, links or headings. Each function returns a text that the format shows
-character for character.
+There is one function for each format. A label, a name, a path or a commit of a hub is foreign text:
+it may hold escape codes of terminals, marks that reorder a line, links or headings. Each function
+returns a text that the format shows character for character.
 """
 
 import re
@@ -17,8 +17,8 @@ _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 # and emoji need),
 # fillers and tags are invisible, or change the direction of a line.
 _HIDDEN = re.compile(
-    "[\x00-\x1f\x7f-\xa0\xad\u034f\u115f\u1160\u1680\u17b4\u17b5\u180e\u2000-\u200b\u2028\u2029\u202f\u205f-\u2065"
-    f"\u206a-\u206f\u2800\u3000\u3164\ufeff\uffa0\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f{_BIDI}]"
+    "[\x00-\x1f\x7f-\xa0\xad\u034f\u115f\u1160\u1680\u17b4\u17b5\u180e\u2000-\u200b\u2028\u2029\u202f"
+    f"\u205f-\u2065\u206a-\u206f\u2800\u3000\u3164\ufeff\uffa0\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f{_BIDI}]"
 )
 _BIDI_MARK = re.compile(f"[{_BIDI}]")
 # All characters that begin a construct of Markdown inside a line or a table. The pipe ends a cell,
@@ -33,7 +33,9 @@ _JSON = re.compile(f"[\x7f-\x9f\u2028\u2029\ud800-\udfff{_BIDI}]")
 
 
 def for_terminal(text: str) -> str:
-    r"""Return a text for a line of a terminal, with codes such as ``<U+001B>`` for characters that do not show.
+    r"""Return a text for a line of a terminal, with codes for characters that do not show.
+
+    A code is such as ``<U+001B>``.
 
     Line breaks are among them, so a foreign text cannot begin a line of its own.
 
@@ -45,7 +47,9 @@ def for_terminal(text: str) -> str:
 
 
 def for_markdown(text: str) -> str:
-    """Return a text for a cell or a line of Markdown: no link, image, heading, code or further cell comes from it.
+    """Return a text for a cell or a line of Markdown.
+
+    No link, image, heading, code or further cell comes from it.
 
     Character references are used in place of backslashes, because all dialects show them as plain
     text, even in tables.
@@ -59,7 +63,9 @@ def for_markdown(text: str) -> str:
 
 
 def for_html(text: object) -> Markup:
-    """Return a value for HTML, escaped; marks of direction, which reorder the page around a text, become codes.
+    """Return a value for HTML, escaped.
+
+    Marks of direction, which reorder the page around a text, become codes.
 
     Markup stays as it is.
     """
@@ -69,7 +75,7 @@ def for_html(text: object) -> Markup:
 
 
 def for_json(dumped: str) -> str:
-    r"""Return a JSON text in which control and direction characters are JSON escapes, such as ``\u009b``.
+    r"""Return a JSON text with control and direction characters as escapes, such as ``\u009b``.
 
     Such characters occur only inside JSON strings, so the value is unchanged.
     """
@@ -114,7 +120,9 @@ _LOOKS_LIKE = {
     "y": "\u0443\u03b3\u04af",
     "z": "\u03b6",
 }
-_LATIN = str.maketrans({char: letter for letter, chars in _LOOKS_LIKE.items() for char in chars})
+_LATIN: dict[int, str] = {}
+for _letter_shown, _chars in _LOOKS_LIKE.items():
+    _LATIN |= str.maketrans(dict.fromkeys(_chars, _letter_shown))
 
 
 def look_alike_key(name: str) -> str:
@@ -130,6 +138,7 @@ def look_alike_key(name: str) -> str:
     # Decomposed twice: case folding may compose anew, and compatibility forms may hold capitals.
     plain = unicodedata.normalize("NFKD", unicodedata.normalize("NFKD", name).casefold())
     letters = "".join(_letter(char) for char in plain).translate(_LATIN)
+    # Two letters that look like one in most fonts.
     return letters.replace("rn", "m").replace("vv", "w")
 
 

@@ -102,7 +102,7 @@ def read_json(path: Path) -> Any:
     data = read_small_file(path)
     try:
         return json.loads(data.decode())
-    # ValueError: not UTF-8, not JSON, or a number of 5,000 digits. RecursionError: nested too deeply.
+    # ValueError: not UTF-8, not JSON, or a number of 5,000 digits; RecursionError: too deep.
     except (ValueError, RecursionError) as error:
         raise ArtefactError(
             f"{path} is damaged: {error}. Make it again, or restore a copy."

@@ -17,8 +17,9 @@ _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
 # and emoji need),
 # fillers and tags are invisible, or change the direction of a line.
 _HIDDEN = re.compile(
-    "[\x00-\x1f\x7f-\xa0\xad\u034f\u115f\u1160\u1680\u17b4\u17b5\u180e\u2000-\u200b\u2028\u2029\u202f"
-    f"\u205f-\u2065\u206a-\u206f\u2800\u3000\u3164\ufeff\uffa0\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f{_BIDI}]"
+    "[\x00-\x1f\x7f-\xa0\xad\u034f\u115f\u1160\u1680\u17b4\u17b5\u180e\u2000-\u200b\u2028\u2029"
+    "\u202f\u205f-\u2065\u206a-\u206f\u2800\u3000\u3164\ufeff\uffa0\ufff9-\ufffb"
+    f"\ud800-\udfff\U000e0000-\U000e007f{_BIDI}]"
 )
 _BIDI_MARK = re.compile(f"[{_BIDI}]")
 # All characters that begin a construct of Markdown inside a line or a table. The pipe ends a cell,

@@ -231,8 +231,7 @@ def _only_pair(line: str, labels: Sequence[str]) -> list[Pair]:
     if not mentions.is_clear:
         raise ActionError(
             f"the answer mentions {labels[pair[0]]} + {labels[pair[1]]}, but with a negation, a "
-            "question, an "
-            "alternative, or other items. Write the pair alone in the last line."
+            "question, an alternative, or other items. Write the pair alone in the last line."
         )
     return [pair]
 

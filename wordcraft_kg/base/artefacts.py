@@ -240,8 +240,8 @@ def check_output(out: Path, *, force: bool) -> None:
     if not has_only_temporary(out) and not any((out / name).is_file() for name in _OWN_FILES):
         raise OutputExistsError(
             f"'{out}' exists and does not look like an output of wordcraft-kg (without "
-            f"{', '.join(_OWN_FILES)});"
-            " the folder is not replaced, even with `force`. Choose another `out`."
+            f"{', '.join(_OWN_FILES)}); the folder is not replaced, even with `force`. Choose "
+            "another `out`."
         )
     if not force:
         raise OutputExistsError(

@@ -112,8 +112,7 @@ def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
         if {*tokenizer(label, add_special_tokens=False).input_ids} <= {unknown}:
             raise ConfigError(
                 f"the label '{label}' has no tokens in this encoder's vocabulary. Use an "
-                "`encoder` for the labels' "
-                "language, or rename the entity."
+                "`encoder` for the labels' language, or rename the entity."
             )
 
 

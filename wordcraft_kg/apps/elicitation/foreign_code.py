@@ -57,8 +57,7 @@ def check_sentence_transformers() -> None:
     if Version(installed) < Version(SAFE_SENTENCE_TRANSFORMERS):
         raise MissingExtraError(
             f"sentence-transformers {installed} runs Python code that a model folder names; "
-            "expected "
-            f"{SAFE_SENTENCE_TRANSFORMERS} or later: {pip_install(extra='text')}"
+            f"expected {SAFE_SENTENCE_TRANSFORMERS} or later: {pip_install(extra='text')}"
         )
 
 
@@ -92,8 +91,7 @@ def check_model_files(path: Path) -> None:
         if file.name == _ADAPTER:
             raise ArtefactError(
                 f"'{folder}' is an adapter ({_ADAPTER}), which loads another model. Merge the "
-                "adapter into its model, "
-                "and give that folder."
+                "adapter into its model, and give that folder."
             )
         for key, value in _items(read_json(file)):
             _check_item(file, key, value)
@@ -102,9 +100,8 @@ def check_model_files(path: Path) -> None:
     # Many models of a kind that transformers has also name code, for its earlier versions.
     if named and not _is_known(folder):
         raise ArtefactError(
-            f"'{folder}' needs its own Python code, {named[0]}, and code of a model is never "
-            "run. Give a model that "
-            "transformers itself knows."
+            f"'{folder}' needs its own Python code, {named[0]}, and code of a model is never run. "
+            "Give a model that transformers itself knows."
         )
 
 
@@ -127,8 +124,8 @@ def _module_folders(folder: Path) -> list[Path]:
         if not isinstance(kind, str) or not _MODULE.fullmatch(kind):
             raise ArtefactError(
                 f"'{file}' names the module {kind!r}, and code of a model is never run; expected "
-                "modules of "
-                f"sentence-transformers for text: {', '.join(_MODULES)}. Give another model."
+                f"modules of sentence-transformers for text: {', '.join(_MODULES)}. Give another "
+                "model."
             )
         if not isinstance(path, str) or not _FOLDER_NAME.fullmatch(path):
             raise ArtefactError(
@@ -165,8 +162,7 @@ def _check_weights(place: Path) -> None:
     if pickles and not any(place.glob("model*.safetensors")):
         raise ArtefactError(
             f"'{place}' has weights as a pickle only, {pickles[0].name}, and a pickle can run "
-            "code. Give a model with "
-            "weights in model.safetensors."
+            "code. Give a model with weights in model.safetensors."
         )
     for index in sorted(place.glob("*.index.json")):
         content = read_json(index)

@@ -152,8 +152,7 @@ def label_tokens(tokenizer: Any, label: str) -> list[int]:
         if not token or token[0] == tokenizer.unk_token_id:
             raise ConfigError(
                 f"the label '{label}' has no tokens in this language model's vocabulary. Use a "
-                "`model` for the labels' "
-                "language, or rename the entity."
+                "`model` for the labels' language, or rename the entity."
             )
         tokens += token
     return tokens

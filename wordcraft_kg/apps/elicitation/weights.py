@@ -37,8 +37,7 @@ def locate_model(setting: str, name: str) -> Path:
     except (OSError, ValueError) as error:
         raise ConfigError(
             f"`{setting}` '{name}' is not on disk, and cannot be downloaded from the hub "
-            f"({reason(error)}). Give the "
-            "path of a model folder with config.json and weights."
+            f"({reason(error)}). Give the path of a model folder with config.json and weights."
         ) from None
 
 
@@ -87,8 +86,7 @@ def loading(path: Path, expected: str) -> Iterator[None]:
         if "trust_remote_code" in str(error):
             raise ArtefactError(
                 f"'{path}' needs its own Python code, and code of a model is never run. Give a "
-                "model that transformers "
-                "itself knows."
+                "model that transformers itself knows."
             ) from None
         raise ArtefactError(
             f"'{path}' cannot be loaded as {expected}: {reason(error)}. Give another model, or "

@@ -72,9 +72,8 @@ class SharedFolder:
             if not self._is_built_in():
                 raise ConfigError(
                     f"the book in '{self.path}' has no known licence; Little Alchemy 2 has none "
-                    "at all. Publish only "
-                    "with the permission of the authors, and name the licence, as in `licence` "
-                    "cc-by-4.0."
+                    "at all. Publish only with the permission of the authors, and name the "
+                    "licence, as in `licence` cc-by-4.0."
                 )
             licence = "cc0-1.0"
         if not re.fullmatch(r"[a-z0-9][a-z0-9.-]{1,40}", licence):
@@ -113,8 +112,7 @@ def open_folder(folder: Path) -> SharedFolder:
     if foreign:
         raise ArtefactError(
             f"{folder / RUN_FILE} lists {foreign[0]!r}, which is no file of a model or an agent. "
-            "Train again, or "
-            "restore a copy."
+            "Train again, or restore a copy."
         )
     # Other inputs, such as the hash of the graph, are not in the folder.
     names = [name for name in {**run.inputs, **run.outputs} if name in _RUN_FILES]
@@ -143,8 +141,7 @@ def _check_places(folder: Path, names: Iterable[str]) -> None:
         if not place.is_relative_to(inside):
             raise ArtefactError(
                 f"{folder / name} is a link out of the folder, to {place}. Replace the link by a "
-                "copy of a file that "
-                "belongs to this folder."
+                "copy of a file that belongs to this folder."
             )
 
 
@@ -198,7 +195,6 @@ def read_sums(path: Path, repository: str) -> dict[str, str]:
     if foreign:
         raise ArtefactError(
             f"{SUMS} in '{repository}' lists '{foreign[0]}', which `wordcraft-kg hub push` never "
-            "shares. Pull from "
-            "another repository, or ask its owner to push the folder again."
+            "shares. Pull from another repository, or ask its owner to push the folder again."
         )
     return sums

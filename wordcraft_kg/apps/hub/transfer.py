@@ -134,6 +134,5 @@ def _transfer(repository: str, done: str) -> Iterator[None]:
         kind = type(error).__name__ + (f", status {status}" if status else "")
         raise FetchError(
             f"'{repository}' could not be {done} ({kind}). Check the name, the revision and the "
-            "network, and log in: "
-            "hf auth login, or the variable HF_TOKEN."
+            "network, and log in: hf auth login, or the variable HF_TOKEN."
         ) from None

@@ -369,8 +369,7 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
             if connection.execute("SELECT record FROM study").fetchall() != [(study,)]:
                 raise ArtefactError(
                     f"{path} belongs to another study than the study.json in its folder, or "
-                    "study.json was changed. "
-                    "Nothing was changed; restore a copy."
+                    "study.json was changed. Nothing was changed; restore a copy."
                 )
             yield connection
     except sqlite3.Error as error:

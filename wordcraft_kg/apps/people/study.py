@@ -196,9 +196,8 @@ def _check_tasks(folder: Path, study: Study) -> None:
             if not task.is_of(stored.answer):
                 raise ArtefactError(
                     f"'{folder}': this version poses another {task.part} task {task.number} than "
-                    "person "
-                    f"{person.number} answered. Nothing was changed; continue with the version "
-                    "that began the study."
+                    f"person {person.number} answered. Nothing was changed; continue with the "
+                    "version that began the study."
                 )
 
 
@@ -227,8 +226,7 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
     if begun.texts_hash != record.texts_hash:
         raise ConfigError(
             f"'{folder}': the pages of this version have other texts than the pages that people "
-            "have seen. Nothing was "
-            "changed; continue with the version that began the study."
+            "have seen. Nothing was changed; continue with the version that began the study."
         )
     check_equal(
         f"'{folder}' is a study with", _identity(begun), "this command has", _identity(record)

@@ -15,8 +15,7 @@ from wordcraft_kg.base.errors import WordCraftKGError
 
 POLICY = (
     "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src "
-    "'self'; "
-    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+    "'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
 """Only local files are loaded and run, even with hostile labels."""
 HEADERS = {

@@ -68,6 +68,7 @@ def encode_labels(
             if "model_type" in settings:
                 config = AutoConfig.from_pretrained(str(folder), trust_remote_code=False)
                 check_size(path, partial(AutoModel.from_config, config, trust_remote_code=False))
+        # Said to each loader again: a folder's own settings could otherwise decide.
         options = {
             "dtype": torch.float32,
             "use_safetensors": True,
@@ -85,6 +86,7 @@ def encode_labels(
             config_kwargs={"trust_remote_code": False},
         )
     _check_tokens(model.tokenizer, labels)
+    # In chunks, for the report of progress.
     parts = []
     for start in range(0, len(labels), _CHUNK):
         some = list(labels[start : start + _CHUNK])
@@ -142,6 +144,7 @@ def write_vectors(
     folder = with_a_name(out)
     with staged_folder(folder, force=force) as staging:
         buffer = io.BytesIO()
+        # No pickle: the array has numbers only, and readers refuse anything else.
         np.save(buffer, vectors, allow_pickle=False)
         names = "".join(f"{label}\n" for label in labels).encode()
         names_file = Path(ENCODED).with_suffix(".labels.txt").name

@@ -84,8 +84,10 @@ def check_model_files(path: Path) -> None:
         # The libraries read these names beside a .gguf file; other files there may be anybody's.
         names = ("config.json", "tokenizer_config.json", "generation_config.json", _ADAPTER)
         files = [folder / name for name in names if (folder / name).is_file()]
+    # Code is collected first: whether it is needed depends on the kind of the model.
     named: list[str] = []
     for file in files:
+        # To search all tokens takes long, and no loader imports a token.
         if file.name in _NOT_READ:
             continue
         if file.name == _ADAPTER:
@@ -121,6 +123,7 @@ def _module_folders(folder: Path) -> list[Path]:
         about = module if isinstance(module, dict) else {}
         kind = about.get("type")
         path = about.get("path")
+        # A full match of the name: a prefix would reach any module below the package.
         if not isinstance(kind, str) or not _MODULE.fullmatch(kind):
             raise ArtefactError(
                 f"'{file}' names the module {kind!r}, and code of a model is never run; expected "
@@ -145,6 +148,7 @@ def _check_places(folder: Path, files: Iterable[Path]) -> None:
     # snapshots.
     if os.path.basename(os.path.dirname(root)) == "snapshots":
         inside.append(os.path.join(os.path.dirname(os.path.dirname(root)), "blobs"))
+    # realpath follows all links, also those of folders on the way.
     for file in files:
         place = os.path.realpath(file)
         if not any(Path(place).is_relative_to(allowed) for allowed in inside):

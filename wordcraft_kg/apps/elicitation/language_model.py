@@ -89,6 +89,7 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
     """
     check_extra("text")
     check_model_files(path)
+    # Before loading, so that the hashes are of the files that were checked.
     hashes = hash_weights(path)
     with loading(path, "a causal language model"):
         from transformers import AutoConfig, AutoModelForCausalLM, AutoTokenizer
@@ -191,6 +192,7 @@ class _LabelProbabilities:
         """
         # Only the logits of the last position are computed: the others are (B, T, vocabulary).
         logits = self.model(input_ids=torch.tensor(texts), logits_to_keep=1).logits[:, -1].float()
+        # Each token's share of its label's mean; index_add_ sums the shares of a label.
         parts = logits.log_softmax(-1)[:, self.tokens] / self.counts
         return torch.zeros(len(texts), self.size).index_add_(1, self.owners, parts)
 
@@ -212,6 +214,7 @@ class _Batch:
 
 def _batches(texts: Sequence[list[int]], prompt: int = 0) -> Iterator[_Batch]:
     """Divide texts into batches that need no padding; the batches depend on the texts only."""
+    # Padding would change the last bits of a row with the other texts of its batch.
     order = sorted(range(len(texts)), key=lambda row: len(texts[row]))
     for _, same in groupby(order, key=lambda row: len(texts[row])):
         rows = list(same)
@@ -290,6 +293,7 @@ def elicit_knowledge(
         knowledge = KnowledgeTables(record, tables)
         files = {"prompts.json": text, "README.md": _card(graph, knowledge, inputs, prompts)}
         write_knowledge(out, "elicit", knowledge, inputs=inputs, files=files, force=force)
+        # Only after the knowledge folder is complete.
         shutil.rmtree(folder)
     return knowledge
 
@@ -332,6 +336,7 @@ def _tables(
                     raise ArtefactError(
                         "the language model gives probabilities that are not finite. Use another."
                     )
+                # Atomic: a row is either computed or not, even after a kill.
                 write_atomically(file, safetensors.torch.save({"rows": rows}))
             tables[batch.prompt, batch.rows] = rows
             done += len(batch.rows)
@@ -368,6 +373,7 @@ def _oriented(table: Tensor, prompt: Prompt) -> Tensor:
 @contextmanager
 def _saved_rows(out: Path, key: str) -> Iterator[Path]:
     """Yield the locked folder beside ``out`` for the rows with this key."""
+    # Another model, prompt or graph has another key, and so never takes these rows.
     digest = hashlib.sha256(key.encode()).hexdigest()[:16]
     folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
     folder.mkdir(parents=True, exist_ok=True)

@@ -57,6 +57,7 @@ def check_size(path: Path, build: Callable[[], Any]) -> None:
     # Building a model draws from the global generator; its state is restored.
     with torch.random.fork_rng(devices=[]), torch.device("meta"):
         model = build()
+    # Buffers count as well: tables of positions may be larger than the weights.
     tensors = [*model.parameters(), *model.buffers()]
     needed = sum(tensor.numel() for tensor in tensors)
     stored = sum(prod(shape) for shape in _shapes(path))
@@ -76,6 +77,7 @@ def check_modules(folder: Path) -> None:
         config = read_json(file)
         sizes = dict(_numbers(config)) if isinstance(config, dict) else {}
         matrix = sizes.get("in_features", 1) * sizes.get("out_features", 1)
+        # Each kind of module has one of these sizes; a missing size counts as 1.
         needed = max(matrix, sizes.get("dimension", 1))
         stored = sum(prod(shape) for shape in _shapes(file.parent))
         if needed > 2 * stored + _MORE_ELEMENTS:

@@ -30,6 +30,7 @@ def locate_model(setting: str, name: str) -> Path:
     """
     if os.path.exists(name):
         return Path(name)
+    # Imported late: a model on disk needs no client of the hub.
     from huggingface_hub import snapshot_download
 
     try:
@@ -83,6 +84,7 @@ def loading(path: Path, expected: str) -> Iterator[None]:
     except WordCraftKGError:
         raise
     except Exception as error:  # libraries report damaged files by errors of many classes
+        # The only sign of this cause, which needs another remedy than a damaged file.
         if "trust_remote_code" in str(error):
             raise ArtefactError(
                 f"'{path}' needs its own Python code, and code of a model is never run. Give a "

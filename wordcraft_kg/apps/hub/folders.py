@@ -81,6 +81,7 @@ class SharedFolder:
                 f"`licence` '{licence}': expected an identifier of the hub, such as cc-by-4.0 or "
                 "other."
             )
+        # The licence goes first into the block between the lines of dashes, which the hub reads.
         head, _, body = self.card.removeprefix("---\n").partition("\n---\n")
         others = [line for line in head.split("\n") if not line.startswith("license:")]
         lines = [f"license: {licence}", *others]
@@ -148,8 +149,10 @@ def _check_places(folder: Path, names: Iterable[str]) -> None:
 def _open_graph_folder(folder: Path) -> SharedFolder:
     _check_places(folder, _GRAPH_FILES + _TRIPLES)
     opened = open_graph(str(folder))
+    # Triples and audit follow from the recipes: files that do not agree with them are refused.
     check_derived_files(folder, opened)
-    graph, split = opened.graph, opened.split
+    graph = opened.graph
+    split = opened.split
     counts = {part: int(split.is_in(part).sum()) for part in ("train", "valid", "test")}
     sizes = ", ".join(f"{count:,} {part}" for part, count in counts.items())
     card = f"""{front_matter("knowledge-graph", "recipes")}
@@ -173,6 +176,7 @@ opened = open_graph("this folder")
 def _record(run: RunRecord) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in run.versions.items())
     inputs = "\n".join(f"- {name}: `{value}`" for name, value in run.inputs.items())
+    # The program's own path is left out: it may hold a user's name.
     command = shlex.join(["wordcraft-kg", *run.argv[1:]])
     return f"{_RECORD}\n`{command}` with {versions}. Hashes of the inputs:\n\n{inputs}\n"
 

@@ -96,8 +96,10 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
                 "local_dir": folder,
             }
             sums = read_sums(Path(api.hf_hub_download(filename=SUMS, **where)), repository)
+            # Not the whole repository: only names that read_sums has checked.
             for name in (*sums, CARD):
                 api.hf_hub_download(filename=name, **where)
+        # The client keeps records of its downloads there, which belong to no folder of ours.
         shutil.rmtree(folder / ".cache", ignore_errors=True)
         for name, expected in sums.items():
             if sha256_of(folder / name) != expected:

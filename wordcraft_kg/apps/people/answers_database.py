@@ -128,11 +128,13 @@ class AnswersDatabase:
         """
         if not path.exists():
             _make(path, study)
+        # Only the checks count here: a file that is not ours must not be opened for writing.
         with _reading(path, study):
             pass
         self._path = path
         self._turns = turns
         self._lock = threading.Lock()
+        # Pages are made in several threads; the lock keeps them from using the connection at once.
         self._connection = sqlite3.connect(
             path, timeout=BUSY, isolation_level=None, check_same_thread=False
         )
@@ -157,6 +159,7 @@ class AnswersDatabase:
         """Run a block as one transaction: everything in the block is stored, or nothing."""
         with self._lock:
             try:
+                # Immediate: the transaction reads before it writes, and nobody may write between.
                 self._connection.execute("BEGIN IMMEDIATE")
                 yield self._connection
                 self._connection.execute("COMMIT")
@@ -197,6 +200,7 @@ class AnswersDatabase:
             }
             # min returns the first of several equal cells, so the order of the cells decides ties.
             cell = min(cells, key=lambda cell: counts.get(cell, (0, 0)))
+            # The code's hash is unique, so that even two servers cannot begin a session twice.
             cursor = connection.execute(
                 "INSERT INTO sessions (code, form, distractors) VALUES (?, ?, ?)",
                 (code, cell.form, cell.distractors),
@@ -212,6 +216,7 @@ class AnswersDatabase:
     def answers_of(self, person: Participant) -> list[Answer]:
         """Return the answers of a person in order."""
         with self._lock:
+            # Descending parts: train comes before test.
             query = f"{_ANSWERS} WHERE session = ? ORDER BY part DESC, number"
             return [
                 _answer(row).answer for row in self._connection.execute(query, (person.number,))
@@ -286,6 +291,7 @@ class AnswersDatabase:
         with self._writing() as connection:
             for table in ("answers", "showings"):
                 connection.execute(f"DELETE FROM {table} WHERE session = ?", (person.number,))
+            # Codes are hashes in hexadecimal, so no code can be equal to this text.
             connection.execute(
                 "UPDATE sessions SET code = 'withdrawn ' || number WHERE number = ?",
                 (person.number,),
@@ -348,6 +354,7 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
             _address(path) as address,
             closing(sqlite3.connect(address, uri=True, timeout=BUSY)) as connection,
         ):
+            # One transaction: a server may write between two queries.
             connection.execute("BEGIN")
             kind = [
                 connection.execute(f"PRAGMA {name}").fetchone()[0]
@@ -363,6 +370,7 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
             ).fetchall()
             if sorted(schema) != sorted((table,) for table in TABLES):
                 raise _damaged(path, "expected the tables of a study")
+            # Damaged pages may hold plausible answers, so nothing is read from such a file.
             problem = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             if problem != "ok":
                 raise _damaged(path, problem)
@@ -391,6 +399,7 @@ def _address(path: Path) -> Iterator[str]:
             copy = Path(shutil.copy(path, folder))
             entries = log.read_bytes() if log.exists() else b""
             shared = index.read_bytes() if index.exists() else b""
+            # Only the log is copied: SQLite makes a new index from it.
             copy.with_name(log.name).write_bytes(entries)
             with closing(sqlite3.connect(copy)) as connection:
                 # The pragma returns: busy, pages in the log, pages moved to the database.
@@ -408,6 +417,7 @@ def _address(path: Path) -> Iterator[str]:
 
 
 def _is_served(folder: Path) -> bool:
+    # The lock of a server ends with its process, even after a kill.
     try:
         with locked(folder):
             return False
@@ -488,6 +498,7 @@ def _answer(row: Sequence[Any], path: Path | str = ANSWERS_FILE) -> StoredAnswer
 
 
 def _failed(path: Path, error: sqlite3.Error) -> ArtefactError:
+    # Operational errors come from the system, such as a full disk; others from the content.
     if not isinstance(error, sqlite3.OperationalError):
         return _damaged(path, error)
     return ArtefactError(

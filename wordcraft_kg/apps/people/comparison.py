@@ -40,10 +40,12 @@ def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Tab
     conditions = sorted({(distractors, part) for distractors, _, part, _ in tasks})
     for condition in conditions:
         distractors, part = condition
+        # All tables of a condition and part are played at once: they have the same size.
         keys = [key for key in tasks if (key[0], key[2]) == condition]
         variant = world.variant(num_distractors=distractors, part=part)
         made = _greedy_successes(agent.policy, variant, [tasks[key] for key in keys])
         groups = variant.groups[[tasks[key].index for key in keys]].tolist()
+        # Groups are numbered within a condition and part, over which rates are taken.
         games.update(zip(keys, map(AgentGame, made, groups), strict=True))
     return games
 
@@ -103,6 +105,7 @@ def _greedy_successes(policy: Policy, world: World, tasks: Sequence[PosedTask]) 
     state = engine.pose(indices, tables=padded(tables, world.nothing))
     player = PolicyPlayer(policy)
     rng = np.random.default_rng(0)  # required by players in general; greedy actions use no chance
+    # The first action selects an item, the second combines it with another.
     state, _ = engine.step_once(state, player(state, rng))
     _, step = engine.step_once(state, player(state, rng))
     return (step.outcome == GOAL).tolist()

@@ -165,7 +165,9 @@ class HumanProtocol:
         self.seed = seed
         self.turns = schedule(whole("tasks", tasks, 1, MOST_TASKS))
         self.world = World(graph, WordCraftConfig(num_distractors=num_distractors))
+        # Environments of both parts share the world: graph, split and tables of recipes.
         self._envs = {part: WordCraftEnv(self.world.variant(part=part)) for part in HUMAN_PARTS}
+        # Settings that change tasks or results; two sessions with equal values are comparable.
         kept = (
             "depth",
             "num_distractors",
@@ -175,7 +177,7 @@ class HumanProtocol:
             "task_weighting",
             "ambiguity",
         )
-        settings = {"tasks_per_part": tasks}
+        settings: dict[str, int | str] = {"tasks_per_part": tasks}
         settings |= {name: getattr(self.world.config, name) for name in kept}
         graph = self.world.graph
         self.header = Header(graph.name, graph.hash, self.world.split.hash, settings, seed)
@@ -192,6 +194,7 @@ class HumanProtocol:
 
     def pose(self, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
         """Start the episode for a task; return environment and observation."""
+        # A seed for each episode: a task does not depend on how many were posed before it.
         env = self._envs[part]
         observation, _ = env.reset(seed=episode_seed(self.seed, part, number))
         return env, observation

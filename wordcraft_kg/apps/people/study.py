@@ -92,6 +92,7 @@ class StudyRecord(Record):
 def texts_hash() -> str:
     """Return the hash of all page templates, the text version of a study."""
     folder = files("wordcraft_kg.apps.people") / "templates"
+    # Names and texts together: a text that moves to another page is another study.
     texts = {file.name: file.read_text(encoding="utf-8") for file in folder.iterdir()}
     return hashlib.sha256(json.dumps(texts, sort_keys=True).encode()).hexdigest()
 
@@ -132,6 +133,7 @@ class Study:
         for form in range(config.forms):
             cells += [Cell(form, amount) for amount in config.distractors]
         self.cells = tuple(cells)
+        # Posed when first needed: a study may have a thousand forms, and few people.
         self._posed: dict[Cell, tuple[PosedTask, ...]] = {}
         self._lock = threading.Lock()
 
@@ -170,6 +172,7 @@ def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
         # Once more under the lock: another server may have begun a study meanwhile.
         is_new = not check_study_folder(folder, study.record)
         try:
+            # Durable: answers after a power failure need the record that they belong to.
             if is_new:
                 write_atomically(
                     folder / STUDY_FILE, dump_json(as_values(study.record)), durable=True
@@ -219,6 +222,7 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
             "Choose another `out`."
         )
     begun, _ = read_study_record(folder)
+    # The texts have errors of their own, since their values are too long to be shown.
     if begun.consent != record.consent:
         raise ConfigError(
             f"'{folder}': people agreed to another text. Nothing was changed; give that text."
@@ -309,6 +313,7 @@ def read_study(folder: Path) -> ReadStudy:
         answers.setdefault(stored.session, []).append(stored)
     turns = schedule(record.tasks)
     for number, given in answers.items():
+        # The server poses tasks in order, so answers are the start of the schedule without a gap.
         order = tuple((one.answer.part, one.answer.number) for one in given)
         is_in_order = order == turns[: len(order)]
         is_sound = all(one.answer.is_sound and one.loads >= 1 for one in given)

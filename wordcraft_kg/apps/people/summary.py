@@ -173,6 +173,7 @@ def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
     seen: dict[tuple[tuple[Answer, ...], ...], Path] = {}
     for path, sessions in sources.items():
         for session in sessions:
+            # The first session is the reference, whichever it is: all must be alike.
             if reference is None:
                 reference = (path, session.header)
             first_path, first = reference
@@ -198,6 +199,7 @@ def _rate(
     people: list[int] = []
     keys: list[TableKey] = []
     correct: list[bool] = []
+    # People are numbered anew over all studies, since numbers of two studies overlap.
     for person, session in enumerate(sessions):
         for answer in session.answers:
             if answer.part == part:

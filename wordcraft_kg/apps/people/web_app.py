@@ -77,12 +77,14 @@ def make_study_app(
         Route("/s/{code}/withdraw", server.of_person(server.withdraw), methods=["POST"]),
         Route("/withdrawn", server.text("withdrawn")),
     ]
+    # Sessions, answers and withdrawals need POST: a link or a preview cannot make one.
     router = Router(routes, redirect_slashes=False, default=server.not_found)
     return Guard(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
 
 
 def steady_clock() -> Callable[[], float]:
     """Return a clock in seconds since 1970 that ignores later changes of the machine's time."""
+    # Wall time only once: it makes times comparable after a restart, but may jump while running.
     began = time.time() - time.monotonic()
     return lambda: began + time.monotonic()
 
@@ -97,6 +99,7 @@ def new_code() -> str:
 
 def read_code(typed: str) -> str | None:
     """Return a code that was typed with any capitals, blanks and dashes; None if it is no code."""
+    # Cut before anything else, so that a long text costs nothing.
     letters = re.sub(r"[\s\-–—._]", "", typed[:100]).lower()
     is_code = len(letters) == LENGTH and set(letters) <= set(ALPHABET)
     return _grouped(letters) if is_code else None
@@ -138,6 +141,7 @@ class _Server:
         if form.get("consent") == "no":
             return _to("/declined")
         code = read_code(form.get("code", ""))
+        # Nothing but an explicit yes begins a session.
         if form.get("consent") != "yes" or code is None:
             return _to("/")
         await run_in_threadpool(self.answers.begin, code_hash(code), self.study.cells)
@@ -209,10 +213,12 @@ class _Server:
         present_task = _to(f"/s/{code}/task")
         if number is None:
             return present_task
-        if number < place:  # a repeated form
+        # A repeated form, as after a lost answer of the server: the first answer stays.
+        if number < place:
             return self._after(code, tasks, number)
         if number > place or place == len(tasks):
             return present_task
+        # Only a task that was shown has a time, and only the present one can be answered.
         task = tasks[place]
         shown = self.answers.shown(person, task.part, task.number)
         if shown is None:

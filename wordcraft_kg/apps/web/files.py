@@ -41,6 +41,7 @@ def file_endpoint(
         if name not in texts:
             return missing(f"The file '{name[:60]}' does not exist.")
         kind = "text/css" if name.endswith(".css") else "text/javascript"
+        # no-cache lets browsers keep a file, but ask each time: another version has other files.
         return Response(texts[name], media_type=kind, headers={"Cache-Control": "no-cache"})
 
     return file

@@ -69,6 +69,7 @@ class Guard:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
+        # Neither web sockets nor the lifespan: no page needs them.
         if scope["type"] != "http":
             return
         has_begun = False
@@ -94,6 +95,7 @@ class Guard:
                     return
                 refusal = 503, "The server is stopping. Please reload the page later."
             except WordCraftKGError as error:
+                # It says what is wrong, for the person at the terminal and not for the visitor.
                 logging.getLogger(__name__).error("%s", error)
                 refusal = 500, "Something went wrong. See the terminal for details."
             except LocalProtocolError:
@@ -111,6 +113,7 @@ class Guard:
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         """Return status and message if a request is refused; None if it may pass."""
         headers = Headers(scope=scope)
+        # An address that cannot be read has no host, and so is refused.
         host = _split(f"//{headers.get('host', '')}").hostname or ""
         if host not in self.hosts:
             return 421, f"This server does not accept requests for the host '{host[:60]}'."

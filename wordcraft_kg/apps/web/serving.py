@@ -33,6 +33,7 @@ class _Once(logging.Filter):
         self.seen: set[str] = set()
 
     def filter(self, record: logging.LogRecord) -> bool:
+        # Errors with a traceback always pass: they are faults of the server.
         is_new = record.getMessage() not in self.seen
         self.seen.add(record.getMessage())
         return is_new or record.exc_info is not None
@@ -101,6 +102,7 @@ def serve(
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
             listening.listen(_WAITING)  # asyncio has set the number of connections accepted at once
+            # False if the start has failed; a browser that asks earlier shows an error.
             if self.started:
                 started(address_of(listening))
                 sys.stdout.flush()
@@ -112,6 +114,7 @@ def serve(
                 connections.end_overdue(self.server_state.connections)
             return await super().on_tick(counter)
 
+    # A class for each server: the limit of open files is that of the moment.
     class Connection(connections.Connection):
         limit = connections.most_connections()
 
@@ -141,6 +144,7 @@ def serve(
 
 def address_of(listening: socket.socket) -> str:
     """Return the web address of a listening socket, to open in a browser."""
+    # An address for all networks is no address to open; this machine is always among them.
     host, port = listening.getsockname()[:2]
     shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"

@@ -82,6 +82,7 @@ class Terminal:
     def ask(self, prompt: str) -> str:
         """Return a typed line; ``q`` and the end of the input raise :class:`Quit`."""
         print(prompt, end="", file=self.stream, flush=True)
+        # Without a console, Python may have no stdin at all.
         line = sys.stdin.readline() if sys.stdin else ""
         if not line or not sys.stdin.isatty():
             self.say(line.strip())  # a terminal has shown the line already
@@ -93,6 +94,7 @@ class Terminal:
         """Show items and ask for two of them until the input is valid; return their indices."""
         from wordcraft_kg.envs.words import numbered
 
+        # Once for each table, not after each mistake: the list may be long.
         self.say(textwrap.fill(numbered(labels), WIDTH))
         while True:
             typed = self.ask(prompt)
@@ -133,6 +135,7 @@ def play(
         base: comma-separated entities known at the start in open-ended mode. Default: the base
             entities of the graph.
     """
+    # With --json, stdout is for the result alone.
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
     if open_ended:
         defaults = (WordCraftConfig.depth, WordCraftConfig.num_distractors, "all", None, 0)
@@ -162,6 +165,7 @@ def _play_tasks(
     from wordcraft_kg.apps.people.protocol import episode_seed
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
 
+    # Checked before a graph is read, which may take long.
     whole("episodes", episodes, 0, MAX_SIZE)
     if settings["max_attempts"] is not None:
         whole("attempts", settings["max_attempts"], settings["depth"], MAX_ATTEMPTS)

@@ -81,6 +81,7 @@ def people_serve(
                     [f"{address}   {_counts(answers.stored())} so far   Ctrl-C stops the server"],
                 )
 
+            # Counts are of this moment: the same command continues a study.
             app = make_study_app(study, answers, host, allow_host or ())
             serve(app, listening, started, in_browser=not no_browser)
             stored = answers.stored()
@@ -104,6 +105,7 @@ def _consent(path: Path | None) -> str:
         lines = path.read_text(encoding="utf-8-sig").strip().splitlines()
     except UnicodeError:
         raise ConfigError(f"--consent {path}: expected UTF-8 text.") from None
+    # Blanks at the end of a line must not hide the blank line between two paragraphs.
     paragraphs = "\n".join(line.strip() for line in lines).split("\n\n")
     return "\n\n".join(paragraph.strip() for paragraph in paragraphs if paragraph.strip())
 

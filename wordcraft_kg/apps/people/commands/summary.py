@@ -69,6 +69,7 @@ def _exported(folder: Path, out: Path, force: bool) -> tuple["ExportedAnswers", 
     from wordcraft_kg.base.artefacts import staged_file
     from wordcraft_kg.base.records import as_lines
 
+    # Read and checked as a whole before the file is made.
     study = read_study(folder)
     lines = as_lines(study.lines())
     with staged_file(out, force=force) as path:
@@ -82,6 +83,7 @@ def _compared(
 ) -> "dict[str, dict[TableKey, AgentGame]]":
     if not runs:
         return {}
+    # Imported late: without --run, the command plays no agent.
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.apps.people.comparison import agent_successes
 

@@ -90,7 +90,8 @@ def read_label(
             choices = [f"{labels[place]} ({place + 1})" for place in meant[:_MOST_CHOICES]]
             remedy += ", or the number"
         shown = ", ".join(choices)
-        more = f" and {len(meant) - _MOST_CHOICES} more" if len(meant) > _MOST_CHOICES else ""
+        others = len(meant) - _MOST_CHOICES
+        more = f" and {others} more" if others > 0 else ""
         raise ActionError(f"'{_shown(text)}' is ambiguous: {shown}{more}. {remedy}.")
     numbers = f"1 to {len(labels)}, " if by_number else ""
     expected = f"expected {numbers}an item name, or the start of a name"
@@ -169,6 +170,7 @@ class LabelIndex:
             return sorted(meant)
         if not by_beginning:
             return []
+        # Searched in turn: beginnings come last, and rarely.
         return [place for place, label in enumerate(self._plain) if label.startswith(plain)]
 
 
@@ -248,7 +250,8 @@ def _meant(written: str, labels: Sequence[str], *, by_number: bool, grammar: int
         if named or _NUMBER.fullmatch(text.strip(_MARKS)):
             return named
         return index.places(text, by_beginning=True)
-    if by_number and text.isascii() and text.isdigit() and text[0] != "0" and len(text) < 10:
+    # Grammar 1: the number comes before the label, and a number behind the table is a text.
+    if by_number and _PLACE.fullmatch(text):
         place = int(text) - 1
         if place < len(labels):
             return [place]
@@ -301,11 +304,13 @@ def _pairs_in(
     """Return the distinct pairs; halves that name no single label join ``unread``."""
     pairs: dict[tuple[int, int], None] = {}
     for halves in _halves(text, labels, grammar):
-        meant = [_meant(half, labels, by_number=True, grammar=grammar) for half in halves]
-        wrong = [half for half, places in zip(halves, meant, strict=True) if len(places) != 1]
-        unread += wrong
-        if not wrong:
-            pairs[meant[0][0], meant[1][0]] = None
+        first, second = (_meant(half, labels, by_number=True, grammar=grammar) for half in halves)
+        if len(first) != 1:
+            unread.append(halves[0])
+        if len(second) != 1:
+            unread.append(halves[1])
+        if len(first) == 1 and len(second) == 1:
+            pairs[first[0], second[0]] = None
     return list(pairs)
 
 
@@ -331,9 +336,12 @@ def _plurals(word: str) -> set[str]:
     """Return the possible plurals of a word, by the regular forms of English."""
     if len(word) < 2:
         return set()
-    endings = {"y": "ies", "f": "ves"}
-    forms = {word + "s", word + "es", word[:-1] + endings.get(word[-1], word[-1] + "s")}
-    if word.endswith("fe"):
+    forms = {word + "s", word + "es"}
+    if word.endswith("y"):
+        forms.add(word[:-1] + "ies")
+    elif word.endswith("f"):
+        forms.add(word[:-1] + "ves")
+    elif word.endswith("fe"):
         forms.add(word[:-2] + "ves")
     return forms
 

@@ -60,16 +60,19 @@ def bootstrap(
     sums = np.bincount(index, weights=values)
     sizes = np.bincount(index).astype(float)
     rng = np.random.default_rng(seed)
+    number = len(names)
     means = np.empty(resamples)
     for i in steps("resampling", range(resamples)):
-        drawn = np.bincount(rng.integers(len(names), size=len(names)), minlength=len(names))
+        places = rng.integers(number, size=number)
+        drawn = np.bincount(places, minlength=number)
         means[i] = (drawn @ sums) / (drawn @ sizes)
     return means
 
 
 def interval(means: Scores, level: float = _LEVEL) -> tuple[float, float]:
     """Return the percentile interval from bootstrap means: lower and upper bound."""
-    low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2])
+    probabilities = [(1 - level) / 2, (1 + level) / 2]
+    low, high = np.quantile(means, probabilities)
     return float(low), float(high)
 
 
@@ -111,6 +114,7 @@ def finite(name: str, values: ArrayLike) -> Scores:
     if not array.size:
         raise ConfigError(f"{name} of shape {array.shape}: expected at least one value.")
     if not np.isfinite(array).all():
+        # Name the first wrong value: a table may have millions.
         place = np.argwhere(~np.isfinite(array))[0].tolist()
         raise ConfigError(f"{name}{place}: {array[tuple(place)]}, expected finite numbers only.")
     return array
@@ -148,7 +152,8 @@ def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None 
     """
     scores = np.asarray(table, dtype=np.float64)
     counted = scores if among is None else scores[np.ix_(among, among)]
-    different = counted[~np.eye(len(counted), dtype=bool)]
+    is_same = np.eye(len(counted), dtype=bool)
+    different = counted[~is_same]
     deviation = different.std()
     # Scores that are equal up to rounding: dividing would amplify the rounding.
     if deviation <= 1e-12 * np.abs(different).max(initial=0):
@@ -232,10 +237,13 @@ def task_bootstrap(
     solved, sizes = _group_sums(table.sum(axis=1), groups)
     if np.ptp(solved / sizes) == 0:
         rate = float(solved[0] / sizes[0]) / attempts
-        return wilson_interval(rate * len(sizes), len(sizes))
+        number = len(sizes)
+        return wilson_interval(rate * number, number)
     if len(sizes) < FEWEST_GROUPS:
         return rate_interval(table.mean(axis=1)[None], groups)
-    return interval(_resampled_ratios(solved, sizes, draws, rng) / attempts)
+    # Divided at the end only, since the sums had to be whole.
+    ratios = _resampled_ratios(solved, sizes, draws, rng)
+    return interval(ratios / attempts)
 
 
 def paired_difference(
@@ -275,7 +283,8 @@ def paired_difference(
     sums, sizes = _group_sums(difference, groups)
     if len(sizes) < FEWEST_GROUPS:
         return crossed_difference(difference[None], groups)[0]
-    return float(difference.mean()), *interval(_resampled_ratios(sums, sizes, draws, rng))
+    low, high = interval(_resampled_ratios(sums, sizes, draws, rng))
+    return float(difference.mean()), low, high
 
 
 def _resampled_ratios(sums: Scores, sizes: Scores, draws: int, rng: np.random.Generator) -> Scores:
@@ -291,9 +300,12 @@ def _resampled_ratios(sums: Scores, sizes: Scores, draws: int, rng: np.random.Ge
         shape (draws,), float.
     """
     # How often each kind of equal groups is drawn is multinomial, too, with their shares.
-    equal, times = np.unique(np.column_stack([sums, sizes]), axis=0, return_counts=True)
+    kinds = np.column_stack([sums, sizes])
+    equal, times = np.unique(kinds, axis=0, return_counts=True)
     drawn = rng.multinomial(len(sizes), times / len(sizes), size=draws)
-    return np.asarray((drawn @ equal[:, 0]) / (drawn @ equal[:, 1]))
+    drawn_sums = drawn @ equal[:, 0]
+    drawn_sizes = drawn @ equal[:, 1]
+    return np.asarray(drawn_sums / drawn_sizes)
 
 
 def _group_sums(values: Scores, groups: Groups) -> tuple[Scores, Scores]:
@@ -315,6 +327,8 @@ def _group_sums(values: Scores, groups: Groups) -> tuple[Scores, Scores]:
     given = np.asarray(groups)
     if given.shape != (tasks,):
         raise ConfigError(f"groups of shape {given.shape}: expected one for each of {tasks} tasks.")
+    # Sorted by group, so that the tasks of a group follow each other; stable, so that the order of
+    # additions, and with it the last bits, does not depend on the machine.
     order = np.argsort(given, kind="stable")
     _, starts, sizes = np.unique(given[order], return_index=True, return_counts=True)
     return np.add.reduceat(values[..., order], starts, axis=-1), sizes.astype(float)
@@ -407,7 +421,9 @@ def crossed_difference(
         p_value = float(brentq(lambda p: half_width(p) - abs(value), least, 1.0))
     half = half_width(1 - level)
     # A difference of rates lies between -1 and 1.
-    return (value, max(value - half, -1.0), min(value + half, 1.0)), p_value
+    low = max(value - half, -1.0)
+    high = min(value + half, 1.0)
+    return (value, low, high), p_value
 
 
 @dataclass(frozen=True)
@@ -457,14 +473,17 @@ def _crossed(table: Scores, groups: Groups) -> _Crossed:
         # groups.
         left = tasks - sizes
         widened = (number - 1) / number
-        of_groups = math.sqrt(widened * ((deviations / left) ** 2).sum())
+        squares = ((deviations / left) ** 2).sum()
+        of_groups = math.sqrt(widened * squares)
     if seeds > 1:
         of_seeds = by_seed.var(ddof=1) / seeds
         if number > 1:
             # Residuals of the two-way table: the noise of single trainings on single groups, which
             # the variance between seeds contains as well.
-            rest, _ = _group_sums(table - by_seed[:, None] - by_column + mean, groups)
-            of_seeds -= widened * ((rest / left) ** 2).sum() / (seeds - 1) / seeds
+            residuals = table - by_seed[:, None] - by_column + mean
+            rest, _ = _group_sums(residuals, groups)
+            squares = ((rest / left) ** 2).sum()
+            of_seeds -= widened * squares / (seeds - 1) / seeds
         # An estimate of a variance as a difference may be negative by chance.
         of_seeds = math.sqrt(max(of_seeds, 0.0))
     is_alike = np.abs(deviations / sizes).max() < 1e-9  # up to rounding

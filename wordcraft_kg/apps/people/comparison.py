@@ -46,7 +46,8 @@ def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Tab
         made = _greedy_successes(agent.policy, variant, [tasks[key] for key in keys])
         groups = variant.groups[[tasks[key].index for key in keys]].tolist()
         # Groups are numbered within a condition and part, over which rates are taken.
-        games.update(zip(keys, map(AgentGame, made, groups), strict=True))
+        for key, success, group in zip(keys, made, groups, strict=True):
+            games[key] = AgentGame(success, group)
     return games
 
 

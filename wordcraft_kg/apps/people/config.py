@@ -52,6 +52,7 @@ class StudyConfig:
     def __post_init__(self) -> None:
         whole("tasks", self.tasks, 1, MOST_TASKS)
         whole("forms", self.forms, 1, MOST_FORMS)
+        # The seed of the last form must still fit into an int64.
         whole("seed", self.seed, 0, 2**63 - 1 - MOST_FORMS)
         number = len(self.distractors)
         has_repeated = len(set(self.distractors)) < number

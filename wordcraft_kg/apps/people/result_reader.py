@@ -16,6 +16,7 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
     sessions = read_study(path).sessions()
     view = view_people({path: sessions})
     header = sessions[0].header
+    # Rates on another split, or with more attempts, would stand in the table as if comparable.
     check_hash(path, "graph", header.graph_hash, opened.graph.hash)
     check_hash(path, "split", header.split_hash, opened.split.hash)
     depth = int(view.settings.get("depth", 1))

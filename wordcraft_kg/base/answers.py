@@ -1,24 +1,26 @@
 r"""The answer grammar: which two items a message of a player names.
 
-Grammar 1 reads the last line of a message as a whole, see :func:`~wordcraft_kg.base.labels.read_pair`. Grammar 2 reads
-the forms in which language models write, and refuses a message that could mean several pairs. The first rule that
-applies decides:
+Grammar 1 reads the last line of a message as a whole, see
+:func:`~wordcraft_kg.base.labels.read_pair`. Grammar 2 reads the forms in which language models
+write, and refuses a message that could mean several pairs. The first rule that applies decides:
 
-1. JSON at the end of the message: ``["a", "b"]``, ``{"first": "a", "second": "b"}``, or ``{"answer": "a + b"}``.
-2. The last line as a whole, as in grammar 1. If pairs also follow the result (``a + b = c, c + d = e``), the line is
-   ambiguous.
+1. JSON at the end of the message: ``["a", "b"]``, ``{"first": "a", "second": "b"}``, or
+    ``{"answer": "a + b"}``.
+2. The last line as a whole, as in grammar 1. If pairs also follow the result (``a + b = c, c + d =
+   e``), the line is ambiguous.
 3. A marked answer in the last line: ``Final answer: a and b``, or ``\boxed{a + b}``.
-4. The only pair of known items in the last line (``I combine **a** + **b** now.``), without negation or alternative.
+4. The only pair of known items in the last line (``I combine **a** + **b** now.``), without
+    negation or alternative.
 
-In all rules of grammar 2 an item may be written with its number, as prompts print it (``2 orchard + 3 doctor``), and a
-label that is a number has priority over the place with this number.
+In all rules of grammar 2 an item may be written with its number, as prompts print it (``2 orchard +
+3 doctor``), and a label that is a number has priority over the place with this number.
 """
 
 import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any
 
 from wordcraft_kg.base.errors import ActionError
@@ -33,6 +35,7 @@ from wordcraft_kg.base.labels import (
 )
 
 Pair = tuple[int, int]
+# Bounds on work: a message of a model may be long, and full of brackets.
 _LONGEST = 1_000  # characters of a line or a JSON value that are searched
 _MOST_STARTS = 50  # brackets at which a JSON value may begin
 _ITEM_KEYS = (
@@ -57,7 +60,8 @@ _JOINER = re.compile(
 _ALTERNATIVE = re.compile(rf"{_AROUND}(?:,?\s*\bor\b|/){_AROUND}", re.IGNORECASE)
 _MADE = re.compile(r"(?:=>|->|=|→)[^+&]*$")
 _NEGATION = re.compile(
-    r"\b(?:no|not|never|neither|nor|cannot|without|except|avoid|instead\s+of|rather\s+than)\b|n['’]t\b",
+    r"\b(?:no|not|never|neither|nor|cannot|without|except|avoid|instead\s+of|rather\s+than)\b"
+    r"|n['’]t\b",
     re.IGNORECASE,
 )
 _LIST_NUMBER = re.compile(r"\d+[.)]\s*")
@@ -80,8 +84,10 @@ def read_answer(message: str, labels: Sequence[str], *, grammar: int = ANSWER_GR
 
     Example:
         >>> labels = ["number", "orchard", "doctor"]
-        >>> read_answer("2 orchard + 3 doctor", labels), read_answer(r"So: \boxed{number + doctor}", labels)
-        ((1, 2), (0, 2))
+        >>> read_answer("2 orchard + 3 doctor", labels)
+        (1, 2)
+        >>> read_answer(r"So: \boxed{number + doctor}", labels)
+        (0, 2)
     """
     line = last_line(message)
     if grammar == 1:
@@ -96,12 +102,17 @@ def read_answer(message: str, labels: Sequence[str], *, grammar: int = ANSWER_GR
     except ActionError as error:
         return _in_sentence(line, labels, error)
     # `a + b = c, c + d = e` reads as `a + b` if all behind the sign were ignored.
-    mentioned = {*(one.pair for one in _mentions(line, labels).pairs if one.by_sign), pair}
+    mentioned = {one.pair for one in _mentions(line, labels).pairs if one.by_sign}
+    mentioned.add(pair)
     return _one_of([pair, *mentioned], labels)
 
 
 def _one_of(pairs: Sequence[Pair], labels: Sequence[str]) -> Pair:
-    """Return the first pair; ActionError if the pairs differ in more than order."""
+    """Return the first pair.
+
+    Raises:
+        ActionError: if the pairs differ in more than order, which a recipe does not have.
+    """
     different = {tuple(sorted(pair)): pair for pair in pairs}
     if len(different) > 1:
         ways = " or ".join(f"{labels[one]} + {labels[other]}" for one, other in different.values())
@@ -112,11 +123,15 @@ def _one_of(pairs: Sequence[Pair], labels: Sequence[str]) -> Pair:
 
 
 def _in_sentence(line: str, labels: Sequence[str], unreadable: ActionError) -> Pair:
-    """Return the marked pair in a line, or else its only pair; the error ``unreadable`` if there is none."""
+    """Return the marked pair in a line, or else its only pair.
+
+    Raises:
+        ActionError: ``unreadable`` if there is no pair, or another if there are several.
+    """
     marked = list(_marked(line))
     pairs = []
     for text in marked or [line]:
-        bare = _LATEX_MARK.sub(" ", _LATEX_TEXT.sub(r" \1 ", text)).strip() if marked else text
+        bare = _without_latex(text) if marked else text
         try:
             pairs.append(read_pair(bare, labels))
         except ActionError:
@@ -131,11 +146,19 @@ def _marked(line: str) -> Iterator[str]:
     boxed = list(_boxed(line))
     if boxed:
         yield from boxed
-    elif markers := list(_MARKER.finditer(line)):
+        return
+    markers = list(_MARKER.finditer(line))
+    if markers:
         yield line[markers[-1].end() :][:_LONGEST]
 
 
+def _without_latex(text: str) -> str:
+    r"""Return the text of a formula, such as ``a + b`` for ``\text{a} + \text{b}``."""
+    return _LATEX_MARK.sub(" ", _LATEX_TEXT.sub(r" \1 ", text)).strip()
+
+
 def _boxed(line: str) -> Iterator[str]:
+    """Yield the contents of boxes; a regular expression cannot match nested braces."""
     for match in _BOXED.finditer(line):
         depth = 1
         for place in range(match.end(), min(len(line), match.end() + _LONGEST)):
@@ -146,6 +169,7 @@ def _boxed(line: str) -> Iterator[str]:
 
 
 def _without_formula_ends(message: str) -> str:
+    """Return a message without last lines that only close a formula."""
     lines = message.splitlines()
     while lines and _LATEX_END.match(lines[-1]):
         lines.pop()
@@ -154,7 +178,13 @@ def _without_formula_ends(message: str) -> str:
 
 @dataclass(frozen=True)
 class _Item:
-    """A known item in a line: span of characters, and place on the table."""
+    """A known item in a line.
+
+    Attributes:
+        start: first character in the line.
+        end: character behind the item.
+        place: index on the table.
+    """
 
     start: int
     end: int
@@ -163,7 +193,12 @@ class _Item:
 
 @dataclass(frozen=True)
 class _Joined:
-    """Two neighbouring items with a joiner; ``by_sign``: joined by ``+`` or ``&``, not by a word or a comma."""
+    """Two neighbouring items with a joiner between them.
+
+    Attributes:
+        pair: places on the table, in written order.
+        by_sign: whether the joiner is ``+`` or ``&``, not a word or a comma.
+    """
 
     pair: Pair
     by_sign: bool
@@ -171,42 +206,58 @@ class _Joined:
 
 @dataclass(frozen=True)
 class _Mentions:
-    """All pairs in a line; ``is_clear``: no negation, alternative, question, or sign without a known item."""
+    """All pairs in a line.
+
+    Attributes:
+        pairs: the pairs, from left to right.
+        is_clear: whether there is no negation, alternative or question, and no sign without a known
+            item.
+    """
 
     pairs: Sequence[_Joined]
     is_clear: bool
 
 
 def _only_pair(line: str, labels: Sequence[str]) -> list[Pair]:
-    """Return the pairs in a sentence, the only one if clear; ActionError if there are several."""
-    found = _mentions(line, labels)
-    if not found.pairs:
+    """Return the only pair in a sentence, in a list; an empty list if there is none.
+
+    Raises:
+        ActionError: if there are several pairs, or the sentence may not mean its pair.
+    """
+    mentions = _mentions(line, labels)
+    if not mentions.pairs:
         return []
-    pair = _one_of([one.pair for one in found.pairs], labels)
-    if not found.is_clear:
+    pair = _one_of([one.pair for one in mentions.pairs], labels)
+    if not mentions.is_clear:
         raise ActionError(
-            f"the answer mentions {labels[pair[0]]} + {labels[pair[1]]}, but with a negation, a question, an "
-            "alternative, or other items. Write the pair alone in the last line."
+            f"the answer mentions {labels[pair[0]]} + {labels[pair[1]]}, but with a negation, a "
+            "question, an alternative, or other items. Write the pair alone in the last line."
         )
     return [pair]
 
 
 def _mentions(line: str, labels: Sequence[str]) -> _Mentions:
-    """Return the pairs of known items in a line, without what stands behind an arrow or equals sign as the result."""
+    """Return the pairs of known items in a line.
+
+    The text behind an arrow or equals sign is the result, and is left out.
+    """
     text = _MADE.sub("", line[:_LONGEST])
     items = list(_items(text, index_of(tuple(labels))))
     pairs = []
-    others = [text[: items[0].start] if items else text]  # text that joins no items
+    if not items:
+        return _Mentions([], False)
+    others = [text[: items[0].start]]  # text that joins no items
     is_clear = not text.rstrip().endswith("?")
     for one, other in pairwise(items):
         between = text[one.end : other.start]
-        if joiner := _JOINER.fullmatch(between):
+        joiner = _JOINER.fullmatch(between)
+        if joiner:
             pairs.append(_Joined((one.place, other.place), joiner["sign"] is not None))
         elif _ALTERNATIVE.fullmatch(between):
             is_clear = False
         else:
             others.append(between)
-    others += [text[items[-1].end :]] if items else []
+    others.append(text[items[-1].end :])
     for rest in others:
         is_clear &= not _NEGATION.search(rest) and "+" not in rest
     for item in items:
@@ -216,13 +267,15 @@ def _mentions(line: str, labels: Sequence[str]) -> _Mentions:
 
 
 def _items(text: str, index: LabelIndex) -> Iterator[_Item]:
-    """Yield the known items in a text from left to right, each the longest that begins at its word."""
+    """Yield the known items in a text from left to right, the longest at each word."""
     words = list(WORDS.finditer(text))
     most = index.most_words + 2  # an article and the item's number
     start = 0
     while start < len(words):
+        # The longest first: `fire brigade` is not the item `fire`.
         for end in range(min(start + most, len(words)), start, -1):
-            first, last = words[start], words[end - 1]
+            first = words[start]
+            last = words[end - 1]
             if first[0] in ",;" or last[0] in ",;":
                 continue
             written = " ".join(text[first.start() : last.end()].split())
@@ -237,18 +290,18 @@ def _items(text: str, index: LabelIndex) -> Iterator[_Item]:
 
 
 def _in_json(message: str) -> list[str] | None:
-    """Return the pairs in a JSON value at the end of a message, as texts; None if there is no such value."""
+    """Return the pairs in a JSON value at the end of a message, as texts; None without a value."""
     text = message.strip().removesuffix("```").rstrip()[-_LONGEST:]
     if not text.endswith(("}", "]")):
         return None
+    # The earliest bracket at which the rest is JSON begins the outermost value.
     starts = [place for place, char in enumerate(text) if char in "{["][:_MOST_STARTS]
     for start in starts:
         try:
             value = json.loads(text[start:], object_pairs_hook=_Pairs)
         except (ValueError, RecursionError):
             continue
-        found = list(_pairs_in_value(value))
-        return found or None
+        return list(_pairs_in_value(value)) or None
     return None
 
 
@@ -257,18 +310,25 @@ class _Pairs(list[tuple[str, Any]]):
 
 
 def _pairs_in_value(value: Any) -> Iterator[str]:
+    """Yield the pairs in a JSON value, as texts; names that are repeated give several pairs."""
     if isinstance(value, _Pairs):
         members = [(name.casefold().replace(" ", "_"), one) for name, one in value]
         for first, second in _ITEM_KEYS:
             ones = [one for name, one in members if name == first and _is_item(one)]
             others = [one for name, one in members if name == second and _is_item(one)]
-            yield from (f"{one} + {other}" for one in ones for other in others)
+            for one, other in product(ones, others):
+                yield f"{one} + {other}"
         for name, one in members:
-            if name in _ANSWER_KEYS:
-                yield from [one] if isinstance(one, str) else _pairs_in_value(one)
+            if name not in _ANSWER_KEYS:
+                continue
+            if isinstance(one, str):
+                yield one
+            else:
+                yield from _pairs_in_value(one)
     elif isinstance(value, list) and len(value) == 2 and all(map(_is_item, value)):
         yield f"{value[0]} + {value[1]}"
 
 
 def _is_item(value: Any) -> bool:
+    # A bool is an int in Python.
     return isinstance(value, str | int) and not isinstance(value, bool)

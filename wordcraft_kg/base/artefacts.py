@@ -1,4 +1,8 @@
-"""Reading and writing files: atomic writes, folders that appear only when complete, and content hashes."""
+"""Reading and writing files that are either complete or absent.
+
+Files are written through a temporary sibling and a rename, and folders appear only when complete,
+so that readers never see incomplete content.
+"""
 
 import hashlib
 import json
@@ -16,11 +20,12 @@ from wordcraft_kg.base.errors import ArtefactError, OutputExistsError
 _OWN_FILES = ("graph.json", "run.json", "report.json", "site.json", "submission.json")
 """Files that mark a folder as written by this package; ``force`` may replace such a folder."""
 TEMPORARY = ".wordcraft-kg"
-"""Suffix of hidden temporary files and folders; after a kill, a later command may remove such leftovers."""
+"""Suffix of hidden temporary files and folders; later commands remove those of killed processes."""
 SMALL_FILE = 2**28
 """Largest file with records, logs or settings, in bytes."""
 LARGE_FILE = 2**36
 """Largest file with model weights or recipes, in bytes."""
+# Checked in this order, for the description of a path in an error.
 _KINDS = {
     "graph.json": "is a graph folder",
     "run.json": "is the folder of a run whose run.json is damaged",
@@ -42,45 +47,63 @@ def sha256_of(path: Path) -> str:
 
 
 def dump_json(value: Any) -> str:
-    """Return a value as indented JSON text with a final newline; NaN and infinity raise a ValueError."""
+    """Return a value as indented JSON text with a final newline.
+
+    Names keep their order. NaN and infinity raise a ValueError: JSON has no such numbers.
+    """
     return json.dumps(value, ensure_ascii=False, indent=2, allow_nan=False) + "\n"
 
 
 def check_file(path: Path, largest: int = LARGE_FILE) -> None:
-    """Raise ArtefactError unless a path is a regular file of at most ``largest`` bytes, not a device or a pipe."""
+    """Check that a path can be read to its end: a regular file of at most ``largest`` bytes.
+
+    Devices and pipes have no end, and a small file may stand for any number of empty bytes.
+
+    Raises:
+        ArtefactError: if the file is missing, not a regular file, or too large.
+    """
     if not os.path.lexists(path):
         raise ArtefactError(
             f"{path} is missing; the folder is incomplete or not of the expected kind."
         )
     if not path.is_file():
         raise ArtefactError(f"{path} is damaged: not a regular file. Restore a copy.")
-    if (size := path.stat().st_size) > largest:
+    size = path.stat().st_size
+    if size > largest:
         raise ArtefactError(
             f"{path} is damaged: {size:,} bytes; the limit is {largest:,}. Restore a copy."
         )
 
 
 def read_small_file(path: Path) -> bytes:
-    """Return the content of a file with records, metrics or settings: at most :data:`SMALL_FILE` bytes."""
+    """Return the content of a file with records, metrics or settings, see :func:`check_file`.
+
+    The limit is :data:`SMALL_FILE` bytes.
+    """
     check_file(path, SMALL_FILE)
     return path.read_bytes()
 
 
 def read_large_file(path: Path) -> bytes:
-    """Return the content of a file with weights: at most :data:`LARGE_FILE` bytes, see :func:`check_file`."""
+    """Return the content of a file with weights, see :func:`check_file`.
+
+    The limit is :data:`LARGE_FILE` bytes.
+    """
     check_file(path)
     return path.read_bytes()
 
 
 def read_json(path: Path) -> Any:
-    """Return the value in a JSON file written by this package; ArtefactError if missing, not UTF-8 or not JSON."""
+    """Return the value in a JSON file written by this package.
+
+    Raises:
+        ArtefactError: if the file is missing, not UTF-8 or not JSON.
+    """
     data = read_small_file(path)
     try:
         return json.loads(data.decode())
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # not UTF-8, not JSON, a number of 5,000 digits, nested too deeply
+    # ValueError: not UTF-8, not JSON, or a number of 5,000 digits; RecursionError: too deep.
+    except (ValueError, RecursionError) as error:
         raise ArtefactError(
             f"{path} is damaged: {error}. Make it again, or restore a copy."
         ) from None
@@ -98,14 +121,16 @@ def what_is(path: Path) -> str:
                 with suppress(ArtefactError, LookupError, TypeError):
                     return f"was written by {read_json(path / name)['kind']}"
             return kind
-    return f"has none of {', '.join(_OWN_FILES)}" if any(path.iterdir()) else "is an empty folder"
+    if not any(path.iterdir()):
+        return "is an empty folder"
+    return f"has none of {', '.join(_OWN_FILES)}"
 
 
 def output_target(out: Path) -> Path:
-    """Return the path that an output replaces: the end of a link, so that the link stays; otherwise ``out`` itself.
+    """Return the path that an output replaces: the end of a link, otherwise ``out`` itself.
 
-    Only outputs that a user names are followed through links. Files in a folder are not: a folder that somebody else
-    made may hold links to any file of the user's.
+    The link stays. Only outputs that a user names are followed through links. Files in a folder are
+    not: a folder that somebody else made may hold links to any file of the user's.
 
     Raises:
         OutputExistsError: if ``out`` is a device, a pipe or a socket, or a link that leads nowhere.
@@ -116,7 +141,8 @@ def output_target(out: Path) -> Path:
     target = Path(os.path.realpath(out))
     if not os.path.lexists(target):
         raise OutputExistsError(
-            f"'{out}' is a link to '{target}', which does not exist. Remove the link, or choose another `out`."
+            f"'{out}' is a link to '{target}', which does not exist. Remove the link, or choose "
+            "another `out`."
         )
     if target.is_symlink():
         raise OutputExistsError(
@@ -126,14 +152,15 @@ def output_target(out: Path) -> Path:
 
 
 def _refuse_special(path: Path) -> None:
-    """Raise OutputExistsError for a device, a pipe or a socket, which a rename would replace by a file."""
+    """Raise OutputExistsError for a device, pipe or socket: a rename would replace it by a file."""
     try:
         mode = path.stat().st_mode
     except OSError:  # missing, or a link that leads nowhere
         return
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OutputExistsError(
-            f"'{path}' is a device, a pipe or a socket; expected a file or a folder. Choose another `out`."
+            f"'{path}' is a device, a pipe or a socket; expected a file or a folder. Choose "
+            "another `out`."
         )
 
 
@@ -142,18 +169,21 @@ def write_atomically(
 ) -> None:
     """Write a file through a temporary file and a rename.
 
-    A link at ``path`` is replaced, not followed, see :func:`output_target`.
+    Readers see either the old content or the new content, never a part of the new content. A link
+    at ``path`` is replaced, not followed, see :func:`output_target`.
 
     Args:
         path: file to write; its folder exists.
         content: bytes, or text written as UTF-8, perhaps in parts.
-        durable: flush the file to the disk before the rename, for power failures.
+        durable: flush the file to the disk before the rename, so that not even a power failure
+            leaves an empty file.
 
     Raises:
         OutputExistsError: if ``path`` is a device, a pipe or a socket.
     """
     if not path.is_symlink():
         _refuse_special(path)
+    # In the same folder: a rename is atomic only within a file system.
     descriptor, temporary = tempfile.mkstemp(
         dir=path.parent, prefix=f".{path.name}.", suffix=TEMPORARY
     )
@@ -167,6 +197,7 @@ def write_atomically(
         if durable:
             with open(temporary, "rb+") as file:
                 os.fsync(file.fileno())
+        # mkstemp makes private files; outputs have the usual permissions of new files.
         os.chmod(temporary, 0o666 & ~_umask())
         os.replace(temporary, path)
     except BaseException:
@@ -180,16 +211,24 @@ def has_only_temporary(folder: Path) -> bool:
 
 
 def drop_temporary(folder: Path) -> None:
-    """Remove temporary files and folders that a killed process has left in ``folder``; no other process may write."""
+    """Remove temporary files and folders that a killed process has left in ``folder``.
+
+    No other process may write there: its temporary files would be removed as well.
+    """
     for path in folder.glob(f".*{TEMPORARY}"):
-        shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def check_output(out: Path, *, force: bool) -> None:
-    """Check, before any work, that an output may be written to ``out``.
+    """Check, before any work, that an output may be written to the folder ``out``.
 
-    OutputExistsError if ``out`` exists and ``force`` is False. A file, a device, or a non-empty folder that this
-    package did not write, is never replaced; a link must lead to a folder.
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False. A file, a device, or a
+            non-empty folder that this package did not write, is never replaced; a link must lead
+            to a folder.
     """
     output_target(out)
     if out.is_file():
@@ -200,8 +239,9 @@ def check_output(out: Path, *, force: bool) -> None:
         return
     if not has_only_temporary(out) and not any((out / name).is_file() for name in _OWN_FILES):
         raise OutputExistsError(
-            f"'{out}' exists and does not look like an output of wordcraft-kg (without {', '.join(_OWN_FILES)});"
-            " the folder is not replaced, even with `force`. Choose another `out`."
+            f"'{out}' exists and does not look like an output of wordcraft-kg (without "
+            f"{', '.join(_OWN_FILES)}); the folder is not replaced, even with `force`. Choose "
+            "another `out`."
         )
     if not force:
         raise OutputExistsError(
@@ -211,9 +251,13 @@ def check_output(out: Path, *, force: bool) -> None:
 
 @contextmanager
 def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yield a temporary folder, renamed to ``out`` if the block succeeds, else removed; ``out`` stays until then.
+    """Yield a temporary folder, renamed to ``out`` if the block succeeds, and removed if it fails.
 
-    If ``out`` is a link, the folder at its end is replaced, and the link stays.
+    An earlier ``out`` stays untouched until the very end, whatever happens in the block, Ctrl-C
+    included. If ``out`` is a link, the folder at its end is replaced, and the link stays.
+
+    Raises:
+        OutputExistsError: see :func:`check_output`.
     """
     check_output(out, force=force)
     target = output_target(out)
@@ -225,9 +269,12 @@ def staged_folder(out: Path, *, force: bool = False) -> Iterator[Path]:
 
 @contextmanager
 def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
-    """Yield a path in a temporary folder; the file written there becomes ``out`` if the ``with`` block succeeds.
+    """Yield a path in a temporary folder; the file there becomes ``out`` if the block succeeds.
 
     If ``out`` is a link, the file at its end is replaced, and the link stays.
+
+    Raises:
+        OutputExistsError: see :func:`check_output_file`.
     """
     check_output_file(out, force=force)
     target = output_target(out)
@@ -238,7 +285,11 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
 
 
 def check_output_file(out: Path, *, force: bool) -> None:
-    """Raise an OutputExistsError if the file ``out`` is a folder or device, or exists and ``force`` is False."""
+    """Check, before any work, that an output may be written to the file ``out``.
+
+    Raises:
+        OutputExistsError: if ``out`` is a folder or a device, or exists and ``force`` is False.
+    """
     output_target(out)
     if out.is_dir():
         raise OutputExistsError(
@@ -252,7 +303,10 @@ def check_output_file(out: Path, *, force: bool) -> None:
 
 @contextmanager
 def _staging(out: Path) -> Iterator[Path]:
-    """Make the parents of ``out`` and a temporary folder beside it; remove new parents if the block fails."""
+    """Make the parents of ``out`` and a temporary folder beside it.
+
+    New parents are removed if the block fails.
+    """
     missing = [parent for parent in out.parents if not parent.exists()]
     out.parent.mkdir(parents=True, exist_ok=True)
     try:
@@ -269,10 +323,11 @@ def _staging(out: Path) -> Iterator[Path]:
 
 
 def _replace_folder(staging: Path, out: Path) -> None:
-    """Rename ``staging`` to ``out``; an existing ``out`` is moved aside, and restored after a failure."""
+    """Rename ``staging`` to ``out``; an existing ``out`` is restored after a failure."""
     if not out.exists():
         os.rename(staging, out)
         return
+    # A rename does not replace a folder with content, so the old folder is moved aside first.
     aside = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}.old.", suffix=TEMPORARY))
     os.rename(out, aside / "was")
     try:
@@ -285,6 +340,7 @@ def _replace_folder(staging: Path, out: Path) -> None:
 
 
 def _umask() -> int:
+    # The mask can only be read by setting another one.
     mask = os.umask(0)
     os.umask(mask)
     return mask

@@ -1,7 +1,8 @@
-"""Texts from outside in an output: one function for each format, and the comparison of look-alike names.
+"""Texts from outside in an output, and the comparison of look-alike names.
 
-A label, a name, a path or a commit of a hub is foreign text: it may hold escape codes of terminals, marks that reorder
-a line, links or headings. Each function returns a text that the format shows character for character.
+There is one function for each format. A label, a name, a path or a commit of a hub is foreign text:
+it may hold escape codes of terminals, marks that reorder a line, links or headings. Each function
+returns a text that the format shows character for character.
 """
 
 import re
@@ -12,16 +13,19 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 _BIDI = "\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069"
-# Control characters reach a terminal as commands, and lone surrogates (bytes of a path that are not UTF-8) end print in
-# an error. Blanks other than the space, format characters other than joiners (which some scripts and emoji need),
-# fillers and tags are invisible, or change the direction of a line.
+# Control characters reach a terminal as commands, and lone surrogates (bytes of a path that are not
+# UTF-8) end print in an error. Blanks other than the space, format characters other than joiners
+# (which some scripts and emoji need), fillers and tags are invisible, or change the direction of a
+# line.
 _HIDDEN = re.compile(
-    "[\x00-\x1f\x7f-\xa0\xad\u034f\u115f\u1160\u1680\u17b4\u17b5\u180e\u2000-\u200b\u2028\u2029\u202f\u205f-\u2065"
-    f"\u206a-\u206f\u2800\u3000\u3164\ufeff\uffa0\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f{_BIDI}]"
+    "[\x00-\x1f\x7f-\xa0\xad\u034f\u115f\u1160\u1680\u17b4\u17b5\u180e\u2000-\u200b\u2028\u2029"
+    "\u202f\u205f-\u2065\u206a-\u206f\u2800\u3000\u3164\ufeff\uffa0\ufff9-\ufffb"
+    f"\ud800-\udfff\U000e0000-\U000e007f{_BIDI}]"
 )
 _BIDI_MARK = re.compile(f"[{_BIDI}]")
-# All characters that begin a construct of Markdown inside a line or a table. The pipe ends a cell, even inside code.
-# Some dialects turn bare addresses into links, so the colon of `http://` and the point of `example.org` are among them.
+# All characters that begin a construct of Markdown inside a line or a table. The pipe ends a cell,
+# even inside code. Some dialects turn bare addresses into links, so the colon of `http://` and the
+# point of `example.org` are among them.
 _MARKDOWN = re.compile(r"[\\`*_{}\[\]<>#|&~!$^@=]|(?<=[A-Za-z]):(?=//)|(?<=\w)\.(?=[^\W\d])")
 # At the beginning of a line, these make a list, a rule, a heading or a definition.
 _MARKDOWN_START = re.compile(r"^(\s*)([-+:]|\d+[.)])")
@@ -30,7 +34,9 @@ _JSON = re.compile(f"[\x7f-\x9f\u2028\u2029\ud800-\udfff{_BIDI}]")
 
 
 def for_terminal(text: str) -> str:
-    r"""Return a text for a line of a terminal, with codes such as ``<U+001B>`` for characters that do not show.
+    r"""Return a text for a line of a terminal, with codes for characters that do not show.
+
+    A code is such as ``<U+001B>``.
 
     Line breaks are among them, so a foreign text cannot begin a line of its own.
 
@@ -42,9 +48,12 @@ def for_terminal(text: str) -> str:
 
 
 def for_markdown(text: str) -> str:
-    """Return a text for a cell or a line of Markdown: no link, image, heading, code or further cell comes from it.
+    """Return a text for a cell or a line of Markdown.
 
-    Character references are used in place of backslashes, because all dialects show them as plain text, even in tables.
+    No link, image, heading, code or further cell comes from it.
+
+    Character references are used in place of backslashes, because all dialects show them as plain
+    text, even in tables.
 
     Example:
         >>> for_markdown("[x](javascript:0) | a_b")
@@ -55,7 +64,9 @@ def for_markdown(text: str) -> str:
 
 
 def for_html(text: object) -> "Markup":
-    """Return a value for HTML, escaped; marks of direction, which reorder the page around a text, become codes.
+    """Return a value for HTML, escaped.
+
+    Marks of direction, which reorder the page around a text, become codes.
 
     Markup stays as it is.
     """
@@ -68,7 +79,7 @@ def for_html(text: object) -> "Markup":
 
 
 def for_json(dumped: str) -> str:
-    r"""Return a JSON text in which control and direction characters are JSON escapes, such as ``\u009b``.
+    r"""Return a JSON text with control and direction characters as escapes, such as ``\u009b``.
 
     Such characters occur only inside JSON strings, so the value is unchanged.
     """
@@ -84,7 +95,8 @@ def _references(found: re.Match[str] | str) -> str:
     return "".join(mark if mark.isdigit() else f"&#{ord(mark)};" for mark in marks)
 
 
-# Letters of other scripts, and digits, that look like a Latin letter in common fonts: the frequent part of the
+# Letters of other scripts, and digits, that look like a Latin letter in common fonts: the frequent
+# part of the
 # confusables of Unicode Technical Standard 39, after case folding.
 _LOOKS_LIKE = {
     "a": "\u0430\u03b1\u0251",  # Cyrillic a, Greek alpha, Latin alpha
@@ -112,14 +124,16 @@ _LOOKS_LIKE = {
     "y": "\u0443\u03b3\u04af",
     "z": "\u03b6",
 }
-_LATIN = str.maketrans({char: letter for letter, chars in _LOOKS_LIKE.items() for char in chars})
+_LATIN: dict[int, str] = {}
+for _letter_shown, _chars in _LOOKS_LIKE.items():
+    _LATIN |= str.maketrans(dict.fromkeys(_chars, _letter_shown))
 
 
 def look_alike_key(name: str) -> str:
     r"""Return a key that names share if readers can hardly tell them apart.
 
-    Compatibility forms, case, accents, blanks, kinds of dashes, and letters of other scripts or digits in the place of
-    Latin letters make no difference.
+    Compatibility forms, case, accents, blanks, kinds of dashes, and letters of other scripts or
+    digits in the place of Latin letters make no difference.
 
     Example:
         >>> look_alike_key("r\u0430nd0m") == look_alike_key("Random")
@@ -128,6 +142,7 @@ def look_alike_key(name: str) -> str:
     # Decomposed twice: case folding may compose anew, and compatibility forms may hold capitals.
     plain = unicodedata.normalize("NFKD", unicodedata.normalize("NFKD", name).casefold())
     letters = "".join(_letter(char) for char in plain).translate(_LATIN)
+    # Two letters that look like one in most fonts.
     return letters.replace("rn", "m").replace("vv", "w")
 
 

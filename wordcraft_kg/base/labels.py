@@ -1,7 +1,9 @@
-"""Parser for entity labels in texts by people and models; different spellings are accepted if the match is unique.
+"""Parser for entity labels in texts by people and models.
 
-The rules have a version, the answer grammar. A frozen benchmark keeps the version under which it was published;
-:mod:`wordcraft_kg.base.answers` reads whole messages, and names the differences.
+Different spellings are accepted if the match is unique: forgiving where only one label can be
+meant, strict where a text is ambiguous. The rules have a version, the answer grammar. A frozen
+benchmark keeps the version under which it was published; :mod:`wordcraft_kg.base.answers` reads
+whole messages, and names the differences.
 """
 
 import re
@@ -9,7 +11,6 @@ import unicodedata
 from collections import defaultdict
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from itertools import islice
 
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.settings import nearest
@@ -40,7 +41,10 @@ _PRINTED = re.compile(
 
 
 def folded(text: str) -> str:
-    """Return text in a normal form for comparison, without differences in case, Unicode form, blanks and hyphens."""
+    """Return text in a normal form for comparison.
+
+    Differences in case, Unicode form, blanks and hyphens disappear.
+    """
     return " ".join(re.sub("[-_]", " ", unicodedata.normalize("NFKC", text).casefold()).split())
 
 
@@ -53,10 +57,10 @@ def read_label(
 ) -> int:
     """Return the index of the label that a text names.
 
-    The first matching rule decides: exact label; number from 1; case-insensitive label; label without article, quotes
-    and punctuation; singular or plural; number and label as printed (``2 orchard``); label prefix. A number is never
-    the spelling or the prefix of another label. In grammar 1 the number comes before the exact label, and the number
-    with a label is not read.
+    The first matching rule decides: exact label; number from 1; case-insensitive label; label
+    without article, quotes and punctuation; singular or plural; number and label as printed (``2
+    orchard``); label prefix. A number is never the spelling or the prefix of another label. In
+    grammar 1 the number comes before the exact label, and the number with a label is not read.
 
     Args:
         written: text that names a label.
@@ -72,22 +76,25 @@ def read_label(
 
     Example:
         >>> labels = ["water", "fire", "fire brigade", "berry"]
-        >>> read_label("The Water", labels), read_label("berries", labels), read_label("fire", labels)
-        (0, 3, 1)
+        >>> [read_label(text, labels) for text in ("The Water", "berries", "fire")]
+        [0, 3, 1]
     """
     meant = _meant(written, labels, by_number=by_number, grammar=grammar)
     if len(meant) == 1:
         return meant[0]
     text = " ".join(written.split())
     if meant:
-        choices = (
-            f"{labels[place]} ({place + 1})" if by_number else labels[place] for place in meant
-        )
-        shown = ", ".join(islice(choices, _MOST_CHOICES))
-        more = f" and {len(meant) - _MOST_CHOICES} more" if len(meant) > _MOST_CHOICES else ""
-        remedy = "Write more of the name" + ", or the number" * by_number
+        choices = [labels[place] for place in meant[:_MOST_CHOICES]]
+        remedy = "Write more of the name"
+        if by_number:
+            choices = [f"{labels[place]} ({place + 1})" for place in meant[:_MOST_CHOICES]]
+            remedy += ", or the number"
+        shown = ", ".join(choices)
+        others = len(meant) - _MOST_CHOICES
+        more = f" and {others} more" if others > 0 else ""
         raise ActionError(f"'{_shown(text)}' is ambiguous: {shown}{more}. {remedy}.")
-    expected = f"expected {f'1 to {len(labels)}, ' * by_number}an item name, or the start of a name"
+    numbers = f"1 to {len(labels)}, " if by_number else ""
+    expected = f"expected {numbers}an item name, or the start of a name"
     if not text:
         raise ActionError(f"no answer: {expected}.")
     raise ActionError(
@@ -101,6 +108,7 @@ class LabelIndex:
     def __init__(self, labels: Sequence[str]):
         # A text much longer than any label names none, and would take long to compare.
         self._longest = _MOST_AROUND + 4 * max(map(len, labels), default=0)
+        # Each form of a label is made once: there may be thousands of labels and texts.
         self._exact = {label: place for place, label in enumerate(labels)}
         self._plain = [folded(label) for label in labels]
         self._folded: dict[str, set[int]] = defaultdict(set)
@@ -126,7 +134,7 @@ class LabelIndex:
         return self._exact.get(label)
 
     def find(self, written: str) -> int | None:
-        """Return the index of the label that a text names; None without a match or with several matches.
+        """Return the index of the label that a text names; None without a unique match.
 
         Example:
             >>> index = LabelIndex(["water", "fire", "Fire", "berry"])
@@ -138,7 +146,9 @@ class LabelIndex:
         return places[0] if len(places) == 1 else None
 
     def places(self, text: str, *, by_beginning: bool = False) -> list[int]:
-        """Return the indices of all labels that a text may name, by the first rule that fits; see ``read_label``.
+        """Return the indices of all labels that a text may name, by the first rule that fits.
+
+        The rules are those of :func:`read_label`.
 
         Args:
             text: text without repeated blanks.
@@ -149,14 +159,18 @@ class LabelIndex:
         """
         if text in self._exact:
             return [self._exact[text]]
-        plain, bare = folded(text), _bare(text)
-        in_plural = self._plural.get(bare, set()).union(
-            *(self._bare.get(form, ()) for form in _plurals(bare))
-        )
-        if meant := self._folded.get(plain) or self._bare.get(bare) or in_plural:
+        plain = folded(text)
+        bare = _bare(text)
+        # The text is the plural of a label, or a label is the plural of the text.
+        in_plural = set(self._plural.get(bare, ()))
+        for form in _plurals(bare):
+            in_plural |= self._bare.get(form, set())
+        meant = self._folded.get(plain) or self._bare.get(bare) or in_plural
+        if meant:
             return sorted(meant)
         if not by_beginning:
             return []
+        # Searched in turn: beginnings come last, and rarely.
         return [place for place, label in enumerate(self._plain) if label.startswith(plain)]
 
 
@@ -167,11 +181,22 @@ index_of = lru_cache(maxsize=64)(LabelIndex)
 def read_pair(
     written: str, labels: Sequence[str], *, grammar: int = ANSWER_GRAMMAR
 ) -> tuple[int, int]:
-    """Return the indices of the two labels that a text such as ``water + earth`` names, in written order.
+    """Return the indices of the two labels that a text such as ``water + earth`` names.
 
-    Separators are ``+``, ``&``, comma, semicolon, ``and``, ``with``, ``plus`` and ``then``; a blank between two numbers
-    is enough. A leading verb and a trailing result (``= mud``, ``-> mud``) are ignored. A label may contain a separator
-    if the result is unambiguous. ActionError if the text does not name two labels, or could name several pairs.
+    Separators are ``+``, ``&``, comma, semicolon, ``and``, ``with``, ``plus`` and ``then``; a blank
+    between two numbers is enough. A leading verb and a trailing result (``= mud``, ``-> mud``) are
+    ignored. A label may contain a separator if the result is unambiguous.
+
+    Args:
+        written: text that names two labels.
+        labels: distinct labels, in the order of their numbers.
+        grammar: version of the rules, 1 or 2.
+
+    Returns:
+        Two indices in ``labels``, in written order; they may be equal.
+
+    Raises:
+        ActionError: if the text does not name two labels, or could name several pairs.
 
     Example:
         >>> read_pair("Combine the water with earth", ["earth", "fire", "water"])
@@ -189,6 +214,7 @@ def read_pair(
         raise ActionError(f"the answer has {len(text):,} characters: {expected}, in a short line.")
     unread: list[str] = []
     bare = text.strip(_MARKS)
+    # The text as it is comes first: a label may begin with a verb, or hold an arrow.
     readings = (text, _MADE.sub("", text), _VERB.sub("", bare), _VERB.sub("", _MADE.sub("", bare)))
     for reading in dict.fromkeys(readings):
         pairs = _pairs_in(reading, labels, unread, grammar)
@@ -207,19 +233,25 @@ def read_pair(
 def last_line(message: str) -> str:
     """Return the answer in a message: the last non-empty line, without list marks and quotes."""
     lines = [line.strip() for line in message.splitlines() if line.strip(_MARKS + "-•>|#")]
-    return _LIST_MARK.sub("", lines[-1]).strip("*`| \t") if lines else ""
+    if not lines:
+        return ""
+    return _LIST_MARK.sub("", lines[-1]).strip("*`| \t")
 
 
 def _meant(written: str, labels: Sequence[str], *, by_number: bool, grammar: int) -> list[int]:
+    """Return the places of the labels that a text can mean, see :func:`read_label`."""
     text = " ".join(written.split())
     if not text:
         return []
     if grammar > 1:
         index = index_of(tuple(labels))
         named = places_named(text, index, by_number=by_number)
-        is_number = _NUMBER.fullmatch(text.strip(_MARKS))
-        return named if named or is_number else index.places(text, by_beginning=True)
-    if by_number and text.isascii() and text.isdigit() and text[0] != "0" and len(text) < 10:
+        # A number is never the prefix of a label: `1` must not mean the item `10`.
+        if named or _NUMBER.fullmatch(text.strip(_MARKS)):
+            return named
+        return index.places(text, by_beginning=True)
+    # Grammar 1: the number comes before the label, and a number behind the table is a text.
+    if by_number and _PLACE.fullmatch(text):
         place = int(text) - 1
         if place < len(labels):
             return [place]
@@ -227,27 +259,33 @@ def _meant(written: str, labels: Sequence[str], *, by_number: bool, grammar: int
 
 
 def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
-    """Return the places of the labels that a text names in full, by grammar 2; empty without a match.
+    """Return the places of the labels that a text names in full, by grammar 2.
 
     Args:
         text: text without repeated blanks.
         index: the labels.
         by_number: whether numbers from 1 are accepted as places.
+
+    Returns:
+        Indices in ascending order; empty without a match.
     """
     number = text.strip(_MARKS).replace("\u2212", "-")  # the minus sign
     if _NUMBER.fullmatch(number):
         # `-7` is not another spelling of `7`, though labels else may differ in hyphens.
         for spelling in (text, number):
-            if (place := index.place_of(spelling)) is not None:
+            place = index.place_of(spelling)
+            if place is not None:
                 return [place]
         is_place = by_number and _PLACE.fullmatch(number) and int(number) <= len(index)
         return [int(number) - 1] if is_place else []
     named = index.places(text)
-    return named if named or not by_number else _printed(text, index)
+    if named or not by_number:
+        return named
+    return _printed(text, index)
 
 
 def _printed(text: str, index: LabelIndex) -> list[int]:
-    """Return the place of an item that is written with its number; empty if number and label disagree."""
+    """Return the place of an item that is written with its number; empty if the two disagree."""
     match = _PRINTED.fullmatch(text)
     if match is None:
         return []
@@ -266,15 +304,18 @@ def _pairs_in(
     """Return the distinct pairs; halves that name no single label join ``unread``."""
     pairs: dict[tuple[int, int], None] = {}
     for halves in _halves(text, labels, grammar):
-        meant = [_meant(half, labels, by_number=True, grammar=grammar) for half in halves]
-        wrong = [half for half, places in zip(halves, meant, strict=True) if len(places) != 1]
-        unread += wrong
-        if not wrong:
-            pairs[meant[0][0], meant[1][0]] = None
+        first, second = (_meant(half, labels, by_number=True, grammar=grammar) for half in halves)
+        if len(first) != 1:
+            unread.append(halves[0])
+        if len(second) != 1:
+            unread.append(halves[1])
+        if len(first) == 1 and len(second) == 1:
+            pairs[first[0], second[0]] = None
     return list(pairs)
 
 
 def _halves(text: str, labels: Sequence[str], grammar: int) -> list[tuple[str, str]]:
+    """Return all ways to divide a text into two items."""
     two_numbers = _NUMBERS if grammar == 1 else _SIGNED_NUMBERS
     if two_numbers.fullmatch(text):
         one, other = text.split()
@@ -285,15 +326,22 @@ def _halves(text: str, labels: Sequence[str], grammar: int) -> list[tuple[str, s
 
 
 def _bare(text: str) -> str:
-    return _ARTICLE.sub("", folded(text).strip(_MARKS)).strip(_MARKS) or folded(text)
+    """Return a folded text without article, quotes and punctuation, unless nothing else is left."""
+    plain = folded(text)
+    without_article = _ARTICLE.sub("", plain.strip(_MARKS))
+    return without_article.strip(_MARKS) or plain
 
 
 def _plurals(word: str) -> set[str]:
+    """Return the possible plurals of a word, by the regular forms of English."""
     if len(word) < 2:
         return set()
-    endings = {"y": "ies", "f": "ves"}
-    forms = {word + "s", word + "es", word[:-1] + endings.get(word[-1], word[-1] + "s")}
-    if word.endswith("fe"):
+    forms = {word + "s", word + "es"}
+    if word.endswith("y"):
+        forms.add(word[:-1] + "ies")
+    elif word.endswith("f"):
+        forms.add(word[:-1] + "ves")
+    elif word.endswith("fe"):
         forms.add(word[:-2] + "ves")
     return forms
 

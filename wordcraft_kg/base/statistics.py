@@ -1,7 +1,8 @@
-"""Confidence intervals for success rates, and statistics that compare agents trained with several seeds.
+"""Confidence intervals for success rates, and comparisons of agents trained with several seeds.
 
-Intervals have a confidence of 95 % unless stated otherwise; ``draws`` is the number of resamples, and ``seed`` fixes
-the resampling. Every function raises a ConfigError for scores that are empty, not finite or misshapen.
+Intervals have a confidence of 95 % unless stated otherwise; ``draws`` is the number of resamples,
+and ``seed`` fixes the resampling. Every function raises a ConfigError for scores that are empty,
+not finite or misshapen.
 """
 
 import math
@@ -21,43 +22,66 @@ Interval = tuple[float, float, float]
 """An estimate and its interval: value, lower bound, upper bound."""
 Scores = NDArray[np.float64]
 RESAMPLES = 2_000
-"""Bootstrap resamples, and with seed 0 the same everywhere: a metric has the same interval in every report."""
+"""Bootstrap resamples.
+
+With seed 0 the same everywhere, so that a metric has the same interval in every report.
+"""
 Groups = NDArray[np.integer] | Sequence[int] | None
 """Number of each task's group, shape (K,); None if each task is a group of its own."""
 FEWEST_GROUPS = 50
-"""Fewest groups for a bootstrap: percentiles of fewer groups hold the truth too seldom (.79 to .94 of 12 to 40)."""
+"""Fewest groups for a bootstrap.
+
+Percentiles of fewer groups hold the truth too seldom: .79 to .94 for 12 to 40 groups.
+"""
 _LEVEL = 0.95
 _Z = NormalDist().inv_cdf((1 + _LEVEL) / 2)
+"""Half-width of a 95 % interval in standard errors, about 1.96."""
 
 
 def bootstrap(
     values: Scores, clusters: NDArray[np.int64], *, resamples: int = RESAMPLES, seed: int = 0
 ) -> Scores:
-    """Return bootstrap means of ``values``, shape (resamples,), resampling whole clusters (such as a recipe's queries).
+    """Return bootstrap means of values, resampling whole clusters, such as a recipe's queries.
 
-    ``values`` and ``clusters``, the cluster id of each value, have shape (N,).
+    Values of a cluster resemble each other; resampling single values would give too narrow an
+    interval.
+
+    Args:
+        values: shape (N,), float.
+        clusters: cluster id of each value, shape (N,).
+        resamples: number of resamples.
+        seed: random seed.
+
+    Returns:
+        shape (resamples,), float: the mean of each resample.
     """
+    # A mean of whole clusters needs only the sum and the size of each.
     names, index = np.unique(clusters, return_inverse=True)
     sums = np.bincount(index, weights=values)
     sizes = np.bincount(index).astype(float)
     rng = np.random.default_rng(seed)
+    number = len(names)
     means = np.empty(resamples)
     for i in steps("resampling", range(resamples)):
-        drawn = np.bincount(rng.integers(len(names), size=len(names)), minlength=len(names))
+        places = rng.integers(number, size=number)
+        drawn = np.bincount(places, minlength=number)
         means[i] = (drawn @ sums) / (drawn @ sizes)
     return means
 
 
 def interval(means: Scores, level: float = _LEVEL) -> tuple[float, float]:
-    """Return the percentile interval (lower and upper bound) at confidence ``level`` from bootstrap means."""
-    low, high = np.quantile(means, [(1 - level) / 2, (1 + level) / 2])
+    """Return the percentile interval from bootstrap means: lower and upper bound."""
+    probabilities = [(1 - level) / 2, (1 + level) / 2]
+    low, high = np.quantile(means, probabilities)
     return float(low), float(high)
 
 
 def cluster_interval(
     values: Scores, clusters: NDArray[np.int64], means: Scores, *, level: float = _LEVEL
 ) -> tuple[float, float]:
-    """Return the interval for the mean of values: percentiles of ``means``, or Student's t over few clusters.
+    """Return the interval for the mean of values.
+
+    The bounds are percentiles of resampled means, or those of Student's t over few clusters.
 
     Args:
         values: numbers from -1 to 1, such as reciprocal ranks or their differences, shape (N,).
@@ -66,7 +90,8 @@ def cluster_interval(
         level: confidence.
 
     Returns:
-        lower and upper bound; below :data:`FEWEST_GROUPS` clusters those of :func:`crossed_difference`.
+        lower and upper bound; below :data:`FEWEST_GROUPS` clusters those of
+        :func:`crossed_difference`.
     """
     if len(np.unique(clusters)) >= FEWEST_GROUPS:
         return interval(means, level)
@@ -75,7 +100,11 @@ def cluster_interval(
 
 
 def finite(name: str, values: ArrayLike) -> Scores:
-    """Return values as a float array; raise a ConfigError for an empty table, NaN or infinity."""
+    """Return values as a float array.
+
+    Raises:
+        ConfigError: if there is no value, a row of another length, NaN or infinity.
+    """
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
@@ -85,13 +114,23 @@ def finite(name: str, values: ArrayLike) -> Scores:
     if not array.size:
         raise ConfigError(f"{name} of shape {array.shape}: expected at least one value.")
     if not np.isfinite(array).all():
+        # Name the first wrong value: a table may have millions.
         place = np.argwhere(~np.isfinite(array))[0].tolist()
         raise ConfigError(f"{name}{place}: {array[tuple(place)]}, expected finite numbers only.")
     return array
 
 
 def by_task(name: str, values: ArrayLike, axes: str) -> Scores:
-    """Return scores as an array with two axes; otherwise a ConfigError names the input and the expected axes."""
+    """Return scores as an array with two axes.
+
+    Args:
+        name: name of the input, for the error.
+        values: the scores.
+        axes: expected axes, for the error.
+
+    Raises:
+        ConfigError: if the values have another shape, or :func:`finite` refuses them.
+    """
     array = finite(name, values)
     if array.ndim != 2:
         raise ConfigError(f"{name} of shape {array.shape}: expected {axes}.")
@@ -99,33 +138,47 @@ def by_task(name: str, values: ArrayLike, axes: str) -> Scores:
 
 
 def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None = None) -> Scores:
-    """Return scores, shape (E, E), scaled to mean 0 and standard deviation 1 over pairs of different entities.
+    """Return scores scaled to mean 0 and standard deviation 1 over pairs of different entities.
 
-    Self scores (the diagonal) are scaled too but do not count for mean and deviation, because they are often outliers.
-    With ``among`` (entity ids), only pairs of these entities count.
+    Self scores (the diagonal) are scaled too but do not count for mean and deviation, because they
+    are often outliers.
+
+    Args:
+        table: scores of all pairs, shape (E, E).
+        among: ids of the entities whose pairs count; None for all.
+
+    Returns:
+        shape (E, E), float. If all counted scores are equal, only the mean is subtracted.
     """
     scores = np.asarray(table, dtype=np.float64)
     counted = scores if among is None else scores[np.ix_(among, among)]
-    different = counted[~np.eye(len(counted), dtype=bool)]
+    is_same = np.eye(len(counted), dtype=bool)
+    different = counted[~is_same]
     deviation = different.std()
-    if deviation <= 1e-12 * np.abs(different).max(
-        initial=0
-    ):  # equal up to rounding, which must not be amplified
+    # Scores that are equal up to rounding: dividing would amplify the rounding.
+    if deviation <= 1e-12 * np.abs(different).max(initial=0):
         deviation = 1.0
     return np.asarray((scores - different.mean()) / deviation)
 
 
-# --- success rates over tasks ----------------------------------------------------------------------------------------
+# --- success rates over tasks
+# ----------------------------------------------------------------------------------------
 
 
 def wilson_interval(successes: float, n: int) -> tuple[float, float]:
     """Return Wilson's score interval for a success probability: lower and upper bound.
 
     The interval contains the probabilities p that a two-sided normal test does not reject,
-    ``|k/n - p| <= z * sqrt(p (1 - p) / n)``: ``(k + z²/2 ± z * sqrt(k (n - k) / n + z²/4)) / (n + z²)``. The bounds
-    stay within 0 and 1, and the width is positive even for k = 0 and k = n.
+    ``|k/n - p| <= z * sqrt(p (1 - p) / n)``:
+    ``(k + z²/2 ± z * sqrt(k (n - k) / n + z²/4)) / (n + z²)``. The bounds stay within 0 and 1, and
+    the width is positive even for k = 0 and k = n.
 
-    ``successes`` is k, from 0 to ``n``; a sum of rates need not be whole. ``n`` counts independent trials, from 1.
+    Args:
+        successes: k, from 0 to ``n``; a sum of rates need not be whole.
+        n: number of independent trials, from 1.
+
+    Raises:
+        ConfigError: if a number is out of range.
 
     Source: Wilson 1927, "Probable inference, the law of succession, and statistical inference".
     """
@@ -146,13 +199,15 @@ def task_bootstrap(
 ) -> tuple[float, float]:
     """Return a bootstrap interval for a mean success rate, resampling whole groups of tasks.
 
-    Attempts at one task are correlated, and so are tasks that a split holds out together, such as all tasks of a goal:
-    whole groups are resampled with all tasks and attempts (cluster bootstrap). With a group's sum of rates ``s_g`` and
-    its ``n_g`` tasks, the bounds are quantiles of ``sum_g c_g s_g / sum_g c_g n_g``, where the counts c are multinomial
-    with G draws from G groups. Equal groups are drawn together, so a draw's cost grows with the distinct groups.
+    Attempts at one task are correlated, and so are tasks that a split holds out together, such as
+    all tasks of a goal: whole groups are resampled with all tasks and attempts (cluster bootstrap).
+    With a group's sum of rates ``s_g`` and its ``n_g`` tasks, the bounds are quantiles of ``sum_g
+    c_g s_g / sum_g c_g n_g``, where the counts c are multinomial with G draws from G groups. Equal
+    groups are drawn together, so a draw's cost grows with the distinct groups.
 
-    If all groups have the same rate, resampling shows no variation; Wilson's interval for G trials is used instead.
-    Below :data:`FEWEST_GROUPS` groups resampling shows too little of it; :func:`rate_interval` is used instead.
+    If all groups have the same rate, resampling shows no variation; Wilson's interval for G trials
+    is used instead. Below :data:`FEWEST_GROUPS` groups resampling shows too little of it;
+    :func:`rate_interval` is used instead.
 
     Args:
         successes: shape (N tasks, D attempts), 0 and 1.
@@ -164,9 +219,11 @@ def task_bootstrap(
         lower and upper bound, within 0 and 1.
 
     Raises:
-        ConfigError: for a table of another shape, a value other than 0 and 1, or not one group for each task.
+        ConfigError: for a table of another shape, a value other than 0 and 1, or not one group for
+            each task.
 
-    Source: Davison and Hinkley 1997, "Bootstrap methods and their application", section 3.8; Wilson 1927.
+    Source: Davison and Hinkley 1997, "Bootstrap methods and their application", section 3.8; Wilson
+    1927.
     """
     rng = np.random.default_rng(seed)
     table = by_task("successes", successes, "(tasks, attempts)")
@@ -180,20 +237,24 @@ def task_bootstrap(
     solved, sizes = _group_sums(table.sum(axis=1), groups)
     if np.ptp(solved / sizes) == 0:
         rate = float(solved[0] / sizes[0]) / attempts
-        return wilson_interval(rate * len(sizes), len(sizes))
+        number = len(sizes)
+        return wilson_interval(rate * number, number)
     if len(sizes) < FEWEST_GROUPS:
         return rate_interval(table.mean(axis=1)[None], groups)
-    return interval(_resampled_ratios(solved, sizes, draws, rng) / attempts)
+    # Divided at the end only, since the sums had to be whole.
+    ratios = _resampled_ratios(solved, sizes, draws, rng)
+    return interval(ratios / attempts)
 
 
 def paired_difference(
     x: ArrayLike, y: ArrayLike, groups: Groups, *, draws: int = RESAMPLES, seed: int = 0
 ) -> Interval:
-    """Return the mean difference between two players' success on the same tasks, and its bootstrap interval.
+    """Return the mean difference between two players' success on the same tasks, and its interval.
 
-    With the rates ``a_i`` and ``b_i`` on task i, the difference is ``mean_i (a_i - b_i)``. Whole groups of tasks are
-    resampled, as in :func:`task_bootstrap`, in pairs: a task that is hard for both players does not widen the
-    interval. Below :data:`FEWEST_GROUPS` groups, the interval is that of :func:`crossed_difference`.
+    With the rates ``a_i`` and ``b_i`` on task i, the difference is ``mean_i (a_i - b_i)``. Whole
+    groups of tasks are resampled, as in :func:`task_bootstrap`, in pairs: a task that is hard for
+    both players does not widen the interval. Below :data:`FEWEST_GROUPS` groups, the interval is
+    that of :func:`crossed_difference`.
 
     Args:
         x: successes of the first player, 0 and 1, shape (N tasks, D attempts).
@@ -210,29 +271,55 @@ def paired_difference(
 
     Source: Efron and Tibshirani 1993, "An introduction to the bootstrap", chapter 13.
     """
-    rng, a, b = np.random.default_rng(seed), finite("x", x), finite("y", y)
+    rng = np.random.default_rng(seed)
+    a = finite("x", x)
+    b = finite("y", y)
     if a.ndim != 2 or b.ndim != 2 or len(a) != len(b):
         raise ConfigError(
-            f"x of shape {a.shape} and y of shape {b.shape}: expected (tasks, attempts) of the same tasks."
+            f"x of shape {a.shape} and y of shape {b.shape}: expected (tasks, attempts) of the "
+            "same tasks."
         )
     difference = a.mean(axis=1) - b.mean(axis=1)
     sums, sizes = _group_sums(difference, groups)
     if len(sizes) < FEWEST_GROUPS:
         return crossed_difference(difference[None], groups)[0]
-    return float(difference.mean()), *interval(_resampled_ratios(sums, sizes, draws, rng))
+    low, high = interval(_resampled_ratios(sums, sizes, draws, rng))
+    return float(difference.mean()), low, high
 
 
 def _resampled_ratios(sums: Scores, sizes: Scores, draws: int, rng: np.random.Generator) -> Scores:
-    """Return ratios of resampled sums and sizes over G groups, shape (draws,)."""
-    equal, times = np.unique(np.column_stack([sums, sizes]), axis=0, return_counts=True)
+    """Return ratios of resampled sums and sizes over G groups.
+
+    Args:
+        sums: sum of each group, shape (G,).
+        sizes: number of tasks of each group, shape (G,).
+        draws: number of resamples.
+        rng: random generator.
+
+    Returns:
+        shape (draws,), float.
+    """
+    # How often each kind of equal groups is drawn is multinomial, too, with their shares.
+    kinds = np.column_stack([sums, sizes])
+    equal, times = np.unique(kinds, axis=0, return_counts=True)
     drawn = rng.multinomial(len(sizes), times / len(sizes), size=draws)
-    return np.asarray((drawn @ equal[:, 0]) / (drawn @ equal[:, 1]))
+    drawn_sums = drawn @ equal[:, 0]
+    drawn_sizes = drawn @ equal[:, 1]
+    return np.asarray(drawn_sums / drawn_sizes)
 
 
 def _group_sums(values: Scores, groups: Groups) -> tuple[Scores, Scores]:
-    """Return sums of values (..., K) over the G groups of K tasks, shape (..., G), and the groups' sizes, shape (G,).
+    """Return sums over groups of tasks, and the groups' sizes.
 
-    Raises ConfigError unless there is one group number for each task.
+    Args:
+        values: shape (..., K tasks).
+        groups: number of each task's group, shape (K,); None if each task is a group of its own.
+
+    Returns:
+        sums, shape (..., G), in the order of the group numbers, and sizes, shape (G,).
+
+    Raises:
+        ConfigError: unless there is one group number for each task.
     """
     tasks = values.shape[-1]
     if groups is None:
@@ -240,6 +327,8 @@ def _group_sums(values: Scores, groups: Groups) -> tuple[Scores, Scores]:
     given = np.asarray(groups)
     if given.shape != (tasks,):
         raise ConfigError(f"groups of shape {given.shape}: expected one for each of {tasks} tasks.")
+    # Sorted by group, so that the tasks of a group follow each other; stable, so that the order of
+    # additions, and with it the last bits, does not depend on the machine.
     order = np.argsort(given, kind="stable")
     _, starts, sizes = np.unique(given[order], return_index=True, return_counts=True)
     return np.add.reduceat(values[..., order], starts, axis=-1), sizes.astype(float)
@@ -248,56 +337,82 @@ def _group_sums(values: Scores, groups: Groups) -> tuple[Scores, Scores]:
 def rate_interval(scores: ArrayLike, groups: Groups) -> tuple[float, float]:
     """Return the interval for a mean success rate over seeds and tasks.
 
-    Wilson's interval with the half-width h of :func:`crossed_difference` at the rate p: with ``q = h² / p (1 - p)`` the
-    bounds are ``(p + q/2 ± sqrt(q p (1 - p) + q²/4)) / (1 + q)``, within 0 and 1 and skewed near them. If all groups
-    have the same rate, q grows by ``z² / G``. A single seed shows no variation between seeds: the interval then covers
-    tasks only.
+    Wilson's interval with the half-width h of :func:`crossed_difference` at the rate p: with
+    ``q = h² / p (1 - p)`` the bounds are ``(p + q/2 ± sqrt(q p (1 - p) + q²/4)) / (1 + q)``, within
+    0 and 1 and skewed near them. If all groups have the same rate, q grows by ``z² / G``. A single
+    seed shows no variation between seeds: the interval then covers tasks only.
 
-    ``scores`` has shape (S seeds, K tasks); ``groups`` is the number of each task's group, shape (K,), or None if each
-    task is a group of its own.
+    Args:
+        scores: success rates, shape (S seeds, K tasks).
+        groups: number of each task's group, shape (K,); None if each task is a group of its own.
+
+    Returns:
+        lower and upper bound.
+
+    Raises:
+        ConfigError: if the table has another shape, or not one group for each task.
 
     Source: Wilson 1927, with the variance of two random effects in place of the binomial one.
     """
     table = by_task("scores", scores, "(seeds, tasks)")
     parts = _crossed(table, groups)
-    rate, spread = float(table.mean()), float(table.mean() * (1 - table.mean()))
+    rate = float(table.mean())
+    spread = float(table.mean() * (1 - table.mean()))
+    # Without spread the rate is 0 or 1, and only the floor gives the interval a width.
     q = parts.half_width(1 - _LEVEL) ** 2 / spread if spread else 0.0
     q += _Z**2 * parts.floor
     half = math.sqrt(q * spread + q**2 / 4)
-    return max((rate + q / 2 - half) / (1 + q), 0.0), min((rate + q / 2 + half) / (1 + q), 1.0)
+    low = (rate + q / 2 - half) / (1 + q)
+    high = (rate + q / 2 + half) / (1 + q)
+    return max(low, 0.0), min(high, 1.0)
 
 
 def crossed_difference(
     scores: ArrayLike, groups: Groups, *, level: float = _LEVEL
 ) -> tuple[Interval, float]:
-    """Return a mean difference between two agents over seeds and tasks, its interval, and the p-value of "none".
+    """Return a mean difference between two agents over seeds and tasks, and its interval.
 
-    ``scores``, shape (S seeds, K tasks), are differences of rates, paired by seed and task. Tasks are in G groups that
-    a split holds out together: ``groups`` has the number of each task's group, shape (K,), or is None if each task is
-    a group of its own; ``level`` is the confidence.
+    ``h² = t²_(S-1) max(v_seeds - v_rest, 0) + t²_(H-1) v_groups`` adds the variance of the mean by
+    seeds, without the noise of single trainings on single groups, and by groups of tasks that a
+    split holds out together: ``v_groups`` and ``v_rest`` are jackknife variances over groups. Few
+    seeds and few groups get Student's t; ``H = K² / sum_g n_g²`` groups of equal size say as much
+    as G groups with n_g tasks. With groups of one task these are the mean squares of a two-way
+    table.
 
-    ``h² = t²_(S-1) max(v_seeds - v_rest, 0) + t²_(H-1) v_groups`` adds the variance of the mean by seeds, without the
-    noise of single trainings on single groups, and by groups: ``v_groups`` and ``v_rest`` are jackknife variances over
-    groups. Few seeds and few groups get Student's t; ``H = K² / sum_g n_g²`` groups of equal size say as much as G
-    groups with n_g tasks. With groups of one task these are the mean squares of a two-way table.
+    The p-value is the level at which the interval reaches 0. If all groups have the same
+    difference, their part is ``z² / G`` in place of 0, as for a rate of 0 or 1. One task leaves the
+    part of the seeds; one group of several tasks says nothing of other groups.
+    ``benchmarks/interval_coverage.py`` simulates the coverage.
 
-    The p-value is the level at which the interval reaches 0. If all groups have the same difference, their part is
-    ``z² / G`` in place of 0, as for a rate of 0 or 1. One task leaves the part of the seeds; one group of several
-    tasks says nothing of other groups. ``benchmarks/interval_coverage.py`` simulates the coverage.
+    Args:
+        scores: differences of rates, paired by seed and task, shape (S seeds, K tasks).
+        groups: number of each task's group, shape (K,); None if each task is a group of its own.
+        level: confidence.
 
-    Source: Howe 1974, "Approximate confidence limits on the mean of X + Y where X and Y are two tabled independent
-    random variables"; Cameron and Miller 2015, "A practitioner's guide to cluster-robust inference", section VI, for
-    the jackknife over groups and for Student's t with fewer groups than there are.
+    Returns:
+        the difference with its lower and upper bound, from -1 to 1, and the p-value of "no
+        difference".
+
+    Raises:
+        ConfigError: if the table has another shape, or not one group for each task.
+
+    Source: Howe 1974, "Approximate confidence limits on the mean of X + Y where X and Y are two
+    tabled independent random variables"; Cameron and Miller 2015, "A practitioner's guide to
+    cluster-robust inference", section VI, for the jackknife over groups and for Student's t with
+    fewer groups than there are.
     """
     from scipy.special import ndtri
 
-    table, least = by_task("scores", scores, "(seeds, tasks)"), 1e-100
-    value, parts = float(table.mean()), _crossed(table, groups)
+    table = by_task("scores", scores, "(seeds, tasks)")
+    value = float(table.mean())
+    parts = _crossed(table, groups)
+    least = 1e-100  # p-values below print as 0; the search needs a positive bound
     floor = parts.floor if table.shape[1] > 1 else 0.0
 
     def half_width(p: float) -> float:
         return math.hypot(parts.half_width(p), floor * ndtri(p / 2) ** 2)
 
+    # The half-width grows as p falls. If even the widest interval leaves 0 out, nothing varies.
     if half_width(least) <= abs(value):
         p_value = 0.0 if value else 1.0
     else:
@@ -305,7 +420,10 @@ def crossed_difference(
 
         p_value = float(brentq(lambda p: half_width(p) - abs(value), least, 1.0))
     half = half_width(1 - level)
-    return (value, max(value - half, -1.0), min(value + half, 1.0)), p_value
+    # A difference of rates lies between -1 and 1.
+    low = max(value - half, -1.0)
+    high = min(value + half, 1.0)
+    return (value, low, high), p_value
 
 
 @dataclass(frozen=True)
@@ -313,11 +431,13 @@ class _Crossed:
     """What varies in a table of S seeds and K tasks in G groups.
 
     Attributes:
-        of_seeds: standard error of the mean by seeds, without the noise of single trainings on single groups.
+        of_seeds: standard error of the mean by seeds, without the noise of single trainings on
+            single groups.
         of_groups: standard error of the mean by groups of tasks, with this noise.
         seeds: S.
         groups: number of groups of equal size that say as much, at most G: ``K² / sum_g n_g²``.
-        floor: 1 / G if all groups have the same mean, which does not say that all groups are alike; else 0.
+        floor: 1 / G if all groups have the same mean, which does not say that all groups are alike;
+            else 0.
     """
 
     of_seeds: float
@@ -330,6 +450,8 @@ class _Crossed:
         """Return the half-width of the interval of the mean at the confidence 1 - p."""
         from scipy.special import stdtrit
 
+        # Quantiles below one half are negative; hypot squares the sign away. A single seed or
+        # group has no variance, so its degrees of freedom do not count.
         return math.hypot(
             self.of_seeds * stdtrit(max(self.seeds - 1, 1), p / 2),
             self.of_groups * stdtrit(max(self.groups - 1, 1), p / 2),
@@ -337,45 +459,66 @@ class _Crossed:
 
 
 def _crossed(table: Scores, groups: Groups) -> _Crossed:
+    """Return the standard errors of the mean of a table by seeds and by groups of tasks."""
     seeds, tasks = table.shape
-    mean, by_seed, by_column = table.mean(), table.mean(axis=1), table.mean(axis=0)
+    mean = table.mean()
+    by_seed = table.mean(axis=1)
+    by_column = table.mean(axis=0)
     deviations, sizes = _group_sums(by_column - mean, groups)
-    number, of_groups, of_seeds = len(sizes), 0.0, 0.0
+    number = len(sizes)
+    of_groups = 0.0
+    of_seeds = 0.0
     if number > 1:
-        # Leaving out group g moves the mean by its summed deviation / (K - n_g): the jackknife over groups.
-        left, widened = tasks - sizes, (number - 1) / number
-        of_groups = math.sqrt(widened * ((deviations / left) ** 2).sum())
+        # Leaving out group g moves the mean by its summed deviation / (K - n_g): the jackknife over
+        # groups.
+        left = tasks - sizes
+        widened = (number - 1) / number
+        squares = ((deviations / left) ** 2).sum()
+        of_groups = math.sqrt(widened * squares)
     if seeds > 1:
         of_seeds = by_seed.var(ddof=1) / seeds
         if number > 1:
-            rest, _ = _group_sums(table - by_seed[:, None] - by_column + mean, groups)
-            of_seeds -= widened * ((rest / left) ** 2).sum() / (seeds - 1) / seeds
+            # Residuals of the two-way table: the noise of single trainings on single groups, which
+            # the variance between seeds contains as well.
+            residuals = table - by_seed[:, None] - by_column + mean
+            rest, _ = _group_sums(residuals, groups)
+            squares = ((rest / left) ** 2).sum()
+            of_seeds -= widened * squares / (seeds - 1) / seeds
+        # An estimate of a variance as a difference may be negative by chance.
         of_seeds = math.sqrt(max(of_seeds, 0.0))
     is_alike = np.abs(deviations / sizes).max() < 1e-9  # up to rounding
     return _Crossed(
-        of_seeds,
-        of_groups,
-        seeds,
-        tasks**2 / float((sizes**2).sum()),
-        1 / number if is_alike else 0.0,
+        of_seeds=of_seeds,
+        of_groups=of_groups,
+        seeds=seeds,
+        groups=tasks**2 / float((sizes**2).sum()),
+        floor=1 / number if is_alike else 0.0,
     )
 
 
-# --- several seeds ---------------------------------------------------------------------------------------------------
+# --- several seeds --------------------------------------------------------------------------------
+# -------------------
 
 
 FEWEST_PAIRS = 3
-"""Fewest seeds for a p-value and a firm verdict: two seeds say little about variation between seeds."""
+"""Fewest seeds for a p-value and a firm verdict.
+
+Two seeds say little about the variation between seeds.
+"""
 
 
 def student_interval(
     scores: ArrayLike, *, within: tuple[float, float] = (0.0, 1.0)
 ) -> tuple[float, float] | None:
-    """Return Student's t interval for the mean score over seeds, shape (S,); None for a single seed.
+    """Return Student's t interval for the mean score over seeds; None for a single seed.
 
-    ``mean ± t_(S-1) s / sqrt(S)``, with the scores' sample deviation s, cut to the possible values ``within``. A
-    bootstrap fails for few seeds: resampling 3 seeds gives [minimum, maximum], which covers the true mean with
-    probability .68 instead of .95, and with 2 seeds .48.
+    ``mean ± t_(S-1) s / sqrt(S)``, with the scores' sample deviation s, cut to the possible values.
+    A bootstrap fails for few seeds: resampling 3 seeds gives [minimum, maximum], which covers the
+    true mean with probability .68 instead of .95, and with 2 seeds .48.
+
+    Args:
+        scores: a score for each seed, shape (S,).
+        within: lowest and highest possible value, to which the interval is cut.
 
     Source: Student 1908, "The probable error of a mean".
     """
@@ -384,25 +527,29 @@ def student_interval(
     values = finite("scores", scores).ravel()
     if len(values) == 1:
         return None
-    mean, (lowest, highest) = float(values.mean()), within
-    half = float(t.ppf((1 + _LEVEL) / 2, len(values) - 1) * values.std(ddof=1) / len(values) ** 0.5)
+    mean = float(values.mean())
+    lowest, highest = within
+    quantile = t.ppf((1 + _LEVEL) / 2, len(values) - 1)
+    half = float(quantile * values.std(ddof=1) / len(values) ** 0.5)
     return max(mean - half, lowest), min(mean + half, highest)
 
 
 def split_interval(
     scores: ArrayLike, errors: ArrayLike, *, within: tuple[float, float] = (0.0, 1.0)
 ) -> tuple[float, float]:
-    """Return the interval for the mean score over splits of a book, never narrower than the task noise of a split.
+    """Return the interval for the mean score over splits of a book.
 
-    ``mean ± h``: with s the sample deviation of the S scores and e² the mean squared standard error of a score within
-    its split, h² is the larger of Student's ``t²_(S-1) s² / S`` and ``t²_(S-1) max(s² - e², 0) / S + z² e²``. Three
-    scores may be alike by chance, and Student's t alone is then narrower than the noise of the tasks in each. The noise
-    e is not divided by S: splits share a book, so their test parts overlap and their trainings share most recipes. A
-    single split has the noise of its tasks.
+    It is never narrower than the task noise of a split. ``mean ± h``: with s the sample deviation
+    of the S scores and e² the mean squared standard error of a score within its split, h² is the
+    larger of Student's ``t²_(S-1) s² / S`` and ``t²_(S-1) max(s² - e², 0) / S + z² e²``. Three
+    scores may be alike by chance, and Student's t alone is then narrower than the noise of the
+    tasks in each. The noise e is not divided by S: splits share a book, so their test parts overlap
+    and their trainings share most recipes. A single split has the noise of its tasks.
 
     Args:
         scores: a score for each split, shape (S,).
-        errors: standard error of each score within its split, shape (S,), such as ``sqrt(p (1 - p) / n)``.
+        errors: standard error of each score within its split, shape (S,), such as ``sqrt(p (1 - p)
+            / n)``.
         within: lowest and highest possible value, to which the interval is cut.
 
     Returns:
@@ -411,13 +558,15 @@ def split_interval(
     Raises:
         ConfigError: unless there is an error for each score.
 
-    Source: the variance between splits as in DerSimonian and Laird 1986, "Meta-analysis in clinical trials"; added to
-    the variance within as in Howe 1974; Nadeau and Bengio 2003, "Inference for the generalization error", on splits of
-    the same data, whose mean varies more than that of independent samples.
+    Source: the variance between splits as in DerSimonian and Laird 1986, "Meta-analysis in clinical
+    trials"; added to the variance within as in Howe 1974; Nadeau and Bengio 2003, "Inference for
+    the generalization error", on splits of the same data, whose mean varies more than that of
+    independent samples.
     """
     from scipy.special import stdtrit
 
-    values, noise = finite("scores", scores).ravel(), finite("errors", errors).ravel()
+    values = finite("scores", scores).ravel()
+    noise = finite("errors", errors).ravel()
     if len(values) != len(noise):
         raise ConfigError(
             f"{len(noise)} errors of {len(values)} scores: expected an error for each."
@@ -425,55 +574,76 @@ def split_interval(
     shared = float((noise**2).mean())
     half = _Z * math.sqrt(shared)
     if len(values) > 1:
-        t, varied = float(stdtrit(len(values) - 1, (1 + _LEVEL) / 2)), float(values.var(ddof=1))
+        t = float(stdtrit(len(values) - 1, (1 + _LEVEL) / 2))
+        varied = float(values.var(ddof=1))
         between = t**2 * max(varied - shared, 0.0) / len(values)
         half = max(math.sqrt(between + half**2), t * math.sqrt(varied / len(values)))
-    mean, (lowest, highest) = float(values.mean()), within
+    mean = float(values.mean())
+    lowest, highest = within
     return max(mean - half, lowest), min(mean + half, highest)
 
 
-# --- comparisons and correlations ------------------------------------------------------------------------------------
+# --- comparisons and correlations
+# ------------------------------------------------------------------------------------
 
 
-_FEWEST = 3  # points: any two lie on a line
-_CERTAIN = 1 - 1e-12  # artanh of 1 is infinite
+_FEWEST = 3
+"""Fewest points for a correlation: any two lie on a line."""
+_CERTAIN = 1 - 1e-12
+"""Largest correlation for an interval: artanh of 1 is infinite."""
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values corrected for multiple tests by Holm's method, which controls the family-wise error rate.
+    """Return p-values corrected for multiple tests by Holm's method.
 
-    With the m values in ascending order, ``p'_(i) = max_(j <= i) min(1, (m - j + 1) p_(j))``. Rejecting below .05 errs
-    anywhere in at most 5 % of all studies, under any dependence between the comparisons; Holm's method never rejects
-    less than Bonferroni's correction.
+    The method controls the family-wise error rate.
+    With the m values in ascending order, ``p'_(i) = max_(j <= i) min(1, (m - j + 1) p_(j))``.
+    Rejecting below .05 errs anywhere in at most 5 % of all studies, under any dependence between
+    the comparisons; Holm's method never rejects less than Bonferroni's correction.
 
     Source: Holm 1979, "A simple sequentially rejective multiple test procedure".
     """
     for value in p_values:
         if not 0 <= value <= 1:
             raise ConfigError(f"p-value {value}: expected a number from 0 to 1.")
-    corrected, highest = [0.0] * len(p_values), 0.0
-    for rank, i in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
-        highest = max(highest, min(1.0, (len(p_values) - rank) * p_values[i]))
-        corrected[i] = highest
+    corrected = [0.0] * len(p_values)
+    highest = 0.0
+    ascending = sorted(range(len(p_values)), key=p_values.__getitem__)
+    for rank, place in enumerate(ascending):
+        # Never below that of a smaller p-value, so that the order of the comparisons stays.
+        highest = max(highest, min(1.0, (len(p_values) - rank) * p_values[place]))
+        corrected[place] = highest
     return corrected
 
 
 def correlation(
     x: ArrayLike, y: ArrayLike, kind: Literal["pearson", "spearman"] = "pearson"
 ) -> Interval | None:
-    """Compute the correlation of paired values x and y, both of shape (N,), and its interval.
+    """Return the correlation of paired values x and y, and its interval.
 
-    Pearson's correlation measures how near the points (x_i, y_i) are to a line. Spearman's is Pearson's correlation of
-    the ranks (ties share their mean rank). The interval is ``tanh(artanh r ± z sqrt(c / (N - 3)))``, with c = 1 for
-    Pearson's and ``1 + r²/2`` for Spearman's correlation; of 3 points it is -1 to 1.
+    Pearson's correlation measures how near the points (x_i, y_i) are to a line. Spearman's is
+    Pearson's correlation of the ranks (ties share their mean rank). The interval is
+    ``tanh(artanh r ± z sqrt(c / (N - 3)))``, with c = 1 for Pearson's and ``1 + r²/2`` for
+    Spearman's correlation; of 3 points it is -1 to 1.
 
-    The result is None for fewer than 3 points, or if all x or all y are equal.
+    Args:
+        x: shape (N,).
+        y: shape (N,).
+        kind: pearson or spearman.
 
-    Source: Fisher 1921; Bonett and Wright 2000, "Sample size requirements for estimating Pearson, Kendall and Spearman
-    correlations".
+    Returns:
+        the correlation with its lower and upper bound; None for fewer than 3 points, or if all x or
+        all y are equal.
+
+    Raises:
+        ConfigError: if the values are empty, not finite or of different shapes.
+
+    Source: Fisher 1921; Bonett and Wright 2000, "Sample size requirements for estimating Pearson,
+    Kendall and Spearman correlations".
     """
     one_of("kind", kind, ("pearson", "spearman"))
-    a, b = finite("x", x), finite("y", y)
+    a = finite("x", x)
+    b = finite("y", y)
     if a.ndim != 1 or a.shape != b.shape:
         raise ConfigError(
             f"x of shape {a.shape} and y of shape {b.shape}: expected one number for each cell."
@@ -483,16 +653,15 @@ def correlation(
     if kind == "spearman":
         from scipy.stats import rankdata
 
-        a, b = rankdata(a), rankdata(b)
+        a = rankdata(a)
+        b = rankdata(b)
     value = float(np.clip(np.corrcoef(a, b)[0, 1], -1, 1))
-    variance = (
-        (1 + value**2 / 2 if kind == "spearman" else 1) / (len(a) - 3)
-        if len(a) > _FEWEST
-        else math.inf
-    )
+    if len(a) == _FEWEST:  # no degree of freedom is left for the variance
+        variance = math.inf
+    elif kind == "spearman":
+        variance = (1 + value**2 / 2) / (len(a) - 3)
+    else:
+        variance = 1 / (len(a) - 3)
     middle = math.atanh(min(max(value, -_CERTAIN), _CERTAIN))
-    return (
-        value,
-        math.tanh(middle - _Z * math.sqrt(variance)),
-        math.tanh(middle + _Z * math.sqrt(variance)),
-    )
+    half = _Z * math.sqrt(variance)
+    return value, math.tanh(middle - half), math.tanh(middle + half)

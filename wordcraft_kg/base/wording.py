@@ -11,13 +11,19 @@ def duration(hours: float) -> str:
 
 
 def counted(number: int, one: str, more: str = "") -> str:
-    """Return a number with a noun: ``one`` is the singular, ``more`` the plural (default: the singular with an s).
+    """Return a number with a noun in the singular or plural.
+
+    Args:
+        number: the number.
+        one: the noun in the singular.
+        more: the noun in the plural; empty for the singular with an s.
 
     Example:
         >>> counted(1, "entity", "entities"), counted(1_200, "pair")
         ('1 entity', '1,200 pairs')
     """
-    return f"{number:,} {one if number == 1 else more or one + 's'}"
+    noun = one if number == 1 else more or f"{one}s"
+    return f"{number:,} {noun}"
 
 
 def approximate(number: int) -> str:
@@ -27,4 +33,6 @@ def approximate(number: int) -> str:
     # Python does not print more than 4,300 digits, and such a number exceeds a float.
     exponent = math.floor(math.log10(number))
     leading = round(10 ** (math.log10(number) - exponent), 1)
-    return f"about {leading:g} × 10^{exponent}" if leading < 10 else f"about 1 × 10^{exponent + 1}"
+    if leading >= 10:  # 9.96 is rounded to 10.0
+        return f"about 1 × 10^{exponent + 1}"
+    return f"about {leading:g} × 10^{exponent}"

@@ -29,9 +29,10 @@ _CHUNK = 256
 def encode_labels(
     labels: Sequence[str], path: Path, report: Progress | None = None
 ) -> tuple[NDArray[np.float16], dict[str, str]]:
-    """Encode N labels with a sentence encoder, or with mean pooling over the tokens of another transformer.
+    """Encode N labels with a sentence encoder, or with mean pooling over another transformer.
 
-    No code of the model is run: modules that sentence-transformers does not have are refused by name.
+    No code of the model is run: modules that sentence-transformers does not have are refused by
+    name.
 
     Args:
         labels: N texts.
@@ -43,8 +44,10 @@ def encode_labels(
 
     Raises:
         MissingExtraError: if a package is missing or too old.
-        ConfigError: if a label has only tokens for unknown text, and so the vector of any such label.
-        ArtefactError: if the model is damaged, incomplete, needs code, or is far larger than its weights.
+        ConfigError: if a label has only tokens for unknown text, and so the vector of any such
+            label.
+        ArtefactError: if the model is damaged, incomplete, needs code, or is far larger than its
+            weights.
     """
     check_extra("text")
     check_sentence_transformers()
@@ -65,6 +68,7 @@ def encode_labels(
             if "model_type" in settings:
                 config = AutoConfig.from_pretrained(str(folder), trust_remote_code=False)
                 check_size(path, partial(AutoModel.from_config, config, trust_remote_code=False))
+        # Said to each loader again: a folder's own settings could otherwise decide.
         options = {
             "dtype": torch.float32,
             "use_safetensors": True,
@@ -75,18 +79,21 @@ def encode_labels(
             str(path),
             device="cpu",
             trust_remote_code=False,
+            # Never ask the hub, even if a file of the folder names a model there.
             local_files_only=True,
             model_kwargs=options,
             processor_kwargs={"trust_remote_code": False},
             config_kwargs={"trust_remote_code": False},
         )
     _check_tokens(model.tokenizer, labels)
+    # In chunks, for the report of progress.
     parts = []
     for start in range(0, len(labels), _CHUNK):
         some = list(labels[start : start + _CHUNK])
         parts.append(model.encode(some, normalize_embeddings=True, show_progress_bar=False))
         if report:
             report(start + len(some), len(labels), {})
+    # Half precision: the last bits of a vector have no meaning, and the folder is half as large.
     vectors = np.concatenate(parts).astype(np.float16)
     if not np.isfinite(vectors).all():
         raise ArtefactError(
@@ -96,14 +103,18 @@ def encode_labels(
 
 
 def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
+    """Check that each label has a token of its own.
+
+    All labels without one would get the same vector, as if they were the same entity.
+    """
     unknown = getattr(tokenizer, "unk_token_id", None)
-    for label in (
-        labels if unknown is not None else ()
-    ):  # a vocabulary of bytes has tokens for any text
+    if unknown is None:  # a vocabulary of bytes has tokens for any text
+        return
+    for label in labels:
         if {*tokenizer(label, add_special_tokens=False).input_ids} <= {unknown}:
             raise ConfigError(
-                f"the label '{label}' has no tokens in this encoder's vocabulary. Use an `encoder` for the labels' "
-                "language, or rename the entity."
+                f"the label '{label}' has no tokens in this encoder's vocabulary. Use an "
+                "`encoder` for the labels' language, or rename the entity."
             )
 
 
@@ -115,13 +126,29 @@ def write_vectors(
     inputs: Mapping[str, str],
     force: bool = False,
 ) -> Path:
-    """Write vectors and the hashes ``inputs``; OutputExistsError if ``out`` exists and ``force`` is False."""
+    """Write a folder of vectors, for the option ``--features``.
+
+    Args:
+        out: folder to write.
+        labels: N labels.
+        vectors: their vectors, shape (N, D).
+        inputs: hashes of graphs and weights by name, for the record.
+        force: replace an existing output.
+
+    Returns:
+        The folder.
+
+    Raises:
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
     folder = with_a_name(out)
     with staged_folder(folder, force=force) as staging:
         buffer = io.BytesIO()
+        # No pickle: the array has numbers only, and readers refuse anything else.
         np.save(buffer, vectors, allow_pickle=False)
         names = "".join(f"{label}\n" for label in labels).encode()
-        files = {ENCODED: buffer.getvalue(), Path(ENCODED).with_suffix(".labels.txt").name: names}
+        names_file = Path(ENCODED).with_suffix(".labels.txt").name
+        files = {ENCODED: buffer.getvalue(), names_file: names}
         for name, content in files.items():
             write_atomically(staging / name, content)
         end_run(staging, start_run(staging, "encode", inputs=inputs), "done", tuple(files))

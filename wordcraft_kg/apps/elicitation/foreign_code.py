@@ -1,9 +1,10 @@
 """Refuse a pretrained model that would run code, before any library reads its folder.
 
-A model folder from elsewhere is data of a stranger. Its JSON files can name Python classes to import, kernels and other
-models to download, options that switch off a library's own checks, and sizes that no memory holds. The libraries refuse
-most of that if asked to; this module refuses the rest, and by name. It imports no library of models, except to look up
-the kind of a model that names code and may not need it.
+A model folder from elsewhere is data of a stranger. Its JSON files can name Python classes to
+import, kernels and other models to download, options that switch off a library's own checks, and
+sizes that no memory holds. The libraries refuse most of that if asked to; this module refuses the
+rest, and by name. It imports no library of models, except to look up the kind of a model that names
+code and may not need it.
 """
 
 import os
@@ -20,13 +21,16 @@ from wordcraft_kg.base.errors import ArtefactError, MissingExtraError
 from wordcraft_kg.base.extras import pip_install
 
 SAFE_SENTENCE_TRANSFORMERS = "6.0.1"
-"""Earlier versions import any module that the modules.json of a local folder names, whatever they are told."""
+"""Earlier versions import any module that a local modules.json names, whatever they are told."""
 _MODULES = (
     *("Transformer", "Pooling", "Dense", "Normalize", "LayerNorm", "Dropout"),
     *("WeightedLayerPooling", "StaticEmbedding"),
 )
 _MODULE = re.compile(rf"sentence_transformers(\.[a-z_]+)*\.({'|'.join(_MODULES)})")
-"""Modules of sentence encoders of text. A path in the package alone is not enough: it also reaches what it imports."""
+"""Modules of sentence encoders of text.
+
+A path in the package alone is not enough: it also reaches the modules that the package imports.
+"""
 _FOLDER_NAME = re.compile(r"[\w-][\w.-]*|")
 _TOKENIZER = re.compile(r"(?!Auto)[A-Z]\w*(Tokenizer|TokenizerFast|Backend)")
 _ACTIVATION = re.compile(r"torch\.nn\.modules\.(activation|linear)\.\w+")
@@ -36,7 +40,10 @@ _HARMLESS_OPTIONS = {
     *("is_decoder", "max_length", "model_max_length", "padding_side", "truncation_side"),
     *("use_fast", "do_lower_case", "add_bos_token", "add_eos_token"),
 }
-"""Options of a folder that change no more than sizes and text; others, such as weights_only, change what is trusted."""
+"""Options of a folder that change no more than sizes and text.
+
+Others, such as weights_only, change what is trusted.
+"""
 _IMPLEMENTATION = re.compile(r"_?\w*implementation(_internal)?")
 _WEIGHTS = re.compile(r"[\w-][\w.-]*\.safetensors")
 _NOT_READ = ("tokenizer.json", "vocab.json")
@@ -45,28 +52,30 @@ _ADAPTER = "adapter_config.json"
 
 
 def check_sentence_transformers() -> None:
-    """Raise MissingExtraError if the installed sentence-transformers would run the code of a model folder."""
+    """Raise MissingExtraError if sentence-transformers would run the code of a model folder."""
     installed = version("sentence-transformers")
     if Version(installed) < Version(SAFE_SENTENCE_TRANSFORMERS):
         raise MissingExtraError(
-            f"sentence-transformers {installed} runs Python code that a model folder names; expected "
-            f"{SAFE_SENTENCE_TRANSFORMERS} or later: {pip_install(extra='text')}"
+            f"sentence-transformers {installed} runs Python code that a model folder names; "
+            f"expected {SAFE_SENTENCE_TRANSFORMERS} or later: {pip_install(extra='text')}"
         )
 
 
 def check_model_files(path: Path) -> None:
-    """Check a model folder, or a ``.gguf`` file and the files beside it, before a library reads them.
+    """Check a model folder, or a ``.gguf`` file and its neighbours, before a library reads them.
 
     Raises:
-        ArtefactError: if a file names code, a kernel or another model to load, has weights as a pickle only, sets an
-            option that the loader must decide, is a device or a pipe, or is a link out of the folder.
+        ArtefactError: if a file names code, a kernel or another model to load, has weights as a
+            pickle only, sets an option that the loader must decide, is a device or a pipe, or is a
+            link out of the folder.
     """
     folder = path if path.is_dir() else path.parent
     if path.is_dir():
         # Only these folders are read; others hold what other libraries read, such as ONNX.
         places = [folder, *_module_folders(folder)]
-        files = [entry for place in places for entry in sorted(place.iterdir())]
-        files = [file for file in files if not file.is_dir()]
+        files = []
+        for place in places:
+            files += [entry for entry in sorted(place.iterdir()) if not entry.is_dir()]
         _check_places(folder, files)
         for place in places:
             _check_weights(place)
@@ -75,24 +84,26 @@ def check_model_files(path: Path) -> None:
         # The libraries read these names beside a .gguf file; other files there may be anybody's.
         names = ("config.json", "tokenizer_config.json", "generation_config.json", _ADAPTER)
         files = [folder / name for name in names if (folder / name).is_file()]
+    # Code is collected first: whether it is needed depends on the kind of the model.
     named: list[str] = []
     for file in files:
+        # To search all tokens takes long, and no loader imports a token.
         if file.name in _NOT_READ:
             continue
         if file.name == _ADAPTER:
             raise ArtefactError(
-                f"'{folder}' is an adapter ({_ADAPTER}), which loads another model. Merge the adapter into its model, "
-                "and give that folder."
+                f"'{folder}' is an adapter ({_ADAPTER}), which loads another model. Merge the "
+                "adapter into its model, and give that folder."
             )
-        content = read_json(file)
-        for key, value in _items(content):
+        for key, value in _items(read_json(file)):
             _check_item(file, key, value)
             if key == "auto_map" and value:
                 named += sorted(_strings(value))
+    # Many models of a kind that transformers has also name code, for its earlier versions.
     if named and not _is_known(folder):
         raise ArtefactError(
-            f"'{folder}' needs its own Python code, {named[0]}, and code of a model is never run. Give a model that "
-            "transformers itself knows."
+            f"'{folder}' needs its own Python code, {named[0]}, and code of a model is never run. "
+            "Give a model that transformers itself knows."
         )
 
 
@@ -100,7 +111,8 @@ def _module_folders(folder: Path) -> list[Path]:
     """Return the folders of modules that ``modules.json`` names.
 
     Raises:
-        ArtefactError: if a class is no module of a text encoder, or a path is not the name of a folder in this one.
+        ArtefactError: if a class is no module of a text encoder, or a path is not the name of a
+            folder in this one.
     """
     file = folder / "modules.json"
     if not os.path.lexists(file):
@@ -109,15 +121,19 @@ def _module_folders(folder: Path) -> list[Path]:
     folders = []
     for module in content if isinstance(content, list) else [content]:
         about = module if isinstance(module, dict) else {}
-        kind, path = about.get("type"), about.get("path")
+        kind = about.get("type")
+        path = about.get("path")
+        # A full match of the name: a prefix would reach any module below the package.
         if not isinstance(kind, str) or not _MODULE.fullmatch(kind):
             raise ArtefactError(
-                f"'{file}' names the module {kind!r}, and code of a model is never run; expected modules of "
-                f"sentence-transformers for text: {', '.join(_MODULES)}. Give another model."
+                f"'{file}' names the module {kind!r}, and code of a model is never run; expected "
+                f"modules of sentence-transformers for text: {', '.join(_MODULES)}. Give another "
+                "model."
             )
         if not isinstance(path, str) or not _FOLDER_NAME.fullmatch(path):
             raise ArtefactError(
-                f"'{file}' has the path {path!r} of a module; expected the name of a folder. Restore a copy."
+                f"'{file}' has the path {path!r} of a module; expected the name of a folder. "
+                "Restore a copy."
             )
         if path and (folder / path).is_dir():
             folders.append(folder / path)
@@ -128,39 +144,43 @@ def _check_places(folder: Path, files: Iterable[Path]) -> None:
     """Refuse devices, pipes, and links out of the model folder."""
     root = os.path.realpath(folder)
     inside = [root]
-    # In a cache of the hub, the files of a model are links to the folder blobs beside its snapshots.
+    # In a cache of the hub, the files of a model are links to the folder blobs beside its
+    # snapshots.
     if os.path.basename(os.path.dirname(root)) == "snapshots":
         inside.append(os.path.join(os.path.dirname(os.path.dirname(root)), "blobs"))
+    # realpath follows all links, also those of folders on the way.
     for file in files:
         place = os.path.realpath(file)
         if not any(Path(place).is_relative_to(allowed) for allowed in inside):
             raise ArtefactError(
-                f"'{file}' is a link out of the model folder, to {place}. Replace the link by a copy of the file."
+                f"'{file}' is a link out of the model folder, to {place}. Replace the link by a "
+                "copy of the file."
             )
         if not file.is_file():
             raise ArtefactError(f"'{file}' is not a regular file. Restore a copy.")
 
 
 def _check_weights(place: Path) -> None:
-    """Refuse pickles without safetensors beside them, and an index of safetensors that names other files."""
+    """Refuse pickles without safetensors, and an index of safetensors that names other files."""
     pickles = sorted(place.glob("pytorch_model*.bin"))
     if pickles and not any(place.glob("model*.safetensors")):
         raise ArtefactError(
-            f"'{place}' has weights as a pickle only, {pickles[0].name}, and a pickle can run code. Give a model with "
-            "weights in model.safetensors."
+            f"'{place}' has weights as a pickle only, {pickles[0].name}, and a pickle can run "
+            "code. Give a model with weights in model.safetensors."
         )
     for index in sorted(place.glob("*.index.json")):
         content = read_json(index)
-        named = _strings(content.get("weight_map")) if isinstance(content, dict) else ()
-        for name in named:
+        weight_map = content.get("weight_map") if isinstance(content, dict) else None
+        for name in _strings(weight_map):
             if not _WEIGHTS.fullmatch(name):
                 raise ArtefactError(
-                    f"'{index}' names '{name}'; expected *.safetensors in the same folder. Restore a copy."
+                    f"'{index}' names '{name}'; expected *.safetensors in the same folder. "
+                    "Restore a copy."
                 )
 
 
 def _check_item(file: Path, key: str, value: Any) -> None:
-    """Refuse one name and value, at any depth of a JSON file, that changes what a loader imports or trusts."""
+    """Refuse a name and value of a JSON file that change what a loader imports or trusts."""
     problem = ""
     if _LOADER_OPTIONS.fullmatch(key) and isinstance(value, Mapping):
         odd = sorted(set(value) - _HARMLESS_OPTIONS)
@@ -177,7 +197,8 @@ def _check_item(file: Path, key: str, value: Any) -> None:
         problem = f"names the activation function {value!r}, which is not one of torch"
     if problem:
         raise ArtefactError(
-            f"'{file}' {problem}, and code of a model is never run. Give another model, or remove this setting."
+            f"'{file}' {problem}, and code of a model is never run. Give another model, or "
+            "remove this setting."
         )
 
 
@@ -201,13 +222,18 @@ def _strings(value: Any) -> Iterator[str]:
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict | list):
-        for inner in value.values() if isinstance(value, dict) else value:
+        values = value.values() if isinstance(value, dict) else value
+        for inner in values:
             yield from _strings(inner)
 
 
 def _is_known(folder: Path) -> bool:
-    """Return whether transformers has a class of its own for a model that also names code: it then needs no code."""
+    """Return whether transformers has a class of its own for a model that also names code.
+
+    It then needs no code.
+    """
     from transformers.models.auto.configuration_auto import CONFIG_MAPPING_NAMES
 
-    config = read_json(folder / "config.json") if (folder / "config.json").is_file() else {}
+    file = folder / "config.json"
+    config = read_json(file) if file.is_file() else {}
     return isinstance(config, dict) and config.get("model_type") in CONFIG_MAPPING_NAMES

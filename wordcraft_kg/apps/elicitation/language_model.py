@@ -1,7 +1,8 @@
-"""Tables from a causal language model: how much more probable is a label after a text about another label?
+"""Tables from a causal language model: how probable is a label after a text about another label?
 
-For each entity and prompt the model reads one text, in one forward pass without generation. A cell is a pointwise
-mutual information: the label's log-probability after the text, minus its log-probability after neutral texts.
+For each entity and prompt the model reads one text, in one forward pass without generation. A cell
+is a pointwise mutual information: the label's log-probability after the text, minus its
+log-probability after neutral texts.
 """
 
 import hashlib
@@ -53,7 +54,14 @@ _LARGEST = 2**31
 
 @dataclass(frozen=True, eq=False)
 class LanguageModel:
-    """A causal language model, its tokenizer, hashes by file name, and the seed of random weights, if any."""
+    """An opened causal language model.
+
+    Attributes:
+        model: model of transformers, in float32 and ready for inference.
+        tokenizer: its tokenizer.
+        hashes: SHA-256 of the weights by file name.
+        random_seed: seed of random weights; None if the model has its own weights.
+    """
 
     model: Any
     tokenizer: Any
@@ -68,17 +76,20 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
 
     Args:
         path: model folder with weights in safetensors, or a ``.gguf`` file.
-        random_seed: seed for random weights in the same architecture, as a control; None for the model's weights.
+        random_seed: seed for random weights in the same architecture, as a control; None for the
+            model's weights.
 
     Returns:
         The model in float32, its tokenizer, and hashes.
 
     Raises:
         MissingExtraError: if a package is missing.
-        ArtefactError: if the model is damaged, incomplete, not causal, needs code, or is far larger than its weights.
+        ArtefactError: if the model is damaged, incomplete, not causal, needs code, or is far larger
+            than its weights.
     """
     check_extra("text")
     check_model_files(path)
+    # Before loading, so that the hashes are of the files that were checked.
     hashes = hash_weights(path)
     with loading(path, "a causal language model"):
         from transformers import AutoConfig, AutoModelForCausalLM, AutoTokenizer
@@ -86,10 +97,12 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
         options: dict[str, Any] = {"trust_remote_code": False, "local_files_only": True}
         folder = path
         if path.is_file():
-            options["gguf_file"], folder = path.name, path.parent
+            options["gguf_file"] = path.name
+            folder = path.parent
         else:
             settings = read_json(path / "config.json")
             check_counts(path, settings if isinstance(settings, dict) else {})
+        # A .gguf file has its settings inside, and transformers adds defaults: check these, too.
         config = AutoConfig.from_pretrained(str(folder), **options)
         check_counts(path, config.to_dict())
         build = partial(
@@ -105,6 +118,7 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
                 use_safetensors=path.is_dir(),
                 **options,
             )
+            # Missing weights are drawn at random by transformers, which only warns.
             if info["missing_keys"]:
                 raise ValueError(f"the weights lack {min(info['missing_keys'])}")
         else:
@@ -112,10 +126,10 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
                 torch.manual_seed(random_seed)
                 model = build()
         model.eval()
+        # A causal model predicts the same after token 0, whatever token follows.
         with torch.inference_mode():
-            one, other = (
-                model(input_ids=torch.tensor([[0, token]])).logits[:, 0] for token in (1, 2)
-            )
+            one = model(input_ids=torch.tensor([[0, 1]])).logits[:, 0]
+            other = model(input_ids=torch.tensor([[0, 2]])).logits[:, 0]
         if not torch.allclose(one, other, rtol=1e-3, atol=1e-3):
             raise ValueError("a prediction depends on later tokens")
     return LanguageModel(model, tokenizer, hashes, random_seed)
@@ -124,17 +138,22 @@ def open_language_model(path: Path, random_seed: int | None = None) -> LanguageM
 def label_tokens(tokenizer: Any, label: str) -> list[int]:
     """Return the tokens that stand for a label: the first token of each word after a blank.
 
-    The mean of their log-probabilities is the label's log-probability. ConfigError if a word has no token, or only the
-    token for unknown words.
+    The mean of their log-probabilities is the label's log-probability. A mean, because the words of
+    a label would otherwise make long labels improbable; only first tokens, because one forward pass
+    predicts one token.
+
+    Raises:
+        ConfigError: if a word has no token, or only the token for unknown words.
     """
     before = len(tokenizer("a", add_special_tokens=False).input_ids)
     tokens = []
     for word in label.split():
+        # Behind another word: tokenizers write the blank into the token.
         token = tokenizer(f"a {word}", add_special_tokens=False).input_ids[before : before + 1]
         if not token or token[0] == tokenizer.unk_token_id:
             raise ConfigError(
-                f"the label '{label}' has no tokens in this language model's vocabulary. Use a `model` for the labels' "
-                "language, or rename the entity."
+                f"the label '{label}' has no tokens in this language model's vocabulary. Use a "
+                "`model` for the labels' language, or rename the entity."
             )
         tokens += token
     return tokens
@@ -144,15 +163,21 @@ class _LabelProbabilities:
     """Log-probabilities of all labels after texts."""
 
     def __init__(self, language_model: LanguageModel, labels: Sequence[str]):
-        self.model, self.tokenizer, self.size = (
-            language_model.model,
-            language_model.tokenizer,
-            len(labels),
-        )
-        tokens = [label_tokens(language_model.tokenizer, label) for label in labels]
-        self.tokens = torch.tensor([token for some in tokens for token in some])
-        self.owners = torch.tensor([owner for owner, some in enumerate(tokens) for _ in some])
-        self.counts = torch.tensor([len(some) for some in tokens for _ in some])
+        self.model = language_model.model
+        self.tokenizer = language_model.tokenizer
+        self.size = len(labels)
+        # The tokens of all labels in one list, with the label and the number of tokens for each.
+        tokens: list[int] = []
+        owners: list[int] = []
+        counts: list[int] = []
+        for owner, label in enumerate(labels):
+            own = label_tokens(self.tokenizer, label)
+            tokens += own
+            owners += [owner] * len(own)
+            counts += [len(own)] * len(own)
+        self.tokens = torch.tensor(tokens)
+        self.owners = torch.tensor(owners)
+        self.counts = torch.tensor(counts)
 
     def read(self, texts: Sequence[str]) -> list[list[int]]:
         """Return the tokens of texts."""
@@ -160,15 +185,27 @@ class _LabelProbabilities:
 
     @torch.inference_mode()
     def after(self, texts: Sequence[Sequence[int]]) -> Tensor:
-        """Return log-probabilities, shape (B, E), in nats, after B texts with equal numbers of tokens."""
+        """Return log-probabilities after B texts with equal numbers of tokens.
+
+        Returns:
+            shape (B, E), in nats: the mean over the tokens of each label.
+        """
+        # Only the logits of the last position are computed: the others are (B, T, vocabulary).
         logits = self.model(input_ids=torch.tensor(texts), logits_to_keep=1).logits[:, -1].float()
+        # Each token's share of its label's mean; index_add_ sums the shares of a label.
         parts = logits.log_softmax(-1)[:, self.tokens] / self.counts
         return torch.zeros(len(texts), self.size).index_add_(1, self.owners, parts)
 
 
 @dataclass(frozen=True)
 class _Batch:
-    """Texts of one prompt with equal numbers of tokens; ``rows`` are entity ids."""
+    """Texts of one prompt with equal numbers of tokens.
+
+    Attributes:
+        prompt: number of the prompt.
+        rows: entity ids of the texts.
+        texts: tokens of the texts.
+    """
 
     prompt: int
     rows: list[int]
@@ -177,6 +214,7 @@ class _Batch:
 
 def _batches(texts: Sequence[list[int]], prompt: int = 0) -> Iterator[_Batch]:
     """Divide texts into batches that need no padding; the batches depend on the texts only."""
+    # Padding would change the last bits of a row with the other texts of its batch.
     order = sorted(range(len(texts)), key=lambda row: len(texts[row]))
     for _, same in groupby(order, key=lambda row: len(texts[row])):
         rows = list(same)
@@ -196,19 +234,33 @@ def elicit_knowledge(
 ) -> KnowledgeTables:
     """Write a knowledge folder with a table for each prompt, and return the tables.
 
-    Rows are saved in a hidden folder beside ``out``: a call after an interruption computes only the remaining rows.
-    ``report`` is called with the numbers of finished and of all texts. KeyboardInterrupt after Ctrl-C has the number of
-    saved texts.
+    Rows are saved in a hidden folder beside ``out``: a call after an interruption computes only the
+    remaining rows.
 
-    ConfigError if the tables are too large, or a label has no tokens; ArtefactError if a probability is not finite;
-    OutputExistsError if ``out`` exists and ``force`` is False.
+    Args:
+        out: folder to write.
+        graph: graph with E entities; recipes are not used.
+        language_model: see :func:`open_language_model`.
+        prompts: prompts, a table each.
+        report: called with the numbers of finished and of all texts, and no figures.
+        force: replace an existing output.
+
+    Returns:
+        The tables, each of shape (E, E), float16, in nats.
+
+    Raises:
+        ConfigError: if the tables are too large, or a label has no tokens.
+        ArtefactError: if a probability is not finite.
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+        KeyboardInterrupt: after Ctrl-C, with the number of saved texts.
     """
     out = with_a_name(out)
     check_output(out, force=force)
     size = graph.num_entities
-    if len(prompts) * size**2 * 2 > _LARGEST:
+    needed = 2 * len(prompts) * size**2  # float16 has two bytes
+    if needed > _LARGEST:
         raise ConfigError(
-            f"{len(prompts)} tables of {size:,} x {size:,} entities need {len(prompts) * size**2 * 2:,} bytes; "
+            f"{len(prompts)} tables of {size:,} x {size:,} entities need {needed:,} bytes; "
             f"expected at most {_LARGEST:,}. Use a smaller graph, or fewer `prompts`."
         )
     text = prompts_text(prompts)
@@ -220,22 +272,19 @@ def elicit_knowledge(
     if language_model.random_seed is not None:
         inputs["random weights, seed"] = str(language_model.random_seed)
     probabilities = _LabelProbabilities(language_model, graph.entities)
-    batches = [
-        batch
-        for number, prompt in enumerate(prompts)
-        for batch in _batches(
-            probabilities.read([prompt.text(label) for label in graph.entities]), number
-        )
-    ]
+    batches: list[_Batch] = []
+    for number, prompt in enumerate(prompts):
+        texts = [prompt.text(label) for label in graph.entities]
+        batches += _batches(probabilities.read(texts), number)
     # Tokens belong to the key: a tokenizer's files have no hash.
     key = json.dumps(
         [inputs, _BATCH, probabilities.tokens.tolist(), [batch.texts for batch in batches]]
     )
     with _saved_rows(out, key) as folder:
         tables = _tables(probabilities, batches, prompts, folder, report)
-        source = "language model" + (
-            " with random weights" if language_model.random_seed is not None else ""
-        )
+        source = "language model"
+        if language_model.random_seed is not None:
+            source += " with random weights"
         infos = tuple(
             TableInfo(name=prompt.name, role=prompt.role, phrase=prompt.phrase)
             for prompt in prompts
@@ -244,6 +293,7 @@ def elicit_knowledge(
         knowledge = KnowledgeTables(record, tables)
         files = {"prompts.json": text, "README.md": _card(graph, knowledge, inputs, prompts)}
         write_knowledge(out, "elicit", knowledge, inputs=inputs, files=files, force=force)
+        # Only after the knowledge folder is complete.
         shutil.rmtree(folder)
     return knowledge
 
@@ -255,22 +305,38 @@ def _tables(
     folder: Path,
     report: Progress | None,
 ) -> tuple[Tensor, ...]:
-    """Return a table for each prompt, from rows saved in ``folder`` or computed and saved there."""
+    """Return a table for each prompt, from rows saved in ``folder`` or computed and saved there.
+
+    Args:
+        probabilities: the language model, for E labels.
+        batches: texts of all prompts; batches of a prompt follow each other.
+        prompts: P prompts.
+        folder: folder of saved rows, a file for each batch.
+        report: called with the numbers of finished and of all texts; None for no report.
+
+    Returns:
+        P tables of shape (E, E), float16, in nats.
+    """
     size = probabilities.size
     tables = torch.zeros(len(prompts), size, size, dtype=torch.half)
-    done, neutral = 0, (-1, torch.zeros(0))
+    done = 0
+    neutral_prompt = -1
+    neutral = torch.zeros(0)
     try:
         for number, batch in enumerate(batches):
             file = folder / f"{number}.safetensors"
             rows = _read_rows(file)
             if rows is None:
-                if neutral[0] != batch.prompt:
-                    neutral = batch.prompt, _neutral(probabilities, prompts[batch.prompt].neutral)
-                rows = (probabilities.after(batch.texts) - neutral[1]).half()
+                # Once for each prompt, and not at all for a prompt whose rows are all saved.
+                if neutral_prompt != batch.prompt:
+                    neutral_prompt = batch.prompt
+                    neutral = _neutral(probabilities, prompts[neutral_prompt].neutral)
+                rows = (probabilities.after(batch.texts) - neutral).half()
                 if not rows.isfinite().all():
                     raise ArtefactError(
                         "the language model gives probabilities that are not finite. Use another."
                     )
+                # Atomic: a row is either computed or not, even after a kill.
                 write_atomically(file, safetensors.torch.save({"rows": rows}))
             tables[batch.prompt, batch.rows] = rows
             done += len(batch.rows)
@@ -284,14 +350,19 @@ def _tables(
 
 def _neutral(probabilities: _LabelProbabilities, texts: Sequence[str]) -> Tensor:
     """Return the log of each label's mean probability after neutral texts, shape (E,)."""
-    rows = torch.cat(
-        [probabilities.after(batch.texts) for batch in _batches(probabilities.read(texts))]
-    )
+    batches = _batches(probabilities.read(texts))
+    rows = torch.cat([probabilities.after(batch.texts) for batch in batches])
+    # A mean of probabilities, in log space: exp of a small log-probability would be 0.
     return rows.logsumexp(0) - math.log(len(texts))
 
 
 def _oriented(table: Tensor, prompt: Prompt) -> Tensor:
-    """Return a table with a row per text as (ingredient, result), or as a symmetric table, with a diagonal of 0."""
+    """Return a table with a row per text in the direction of its role, with a diagonal of 0.
+
+    Tables of parts have ingredients as rows and results as columns. Tables of pairs are symmetric,
+    the mean of both directions: a recipe has no order. A label after a text about itself is
+    repetition, not knowledge, so the diagonal says nothing.
+    """
     if prompt.role == "pair":
         table = ((table.float() + table.float().T) / 2).half()
     elif prompt.about == "result":
@@ -302,6 +373,7 @@ def _oriented(table: Tensor, prompt: Prompt) -> Tensor:
 @contextmanager
 def _saved_rows(out: Path, key: str) -> Iterator[Path]:
     """Yield the locked folder beside ``out`` for the rows with this key."""
+    # Another model, prompt or graph has another key, and so never takes these rows.
     digest = hashlib.sha256(key.encode()).hexdigest()[:16]
     folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
     folder.mkdir(parents=True, exist_ok=True)
@@ -319,19 +391,28 @@ def _read_rows(file: Path) -> Tensor | None:
 
 
 def strongest(knowledge: KnowledgeTables, most: int = 3) -> dict[str, list[str]]:
-    """Return each table's largest cells as phrases, such as "bread needs flour (+3.1)", by table name."""
+    """Return each table's largest cells as phrases, such as "bread needs flour (+3.1)".
+
+    Args:
+        knowledge: tables over E entities.
+        most: maximum number of cells per table.
+
+    Returns:
+        phrases by table name, the largest cell first.
+    """
     labels = knowledge.record.entities
     shown: dict[str, list[str]] = {}
     for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
-        cells = (table.triu() if info.role == "pair" else table).flatten()
+        if info.role == "pair":  # symmetric: each pair would be shown twice
+            table = table.triu()
+        cells = table.flatten()
         values, places = cells.topk(min(most, len(cells)))
         shown[info.name] = []
         for value, place in zip(values.tolist(), places.tolist(), strict=True):
-            row, column = labels[place // len(labels)], labels[place % len(labels)]
-            names = ("{ingredient}", row), ("{result}", column), ("{a}", row), ("{b}", column)
-            phrase = info.phrase
-            for name, label in names:
-                phrase = phrase.replace(name, label)
+            row = labels[place // len(labels)]
+            column = labels[place % len(labels)]
+            phrase = info.phrase.replace("{ingredient}", row).replace("{result}", column)
+            phrase = phrase.replace("{a}", row).replace("{b}", column)
             shown[info.name].append(f"{phrase} ({value:+.1f})")
     return shown
 
@@ -342,16 +423,20 @@ def _card(
     inputs: Mapping[str, str],
     prompts: Sequence[Prompt],
 ) -> str:
-    shown = strongest(knowledge)
+    """Return the text of README.md."""
+    cells = {name: "; ".join(phrases) for name, phrases in strongest(knowledge).items()}
     tables = "".join(
-        f"| {p.name} | {p.role} | {p.template} | {'; '.join(shown[p.name])} |\n" for p in prompts
+        f"| {prompt.name} | {prompt.role} | {prompt.template} | {cells[prompt.name]} |\n"
+        for prompt in prompts
     )
     hashes = "".join(f"- {name}: `{value}`\n" for name, value in inputs.items())
     return f"""{front_matter("knowledge-graph", "language-model")}
 # Knowledge of a {knowledge.record.source} for {graph.name}
 
-Tables over {graph.num_entities:,} entities in `tables.safetensors` (float16, nats): the log-probability of a label
-after a text, minus the label's log-probability after neutral texts (`prompts.json`). Rows are ingredients; columns are
+Tables over {graph.num_entities:,} entities in `tables.safetensors` (float16, nats): the \
+log-probability of a label
+after a text, minus the label's log-probability after neutral texts (`prompts.json`). \
+Rows are ingredients; columns are
 results (part) or other ingredients (pair). No recipe was used.
 
 | table | role | text | largest cells |

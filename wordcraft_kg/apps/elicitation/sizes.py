@@ -1,4 +1,8 @@
-"""Refuse a pretrained model whose config.json asks for far more than its weights hold, before memory is allocated."""
+"""Refuse a pretrained model that asks for far more memory than its weights hold.
+
+The checks come before memory is allocated: a few bytes of config.json can ask for all of it, and
+the system then ends the process, or others.
+"""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,22 +15,25 @@ from wordcraft_kg.base.artefacts import read_json
 from wordcraft_kg.base.errors import ArtefactError
 
 _COUNT = re.compile(r".*(layer|block|expert|group|depth|stage)(?!.*_size$).*")
-"""Names of numbers of parts, such as num_hidden_layers, n_layer or depths; block_size is a length."""
+"""Names of numbers of parts, such as n_layer or depths; block_size is a length."""
 _MORE_PARTS = 1_024
-"""Parts beyond the number of stored tensors: a model may share one part's tensors among all its layers."""
+"""Parts beyond the number of stored tensors: layers may share the tensors of one part."""
 _MORE_ELEMENTS = 2**26
-"""Elements beyond twice the stored ones: tables that a model computes, and parts that are new, such as a pooler."""
+"""Elements beyond twice the stored ones: computed tables, and new parts such as a pooler."""
 
 
 def check_counts(path: Path, config: Mapping[str, Any]) -> None:
-    """Check the numbers of parts in a model's settings against its weights, without building the model.
+    """Check the numbers of parts in a model's settings against its weights.
+
+    The model is not built: even a model without values takes memory for each of its layers.
 
     Args:
         path: model folder or ``.gguf`` file.
         config: content of ``config.json``, or the settings in a ``.gguf`` file.
 
     Raises:
-        ArtefactError: if a number of layers or other parts is far above the number of stored tensors.
+        ArtefactError: if a number of layers or other parts is far above the number of stored
+            tensors.
     """
     most = len(_shapes(path)) + _MORE_PARTS
     for name, value in _numbers(config):
@@ -39,15 +46,18 @@ def check_size(path: Path, build: Callable[[], Any]) -> None:
 
     Args:
         path: model folder or ``.gguf`` file.
-        build: builds the model, a torch module; called on torch's device meta, which holds no values.
+        build: builds the model, a torch module; called on torch's device meta, which holds no
+            values.
 
     Raises:
         ArtefactError: if the model has far more elements than the weights.
     """
     import torch
 
+    # Building a model draws from the global generator; its state is restored.
     with torch.random.fork_rng(devices=[]), torch.device("meta"):
         model = build()
+    # Buffers count as well: tables of positions may be larger than the weights.
     tensors = [*model.parameters(), *model.buffers()]
     needed = sum(tensor.numel() for tensor in tensors)
     stored = sum(prod(shape) for shape in _shapes(path))
@@ -57,16 +67,18 @@ def check_size(path: Path, build: Callable[[], Any]) -> None:
 
 
 def check_modules(folder: Path) -> None:
-    """Check the modules of a sentence encoder that have settings and weights in folders of their own.
+    """Check the modules of a sentence encoder, each in a folder with settings and weights.
 
     Raises:
-        ArtefactError: if a matrix of a module is far larger than the weights in the module's folder.
+        ArtefactError: if a matrix of a module is far larger than the weights in the module's
+            folder.
     """
     for file in sorted(folder.glob("*/config.json")):
         config = read_json(file)
         sizes = dict(_numbers(config)) if isinstance(config, dict) else {}
-        rows, columns = sizes.get("in_features", 1), sizes.get("out_features", 1)
-        needed = max(rows * columns, sizes.get("dimension", 1))
+        matrix = sizes.get("in_features", 1) * sizes.get("out_features", 1)
+        # Each kind of module has one of these sizes; a missing size counts as 1.
+        needed = max(matrix, sizes.get("dimension", 1))
         stored = sum(prod(shape) for shape in _shapes(file.parent))
         if needed > 2 * stored + _MORE_ELEMENTS:
             raise _too_large(file.parent, f"config.json gives {needed:,} numbers", f"{stored:,}")
@@ -74,7 +86,8 @@ def check_modules(folder: Path) -> None:
 
 def _too_large(path: Path, found: str, expected: str) -> ArtefactError:
     return ArtefactError(
-        f"'{path}' is damaged: {found}, expected {expected}. Restore a copy of config.json and the weights."
+        f"'{path}' is damaged: {found}, expected {expected}. Restore a copy of config.json and "
+        "the weights."
     )
 
 
@@ -88,6 +101,7 @@ def _numbers(value: Any, name: str = "") -> Iterator[tuple[str, int]]:
             yield from _numbers(inner, name)
     elif isinstance(value, int) and not isinstance(value, bool):
         yield name, value
+    # JSON may write a whole number as 1e9, which Python reads as a float.
     elif isinstance(value, float) and value > _MORE_PARTS and value == value // 1:
         yield name, int(value)
 
@@ -103,5 +117,6 @@ def _shapes(path: Path) -> list[Sequence[int]]:
     shapes: list[Sequence[int]] = []
     for file in weight_files(path):
         with safe_open(file, framework="numpy") as tensors:
-            shapes += [tensors.get_slice(name).get_shape() for name in tensors.keys()]  # noqa: SIM118
+            names = tensors.keys()
+            shapes += [tensors.get_slice(name).get_shape() for name in names]
     return shapes

@@ -1,4 +1,4 @@
-"""Folders for a model hub: checked files, licence, card, and the list of hashes that a download is checked against."""
+"""Folders for a model hub: checked files, licence, card, and hashes for checking a download."""
 
 import os
 import re
@@ -18,7 +18,9 @@ from wordcraft_kg.runs.cards import front_matter
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import RUN_FILE, RunRecord, read_finished_run
 
-CARD, SUMS = "README.md", "SHA256SUMS"
+CARD = "README.md"
+SUMS = "SHA256SUMS"
+"""List of all shared files with their hashes, in the form of the program sha256sum."""
 _EXPECTED = "a graph folder, a model folder or a run of train-agent"
 _GRAPH_FILES = ("graph.json", "split.json", "recipes.csv", "entities.tsv", "audit.json")
 _TRIPLES = tuple(f"triples/{name}.tsv" for name in ("full", "partial", "unseen"))
@@ -28,8 +30,12 @@ _RUN_FILES = (
     *("policy.json", "policy.safetensors", "constants.safetensors"),
     *("evaluation.json", "metrics.jsonl"),
 )
-"""Files of models and agents. No other name is shared: a list from elsewhere may name programs and pickles."""
+"""Files of models and agents.
+
+No other name is shared: a list from elsewhere may name programs and pickles.
+"""
 _RECORD = "\n## Record\n"
+# No path but that of triples: a name such as ../x would lead out of the folder.
 _SUM = re.compile(r"([0-9a-f]{64})  ((?:triples/)?\w[\w.-]*)")
 
 
@@ -38,6 +44,7 @@ class SharedFolder:
     """A folder in which all files match their recorded hashes.
 
     Attributes:
+        path: the folder.
         repo_type: repository type on a hub: dataset for a graph, model for a model or an agent.
         graph: hash of the graph, or of the training graph.
         card: README.md without a licence.
@@ -51,89 +58,108 @@ class SharedFolder:
     files: tuple[str, ...]
 
     def with_licence(self, licence: str | None) -> dict[str, str]:
-        """Return README.md with a licence, and SHA256SUMS; ConfigError without a licence for an unknown book.
+        """Return README.md with a licence, and SHA256SUMS, by name.
 
-        Only built-in books have a known licence: CC0.
+        Args:
+            licence: identifier of a licence on the hub; None for the licence of a built-in book,
+                CC0.
+
+        Raises:
+            ConfigError: if the licence is no identifier, or None for any other book: only built-in
+                books have a known licence.
         """
         if licence is None:
-            built_in = [open_book(book.name) for book in known_books() if book.origin == "built in"]
-            if self.graph not in (RecipeGraph.from_book(book).hash for book in built_in):
+            if not self._is_built_in():
                 raise ConfigError(
-                    f"the book in '{self.path}' has no known licence; Little Alchemy 2 has none at all. Publish only "
-                    "with the permission of the authors, and name the licence, as in `licence` cc-by-4.0."
+                    f"the book in '{self.path}' has no known licence; Little Alchemy 2 has none "
+                    "at all. Publish only with the permission of the authors, and name the "
+                    "licence, as in `licence` cc-by-4.0."
                 )
             licence = "cc0-1.0"
         if not re.fullmatch(r"[a-z0-9][a-z0-9.-]{1,40}", licence):
             raise ConfigError(
-                f"`licence` '{licence}': expected an identifier of the hub, such as cc-by-4.0 or other."
+                f"`licence` '{licence}': expected an identifier of the hub, such as cc-by-4.0 or "
+                "other."
             )
+        # The licence goes first into the block between the lines of dashes, which the hub reads.
         head, _, body = self.card.removeprefix("---\n").partition("\n---\n")
-        lines = [
-            f"license: {licence}",
-            *(line for line in head.split("\n") if not line.startswith("license:")),
-        ]
+        others = [line for line in head.split("\n") if not line.startswith("license:")]
+        lines = [f"license: {licence}", *others]
         sums = "".join(f"{sha256_of(self.path / name)}  {name}\n" for name in self.files)
         return {CARD: "\n".join(["---", *lines, "---", body]), SUMS: sums}
+
+    def _is_built_in(self) -> bool:
+        """Return whether the graph is that of a built-in book: the content counts, not the name."""
+        names = [book.name for book in known_books() if book.origin == "built in"]
+        return any(RecipeGraph.from_book(open_book(name)).hash == self.graph for name in names)
 
 
 def open_folder(folder: Path) -> SharedFolder:
     """Open a graph folder, a finished model or agent, and check all its files.
 
     Raises:
-        ArtefactError: if a file is missing, changed or damaged, is a link out of the folder, or disagrees with the
-            other files, or if a run lists a file that this package does not write.
+        ArtefactError: if a file is missing, changed or damaged, is a link out of the folder, or
+            disagrees with the other files, or if a run lists a file that this package does not
+            write.
     """
     if (folder / "graph.json").is_file():
         return _open_graph_folder(folder)
-    weights = (
-        "model.safetensors" if (folder / "model.safetensors").exists() else "policy.safetensors"
-    )
+    is_model = (folder / "model.safetensors").exists()
+    weights = "model.safetensors" if is_model else "policy.safetensors"
+    # Before a file is read: even an error could show the content of a file behind a link.
     _check_places(folder, (RUN_FILE, weights, CARD))
     run = read_finished_run(folder, _EXPECTED, weights)
     foreign = sorted(set(run.outputs) - set(_RUN_FILES))
     if foreign:
         raise ArtefactError(
-            f"{folder / RUN_FILE} lists {foreign[0]!r}, which is no file of a model or an agent. Train again, or "
-            "restore a copy."
+            f"{folder / RUN_FILE} lists {foreign[0]!r}, which is no file of a model or an agent. "
+            "Train again, or restore a copy."
         )
     # Other inputs, such as the hash of the graph, are not in the folder.
     names = [name for name in {**run.inputs, **run.outputs} if name in _RUN_FILES]
     _check_places(folder, names)
     for name in names:
-        RunFiles(folder, run).bytes(name)
-    load = load_scorer if weights == "model.safetensors" else load_policy
-    load(folder)
-    card = read_small_file(folder / CARD).decode(errors="replace").partition(_RECORD)[0] + _record(
-        run
-    )
+        RunFiles(folder, run).bytes(name)  # compares the hash with run.json
+    if is_model:
+        load_scorer(folder)
+    else:
+        load_policy(folder)
+    # A pulled folder has a record already, which is replaced.
+    text, _, _ = read_small_file(folder / CARD).decode(errors="replace").partition(_RECORD)
+    card = text + _record(run)
     return SharedFolder(folder, "model", run.inputs["graph"], card, (RUN_FILE, *names))
 
 
 def _check_places(folder: Path, names: Iterable[str]) -> None:
-    """Raise ArtefactError if a file lies outside the folder: a link would publish any file that the user can read."""
+    """Raise ArtefactError if a file lies outside the folder.
+
+    A link would publish any file that the user can read.
+    """
     # Path.resolve raises on a loop of links before Python 3.13.
     inside = os.path.realpath(folder)
     for name in names:
         place = Path(os.path.realpath(folder / name))
         if not place.is_relative_to(inside):
             raise ArtefactError(
-                f"{folder / name} is a link out of the folder, to {place}. Replace the link by a copy of a file that "
-                "belongs to this folder."
+                f"{folder / name} is a link out of the folder, to {place}. Replace the link by a "
+                "copy of a file that belongs to this folder."
             )
 
 
 def _open_graph_folder(folder: Path) -> SharedFolder:
     _check_places(folder, _GRAPH_FILES + _TRIPLES)
     opened = open_graph(str(folder))
+    # Triples and audit follow from the recipes: files that do not agree with them are refused.
     check_derived_files(folder, opened)
-    graph, split = opened.graph, opened.split
-    sizes = ", ".join(
-        f"{int(split.is_in(part).sum()):,} {part}" for part in ("train", "valid", "test")
-    )
+    graph = opened.graph
+    split = opened.split
+    counts = {part: int(split.is_in(part).sum()) for part in ("train", "valid", "test")}
+    sizes = ", ".join(f"{count:,} {part}" for part, count in counts.items())
     card = f"""{front_matter("knowledge-graph", "recipes")}
 # Recipe graph {graph.name}
 
-{graph.num_entities:,} entities and {graph.num_recipes:,} recipes, with a split and its triples for link prediction.
+{graph.num_entities:,} entities and {graph.num_recipes:,} recipes, with a split and its triples \
+for link prediction.
 
 - graph `{graph.hash}`
 - split `{split.hash}`: {split.config.kind}, seed {split.config.seed}; recipes: {sizes}
@@ -150,6 +176,7 @@ opened = open_graph("this folder")
 def _record(run: RunRecord) -> str:
     versions = ", ".join(f"{name} {version}" for name, version in run.versions.items())
     inputs = "\n".join(f"- {name}: `{value}`" for name, value in run.inputs.items())
+    # The program's own path is left out: it may hold a user's name.
     command = shlex.join(["wordcraft-kg", *run.argv[1:]])
     return f"{_RECORD}\n`{command}` with {versions}. Hashes of the inputs:\n\n{inputs}\n"
 
@@ -158,11 +185,11 @@ def read_sums(path: Path, repository: str) -> dict[str, str]:
     """Read a list of hashes: SHA-256 by file name.
 
     Raises:
-        ArtefactError: if a line has another form, or names a file that `wordcraft-kg hub push` does not share.
+        ArtefactError: if a line has another form, or names a file that `wordcraft-kg hub push` does
+            not share.
     """
-    lines = [
-        _SUM.fullmatch(line) for line in read_small_file(path).decode(errors="replace").splitlines()
-    ]
+    text = read_small_file(path).decode(errors="replace")
+    lines = [_SUM.fullmatch(line) for line in text.splitlines()]
     if not lines or None in lines:
         raise ArtefactError(
             f"{SUMS} in '{repository}' was changed, or not written by `wordcraft-kg hub push`."
@@ -171,7 +198,7 @@ def read_sums(path: Path, repository: str) -> dict[str, str]:
     foreign = sorted(set(sums) - {RUN_FILE, *_RUN_FILES, *_GRAPH_FILES, *_TRIPLES})
     if foreign:
         raise ArtefactError(
-            f"{SUMS} in '{repository}' lists '{foreign[0]}', which `wordcraft-kg hub push` never shares. Pull from "
-            "another repository, or ask its owner to push the folder again."
+            f"{SUMS} in '{repository}' lists '{foreign[0]}', which `wordcraft-kg hub push` never "
+            "shares. Pull from another repository, or ask its owner to push the folder again."
         )
     return sums

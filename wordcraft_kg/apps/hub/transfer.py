@@ -21,17 +21,30 @@ def push(
     private: bool,
     revision: str | None,
 ) -> str:
-    """Commit the files of a folder and ``texts`` to a repository, created if necessary; return the commit's address.
+    """Commit the files of a folder to a repository, created if necessary.
 
-    FetchError if the hub cannot be reached or refuses.
+    All files are one commit, so a reader never sees a part of them.
+
+    Args:
+        shared: the checked folder.
+        texts: further files by name: the card and the list of hashes.
+        repository: OWNER/NAME on the hub.
+        private: create a private repository; an existing one stays as it is.
+        revision: branch, created if necessary; None for the main branch.
+
+    Returns:
+        The web address of the commit.
+
+    Raises:
+        ConfigError: if ``repository`` is not OWNER/NAME.
+        FetchError: if the hub cannot be reached or refuses.
     """
     with _transfer(repository, "pushed"):
         from huggingface_hub import CommitOperationAdd, HfApi
 
-        api, where = (
-            HfApi(library_name="wordcraft-kg"),
-            {"repo_id": repository, "repo_type": shared.repo_type},
-        )
+        api = HfApi(library_name="wordcraft-kg")
+        where = {"repo_id": repository, "repo_type": shared.repo_type}
+        # None rather than False: an organisation may make all its repositories private.
         api.create_repo(**where, private=private or None, exist_ok=True)
         if revision is not None:
             api.create_branch(**where, branch=revision, exist_ok=True)
@@ -47,7 +60,8 @@ def push(
 def pull(repository: str, out: Path, revision: str | None) -> str:
     """Write a pushed folder to ``out``, a new folder, and return the commit's hash.
 
-    Only files that :func:`push` shares are downloaded, and the folder is opened before it is written.
+    Only files that :func:`push` shares are downloaded, and the folder is opened before it is
+    written.
 
     Args:
         repository: OWNER/NAME on the hub.
@@ -55,9 +69,10 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
         revision: branch, tag or commit; None for the main branch.
 
     Raises:
+        ConfigError: if ``repository`` is not OWNER/NAME.
         FetchError: if the hub cannot be reached or refuses.
-        ArtefactError: if a file differs from its recorded hash or from the other files, or is not one of ours; ``out``
-            is then not written.
+        ArtefactError: if a file differs from its recorded hash or from the other files, or is not
+            one of ours; ``out`` is then not written.
         OutputExistsError: if ``out`` exists.
     """
     with staged_folder(out) as folder:
@@ -66,10 +81,14 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
             from huggingface_hub.errors import RepositoryNotFoundError
 
             api = HfApi(library_name="wordcraft-kg")
+            # Models and datasets have names of their own on the hub; a name does not tell the kind.
             try:
-                repo_type, commit = "model", api.model_info(repository, revision=revision).sha
+                commit = api.model_info(repository, revision=revision).sha
+                repo_type = "model"
             except RepositoryNotFoundError:
-                repo_type, commit = "dataset", api.dataset_info(repository, revision=revision).sha
+                commit = api.dataset_info(repository, revision=revision).sha
+                repo_type = "dataset"
+            # The commit, not the branch: all files are of the same state.
             where = {
                 "repo_id": repository,
                 "repo_type": repo_type,
@@ -77,13 +96,16 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
                 "local_dir": folder,
             }
             sums = read_sums(Path(api.hf_hub_download(filename=SUMS, **where)), repository)
+            # Not the whole repository: only names that read_sums has checked.
             for name in (*sums, CARD):
                 api.hf_hub_download(filename=name, **where)
+        # The client keeps records of its downloads there, which belong to no folder of ours.
         shutil.rmtree(folder / ".cache", ignore_errors=True)
         for name, expected in sums.items():
             if sha256_of(folder / name) != expected:
                 raise ArtefactError(
-                    f"{name} in '{repository}' differs from the hash in {SUMS}; nothing was written."
+                    f"{name} in '{repository}' differs from the hash in {SUMS}; nothing was "
+                    "written."
                 )
         try:
             open_folder(folder)
@@ -94,7 +116,10 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
 
 @contextmanager
 def _transfer(repository: str, done: str) -> Iterator[None]:
-    """Turn the client's errors into a FetchError without their text, which may hold signed addresses."""
+    """Turn the client's errors into a FetchError.
+
+    Their text is left out, since it may hold signed addresses, which let anyone in.
+    """
     if not re.fullmatch(r"[\w.-]{1,96}/[\w.-]{1,96}", repository, re.ASCII):
         raise ConfigError(
             f"`repository` '{repository}': expected OWNER/NAME, such as me/kitchen-recipes."
@@ -110,6 +135,6 @@ def _transfer(repository: str, done: str) -> Iterator[None]:
         status = getattr(getattr(error, "response", None), "status_code", None)
         kind = type(error).__name__ + (f", status {status}" if status else "")
         raise FetchError(
-            f"'{repository}' could not be {done} ({kind}). Check the name, the revision and the network, and log in: "
-            "hf auth login, or the variable HF_TOKEN."
+            f"'{repository}' could not be {done} ({kind}). Check the name, the revision and the "
+            "network, and log in: hf auth login, or the variable HF_TOKEN."
         ) from None

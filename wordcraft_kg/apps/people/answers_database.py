@@ -1,6 +1,7 @@
 """The answers database of a study: each answer is on disk before the next page.
 
-SQLite in write-ahead mode with full synchronisation: commits survive a killed process and a power failure.
+SQLite in write-ahead mode with full synchronisation: commits survive a killed process and a power
+failure.
 """
 
 import json
@@ -25,30 +26,43 @@ from wordcraft_kg.runs.folder import locked
 
 ANSWERS_FILE = "answers.sqlite"
 APPLICATION = 0x57434B47
+"""Marks the file as a database of this package: "WCKG" in ASCII."""
 VERSION = 2
+"""Version of the tables; files of another version are refused."""
+# Stored databases repeat these texts to the letter, so a changed blank is another schema.
 TABLES = (
     "CREATE TABLE study (record TEXT PRIMARY KEY) STRICT",
-    "CREATE TABLE sessions (number INTEGER PRIMARY KEY, code TEXT NOT NULL UNIQUE, form INTEGER NOT NULL, "
-    "distractors INTEGER NOT NULL) STRICT",
+    "CREATE TABLE sessions (number INTEGER PRIMARY KEY, code TEXT NOT NULL UNIQUE, "
+    "form INTEGER NOT NULL, distractors INTEGER NOT NULL) STRICT",
     # Only for unanswered tasks: answer times are private.
-    "CREATE TABLE showings (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
-    "shown REAL NOT NULL, loads INTEGER NOT NULL, PRIMARY KEY (session, part, number)) STRICT",
-    "CREATE TABLE answers (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, number INTEGER NOT NULL, "
-    "goal TEXT NOT NULL, slots TEXT NOT NULL, actions TEXT NOT NULL, made TEXT NOT NULL, success INTEGER NOT NULL, "
-    "seconds REAL NOT NULL, loads INTEGER NOT NULL, PRIMARY KEY (session, part, number)) STRICT",
+    "CREATE TABLE showings (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, "
+    "number INTEGER NOT NULL, shown REAL NOT NULL, loads INTEGER NOT NULL, "
+    "PRIMARY KEY (session, part, number)) STRICT",
+    # The primary key keeps a form that is sent twice from becoming two answers.
+    "CREATE TABLE answers (session INTEGER NOT NULL REFERENCES sessions, part TEXT NOT NULL, "
+    "number INTEGER NOT NULL, goal TEXT NOT NULL, slots TEXT NOT NULL, actions TEXT NOT NULL, "
+    "made TEXT NOT NULL, success INTEGER NOT NULL, seconds REAL NOT NULL, loads INTEGER NOT NULL, "
+    "PRIMARY KEY (session, part, number)) STRICT",
 )
 COUNTS = """
 SELECT s.form, s.distractors, COUNT(*), SUM(COALESCE(a.answered, 0) >= ?)
-FROM sessions AS s LEFT JOIN (SELECT session, COUNT(*) AS answered FROM answers GROUP BY session) AS a
+FROM sessions AS s
+LEFT JOIN (SELECT session, COUNT(*) AS answered FROM answers GROUP BY session) AS a
 ON a.session = s.number WHERE s.code NOT LIKE 'withdrawn %' GROUP BY s.form, s.distractors
 """
 BUSY = 10
+"""Seconds to wait for a program that reads a copy meanwhile, such as a backup."""
 _LOG = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, order=True)
 class Cell:
-    """The assignment of a person: a form (sampled task list), numbered from 0, and the number of distractors."""
+    """The assignment of a person.
+
+    Attributes:
+        form: number of the sampled task list, from 0.
+        distractors: number of distractors on each table, the condition.
+    """
 
     form: int
     distractors: int
@@ -56,7 +70,12 @@ class Cell:
 
 @dataclass(frozen=True)
 class Participant:
-    """A person in a study, numbered from 1 in starting order."""
+    """A person in a study.
+
+    Attributes:
+        number: number of the person, from 1, in starting order.
+        cell: form and condition.
+    """
 
     number: int
     cell: Cell
@@ -64,7 +83,13 @@ class Participant:
 
 @dataclass(frozen=True)
 class StoredAnswer:
-    """An answer with the person number and the number of page loads."""
+    """An answer with its person and page loads.
+
+    Attributes:
+        session: number of the person.
+        answer: the answer.
+        loads: number of page loads for the task, from 1; more after a reload or a return.
+    """
 
     session: int
     answer: Answer
@@ -73,7 +98,13 @@ class StoredAnswer:
 
 @dataclass(frozen=True)
 class Stored:
-    """Counts for people, finished people, and answers."""
+    """Counts over a study, without withdrawn people.
+
+    Attributes:
+        people: number of people who have begun.
+        finished: number of people who have answered all tasks.
+        answers: number of answers.
+    """
 
     people: int
     finished: int
@@ -84,17 +115,32 @@ class AnswersDatabase:
     """The answers of a study, for the server; thread-safe."""
 
     def __init__(self, path: Path, study: str, turns: int):
-        """Open or create a study's database, with ``turns`` per person; other files are an ArtefactError."""
+        """Open or create a study's database.
+
+        Args:
+            path: database file.
+            study: SHA-256 of ``study.json``, which the database repeats.
+            turns: number of tasks per person.
+
+        Raises:
+            ArtefactError: if the file is damaged, something else, or belongs to another study; it
+                is then unchanged.
+        """
         if not path.exists():
             _make(path, study)
+        # Only the checks count here: a file that is not ours must not be opened for writing.
         with _reading(path, study):
             pass
-        self._path, self._turns, self._lock = path, turns, threading.Lock()
+        self._path = path
+        self._turns = turns
+        self._lock = threading.Lock()
+        # Pages are made in several threads; the lock keeps them from using the connection at once.
         self._connection = sqlite3.connect(
             path, timeout=BUSY, isolation_level=None, check_same_thread=False
         )
         try:
-            # Withdrawn answers are overwritten; writing the version again fails in a read-only folder.
+            # Withdrawn answers are overwritten; writing the version again fails in a read-only
+            # folder.
             settings = (
                 "journal_mode = WAL",
                 "synchronous = FULL",
@@ -110,8 +156,10 @@ class AnswersDatabase:
 
     @contextmanager
     def _writing(self) -> Iterator[sqlite3.Connection]:
+        """Run a block as one transaction: everything in the block is stored, or nothing."""
         with self._lock:
             try:
+                # Immediate: the transaction reads before it writes, and nobody may write between.
                 self._connection.execute("BEGIN IMMEDIATE")
                 yield self._connection
                 self._connection.execute("COMMIT")
@@ -122,6 +170,7 @@ class AnswersDatabase:
                     self._connection.execute("ROLLBACK")
 
     def _empty_log(self) -> None:
+        """Remove overwritten pages, such as withdrawn answers, from the write-ahead log."""
         with self._lock, suppress(sqlite3.Error):
             if not self._connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
                 return
@@ -130,15 +179,28 @@ class AnswersDatabase:
         )
 
     def begin(self, code: str, cells: Sequence[Cell]) -> Participant:
-        """Start, or return by a code's hash, a session in the cell with the fewest sessions, then finished ones."""
+        """Start the session of a new person, or return the session that a code has begun.
+
+        The new person gets the cell with the fewest sessions; ties are decided by the fewest
+        finished sessions, then by the order of ``cells``. A form that is sent twice has the same
+        code, and so begins one session.
+
+        Args:
+            code: hash of the person's code.
+            cells: forms and conditions, preferred cells first.
+        """
         with self._writing() as connection:
-            if (known := _find(connection, code)) is not None:
+            known = _find(connection, code)
+            if known is not None:
                 return known
+            rows = connection.execute(COUNTS, (self._turns,)).fetchall()
             counts = {
                 Cell(form, distractors): (begun, finished)
-                for form, distractors, begun, finished in connection.execute(COUNTS, (self._turns,))
+                for form, distractors, begun, finished in rows
             }
+            # min returns the first of several equal cells, so the order of the cells decides ties.
             cell = min(cells, key=lambda cell: counts.get(cell, (0, 0)))
+            # The code's hash is unique, so that even two servers cannot begin a session twice.
             cursor = connection.execute(
                 "INSERT INTO sessions (code, form, distractors) VALUES (?, ?, ?)",
                 (code, cell.form, cell.distractors),
@@ -154,23 +216,42 @@ class AnswersDatabase:
     def answers_of(self, person: Participant) -> list[Answer]:
         """Return the answers of a person in order."""
         with self._lock:
+            # Descending parts: train comes before test.
             query = f"{_ANSWERS} WHERE session = ? ORDER BY part DESC, number"
             return [
                 _answer(row).answer for row in self._connection.execute(query, (person.number,))
             ]
 
     def show(self, person: Participant, part: str, number: int, now: float) -> None:
-        """Record a page load for an unanswered task: the time of the first load, and the load count."""
+        """Record a page load for an unanswered task; answered tasks are ignored.
+
+        Args:
+            person: the person.
+            part: part of the task, train or test.
+            number: number of the task in its part, from 1.
+            now: time in seconds. Only the first load's time is kept; each load is counted.
+        """
         key = (person.number, part, number)
         with self._writing() as connection:
-            if connection.execute(f"SELECT 1 FROM answers WHERE {_KEY}", key).fetchone() is None:
+            answered = connection.execute(f"SELECT 1 FROM answers WHERE {_KEY}", key).fetchone()
+            if answered is None:
                 connection.execute(
-                    "INSERT INTO showings VALUES (?, ?, ?, ?, 1) ON CONFLICT DO UPDATE SET loads = loads + 1",
+                    "INSERT INTO showings VALUES (?, ?, ?, ?, 1) "
+                    "ON CONFLICT DO UPDATE SET loads = loads + 1",
                     (*key, now),
                 )
 
     def shown(self, person: Participant, part: str, number: int) -> float | None:
-        """Return the time of the first page load for an unanswered task; None for other tasks."""
+        """Return the time of the first page load for an unanswered task.
+
+        Args:
+            person: the person.
+            part: part of the task, train or test.
+            number: number of the task in its part, from 1.
+
+        Returns:
+            Seconds by the clock of :meth:`show`; None if the task was not shown, or is answered.
+        """
         key = (person.number, part, number)
         with self._lock:
             row = self._connection.execute(
@@ -179,7 +260,11 @@ class AnswersDatabase:
         return None if row is None else float(row[0])
 
     def add(self, person: Participant, answer: Answer) -> bool:
-        """Store the answer to a shown task; return False for other tasks."""
+        """Store the answer to a shown task.
+
+        Returns False, and stores nothing, if the task was not shown or has an answer already: the
+        first answer stays.
+        """
         key = (person.number, answer.part, answer.number)
         lists = (
             json.dumps(value, ensure_ascii=False)
@@ -193,14 +278,20 @@ class AnswersDatabase:
                 "INSERT INTO answers VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)",
                 (*key, answer.goal, *lists, int(answer.success), answer.seconds, row[0]),
             )
+            # The time of showing goes as soon as it has served: answer times are private.
             connection.execute(f"DELETE FROM showings WHERE {_KEY}", key)
             return True
 
     def withdraw(self, person: Participant) -> None:
-        """Remove the answers and the code of a person; the session number is not used again."""
+        """Remove the answers and the code of a person; the session number is not used again.
+
+        The row of the session stays, without its code: a removed row's number could be given to
+        another person, and an export made before would then mix the two.
+        """
         with self._writing() as connection:
             for table in ("answers", "showings"):
                 connection.execute(f"DELETE FROM {table} WHERE session = ?", (person.number,))
+            # Codes are hashes in hexadecimal, so no code can be equal to this text.
             connection.execute(
                 "UPDATE sessions SET code = 'withdrawn ' || number WHERE number = ?",
                 (person.number,),
@@ -228,7 +319,20 @@ _ANSWERS = (
 
 
 def read_answers(path: Path, study: str) -> tuple[list[Participant], list[StoredAnswer]]:
-    """Return all people and answers in order; nothing is written. Damage or another study is an ArtefactError."""
+    """Return all people and answers of a study in order; nothing is written.
+
+    A server may be running.
+
+    Args:
+        path: database file.
+        study: SHA-256 of ``study.json``, which the database repeats.
+
+    Returns:
+        people by number, without withdrawn people, and answers by person and task.
+
+    Raises:
+        ArtefactError: if the file is missing, damaged, something else, or of another study.
+    """
     with _reading(path, study) as connection:
         rows = connection.execute(f"{_PEOPLE} ORDER BY number").fetchall()
         people = [
@@ -243,12 +347,14 @@ def read_answers(path: Path, study: str) -> tuple[list[Participant], list[Stored
 
 @contextmanager
 def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
+    """Open the database of a study for reading, after a check that it is sound and ours."""
     check_file(path)
     try:
         with (
             _address(path) as address,
             closing(sqlite3.connect(address, uri=True, timeout=BUSY)) as connection,
         ):
+            # One transaction: a server may write between two queries.
             connection.execute("BEGIN")
             kind = [
                 connection.execute(f"PRAGMA {name}").fetchone()[0]
@@ -264,12 +370,14 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
             ).fetchall()
             if sorted(schema) != sorted((table,) for table in TABLES):
                 raise _damaged(path, "expected the tables of a study")
-            if (problem := connection.execute("PRAGMA quick_check(1)").fetchone()[0]) != "ok":
+            # Damaged pages may hold plausible answers, so nothing is read from such a file.
+            problem = connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if problem != "ok":
                 raise _damaged(path, problem)
             if connection.execute("SELECT record FROM study").fetchall() != [(study,)]:
                 raise ArtefactError(
-                    f"{path} belongs to another study than the study.json in its folder, or study.json was changed. "
-                    "Nothing was changed; restore a copy."
+                    f"{path} belongs to another study than the study.json in its folder, or "
+                    "study.json was changed. Nothing was changed; restore a copy."
                 )
             yield connection
     except sqlite3.Error as error:
@@ -279,10 +387,9 @@ def _reading(path: Path, study: str) -> Iterator[sqlite3.Connection]:
 @contextmanager
 def _address(path: Path) -> Iterator[str]:
     """Yield the address for reading: after a kill a copy, because SQLite would write to the log."""
-    address, log, index = (
-        path.resolve().as_uri(),
-        *(path.with_name(f"{path.name}-{end}") for end in ("wal", "shm")),
-    )
+    address = path.resolve().as_uri()
+    log = path.with_name(f"{path.name}-wal")
+    index = path.with_name(f"{path.name}-shm")
     if not log.exists() and not index.exists():
         yield f"{address}?immutable=1"  # without a log there is no writer, so no lock is needed
     elif _is_served(path.parent):
@@ -290,21 +397,27 @@ def _address(path: Path) -> Iterator[str]:
     else:
         with TemporaryDirectory() as folder:
             copy = Path(shutil.copy(path, folder))
-            entries, shared = (part.read_bytes() if part.exists() else b"" for part in (log, index))
+            entries = log.read_bytes() if log.exists() else b""
+            shared = index.read_bytes() if index.exists() else b""
+            # Only the log is copied: SQLite makes a new index from it.
             copy.with_name(log.name).write_bytes(entries)
             with closing(sqlite3.connect(copy)) as connection:
+                # The pragma returns: busy, pages in the log, pages moved to the database.
                 read = connection.execute("PRAGMA wal_checkpoint").fetchone()[1]
-            if read < (written := _pages(entries, shared)):
-                lost = f"{written - max(read, 0)} of its {written} pages cannot be read, so answers may be missing"
+            written = _pages(entries, shared)
+            if read < written:
                 _LOG.warning(
-                    "%s is damaged or ends in an unfinished answer: %s. Compare with a copy.",
+                    "%s is damaged or ends in an unfinished answer: %s of its %s pages cannot be "
+                    "read, so answers may be missing. Compare with a copy.",
                     log,
-                    lost,
+                    written - max(read, 0),
+                    written,
                 )
             yield copy.as_uri()
 
 
 def _is_served(folder: Path) -> bool:
+    # The lock of a server ends with its process, even after a kill.
     try:
         with locked(folder):
             return False
@@ -313,21 +426,32 @@ def _is_served(folder: Path) -> bool:
 
 
 def _pages(log: bytes, index: bytes) -> int:
-    """Return the number of pages that a write-ahead log should have (sqlite.org/walformat.html)."""
-    size, salt = 24 + int.from_bytes(log[8:12], "big"), log[16:24]
-    starts = range(32, len(log), size)
-    # Pages from before the last checkpoint follow with another salt.
-    is_current = [
-        log[at + 8 : at + 16] in (salt, bytes(8)) or at + size > len(log) for at in starts
-    ]
-    recorded = max(
-        (number for number, is_one in enumerate(is_current, 1) if is_one),
-        default=len(log) not in (0, 32),
-    )
-    committed, saved = (int.from_bytes(index[at : at + 4], sys.byteorder) for at in (16, 96))
-    return max(
-        recorded, committed if committed > saved and (len(log) <= 32 or index[32:40] == salt) else 0
-    )
+    """Return the number of pages that a write-ahead log should have (sqlite.org/walformat.html).
+
+    SQLite drops the damaged end of a log without a word; this count tells whether it has done so.
+
+    Args:
+        log: content of the ``-wal`` file.
+        index: content of the ``-shm`` file, which counts the committed pages; empty if missing.
+    """
+    # A frame is a header of 24 bytes and a page; the log's own header has 32 bytes.
+    frame = 24 + int.from_bytes(log[8:12], "big")
+    salt = log[16:24]
+    recorded = 0 if len(log) in (0, 32) else 1
+    for number, start in enumerate(range(32, len(log), frame), 1):
+        # Pages from before the last checkpoint follow with another salt.
+        is_current = log[start + 8 : start + 16] in (salt, bytes(8))
+        is_cut_short = start + frame > len(log)
+        if is_current or is_cut_short:
+            recorded = number
+    # The index has the last committed page at byte 16, the pages already saved at byte 96 and the
+    # salt of its log at byte 32, in the byte order of the machine.
+    committed = int.from_bytes(index[16:20], sys.byteorder)
+    saved = int.from_bytes(index[96:100], sys.byteorder)
+    is_of_this_log = len(log) <= 32 or index[32:40] == salt
+    if committed > saved and is_of_this_log:
+        return max(recorded, committed)
+    return recorded
 
 
 def _make(path: Path, study: str) -> None:
@@ -367,15 +491,14 @@ def _find(connection: sqlite3.Connection, code: str) -> Participant | None:
 
 def _answer(row: Sequence[Any], path: Path | str = ANSWERS_FILE) -> StoredAnswer:
     session, part, number, goal, *lists, success, seconds, loads = row
+    # The columns have the order of the record's fields.
     values = (part, number, goal, *map(json.loads, lists), bool(success), seconds)
-    return StoredAnswer(
-        session,
-        as_record(dict(zip(Answer.__struct_fields__, values, strict=True)), Answer, path),
-        loads,
-    )
+    fields = dict(zip(Answer.__struct_fields__, values, strict=True))
+    return StoredAnswer(session, as_record(fields, Answer, path), loads)
 
 
 def _failed(path: Path, error: sqlite3.Error) -> ArtefactError:
+    # Operational errors come from the system, such as a full disk; others from the content.
     if not isinstance(error, sqlite3.OperationalError):
         return _damaged(path, error)
     return ArtefactError(

@@ -15,18 +15,55 @@ from wordcraft_kg.models.policies.policy import Policy
 
 
 def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[TableKey, AgentGame]:
-    """Return whether an agent, acting greedily, makes the goal at each answered table, and each task's group.
+    """Return an agent's games at the tables that people have answered; the agent acts greedily.
 
-    As in training, the model without a task's recipes scores a train task if the scorer is cross-fitted. Another graph
-    or split is a GraphMismatchError, a table size that the agent cannot play a ConfigError.
+    If the agent's scorer is cross-fitted, a train task is scored by the model without the task's
+    recipes, as in training. Otherwise the agent would know the solutions of the train tasks.
+
+    Args:
+        agent: an opened agent.
+        sessions: people's sessions, of any number of conditions and seeds.
+
+    Returns:
+        For each answered table whether the agent makes the goal, and the task's resampling group.
+
+    Raises:
+        GraphMismatchError: if the agent was trained on another graph or split.
+        ArtefactError: if this version poses another task than the answered task.
+        ConfigError: if the agent cannot play at tables of that size.
     """
+    games: dict[TableKey, AgentGame] = {}
+    posed = _posed_tasks(agent, sessions)
+    if posed is None:
+        return games
+    world, tasks = posed
+    conditions = sorted({(distractors, part) for distractors, _, part, _ in tasks})
+    for condition in conditions:
+        distractors, part = condition
+        # All tables of a condition and part are played at once: they have the same size.
+        keys = [key for key in tasks if (key[0], key[2]) == condition]
+        variant = world.variant(num_distractors=distractors, part=part)
+        made = _greedy_successes(agent.policy, variant, [tasks[key] for key in keys])
+        groups = variant.groups[[tasks[key].index for key in keys]].tolist()
+        # Groups are numbered within a condition and part, over which rates are taken.
+        for key, success, group in zip(keys, made, groups, strict=True):
+            games[key] = AgentGame(success, group)
+    return games
+
+
+def _posed_tasks(
+    agent: OpenedAgent, sessions: Iterable[Session]
+) -> tuple[World, dict[TableKey, PosedTask]] | None:
+    """Pose all answered tasks again, and check them; None without a session."""
     protocols: dict[tuple[int, int], HumanProtocol] = {}
     posed: dict[TableKey, PosedTask] = {}
     world: World | None = None
     for session in sessions:
         _check_graph(agent, session)
-        distractors, seed = session.distractors, session.header.seed
+        distractors = session.distractors
+        seed = session.header.seed
         if (distractors, seed) not in protocols:
+            # One world for all protocols: the graph is the same, and a world takes long to make.
             protocols[distractors, seed] = HumanProtocol(
                 world or agent.opened, distractors, seed, tasks=session.tasks
             )
@@ -37,22 +74,15 @@ def agent_successes(agent: OpenedAgent, sessions: Iterable[Session]) -> dict[Tab
                 posed[key] = protocols[distractors, seed].task(answer.part, answer.number)
             if not posed[key].is_of(answer):
                 raise ArtefactError(
-                    f"{answer.part} task {answer.number} of seed {seed}, {distractors} distractors: "
-                    "this version poses another task than the answered task."
+                    f"{answer.part} task {answer.number} of seed {seed}, {distractors} "
+                    "distractors: this version poses another task than the answered task."
                 )
-    games: dict[TableKey, AgentGame] = {}
-    for distractors, part in sorted({(key[0], key[2]) for key in posed}):
-        assert world is not None
-        keys = [key for key in posed if (key[0], key[2]) == (distractors, part)]
-        variant = world.variant(num_distractors=distractors, part=part)
-        made = _greedy_successes(agent.policy, variant, [posed[key] for key in keys])
-        groups = variant.groups[[posed[key].index for key in keys]].tolist()
-        games.update(zip(keys, map(AgentGame, made, groups), strict=True))
-    return games
+    return None if world is None else (world, posed)
 
 
 def _check_graph(agent: OpenedAgent, session: Session) -> None:
-    opened, header = agent.opened, session.header
+    header = session.header
+    opened = agent.opened
     hashes = {
         "graph": (header.graph_hash, opened.graph.hash),
         "split": (header.split_hash, opened.split.hash),
@@ -60,19 +90,23 @@ def _check_graph(agent: OpenedAgent, session: Session) -> None:
     for name, (answered, trained) in hashes.items():
         if answered != trained:
             raise GraphMismatchError(
-                f"the answered tasks belong to {name} {answered[:12]}, but '{agent.name}' was trained on {name} "
-                f"{trained[:12]}. Give an agent with the same graph and split."
+                f"the answered tasks belong to {name} {answered[:12]}, but '{agent.name}' was "
+                f"trained on {name} {trained[:12]}. Give an agent with the same graph and split."
             )
 
 
 def _greedy_successes(policy: Policy, world: World, tasks: Sequence[PosedTask]) -> list[bool]:
-    """Return whether a policy's two greedy actions at each table (depth 1) make the goal; ties: the first slot."""
+    """Return whether a policy makes the goal at each table, with two greedy actions (depth 1).
+
+    Ties are decided for the first slot.
+    """
     engine = BatchEngine(world, len(tasks))
-    tables = padded(
-        [[world.graph.id_of(label) for label in task.table] for task in tasks], world.nothing
-    )
-    state = engine.pose(np.array([task.index for task in tasks]), tables=tables)
-    player, rng = PolicyPlayer(policy), np.random.default_rng(0)
+    tables = [[world.graph.id_of(label) for label in task.table] for task in tasks]
+    indices = np.array([task.index for task in tasks])
+    state = engine.pose(indices, tables=padded(tables, world.nothing))
+    player = PolicyPlayer(policy)
+    rng = np.random.default_rng(0)  # required by players in general; greedy actions use no chance
+    # The first action selects an item, the second combines it with another.
     state, _ = engine.step_once(state, player(state, rng))
     _, step = engine.step_once(state, player(state, rng))
     return (step.outcome == GOAL).tolist()

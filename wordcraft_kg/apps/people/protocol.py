@@ -1,4 +1,4 @@
-"""The protocol of the paper for people: tasks in order, answers, and sessions that are comparable."""
+"""The paper's protocol for people: tasks in order, answers, and comparable sessions."""
 
 import copy
 from collections.abc import Mapping
@@ -23,31 +23,44 @@ HUMAN_PARTS = ("train", "test")
 """Parts in order. The solution follows each train task, but no test task."""
 Turn = tuple[str, int]
 """Part of a task, and its number there, from 1."""
-_SEED_KEYS = (
-    "all",
-    "train",
-    "valid",
-    "test",
-)  # the index is part of the seeds and must never change
+# The index is part of the seeds and must never change: begun studies would pose other tasks.
+_SEED_KEYS = ("all", "train", "valid", "test")
 
 
 def schedule(tasks: int = TASKS_PER_PART) -> tuple[Turn, ...]:
     """Return part and number for all tasks in a session, with ``tasks`` tasks per part."""
-    return tuple((part, number) for part in HUMAN_PARTS for number in range(1, tasks + 1))
+    turns: list[Turn] = []
+    for part in HUMAN_PARTS:
+        turns += [(part, number) for number in range(1, tasks + 1)]
+    return tuple(turns)
 
 
 def episode_seed(seed: int, part: str, number: int) -> int:
-    """Return the seed for an episode, independent from earlier episodes; a negative seed is a ConfigError."""
+    """Return the seed for an episode, independent of the episodes played before it.
+
+    Args:
+        seed: seed of the session, from 0.
+        part: all, train, valid or test.
+        number: number of the task in its part, from 1.
+
+    Raises:
+        ConfigError: if the seed is negative.
+    """
     whole("seed", seed, 0)
-    return int(
-        np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number)).generate_state(1)[
-            0
-        ]
-    )
+    sequence = np.random.SeedSequence(seed, spawn_key=(_SEED_KEYS.index(part), number))
+    return int(sequence.generate_state(1)[0])
 
 
 class Header(Record):
-    """The properties that comparable sessions share: graph, split, settings and seed."""
+    """The properties that comparable sessions share.
+
+    Attributes:
+        graph: name of the graph; sessions with different names are still comparable.
+        graph_hash: hash of the graph.
+        split_hash: hash of the split.
+        settings: settings of the tasks, by name, with the tasks per part.
+        seed: seed for tasks and tables.
+    """
 
     graph: str
     graph_hash: Hash
@@ -57,7 +70,18 @@ class Header(Record):
 
 
 class Answer(Record):
-    """An answer to a task, without data about person or machine; seconds are from page load to second action."""
+    """An answer to a task, without data about person or machine.
+
+    Attributes:
+        part: train or test.
+        number: number of the task in its part, from 1.
+        goal: entity to make.
+        table: entities on the table, in the order of the slots.
+        actions: the two entities that the person selected.
+        made: results of the two entities; empty if they have no recipe.
+        success: whether the goal is among the results.
+        seconds: time from the first page load to the second action, by the server's clock.
+    """
 
     part: str
     number: int
@@ -71,15 +95,23 @@ class Answer(Record):
     @property
     def is_sound(self) -> bool:
         """Whether the actions are on the table, and ``success`` and ``seconds`` are possible."""
+        is_on_table = set(self.actions) <= set(self.table)
         is_right = self.success == (self.goal in self.made)
-        return (
-            set(self.actions) <= set(self.table) and is_right and 0 <= self.seconds < float("inf")
-        )
+        return is_on_table and is_right and 0 <= self.seconds < float("inf")
 
 
 @dataclass(frozen=True)
 class PosedTask:
-    """A task as a participant sees it; ``plans`` are recipes for the goal, ``index`` is the task number for agents."""
+    """A task as a participant sees it.
+
+    Attributes:
+        part: train or test.
+        number: number of the task in its part, from 1.
+        goal: entity to make.
+        table: entities on the table, in the order of the slots.
+        plans: recipes, each of which makes the goal.
+        index: number of the task among all tasks of its part, as agents know it.
+    """
 
     part: str
     number: int
@@ -94,10 +126,19 @@ class PosedTask:
 
 
 class HumanProtocol:
-    """The protocol of the paper: 40 train tasks with feedback, then 40 test tasks; depth 1, one attempt.
+    """The protocol of the paper: 40 train tasks with feedback, then 40 test tasks.
 
-    Tasks and tables are sampled as for agents and depend only on graph, split, distractor condition and seed. A shorter
-    protocol is the start of a longer protocol.
+    Tasks have depth 1 and one attempt. Tasks and tables are sampled as for agents and depend only
+    on graph, split, distractor condition and seed. A shorter protocol is the start of a longer
+    protocol.
+
+    Attributes:
+        seed: seed for tasks and tables.
+        turns: part and number of each task, in order.
+        world: graph, split and settings, shared by the environments of both parts.
+        header: the properties that comparable sessions share.
+
+    Source: Jiang et al. 2020, human evaluation (one person with 1 distractor, another with 8).
     """
 
     def __init__(
@@ -108,12 +149,25 @@ class HumanProtocol:
         *,
         tasks: int = TASKS_PER_PART,
     ):
-        """Prepare environments for both parts, with a shared world; a part without tasks is a TaskError."""
+        """Prepare environments for both parts, with a shared world.
+
+        Args:
+            graph: the graph with its split; a world shares what does not depend on the settings.
+            num_distractors: entities on each table that the goal does not need.
+            seed: seed for tasks and tables, from 0.
+            tasks: tasks per part, 1 to 1,000.
+
+        Raises:
+            ConfigError: if a setting is out of range.
+            TaskError: if a part has no tasks.
+        """
         episode_seed(seed, "train", 1)  # rejects negative seeds
         self.seed = seed
         self.turns = schedule(whole("tasks", tasks, 1, MOST_TASKS))
         self.world = World(graph, WordCraftConfig(num_distractors=num_distractors))
+        # Environments of both parts share the world: graph, split and tables of recipes.
         self._envs = {part: WordCraftEnv(self.world.variant(part=part)) for part in HUMAN_PARTS}
+        # Settings that change tasks or results; two sessions with equal values are comparable.
         kept = (
             "depth",
             "num_distractors",
@@ -121,21 +175,26 @@ class HumanProtocol:
             "distractor_weighting",
             "distractor_policy",
             "task_weighting",
+            "ambiguity",
         )
-        settings = {"tasks_per_part": tasks} | {
-            name: getattr(self.world.config, name) for name in (*kept, "ambiguity")
-        }
+        settings: dict[str, int | str] = {"tasks_per_part": tasks}
+        settings |= {name: getattr(self.world.config, name) for name in kept}
         graph = self.world.graph
         self.header = Header(graph.name, graph.hash, self.world.split.hash, settings, seed)
 
     def with_seed(self, seed: int) -> "HumanProtocol":
-        """Return a copy that samples tasks with another seed; the copies share environments: use one at a time."""
+        """Return a copy that samples tasks with another seed.
+
+        The copies share environments, which have the state of one episode: use one at a time.
+        """
         other = copy.copy(self)
-        other.seed, other.header = seed, msgspec.structs.replace(self.header, seed=seed)
+        other.seed = seed
+        other.header = msgspec.structs.replace(self.header, seed=seed)
         return other
 
     def pose(self, part: str, number: int) -> tuple[WordCraftEnv, Observation]:
         """Start the episode for a task; return environment and observation."""
+        # A seed for each episode: a task does not depend on how many were posed before it.
         env = self._envs[part]
         observation, _ = env.reset(seed=episode_seed(self.seed, part, number))
         return env, observation
@@ -149,18 +208,24 @@ class HumanProtocol:
         )
 
     def answer(self, task: PosedTask, slots: tuple[int, int], seconds: float) -> Answer:
-        """Return the answer for two slots and a time in seconds, rounded to hundredths."""
+        """Return the answer of a person who selects two slots of a task.
+
+        Args:
+            task: a task of this protocol.
+            slots: two slots, from 0; they may be equal.
+            seconds: time for the answer, rounded to hundredths.
+        """
         actions = (task.table[slots[0]], task.table[slots[1]])
         made = results_of(self._envs[task.part], *actions)
         return Answer(
-            task.part,
-            task.number,
-            task.goal,
-            task.table,
-            actions,
-            made,
-            task.goal in made,
-            round(seconds, 2),
+            part=task.part,
+            number=task.number,
+            goal=task.goal,
+            table=task.table,
+            actions=actions,
+            made=made,
+            success=task.goal in made,
+            seconds=round(seconds, 2),
         )
 
 
@@ -169,7 +234,12 @@ TableKey = tuple[int, int, str, int]
 
 
 class AgentGame(NamedTuple):
-    """An agent's game at a table of people: whether the goal was made, and the task's resampling group."""
+    """An agent's game at a table of people.
+
+    Attributes:
+        success: whether the agent made the goal.
+        group: number of the group of tasks that the split holds out together, for resampling.
+    """
 
     success: bool
     group: int
@@ -177,7 +247,12 @@ class AgentGame(NamedTuple):
 
 @dataclass(frozen=True)
 class Session:
-    """One participant's answers in task order."""
+    """One participant's answers.
+
+    Attributes:
+        header: graph, split, settings and seed.
+        answers: answers so far, in task order.
+    """
 
     header: Header
     answers: tuple[Answer, ...]
@@ -198,14 +273,25 @@ class Session:
         return len(self.answers) == len(schedule(self.tasks))
 
     def table_of(self, answer: Answer) -> TableKey:
-        """Return distractor count, seed, part and task number, which determine an answer's table."""
+        """Return the key of an answer's table: the table follows from it, graph and split."""
         return self.distractors, self.header.seed, answer.part, answer.number
 
 
 def check_number(
     settings: dict[str, int | str], name: str, least: int, most: int, where: str
 ) -> None:
-    """Check that a recorded setting is a whole number in the range."""
+    """Check that a recorded setting is a whole number in the range.
+
+    Args:
+        settings: recorded settings by name.
+        name: name of the setting.
+        least: smallest permitted value.
+        most: largest permitted value.
+        where: file of the settings, for the error.
+
+    Raises:
+        ArtefactError: if the setting is missing, not a whole number or out of range.
+    """
     value = settings.get(name)
     if not isinstance(value, int) or not least <= value <= most:
         raise ArtefactError(
@@ -214,8 +300,20 @@ def check_number(
 
 
 def check_alike(path: Path, header: Header, other: str, reference: Header) -> None:
-    """Check that a header equals the reference, with the errors of :func:`check_equal`."""
-    have, want = (as_values(entry) | entry.settings for entry in (header, reference))
+    """Check that a header equals the reference.
+
+    Args:
+        path: origin of the header, for the error.
+        header: the header to check.
+        other: origin of the reference, for the error.
+        reference: the expected header.
+
+    Raises:
+        GraphMismatchError: if the graph or split is another.
+        ConfigError: if another setting differs.
+    """
+    have = as_values(header) | header.settings
+    want = as_values(reference) | reference.settings
     del have["settings"], want["settings"]
     check_equal(f"'{path}' has", have, f"{other} has", want)
 
@@ -223,13 +321,27 @@ def check_alike(path: Path, header: Header, other: str, reference: Header) -> No
 def check_equal(
     subject: str, have: Mapping[str, object], other: str, want: Mapping[str, object]
 ) -> None:
-    """Check that settings except the graph name are equal: GraphMismatchError for a hash, else ConfigError."""
+    """Check that two sets of settings are equal, apart from the name of the graph.
+
+    Args:
+        subject: begin of the error message, such as ``'study' has``.
+        have: settings to check, by name.
+        other: end of the error message, such as ``this command has``.
+        want: expected settings, by name.
+
+    Raises:
+        GraphMismatchError: if a hash differs.
+        ConfigError: if another setting differs.
+    """
     for name in {**want, **have}:
-        if name != "graph" and have.get(name) != want.get(name):
-            is_hash = name.endswith("_hash")
-            kind = GraphMismatchError if is_hash else ConfigError
-            is_, should = (
-                str(values.get(name))[: 12 if is_hash else None] for values in (have, want)
-            )
+        if name == "graph" or have.get(name) == want.get(name):
+            continue
+        found = str(have.get(name))
+        expected = str(want.get(name))
+        if name.endswith("_hash"):
             graph = f" (graph {have['graph']})" if name == "graph_hash" else ""
-            raise kind(f"{subject} {name} {is_}{graph}, but {other} {should}. Nothing was changed.")
+            raise GraphMismatchError(
+                f"{subject} {name} {found[:12]}{graph}, but {other} {expected[:12]}. "
+                "Nothing was changed."
+            )
+        raise ConfigError(f"{subject} {name} {found}, but {other} {expected}. Nothing was changed.")

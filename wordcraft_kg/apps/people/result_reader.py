@@ -12,31 +12,33 @@ from wordcraft_kg.studies.result_readers import ResultReader, TableGame, check_h
 
 
 def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> ReferenceRow:
+    """Return a study's success rates as a row of a reference table, a column per condition."""
     sessions = read_study(path).sessions()
     view = view_people({path: sessions})
     header = sessions[0].header
+    # Rates on another split, or with more attempts, would stand in the table as if comparable.
     check_hash(path, "graph", header.graph_hash, opened.graph.hash)
     check_hash(path, "split", header.split_hash, opened.split.hash)
-    settings = view.settings
-    check_tasks(
-        path,
-        TaskPlay(play.part, int(settings.get("depth", 1)), int(settings.get("attempts", 1))),
-        play,
-    )
+    depth = int(view.settings.get("depth", 1))
+    attempts = int(view.settings.get("attempts", 1))
+    check_tasks(path, TaskPlay(play.part, depth, attempts), play)
     estimates: dict[int, Estimate] = {}
-    people, over = 0, set()
+    people = 0
+    resampled = set()
     for condition in view.conditions:
         rate = condition.parts.get(play.part)
         if rate is None or rate.rate is None or condition.distractors not in columns:
             continue
+        # Answers of one person resemble each other, so an interval over people comes first.
         bounds = rate.people_interval or rate.interval or (None, None)
-        over.add("people" if rate.people_interval else "the answers of one person")
+        resampled.add("people" if rate.people_interval else "the answers of one person")
         people += rate.people
         estimates[condition.distractors] = (rate.rate, *bounds)
     if not estimates:
+        wanted = ", ".join(map(str, columns))
         has = ", ".join(str(condition.distractors) for condition in view.conditions)
         raise ConfigError(
-            f"--external-results: '{path}' has no answers to {play.part} tasks with {', '.join(map(str, columns))} "
+            f"--external-results: '{path}' has no answers to {play.part} tasks with {wanted} "
             f"distractors; expected train or test tasks with {has} distractors."
         )
     return ReferenceRow(
@@ -47,32 +49,40 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
         origin="external",
         source=str(path),
         play=play,
-        interval=f"95 %, over {' or '.join(sorted(over))}",
+        interval=f"95 %, over {' or '.join(sorted(resampled))}",
         people=people,
     )
 
 
 def _games(path: Path, opened: OpenedGraph) -> Iterator[TableGame]:
+    """Yield each answer as a game of one attempt."""
     study = read_study(path)
     check_hash(path, "graph", study.record.graph_hash, opened.graph.hash)
     check_hash(path, "split", study.record.split_hash, opened.split.hash)
     for person in study.people:
-        for answer in (stored.answer for stored in study.answers[person.number]):
+        for stored in study.answers[person.number]:
+            answer = stored.answer
             yield TableGame(
-                f"person {person.number} of {path.name}",
-                "people",
-                answer.part,  # type: ignore[arg-type]
-                int(study.record.settings["depth"]),
-                answer.goal,
-                answer.table,
-                (answer.actions,),
-                answer.success,
+                player=f"person {person.number} of {path.name}",
+                kind="people",
+                part=answer.part,  # type: ignore[arg-type]
+                depth=int(study.record.settings["depth"]),
+                goal=answer.goal,
+                table=answer.table,
+                pairs=(answer.actions,),
+                success=answer.success,
             )
 
 
-READER = ResultReader(
-    "a folder of 'people serve'",
-    lambda path: (path / STUDY_FILE).is_file(),
-    lambda paths, opened, play, columns: [_row(path, opened, play, columns) for path in paths],
-    games=_games,
-)
+def _is_study(path: Path) -> bool:
+    return (path / STUDY_FILE).is_file()
+
+
+def _rows(
+    paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
+) -> list[ReferenceRow]:
+    return [_row(path, opened, play, columns) for path in paths]
+
+
+READER = ResultReader("a folder of 'people serve'", _is_study, _rows, games=_games)
+"""Registered as a reader of results, so that reference tables and the explorer show people."""

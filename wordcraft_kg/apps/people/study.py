@@ -48,7 +48,23 @@ STUDY_FILE = "study.json"
 
 
 class StudyRecord(Record):
-    """``study.json``: the identity of a study, with its texts; the settings exclude the number of distractors."""
+    """``study.json``: the identity of a study, with its texts.
+
+    Answers belong to this record and to no other: the database repeats its hash.
+
+    Attributes:
+        format: kind and version of the file.
+        graph: name of the graph.
+        graph_hash: hash of the graph.
+        split_hash: hash of the split.
+        settings: settings of the tasks, by name, without the number of distractors.
+        distractors: numbers of distractors on a table, the conditions.
+        seed: seed of the first form; the others have the following seeds.
+        forms: number of sampled task lists.
+        consent: text that people agree to.
+        texts_hash: SHA-256 of all page templates, since other texts may give other answers.
+        created: time at which the study began, in UTC.
+    """
 
     format: Literal["wordcraft-kg study 2"]
     graph: str
@@ -63,7 +79,7 @@ class StudyRecord(Record):
     created: str
 
     def header(self, cell: Cell) -> Header:
-        """Return the header for sessions with a cell's tasks (a cell is a form with a number of distractors)."""
+        """Return the header for sessions with a cell's tasks."""
         settings = self.settings | {"num_distractors": cell.distractors}
         return Header(self.graph, self.graph_hash, self.split_hash, settings, self.seed + cell.form)
 
@@ -76,29 +92,35 @@ class StudyRecord(Record):
 def texts_hash() -> str:
     """Return the hash of all page templates, the text version of a study."""
     folder = files("wordcraft_kg.apps.people") / "templates"
+    # Names and texts together: a text that moves to another page is another study.
     texts = {file.name: file.read_text(encoding="utf-8") for file in folder.iterdir()}
     return hashlib.sha256(json.dumps(texts, sort_keys=True).encode()).hexdigest()
 
 
 class Study:
-    """A study's tasks for each cell: a form (sampled task list) with a number of distractors."""
+    """A study's tasks for each cell: a form (sampled task list) with a number of distractors.
+
+    Attributes:
+        record: identity of the study, as in ``study.json``.
+        cells: all cells, in the order in which people are assigned to them.
+    """
 
     def __init__(self, graph: GraphLike, config: StudyConfig):
-        """Prepare the tasks; a part without tasks is a TaskError."""
+        """Prepare the tasks; raises TaskError if a part has no tasks."""
         first = HumanProtocol(graph, config.distractors[0], config.seed, tasks=config.tasks)
         self._of_condition = {
             amount: HumanProtocol(first.world, amount, config.seed, tasks=config.tasks)
             for amount in config.distractors
         }
         header = first.header
+        settings = dict(header.settings)
+        del settings["num_distractors"]  # a condition, which differs between people
         self.record = StudyRecord(
             format="wordcraft-kg study 2",
             graph=header.graph,
             graph_hash=header.graph_hash,
             split_hash=header.split_hash,
-            settings={
-                name: value for name, value in header.settings.items() if name != "num_distractors"
-            },
+            settings=settings,
             distractors=config.distractors,
             seed=config.seed,
             forms=config.forms,
@@ -107,9 +129,11 @@ class Study:
             created=datetime.now(UTC).isoformat(timespec="seconds"),
         )
         # Conditions alternate before forms, since a study compares conditions.
-        self.cells = tuple(
-            Cell(form, amount) for form in range(config.forms) for amount in config.distractors
-        )
+        cells: list[Cell] = []
+        for form in range(config.forms):
+            cells += [Cell(form, amount) for amount in config.distractors]
+        self.cells = tuple(cells)
+        # Posed when first needed: a study may have a thousand forms, and few people.
         self._posed: dict[Cell, tuple[PosedTask, ...]] = {}
         self._lock = threading.Lock()
 
@@ -122,24 +146,33 @@ class Study:
             return self._posed[cell]
 
     def protocol(self, cell: Cell) -> HumanProtocol:
-        """Return the protocol that samples a cell's tasks; all protocols share environments: use one at a time."""
+        """Return the protocol that samples a cell's tasks.
+
+        All protocols share environments, which have the state of one episode: use one at a time.
+        """
         return self._of_condition[cell.distractors].with_seed(self.record.seed + cell.form)
 
 
 @contextmanager
 def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
-    """Yield the answers of a new or begun study folder, for one server; on errors the folder is unchanged.
+    """Yield the answers of a new or begun study folder, for one server.
 
-    It is an ArtefactError if another server uses the folder, a file is damaged, or this version poses different tasks;
-    for further errors see :func:`check_study_folder`.
+    On errors the folder is unchanged.
+
+    Raises:
+        ArtefactError: if another server uses the folder, a file is damaged, or this version poses
+            different tasks.
+        GraphMismatchError, ConfigError, OutputExistsError: see :func:`check_study_folder`.
     """
     if check_study_folder(folder, study.record) and (folder / ANSWERS_FILE).exists():
         _check_tasks(folder, study)
     output_target(folder)  # refuses a link that leads nowhere
     folder.mkdir(parents=True, exist_ok=True)
     with locked(folder, "served"):
+        # Once more under the lock: another server may have begun a study meanwhile.
         is_new = not check_study_folder(folder, study.record)
         try:
+            # Durable: answers after a power failure need the record that they belong to.
             if is_new:
                 write_atomically(
                     folder / STUDY_FILE, dump_json(as_values(study.record)), durable=True
@@ -157,39 +190,47 @@ def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
 
 
 def _check_tasks(folder: Path, study: Study) -> None:
+    """Check that this version poses the tasks that people have answered."""
     kept = read_study(folder)
     for person in kept.people:
-        for stored, task in zip(
-            kept.answers[person.number], study.tasks(person.cell), strict=False
-        ):
+        # People stop at any task, so there are fewer answers than tasks.
+        answered = zip(kept.answers[person.number], study.tasks(person.cell), strict=False)
+        for stored, task in answered:
             if not task.is_of(stored.answer):
                 raise ArtefactError(
-                    f"'{folder}': this version poses another {task.part} task {task.number} than person "
-                    f"{person.number} answered. Nothing was changed; continue with the version that began the study."
+                    f"'{folder}': this version poses another {task.part} task {task.number} than "
+                    f"person {person.number} answered. Nothing was changed; continue with the "
+                    "version that began the study."
                 )
 
 
 def check_study_folder(folder: Path, record: StudyRecord) -> bool:
     """Return whether a folder holds this study; False for a new or empty folder.
 
-    Another graph or split is a GraphMismatchError, another setting a ConfigError, another folder or file an
-    OutputExistsError, and a damaged ``study.json`` an ArtefactError.
+    Raises:
+        ArtefactError: if ``study.json`` is damaged.
+        GraphMismatchError: if the folder's study is on another graph or split.
+        ConfigError: if the folder's study has other settings or texts.
+        OutputExistsError: if there is another folder or file.
     """
-    if not os.path.lexists(folder) or (folder.is_dir() and not any(folder.iterdir())):
+    is_empty = folder.is_dir() and not any(folder.iterdir())
+    if is_empty or not os.path.lexists(folder):
         return False
     if not (folder / STUDY_FILE).exists():
         raise OutputExistsError(
-            f"'{folder}' {what_is(folder)}; expected the folder of this study, or a new one. Choose another `out`."
+            f"'{folder}' {what_is(folder)}; expected the folder of this study, or a new one. "
+            "Choose another `out`."
         )
     begun, _ = read_study_record(folder)
+    # The texts have errors of their own, since their values are too long to be shown.
     if begun.consent != record.consent:
         raise ConfigError(
             f"'{folder}': people agreed to another text. Nothing was changed; give that text."
         )
     if begun.texts_hash != record.texts_hash:
         raise ConfigError(
-            f"'{folder}': the pages of this version have other texts than the pages that people have seen. Nothing was "
-            "changed; continue with the version that began the study."
+            f"'{folder}': the pages of this version have other texts than the pages that people "
+            "have seen. Nothing was changed; continue with the version that began the study."
         )
     check_equal(
         f"'{folder}' is a study with", _identity(begun), "this command has", _identity(record)
@@ -198,16 +239,12 @@ def check_study_folder(folder: Path, record: StudyRecord) -> bool:
 
 
 def _identity(record: StudyRecord) -> dict[str, Any]:
-    values = (
-        as_values(record)
-        | record.settings
-        | {"distractors": ", ".join(map(str, record.distractors))}
-    )
-    return {
-        name: value
-        for name, value in values.items()
-        if name not in ("created", "consent", "settings")
-    }
+    """Return all settings by name; the time is no setting, and the consent is compared before."""
+    values = as_values(record) | record.settings
+    values["distractors"] = ", ".join(map(str, record.distractors))
+    for name in ("created", "consent", "settings"):
+        del values[name]
+    return values
 
 
 def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
@@ -225,7 +262,13 @@ def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
 
 @dataclass(frozen=True)
 class ReadStudy:
-    """A study on disk: people in starting order, and answers by person number."""
+    """A study on disk.
+
+    Attributes:
+        record: identity of the study.
+        people: people in starting order, without withdrawn people.
+        answers: answers in task order, by person number; empty for people without answers.
+    """
 
     record: StudyRecord
     people: tuple[Participant, ...]
@@ -233,29 +276,35 @@ class ReadStudy:
 
     def sessions(self) -> tuple[Session, ...]:
         """Return each person's answers as a session."""
-        return tuple(
-            Session(
-                self.record.header(person.cell),
-                tuple(stored.answer for stored in self.answers[person.number]),
-            )
-            for person in self.people
-        )
+        sessions = []
+        for person in self.people:
+            answers = tuple(stored.answer for stored in self.answers[person.number])
+            sessions.append(Session(self.record.header(person.cell), answers))
+        return tuple(sessions)
 
     def lines(self) -> Iterator[dict[str, Any]]:
-        """Yield exported answers; ``session`` is the person number, ``loads`` counts page loads."""
+        """Yield exported answers: nothing about a person but number, form and condition.
+
+        ``session`` is the person number, ``seed`` the seed of the form, and ``loads`` counts page
+        loads: more than one after a reload or a return.
+        """
         for person in self.people:
             who = {
                 "session": person.number,
                 "form": person.cell.form,
                 "distractors": person.cell.distractors,
+                "seed": self.record.seed + person.cell.form,
             }
-            who["seed"] = self.record.seed + person.cell.form
             for stored in self.answers[person.number]:
                 yield who | as_values(stored.answer) | {"loads": stored.loads}
 
 
 def read_study(folder: Path) -> ReadStudy:
-    """Read a study folder; nothing is written, and a server may be running. Damage is an ArtefactError."""
+    """Read a study folder; nothing is written, and a server may be running.
+
+    Raises:
+        ArtefactError: if a file is missing or damaged, or the answers contradict each other.
+    """
     record, identity = read_study_record(folder)
     path = folder / ANSWERS_FILE
     people, stored_answers = read_answers(path, identity)
@@ -264,19 +313,20 @@ def read_study(folder: Path) -> ReadStudy:
         answers.setdefault(stored.session, []).append(stored)
     turns = schedule(record.tasks)
     for number, given in answers.items():
+        # The server poses tasks in order, so answers are the start of the schedule without a gap.
         order = tuple((one.answer.part, one.answer.number) for one in given)
-        if order != turns[: len(order)] or not all(
-            one.answer.is_sound and one.loads >= 1 for one in given
-        ):
+        is_in_order = order == turns[: len(order)]
+        is_sound = all(one.answer.is_sound and one.loads >= 1 for one in given)
+        if not (is_in_order and is_sound):
             raise ArtefactError(
                 f"{path} is damaged: the answers of person {number} are inconsistent."
             )
     if set(answers) != {person.number for person in people}:
         raise ArtefactError(f"{path} is damaged: it has answers without a session.")
-    if unknown := {person.cell.distractors for person in people} - set(record.distractors):
+    unknown = {person.cell.distractors for person in people} - set(record.distractors)
+    if unknown:
         raise ArtefactError(
             f"{path} is damaged: {unknown.pop()} distractors are not a condition of this study."
         )
-    return ReadStudy(
-        record, tuple(people), {number: tuple(given) for number, given in answers.items()}
-    )
+    by_person = {number: tuple(given) for number, given in answers.items()}
+    return ReadStudy(record, tuple(people), by_person)

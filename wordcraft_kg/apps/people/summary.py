@@ -11,6 +11,7 @@ from wordcraft_kg.apps.people.protocol import (
     HUMAN_PARTS,
     AgentGame,
     Answer,
+    Header,
     Session,
     TableKey,
     check_alike,
@@ -23,7 +24,12 @@ from wordcraft_kg.base.statistics import bootstrap, interval, wilson_interval
 class AgentRate(Record):
     """An agent's results on people's tables, once per answer.
 
-    The 95 % interval is a bootstrap over groups of tasks, Wilson's for equal results.
+    Attributes:
+        successes: answers at whose table the agent makes the goal.
+        rate: their share.
+        tables: number of different tables.
+        interval: 95 % interval of the rate, a bootstrap over groups of tasks, or Wilson's if all
+            results are equal; None for a single group.
     """
 
     successes: Count
@@ -33,10 +39,18 @@ class AgentRate(Record):
 
 
 class AnswerRate(Record):
-    """Number and share of correct answers; None without answers.
+    """Number and share of correct answers.
 
-    The 95 % Wilson interval is for independent answers of these people; ``people_interval`` is a bootstrap over people,
-    Wilson's for equal results, and None for a single person. ``agents`` played at the same tables.
+    Attributes:
+        answered: number of answers.
+        successes: number of correct answers.
+        rate: their share; None without answers.
+        interval: 95 % Wilson interval of the rate, for independent answers, and so for these people
+            only; None without answers.
+        people: number of people who gave the answers.
+        people_interval: 95 % interval by bootstrap over people, who differ, or Wilson's with people
+            as trials if all answers are equal; None for a single person.
+        agents: agents at the same tables, by name.
     """
 
     answered: Count
@@ -49,7 +63,14 @@ class AnswerRate(Record):
 
 
 class PeopleCondition(Record):
-    """People in one distractor condition, and correct answers by part."""
+    """People in one distractor condition.
+
+    Attributes:
+        distractors: distractors on each table.
+        sessions: number of people who have begun.
+        finished: number of people who have answered all tasks.
+        parts: correct answers by part, train and test.
+    """
 
     distractors: Count
     sessions: Count
@@ -58,7 +79,16 @@ class PeopleCondition(Record):
 
 
 class HumanSummary(Record):
-    """Sessions with equal graph, split and settings, by distractor condition."""
+    """Sessions with equal graph, split and settings, by distractor condition.
+
+    Attributes:
+        graph: name of the graph.
+        graph_hash: hash of the graph.
+        settings: settings that the sessions share, by name.
+        sessions: number of people who have begun.
+        finished: number of people who have answered all tasks.
+        conditions: results by number of distractors, ascending.
+    """
 
     graph: str
     graph_hash: str
@@ -69,7 +99,13 @@ class HumanSummary(Record):
 
 
 class ExportedAnswers(Record):
-    """An exported file, with numbers of people and answers."""
+    """An exported file of answers.
+
+    Attributes:
+        out: path of the file.
+        people: number of people who have begun.
+        answers: number of answers, one a line.
+    """
 
     out: str
     people: Count
@@ -80,55 +116,77 @@ def view_people(
     sources: Mapping[Path, Sequence[Session]],
     agents: Mapping[str, Mapping[TableKey, AgentGame]] | None = None,
 ) -> HumanSummary:
-    """Return success rates over sessions; ``agents`` holds the games of each agent by name and table.
+    """Return success rates over the sessions of one or several studies.
 
-    Two studies with the same answers are an ArtefactError, other graphs or splits a GraphMismatchError, and other
-    settings than the number of distractors, or no session, a ConfigError.
+    Args:
+        sources: sessions by the study folder that they come from.
+        agents: games of each agent at people's tables, by name and table; None for no agents.
+
+    Raises:
+        ArtefactError: if two studies have the same answers, which would count twice.
+        GraphMismatchError: if the graphs or splits differ.
+        ConfigError: if other settings than the number of distractors differ, or there is no
+            session.
     """
     _check_sources(sources)
-    sessions = [session for group in sources.values() for session in group]
-    header = sessions[0].header
+    sessions: list[Session] = []
     by_amount: dict[int, list[Session]] = {}
+    for group in sources.values():
+        sessions += group
     for session in sessions:
         by_amount.setdefault(session.distractors, []).append(session)
-    conditions = tuple(
-        PeopleCondition(
-            distractors=amount,
-            sessions=len(group),
-            finished=sum(session.is_finished for session in group),
-            parts={part: _rate(part, group, agents or {}) for part in HUMAN_PARTS},
-        )
-        for amount, group in sorted(by_amount.items())
-    )
+    header = sessions[0].header
+    settings = dict(header.settings)
+    del settings["num_distractors"]  # the conditions differ in this setting
     return HumanSummary(
         graph=header.graph,
         graph_hash=header.graph_hash,
-        settings={
-            name: value for name, value in header.settings.items() if name != "num_distractors"
-        },
+        settings=settings,
         sessions=len(sessions),
-        finished=sum(session.is_finished for session in sessions),
-        conditions=conditions,
+        finished=_finished(sessions),
+        conditions=tuple(
+            _condition(amount, by_amount[amount], agents or {}) for amount in sorted(by_amount)
+        ),
     )
 
 
+def _condition(
+    distractors: int,
+    sessions: Sequence[Session],
+    agents: Mapping[str, Mapping[TableKey, AgentGame]],
+) -> PeopleCondition:
+    return PeopleCondition(
+        distractors=distractors,
+        sessions=len(sessions),
+        finished=_finished(sessions),
+        parts={part: _rate(part, sessions, agents) for part in HUMAN_PARTS},
+    )
+
+
+def _finished(sessions: Sequence[Session]) -> int:
+    return sum(session.is_finished for session in sessions)
+
+
 def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
-    reference: tuple[Path, Session] | None = None
+    """Check that sessions may be summed up, see :func:`view_people`."""
+    reference: tuple[Path, Header] | None = None
     seen: dict[tuple[tuple[Answer, ...], ...], Path] = {}
     for path, sessions in sources.items():
         for session in sessions:
-            reference = reference or (path, session)
-            settings = reference[1].header.settings | {"num_distractors": session.distractors}
-            like = msgspec.structs.replace(
-                reference[1].header, seed=session.header.seed, settings=settings
-            )
-            check_alike(path, session.header, f"'{reference[0]}'", like)
+            # The first session is the reference, whichever it is: all must be alike.
+            if reference is None:
+                reference = (path, session.header)
+            first_path, first = reference
+            # Sessions may differ in condition and form, that is, in distractors and seed.
+            settings = first.settings | {"num_distractors": session.distractors}
+            like = msgspec.structs.replace(first, seed=session.header.seed, settings=settings)
+            check_alike(path, session.header, f"'{first_path}'", like)
         answers = tuple(session.answers for session in sessions)
         if answers in seen:
             raise ArtefactError(
                 f"{path} has the same answers as {seen[answers]}; give each study once."
             )
-        if any(answers):
+        if any(answers):  # studies without answers are equal without being the same
             seen[answers] = path
     if reference is None:
         raise ConfigError("no session: expected a study with participants.")
@@ -137,43 +195,59 @@ def _check_sources(sources: Mapping[Path, Sequence[Session]]) -> None:
 def _rate(
     part: str, sessions: Sequence[Session], agents: Mapping[str, Mapping[TableKey, AgentGame]]
 ) -> AnswerRate:
-    given = [
-        (person, answer)
-        for person, session in enumerate(sessions)
-        for answer in session.answers
-        if answer.part == part
-    ]
-    keys = [sessions[person].table_of(answer) for person, answer in given]
-    right = np.array([answer.success for _, answer in given], dtype=float)
-    people = np.array([person for person, _ in given], dtype=np.int64)
-    n, successes = len(given), int(right.sum())
+    """Return the rate of correct answers in a part, and of agents at the same tables."""
+    people: list[int] = []
+    keys: list[TableKey] = []
+    correct: list[bool] = []
+    # People are numbered anew over all studies, since numbers of two studies overlap.
+    for person, session in enumerate(sessions):
+        for answer in session.answers:
+            if answer.part == part:
+                people.append(person)
+                keys.append(session.table_of(answer))
+                correct.append(answer.success)
+    agent_rates = {}
+    if keys:
+        for name, games in agents.items():
+            agent_rates[name] = _agent_rate([games[key] for key in keys], keys)
+    number = len(correct)
+    successes = sum(correct)
     return AnswerRate(
-        answered=n,
+        answered=number,
         successes=successes,
-        rate=successes / n if n else None,
-        interval=wilson_interval(successes, n) if n else None,
-        people=len(set(people.tolist())),
-        people_interval=_over(right, people),
-        agents={
-            name: _agent_rate([made[key] for key in keys], keys)
-            for name, made in agents.items()
-            if keys
-        },
+        rate=successes / number if number else None,
+        interval=wilson_interval(successes, number) if number else None,
+        people=len(set(people)),
+        people_interval=_resampled(
+            np.array(correct, dtype=float), np.array(people, dtype=np.int64)
+        ),
+        agents=agent_rates,
     )
 
 
-def _agent_rate(made: Sequence[AgentGame], keys: Sequence[TableKey]) -> AgentRate:
-    won = np.array([game.success for game in made], dtype=float)
-    groups = np.array([game.group for game in made], dtype=np.int64)
-    return AgentRate(int(won.sum()), float(won.mean()), len(set(keys)), _over(won, groups))
+def _agent_rate(games: Sequence[AgentGame], keys: Sequence[TableKey]) -> AgentRate:
+    won = np.array([game.success for game in games], dtype=float)
+    groups = np.array([game.group for game in games], dtype=np.int64)
+    return AgentRate(
+        successes=int(won.sum()),
+        rate=float(won.mean()),
+        tables=len(set(keys)),
+        interval=_resampled(won, groups),
+    )
 
 
-def _over(right: NDArray[np.float64], clusters: NDArray[np.int64]) -> tuple[float, float] | None:
-    amount = len(np.unique(clusters))
-    if amount < 2:
+def _resampled(
+    correct: NDArray[np.float64], clusters: NDArray[np.int64]
+) -> tuple[float, float] | None:
+    """Return the interval of a mean over people or groups of tasks; None if there is only one.
+
+    If all answers are equal, all resamples are equal too, and the bootstrap interval would be a
+    point. Wilson's interval has a width; its trials are the clusters, not the answers, since the
+    answers of a person (or the tasks of a group) resemble each other.
+    """
+    number = len(np.unique(clusters))
+    if number < 2:
         return None
-    if right.min() == right.max():
-        return wilson_interval(
-            int(right[0]) * amount, amount
-        )  # the bootstrap interval would be a point
-    return interval(bootstrap(right, clusters))
+    if correct.min() == correct.max():
+        return wilson_interval(int(correct[0]) * number, number)
+    return interval(bootstrap(correct, clusters))

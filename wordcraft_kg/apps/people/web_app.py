@@ -1,7 +1,8 @@
-"""A study as a web application: consent, tasks, answers. The answers alone determine a person's progress.
+"""A study as a web application: consent, tasks, answers.
 
-A repeated, late or resent form leads to the next page and never to a second answer. The server uses only the code and
-the selected items of a request, and sets no cookie.
+The stored answers alone determine a person's progress: there is no session state in the server.
+A repeated, late or resent form leads to the next page and never to a second answer. The server uses
+only the code and the selected items of a request, and sets no cookie.
 """
 
 import hashlib
@@ -29,13 +30,15 @@ PRIVATE = {"Cache-Control": "no-store"}
 """Headers of every page: the next person at the same machine must not see an earlier page."""
 ALPHABET = "23456789abcdefghjkmnpqrstuvwxyz"
 """Letters of codes, without the similar characters 0 and o, 1, l and i."""
-LENGTH, GROUP = 12, 4
-"""Characters per code (about 59 bits), and per group."""
+LENGTH = 12
+"""Characters per code: about 59 bits, so that codes cannot be guessed over a network."""
+GROUP = 4
+"""Characters between two hyphens of a code, which are easier to copy by hand."""
 NO_SESSION = (
     "There is no session with this code. Please check the code and enter it on the start page. "
     "After a withdrawal, all answers are removed and the code is no longer valid."
 )
-"""Shown at the address of a withdrawn session, too: its code is not stored, so the server cannot tell."""
+"""Shown for withdrawn sessions, too: their codes are not stored, so the server cannot tell."""
 NOT_A_CODE = "A code consists of 12 letters and digits, such as k7qm-2xwd-9hrt."
 Form = Mapping[str, str]
 Endpoint = Callable[[Request], Awaitable[Response]]
@@ -50,7 +53,15 @@ def make_study_app(
     *,
     clock: Callable[[], float] | None = None,
 ) -> ASGIApp:
-    """Return the application for a host and further host names; the clock counts seconds, even across restarts."""
+    """Return the web application of a study.
+
+    Args:
+        study: tasks and texts.
+        answers: database of the study's answers.
+        host: host that the server listens on.
+        more_hosts: further host names by which browsers may ask, as behind a proxy.
+        clock: returns seconds that grow even across restarts; None for :func:`steady_clock`.
+    """
     server = _Server(study, answers, clock or steady_clock())
     routes = [
         Route("/", server.first),
@@ -66,23 +77,29 @@ def make_study_app(
         Route("/s/{code}/withdraw", server.of_person(server.withdraw), methods=["POST"]),
         Route("/withdrawn", server.text("withdrawn")),
     ]
+    # Sessions, answers and withdrawals need POST: a link or a preview cannot make one.
     router = Router(routes, redirect_slashes=False, default=server.not_found)
     return Guard(router, host, more_hosts, server.error, methods=("GET", "HEAD", "POST"))
 
 
 def steady_clock() -> Callable[[], float]:
     """Return a clock in seconds since 1970 that ignores later changes of the machine's time."""
+    # Wall time only once: it makes times comparable after a restart, but may jump while running.
     began = time.time() - time.monotonic()
     return lambda: began + time.monotonic()
 
 
 def new_code() -> str:
-    """Return a random code to resume a session, such as ``k7qm-2xwd-9hrt``; codes are never stored."""
+    """Return a random code to resume a session, such as ``k7qm-2xwd-9hrt``.
+
+    Codes are never stored, only their hashes: who reads the database cannot continue a session.
+    """
     return _grouped("".join(secrets.choice(ALPHABET) for _ in range(LENGTH)))
 
 
 def read_code(typed: str) -> str | None:
-    """Return a session's code, typed with any capitals, blanks and dashes; None if the text is not a code."""
+    """Return a code that was typed with any capitals, blanks and dashes; None if it is no code."""
+    # Cut before anything else, so that a long text costs nothing.
     letters = re.sub(r"[\s\-–—._]", "", typed[:100]).lower()
     is_code = len(letters) == LENGTH and set(letters) <= set(ALPHABET)
     return _grouped(letters) if is_code else None
@@ -98,8 +115,12 @@ def _grouped(letters: str) -> str:
 
 
 class _Server:
+    """The endpoints. Each of them may be asked at any time: in a second tab, late, or again."""
+
     def __init__(self, study: Study, answers: AnswersDatabase, clock: Callable[[], float]) -> None:
-        self.study, self.answers, self.clock = study, answers, clock
+        self.study = study
+        self.answers = answers
+        self.clock = clock
         self.environment = make_environment("wordcraft_kg.apps.people")
         self.environment.globals.update(
             study=study.record, paragraphs=study.record.consent.split("\n\n")
@@ -120,6 +141,7 @@ class _Server:
         if form.get("consent") == "no":
             return _to("/declined")
         code = read_code(form.get("code", ""))
+        # Nothing but an explicit yes begins a session.
         if form.get("consent") != "yes" or code is None:
             return _to("/")
         await run_in_threadpool(self.answers.begin, code_hash(code), self.study.cells)
@@ -128,17 +150,17 @@ class _Server:
     async def come_back(self, request: Request) -> Response:
         typed = (await _form(request)).get("code", "").strip()[:100]
         code = read_code(typed)
-        if (
-            code is not None
-            and await run_in_threadpool(self.answers.find, code_hash(code)) is not None
-        ):
-            return _to(f"/s/{code}")
-        problem = "There is no session with this code." if code else NOT_A_CODE
-        return self._page(
-            "first", 404 if code else 400, code=new_code(), problem=problem, typed=typed
-        )
+        if code is None:
+            return self._page("first", 400, code=new_code(), problem=NOT_A_CODE, typed=typed)
+        person = await run_in_threadpool(self.answers.find, code_hash(code))
+        if person is None:
+            problem = "There is no session with this code."
+            return self._page("first", 404, code=new_code(), problem=problem, typed=typed)
+        return _to(f"/s/{code}")
 
     def of_person(self, reply: Reply) -> Endpoint:
+        """Return the endpoint that finds the person of a code, and lets ``reply`` answer."""
+
         async def endpoint(request: Request) -> Response:
             form = await _form(request) if request.method == "POST" else {}
 
@@ -149,70 +171,91 @@ class _Server:
                     return self._missing(NO_SESSION)
                 return reply(request, form, code, person)
 
-            return await run_in_threadpool(replied)  # waits for the database
+            # In a thread: a reply waits for the disk; other people's pages must not wait with it.
+            return await run_in_threadpool(replied)
 
         return endpoint
 
     def introduction(self, _: Request, __: Form, code: str, person: Participant) -> Response:
-        given, tasks = self.answers.answers_of(person), self.study.tasks(person.cell)
+        given = self.answers.answers_of(person)
+        tasks = self.study.tasks(person.cell)
         if len(given) == len(tasks):
             return _to(f"/s/{code}/end")
         return self._page("introduction", code=code, given=len(given), tasks=tasks)
 
     def task(self, request: Request, _: Form, code: str, person: Participant) -> Response:
-        tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
+        tasks = self.study.tasks(person.cell)
+        place = len(self.answers.answers_of(person))
         if place == len(tasks):
             return _to(f"/s/{code}/end")
-        task, query = tasks[place], request.query_params
-        if "first" in query and (
-            query.get("task") != str(place)
-            or self.answers.shown(person, task.part, task.number) is None
-        ):
-            # The item was selected at another task, as in a second tab or after going back.
-            return _to(f"/s/{code}/task")
-        selection = _slot(query.get("first", ""), task)
-        # A reload after a first selection or an undo does not count as a page load.
-        if "first" not in query and request.method == "GET":
+        task = tasks[place]
+        query = request.query_params
+        if "first" in query:
+            was_shown = self.answers.shown(person, task.part, task.number) is not None
+            if query.get("task") != str(place) or not was_shown:
+                # The item was selected at another task, as in a second tab or after going back.
+                return _to(f"/s/{code}/task")
+        elif request.method == "GET":
+            # A reload after a first selection or an undo does not count as a page load.
             self.answers.show(person, task.part, task.number, self.clock())
+        selection = _slot(query.get("first", ""), task)
         return self._page(
             "task", code=code, task=task, selection=selection, place=place, all=len(tasks)
         )
 
     def answer(self, _: Request, form: Form, code: str, person: Participant) -> Response:
-        now = self.clock()
-        tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
-        number = (
-            int(form["task"]) if form.get("task", "").isdecimal() and len(form["task"]) < 6 else -1
-        )
-        if number < place:  # a repeated form
-            return self._after(code, tasks, number) if number >= 0 else _to(f"/s/{code}/task")
-        task = tasks[number] if number == place < len(tasks) else None
-        shown = None if task is None else self.answers.shown(person, task.part, task.number)
-        if task is None or shown is None:
-            return _to(f"/s/{code}/task")
-        first, second = (_slot(form.get(name, ""), task) for name in ("first", "second"))
+        now = (
+            self.clock()
+        )  # before anything else: waiting for the database is not the person's time
+        tasks = self.study.tasks(person.cell)
+        place = len(self.answers.answers_of(person))
+        number = _number(form.get("task", ""))
+        present_task = _to(f"/s/{code}/task")
+        if number is None:
+            return present_task
+        # A repeated form, as after a lost answer of the server: the first answer stays.
+        if number < place:
+            return self._after(code, tasks, number)
+        if number > place or place == len(tasks):
+            return present_task
+        # Only a task that was shown has a time, and only the present one can be answered.
+        task = tasks[place]
+        shown = self.answers.shown(person, task.part, task.number)
+        if shown is None:
+            return present_task
+        first = _slot(form.get("first", ""), task)
+        second = _slot(form.get("second", ""), task)
         if first is None or second is None:
-            return _to(f"/s/{code}/task")
-        answer = self.study.protocol(person.cell).answer(
-            task, (first, second), max(now - shown, 0.0)
-        )
+            return present_task
+        # After a restart, the clock may begin before the time of showing.
+        seconds = max(now - shown, 0.0)
+        answer = self.study.protocol(person.cell).answer(task, (first, second), seconds)
         self.answers.add(person, answer)
         return self._after(code, tasks, number)
 
     def _after(self, code: str, tasks: tuple[PosedTask, ...], place: int) -> Response:
+        """Lead to the page after an answer: the solution for a train task, else the next task."""
         task = tasks[place]
         if task.part == "train":
             return _to(f"/s/{code}/feedback/{task.number}")
-        return _to(f"/s/{code}/{'task' if place + 1 < len(tasks) else 'end'}")
+        if place + 1 < len(tasks):
+            return _to(f"/s/{code}/task")
+        return _to(f"/s/{code}/end")
 
     def feedback(self, request: Request, _: Form, code: str, person: Participant) -> Response:
-        tasks, given = self.study.tasks(person.cell), self.answers.answers_of(person)
+        tasks = self.study.tasks(person.cell)
+        given = self.answers.answers_of(person)
+        # Train tasks come first, so their numbers are places. Only answered ones have a solution.
         place = request.path_params["number"] - 1
         if not 0 <= place < min(len(given), self.study.record.tasks):
             return _to(f"/s/{code}/task")
-        task, answer = tasks[place], given[place]
         return self._page(
-            "feedback", code=code, task=task, answer=answer, place=place + 1, all=len(tasks)
+            "feedback",
+            code=code,
+            task=tasks[place],
+            answer=given[place],
+            place=place + 1,
+            all=len(tasks),
         )
 
     def withdraw(self, _: Request, __: Form, ___: str, person: Participant) -> Response:
@@ -223,20 +266,15 @@ class _Server:
         given = self.answers.answers_of(person)
         if len(given) < len(self.study.tasks(person.cell)):
             return _to(f"/s/{code}/task")
-        correct = {
-            part: [answer.success for answer in given if answer.part == part]
-            for part in HUMAN_PARTS
-        }
-        return self._page(
-            "end",
-            code=code,
-            correct={part: (sum(made), len(made)) for part, made in correct.items()},
-        )
+        correct = {}
+        for part in HUMAN_PARTS:
+            successes = [answer.success for answer in given if answer.part == part]
+            correct[part] = (sum(successes), len(successes))
+        return self._page("end", code=code, correct=correct)
 
     def _page(self, name: str, status: int = 200, **values: Any) -> Response:
-        return Response(
-            self._render(name, **values), status, media_type="text/html", headers=PRIVATE
-        )
+        page = self._render(name, **values)
+        return Response(page, status, media_type="text/html", headers=PRIVATE)
 
     def _render(self, name: str, **values: Any) -> str:
         return self.environment.get_template(f"{name}.html.j2").render(**values)
@@ -254,17 +292,26 @@ class _Server:
 
 
 async def _form(request: Request) -> dict[str, str]:
+    """Return the fields of a form; empty for a damaged form, which then leads to the next page."""
     try:
         body = await request.body()
+        # The limit of fields bounds the work that a hostile form causes.
         return dict(parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=20))
     except (ValueError, ClientDisconnect):
         return {}
 
 
 def _slot(text: str, task: PosedTask) -> int | None:
-    if text.isascii() and text.isdecimal() and len(text) < 6 and 1 <= int(text) <= len(task.table):
-        return int(text) - 1
+    """Return the slot for a number from 1 in a form; None for other texts."""
+    number = _number(text) if text.isascii() else None
+    if number is not None and 1 <= number <= len(task.table):
+        return number - 1
     return None
+
+
+def _number(text: str) -> int | None:
+    # Python refuses to read very long numbers, and reading long ones takes long.
+    return int(text) if text.isdecimal() and len(text) < 6 else None
 
 
 def _to(path: str) -> Response:

@@ -1,4 +1,4 @@
-"""HTTP connections with deadlines and in a bounded number, so that silent clients cannot occupy a server."""
+"""HTTP connections with deadlines, in a bounded number: silent clients cannot occupy a server."""
 
 import asyncio
 import sys
@@ -7,12 +7,18 @@ from collections.abc import Collection
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEADER_WAIT = 30.0
-"""Seconds until the header of a request must be complete, from the start of the connection or the end of the last
-answer. A telephone that loses four packets in a row needs 15."""
+"""Seconds until the header of a request must be complete.
+
+They begin with the connection, or with the end of the last answer. A telephone that loses four
+packets in a row needs 15.
+"""
 BODY_WAIT = 60.0
-"""Seconds until the body of a request must be complete, from its header on. A form has less than 1 KB."""
+"""Seconds until the body of a request must be complete, from its header on; forms have < 1 KB."""
 READING_WAIT = 60.0
-"""Seconds in which a client must take at least one byte of an unsent answer; slow clients may take any time."""
+"""Seconds in which a client must take at least one byte of an unsent answer.
+
+Slow clients may take any time in all.
+"""
 KEEP_ALIVE = 5
 """Seconds until an idle connection is closed; browsers then open another."""
 MOST_CONNECTIONS = 512
@@ -22,9 +28,10 @@ _OTHER_FILES = 64
 
 
 def most_connections() -> int:
-    """Return the maximum number of connections: a third of the open files that the system allows, at most 512.
+    """Return the maximum number of connections: a third of the permitted open files, at most 512.
 
-    New connections are accepted in bursts, before old connections are closed: they need files as well.
+    New connections are accepted in bursts, before old connections are closed: they need files as
+    well.
     """
     if sys.platform == "win32":  # sockets are not files there
         return MOST_CONNECTIONS
@@ -37,14 +44,18 @@ def most_connections() -> int:
 
 
 class Connection(H11Protocol):
-    """A connection that is closed if its client makes the server wait, or a new connection needs its place.
+    """A connection that is closed if its client makes the server wait, or its place is needed.
 
-    At the limit, the connection whose client has been silent for longest gives way, so that a visitor is served while
-    others hold connections open. A connection whose answer is being computed never gives way.
+    At the limit, the connection whose client has been silent for longest gives way, so that a
+    visitor is served while others hold connections open. A connection whose answer is being
+    computed never gives way.
+
+    Attributes:
+        limit: maximum number of connections of a server.
+        connections: the server's open connections, a set that all of them share.
     """
 
     limit = MOST_CONNECTIONS
-    """Maximum number of connections of a server."""
     connections: "set[Connection]"  # type: ignore[assignment]
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
@@ -61,6 +72,7 @@ class Connection(H11Protocol):
         """Read a part of a request; the time for its body begins with the end of its header."""
         request_before = self.cycle
         super().data_received(data)
+        # Single bytes of a header do not begin the time anew, or a client could send one a minute.
         if self.cycle is not request_before:
             self._silent_since = self.loop.time()
 
@@ -93,7 +105,7 @@ class Connection(H11Protocol):
 
 
 def end_overdue(connections: Collection[object]) -> None:
-    """End all connections, as uvicorn lists them, whose clients have made the server wait for too long."""
+    """End all connections, as uvicorn lists them, whose clients are overdue."""
     for connection in list(connections):
         if isinstance(connection, Connection) and connection.is_overdue():
             connection.end()

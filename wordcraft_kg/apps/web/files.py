@@ -24,7 +24,16 @@ def static_texts(package: str, names: Collection[str]) -> dict[str, str]:
 def file_endpoint(
     package: str, names: Collection[str], missing: Callable[[str], Response]
 ) -> Callable[[Request], Awaitable[Response]]:
-    """Return the endpoint for ``/files/{name}``: style sheet and static files; ``missing`` answers others."""
+    """Return the endpoint for ``/files/{name}``: the style sheet and static files.
+
+    The files are read once. A name is only a key among them, never a path, so no other file of the
+    machine can be asked for.
+
+    Args:
+        package: package with the folder ``static``.
+        names: names of the static files.
+        missing: returns the answer for another name, from a message.
+    """
     texts = {"explorer.css": style_sheet(), **static_texts(package, names)}
 
     async def file(request: Request) -> Response:
@@ -32,6 +41,7 @@ def file_endpoint(
         if name not in texts:
             return missing(f"The file '{name[:60]}' does not exist.")
         kind = "text/css" if name.endswith(".css") else "text/javascript"
+        # no-cache lets browsers keep a file, but ask each time: another version has other files.
         return Response(texts[name], media_type=kind, headers={"Cache-Control": "no-cache"})
 
     return file

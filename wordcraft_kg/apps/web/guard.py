@@ -14,8 +14,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from wordcraft_kg.base.errors import WordCraftKGError
 
 POLICY = (
-    "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src 'self'; "
-    "form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+    "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src "
+    "'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
 )
 """Only local files are loaded and run, even with hostile labels."""
 HEADERS = {
@@ -29,13 +29,19 @@ HEADERS = {
 LONGEST_ADDRESS = 8_192
 """Bytes for path and query."""
 LONGEST_BODY = 65_536
-"""Bytes."""
+"""Bytes of a request's body: more than any form."""
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
+"""Names of this machine, which are always permitted: no other machine can answer to them."""
 ErrorPage = Callable[[int, str], str]
+"""Returns the HTML page of an error from its status and message."""
 
 
 class Guard:
-    """Refuses requests for other hosts (DNS rebinding), other sites' forms and excessive sizes; hides tracebacks."""
+    """Refuses requests of other sites and of excessive size; shows errors without internals.
+
+    A page of another site may let its own name point to this machine (DNS rebinding); its Host
+    header gives the page away. A form of another site is known by its Origin header.
+    """
 
     def __init__(
         self,
@@ -46,12 +52,24 @@ class Guard:
         *,
         methods: Collection[str] = ("GET", "HEAD"),
     ):
-        """Guard an application without error pages, such as a Router, for this machine and further hosts."""
-        self.app, self.error_page, self.methods = app, error_page, methods
+        """Guard an application.
+
+        Args:
+            app: an application that lets errors through, such as a Router: Starlette's own class
+                answers errors itself.
+            host: host that the server listens on.
+            more_hosts: further permitted host names, as behind a proxy.
+            error_page: returns the HTML of an error from status and message.
+            methods: permitted HTTP methods.
+        """
+        self.app = app
+        self.error_page = error_page
+        self.methods = methods
         self.hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer a request."""
+        # Neither web sockets nor the lifespan: no page needs them.
         if scope["type"] != "http":
             return
         has_begun = False
@@ -72,17 +90,19 @@ class Guard:
             except _Refused as error:
                 refusal = error.status, str(error)
             except asyncio.CancelledError:
+                # The server stops. A begun answer cannot become an error page any more.
                 if has_begun:
                     return
                 refusal = 503, "The server is stopping. Please reload the page later."
             except WordCraftKGError as error:
+                # It says what is wrong, for the person at the terminal and not for the visitor.
                 logging.getLogger(__name__).error("%s", error)
                 refusal = 500, "Something went wrong. See the terminal for details."
             except LocalProtocolError:
                 return  # the server has answered a malformed request itself
             except Exception:
                 logging.getLogger(__name__).exception("error in request %s", scope["path"][:200])
-                if has_begun:
+                if has_begun:  # let the server cut the answer, so that it is not taken for whole
                     raise
                 refusal = 500, "Something went wrong. See the terminal for details."
         status, message = refusal
@@ -91,21 +111,25 @@ class Guard:
             await response(scope, receive, with_headers)
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
+        """Return status and message if a request is refused; None if it may pass."""
         headers = Headers(scope=scope)
+        # An address that cannot be read has no host, and so is refused.
         host = _split(f"//{headers.get('host', '')}").hostname or ""
         if host not in self.hosts:
             return 421, f"This server does not accept requests for the host '{host[:60]}'."
         if scope["method"] not in self.methods:
             return 405, f"The method {scope['method'][:20]} is not allowed here."
         origin = headers.get("origin")
-        # Compare the port, too: another program on this machine is another site.
-        if (
-            scope["method"] == "POST"
-            and origin is not None
-            and _split(origin).netloc != headers.get("host")
-        ):
+        # Browsers send an Origin with every form; programs without one cannot be lured.
+        if scope["method"] == "POST" and origin is not None:
+            # Compare the port, too: another program on this machine is another site.
+            is_own = _split(origin).netloc == headers.get("host")
+        else:
+            is_own = True
+        if not is_own:
             return 403, "This form was sent from another site. Please open the page on this site."
-        if len(scope.get("raw_path", b"")) + len(scope["query_string"]) > LONGEST_ADDRESS:
+        length = len(scope.get("raw_path", b"")) + len(scope["query_string"])
+        if length > LONGEST_ADDRESS:
             return 414, f"The address is too long (limit: {LONGEST_ADDRESS:,} bytes)."
         return None
 
@@ -117,6 +141,7 @@ class _Refused(Exception):
 
 
 def _limited(receive: Receive) -> Receive:
+    """Return a receiver that counts the bytes, since a Content-Length may be missing or wrong."""
     received = 0
 
     async def limited() -> Message:

@@ -22,30 +22,36 @@ PATIENCE = 1
 _WAITING = 128
 """Connections that may wait in the system until they are accepted."""
 _ACCEPTED_AT_ONCE = 16
-"""Connections that are accepted before older connections are closed: asyncio accepts as many as it lets wait."""
+"""Connections accepted before older ones are closed: asyncio accepts as many as it lets wait."""
 
 
 class _Once(logging.Filter):
-    """Passes equal messages without traceback once: malformed requests must not fill the terminal."""
+    """Passes equal messages without traceback once, lest malformed requests fill the terminal."""
 
     def __init__(self) -> None:
         super().__init__()
         self.seen: set[str] = set()
 
     def filter(self, record: logging.LogRecord) -> bool:
+        # Errors with a traceback always pass: they are faults of the server.
         is_new = record.getMessage() not in self.seen
         self.seen.add(record.getMessage())
         return is_new or record.exc_info is not None
 
 
 def listen(host: str, port: int) -> socket.socket:
-    """Return a listening socket; port 0 takes a free port, an unusable host or port is a ConfigError."""
+    """Return a listening socket; port 0 takes a free port.
+
+    Raises:
+        ConfigError: if the host is unknown, or the port is in use or not permitted.
+    """
     whole("port", port, 0, LARGEST_PORT)
     try:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
     except (OSError, UnicodeError):
         raise ConfigError(
-            f"`host` '{host}': unknown host; expected an address of this machine, such as 127.0.0.1."
+            f"`host` '{host}': unknown host; expected an address of this machine, such as "
+            "127.0.0.1."
         ) from None
     # asyncio sets TCP_NODELAY only for a named protocol; otherwise a page may wait for 40 ms.
     listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -56,7 +62,9 @@ def listen(host: str, port: int) -> socket.socket:
     except OSError as error:
         listening.close()
         reasons = {
-            errno.EADDRINUSE: "is in use by another program; choose another port (0 selects a free port)",
+            errno.EADDRINUSE: (
+                "is in use by another program; choose another port (0 selects a free port)"
+            ),
             errno.EACCES: "is not permitted for this user; choose a port above 1023",
             errno.EADDRNOTAVAIL: f"cannot be opened: '{host}' is not an address of this machine",
         }
@@ -76,7 +84,8 @@ def serve(
 ) -> None:
     """Serve until Ctrl-C or SIGTERM, and finish requests that take no longer than :data:`PATIENCE`.
 
-    The number of connections is bounded and clients have deadlines, see :mod:`wordcraft_kg.apps.web.connections`.
+    The number of connections is bounded and clients have deadlines, see
+    :mod:`wordcraft_kg.apps.web.connections`.
 
     Args:
         app: the ASGI application.
@@ -93,6 +102,7 @@ def serve(
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
             listening.listen(_WAITING)  # asyncio has set the number of connections accepted at once
+            # False if the start has failed; a browser that asks earlier shows an error.
             if self.started:
                 started(address_of(listening))
                 sys.stdout.flush()
@@ -104,6 +114,7 @@ def serve(
                 connections.end_overdue(self.server_state.connections)
             return await super().on_tick(counter)
 
+    # A class for each server: the limit of open files is that of the moment.
     class Connection(connections.Connection):
         limit = connections.most_connections()
 
@@ -119,7 +130,8 @@ def serve(
         server_header=False,
         timeout_graceful_shutdown=PATIENCE,
     )
-    logging.getLogger("uvicorn.error").addFilter(once := _Once())
+    once = _Once()
+    logging.getLogger("uvicorn.error").addFilter(once)
     try:
         with sigterm_as_interrupt():  # the server finishes requests and raises the signal again
             Server(config).run(sockets=[listening])
@@ -132,6 +144,7 @@ def serve(
 
 def address_of(listening: socket.socket) -> str:
     """Return the web address of a listening socket, to open in a browser."""
+    # An address for all networks is no address to open; this machine is always among them.
     host, port = listening.getsockname()[:2]
     shown = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)
     return f"http://[{shown}]:{port}" if ":" in shown else f"http://{shown}:{port}"

@@ -10,8 +10,10 @@ from wordcraft_kg.cli.options import Force, Graph
 
 GROUP = "Knowledge from outside the book"
 EXAMPLES = (
-    "wordcraft-kg elicit graphs/mine --model HuggingFaceTB/SmolLM2-135M-Instruct --out knowledge/lm",
-    "wordcraft-kg elicit graphs/mine --model models/small.gguf --random-weights 0 --out knowledge/control",
+    "wordcraft-kg elicit graphs/mine --model HuggingFaceTB/SmolLM2-135M-Instruct --out "
+    "knowledge/lm",
+    "wordcraft-kg elicit graphs/mine --model models/small.gguf --random-weights 0 --out "
+    "knowledge/control",
 )
 
 
@@ -27,13 +29,15 @@ def elicit(
 ) -> None:
     """Elicit knowledge from a language model's probabilities: which entities need, make or go with which?
 
-    The model reads one short text for each entity and prompt, and generates nothing. The same command continues an
-    interrupted run.
+    The model reads one short text for each entity and prompt, and generates nothing. The same
+    command continues an interrupted run.
 
     Args:
         model: model folder, .gguf file, or a name on the Hugging Face hub.
-        prompts: JSON file with prompts. Default: 13 prompts; the output folder has them as prompts.json.
-        random_weights: seed for random weights in the same architecture, as a control. Default: the model's weights.
+        prompts: JSON file with prompts. Default: 13 prompts; the output folder has them as
+            prompts.json.
+        random_weights: seed for random weights in the same architecture, as a control. Default: the
+            model's weights.
         out: folder to write.
     """
     from wordcraft_kg.apps.elicitation.prompts import DEFAULT, read_prompts

@@ -9,7 +9,8 @@ from wordcraft_kg.cli.options import Book, Force, Graph, Words
 
 GROUP = "Knowledge from outside the book"
 EXAMPLES = (
-    "wordcraft-kg encode graphs/mine --encoder sentence-transformers/all-MiniLM-L6-v2 --out vectors/mine",
+    "wordcraft-kg encode graphs/mine --encoder sentence-transformers/all-MiniLM-L6-v2 --out "
+    "vectors/mine",
     "wordcraft-kg train-recipes graphs/mine --features vectors/mine --out models/mine",
 )
 
@@ -38,20 +39,24 @@ def encode(
     folder = out or Path("vectors") / graphs[0].name
     check_output(folder, force=force)
     check_extra("text")
-    more = (check_label(label, "`labels`") for label in split_labels(labels or []))
-    every = list(dict.fromkeys([*(label for each in graphs for label in each.entities), *more]))
+    # Each label once, in order: books share entities, and a vector belongs to a label.
+    every: dict[str, None] = {}
+    for each in graphs:
+        every |= dict.fromkeys(each.entities)
+    for label in split_labels(labels or []):
+        every[check_label(label, "`labels`")] = None
+    names = list(every)
     from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
     from wordcraft_kg.apps.elicitation.weights import locate_model
 
-    vectors, hashes = encode_labels(
-        every, locate_model("encoder", encoder), output.progress("encoding", unit="label")
-    )
+    progress = output.progress("encoding", unit="label")
+    vectors, hashes = encode_labels(names, locate_model("encoder", encoder), progress)
     inputs = {
         "graph": graphs[0].hash,
         **{f"graph {each.name}": each.hash for each in graphs[1:]},
         **hashes,
     }
-    written = write_vectors(folder, every, vectors, inputs=inputs, force=force)
+    written = write_vectors(folder, names, vectors, inputs=inputs, force=force)
     size, dimensions = vectors.shape
     following = command_line("train-recipes", graph, "--features", written)
     output.result(

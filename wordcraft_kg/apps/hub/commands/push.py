@@ -24,13 +24,15 @@ def hub_push(
 ) -> None:
     """Check a graph folder, model folder or agent, and push the folder to the hub with a card, as one commit.
 
-    The card (README.md) has the licence, figures, command, versions and hashes of the inputs. A login is needed:
-    hf auth login, or the variable HF_TOKEN.
+    The card (README.md) has the licence, figures, command, versions and hashes of the inputs. A
+    login is needed: hf auth login, or the variable HF_TOKEN.
 
     Args:
         folder: graph folder, model folder or run of train-agent.
-        repository: OWNER/NAME on the hub; a dataset for a graph, otherwise a model. Created if necessary.
-        licence: identifier of a licence on the hub. Default: cc0-1.0 for built-in books, an error for others.
+        repository: OWNER/NAME on the hub; a dataset for a graph, otherwise a model. Created if
+            necessary.
+        licence: identifier of a licence on the hub. Default: cc0-1.0 for built-in books, an error
+            for others.
         private: create a private repository.
         revision: branch, created if necessary. Default: main.
         dry_run: list the files and print the card, without a connection.

@@ -35,7 +35,9 @@ added. Ingredients are not used up, and you may combine an item with itself. An
 item is its number, its name, or the start of its name. ? shows this help, q
 quits."""
 ATTEMPTS = 100
-WIDTH = 80  # columns
+"""Default number of attempts in open-ended mode."""
+WIDTH = 80
+"""Columns of the terminal."""
 
 
 class Quit(Exception):
@@ -44,13 +46,18 @@ class Quit(Exception):
 
 @dataclass(frozen=True)
 class Terminal:
-    """A game as lines of text on a stream, and typed pairs from stdin."""
+    """A game as lines of text on a stream, and typed pairs from stdin.
+
+    Attributes:
+        stream: stream for texts: stdout, or stderr if stdout has the result as JSON.
+    """
 
     stream: TextIO
 
     def __post_init__(self) -> None:
         if isinstance(sys.stdin, io.TextIOWrapper) and sys.stdin.errors != "replace":
-            sys.stdin.reconfigure(errors="replace")  # stray bytes are bad input, not a failure
+            # Bytes that are no text are bad input, to be asked for again, and not a failure.
+            sys.stdin.reconfigure(errors="replace")
 
     def say(self, *lines: str) -> None:
         """Show lines of text."""
@@ -60,7 +67,10 @@ class Terminal:
 
     @contextmanager
     def until_quit(self, tally: Callable[[], str]) -> Iterator[None]:
-        """Run a game in a ``with`` block until :class:`Quit`; after Ctrl-C, the message has the result so far."""
+        """Run a game in a ``with`` block until :class:`Quit`.
+
+        After Ctrl-C, the message of the KeyboardInterrupt has the result so far from ``tally``.
+        """
         try:
             yield
         except Quit:
@@ -72,6 +82,7 @@ class Terminal:
     def ask(self, prompt: str) -> str:
         """Return a typed line; ``q`` and the end of the input raise :class:`Quit`."""
         print(prompt, end="", file=self.stream, flush=True)
+        # Without a console, Python may have no stdin at all.
         line = sys.stdin.readline() if sys.stdin else ""
         if not line or not sys.stdin.isatty():
             self.say(line.strip())  # a terminal has shown the line already
@@ -80,9 +91,10 @@ class Terminal:
         return line.strip()
 
     def pair(self, labels: Sequence[str], prompt: str) -> tuple[int, int]:
-        """Show items, and ask for two until the input is valid; return two indices in ``labels``."""
+        """Show items and ask for two of them until the input is valid; return their indices."""
         from wordcraft_kg.envs.words import numbered
 
+        # Once for each table, not after each mistake: the list may be long.
         self.say(textwrap.fill(numbered(labels), WIDTH))
         while True:
             typed = self.ask(prompt)
@@ -118,18 +130,16 @@ def play(
         attempts: attempts per episode. Default: depth; 100 in open-ended mode.
         seed: seed for tasks and tables. Default: a random seed, which is shown.
         episodes: number of episodes; 0 plays until you quit.
-        open_ended: play without goals: start with the base entities and discover as many entities as you can.
-        base: comma-separated entities known at the start in open-ended mode. Default: the base entities of the graph.
+        open_ended: play without goals: start with the base entities and discover as many entities
+            as you can.
+        base: comma-separated entities known at the start in open-ended mode. Default: the base
+            entities of the graph.
     """
+    # With --json, stdout is for the result alone.
     terminal = Terminal(sys.stderr if output.json else sys.stdout)
     if open_ended:
-        if (depth, distractors, part, seed, episodes) != (
-            1,
-            WordCraftConfig.num_distractors,
-            "all",
-            None,
-            0,
-        ):
+        defaults = (WordCraftConfig.depth, WordCraftConfig.num_distractors, "all", None, 0)
+        if (depth, distractors, part, seed, episodes) != defaults:
             raise ConfigError("--open-ended has no tasks; the only options are attempts and base.")
         _play_open_world(terminal, graph, split_labels(base) if base else None, attempts, output)
     elif base:
@@ -155,10 +165,13 @@ def _play_tasks(
     from wordcraft_kg.apps.people.protocol import episode_seed
     from wordcraft_kg.envs.wordcraft import WordCraftEnv
 
+    # Checked before a graph is read, which may take long.
     whole("episodes", episodes, 0, MAX_SIZE)
     if settings["max_attempts"] is not None:
         whole("attempts", settings["max_attempts"], settings["depth"], MAX_ATTEMPTS)
-    seed = secrets.randbelow(1_000_000) if seed is None else seed
+    if seed is None:
+        # Shown at the end and short enough to type, so that the same tasks can be played again.
+        seed = secrets.randbelow(1_000_000)
     env = WordCraftEnv(graph, **settings)
     played = successes = 0
 
@@ -196,18 +209,20 @@ def _play_task(terminal: Terminal, env: "WordCraftEnv", observation: "Observatio
         one, other = terminal.pair(table, f"attempts left: {observation['attempts_left']} > ")
         env.step(one)
         observation, _, _, _, info = env.step(other)
-        outcome, pair = info["outcome"], (table[one], table[other])
+        outcome = info["outcome"]
+        pair = (table[one], table[other])
         terminal.say(combined(pair, results_of(env, *pair)))
-    goal, plans = env.task.goal, env.task.plans
-    made = outcome == "goal"
-    terminal.say(
-        f"You made the goal: {goal}."
-        if made
-        else f"You have no attempts left. You did not make {goal}.",
-        f"{'Solution' if len(plans) == 1 else f'One of {len(plans)} solutions'}: "
-        + "; ".join(combined((a, b), (result,)) for a, b, result in plans[0]),
-    )
-    return made
+    goal = env.task.goal
+    plans = env.task.plans
+    has_made_goal = outcome == "goal"
+    if has_made_goal:
+        terminal.say(f"You made the goal: {goal}.")
+    else:
+        terminal.say(f"You have no attempts left. You did not make {goal}.")
+    title = "Solution" if len(plans) == 1 else f"One of {len(plans)} solutions"
+    steps = "; ".join(combined((a, b), (result,)) for a, b, result in plans[0])
+    terminal.say(f"{title}: {steps}")
+    return has_made_goal
 
 
 def _play_open_world(
@@ -222,28 +237,29 @@ def _play_open_world(
         max_attempts=whole("attempts", ATTEMPTS if attempts is None else attempts, 1),
     )
     env.reset()
-    names, discovery = env.graph, env.discovery
+    names = env.graph
+    discovery = env.discovery
     attempted = repeated = 0
     is_over = False
 
     def tally() -> str:
-        return f"known items: {len(discovery.known)} of {discovery.reachable} after {attempted} attempts"
+        known = f"{len(discovery.known)} of {discovery.reachable}"
+        return f"known items: {known} after {attempted} attempts"
 
     terminal.say(f"{HELP}\n")
     with terminal.until_quit(tally):
         while not is_over:
             known = names.labels(discovery.known)
             left = env.max_attempts - attempted
-            pair = [
-                known[i]
-                for i in terminal.pair(
-                    known, f"known items: {len(known)}   attempts left: {left} > "
-                )
-            ]
-            _, _, is_over, _, info = env.step([*map(names.id_of, pair)])
-            attempted, repeated = attempted + 1, repeated + info["repeated"]
+            prompt = f"known items: {len(known)}   attempts left: {left} > "
+            pair = [known[place] for place in terminal.pair(known, prompt)]
+            _, _, is_over, _, info = env.step([names.id_of(label) for label in pair])
+            attempted += 1
             line = combined(pair, names.labels(info["new_entities"]), PROMPTS["nothing_new"])
-            terminal.say(line + PROMPTS["tried"] * info["repeated"])
+            if info["repeated"]:
+                repeated += 1
+                line += PROMPTS["tried"]
+            terminal.say(line)
     values = {
         "graph": names.name,
         "hash": names.hash,

@@ -8,6 +8,7 @@ from cyclopts import Parameter
 
 from wordcraft_kg.apps.people.config import CONSENT, LONGEST_CONSENT, StudyConfig
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, whole_numbers
 from wordcraft_kg.cli.options import Book
 
@@ -39,22 +40,24 @@ def people_serve(
 ) -> None:
     """Serve the human protocol of the paper in the browser; Ctrl-C stops the server; repeat the command to resume.
 
-    Several people can participate at once. Each answer is on disk before the next page. The study stores only the
-    selected items, times and page loads.
+    Several people can participate at once. Each answer is on disk before the next page. The study
+    stores only the selected items, times and page loads.
 
     Args:
         graph: graph folder, recipe book file, or built-in book name.
         out: study folder.
         tasks: number of train tasks with feedback, and of test tasks without feedback.
-        distractors: comma-separated numbers of distractors on a table. Several numbers are conditions, with people
-            spread evenly over them. Default: 8.
-        forms: number of task samples, with people spread evenly over them; 1 gives everybody the same tasks.
+        distractors: comma-separated numbers of distractors on a table. Several numbers are
+            conditions, with people spread evenly over them. Default: 8.
+        forms: number of task samples, with people spread evenly over them; 1 gives everybody the
+            same tasks.
         seed: seed for the first form; further forms have the following seeds.
         consent: text file with the consent text. Default: a text that matches the stored data.
-        host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages to other machines.
+        host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages
+            to other machines.
         port: port to listen on; 0 selects a free port.
-        allow_host: further permitted host name or address, as with --host 0.0.0.0 or behind a proxy. May be given
-            several times.
+        allow_host: further permitted host name or address, as with --host 0.0.0.0 or behind a
+            proxy. May be given several times.
         no_browser: do not open the browser.
     """
     from wordcraft_kg.apps.people.study import Study, kept_answers
@@ -66,7 +69,8 @@ def people_serve(
 
     amounts = whole_numbers("distractors", distractors) if distractors else StudyConfig.distractors
     config = StudyConfig(tasks, tuple(amounts), forms, seed, _consent(consent))
-    listening = listen(host, port)  # before anything is written
+    # Before anything is written: a port in use must not leave a begun study.
+    listening = listen(host, port)
     try:
         study = Study(graph, config)
         with kept_answers(out, study) as answers:
@@ -77,6 +81,7 @@ def people_serve(
                     [f"{address}   {_counts(answers.stored())} so far   Ctrl-C stops the server"],
                 )
 
+            # Counts are of this moment: the same command continues a study.
             app = make_study_app(study, answers, host, allow_host or ())
             serve(app, listening, started, in_browser=not no_browser)
             stored = answers.stored()
@@ -90,6 +95,7 @@ def people_serve(
 def _consent(path: Path | None) -> str:
     if path is None:
         return CONSENT
+    # A character has at most 4 bytes in UTF-8. The exact limit is that of StudyConfig.
     if not path.is_file() or path.stat().st_size > 8 * LONGEST_CONSENT:
         raise ConfigError(
             f"--consent {path}: expected a text file of at most {LONGEST_CONSENT:,} characters."
@@ -99,10 +105,12 @@ def _consent(path: Path | None) -> str:
         lines = path.read_text(encoding="utf-8-sig").strip().splitlines()
     except UnicodeError:
         raise ConfigError(f"--consent {path}: expected UTF-8 text.") from None
+    # Blanks at the end of a line must not hide the blank line between two paragraphs.
     paragraphs = "\n".join(line.strip() for line in lines).split("\n\n")
     return "\n\n".join(paragraph.strip() for paragraph in paragraphs if paragraph.strip())
 
 
 def _counts(stored: "Stored") -> str:
-    people = f"{stored.people:,} {'person' if stored.people == 1 else 'people'} ({stored.finished:,} finished)"
-    return f"{people} and {stored.answers:,} answer{'s' * (stored.answers != 1)}"
+    people = counted(stored.people, "person", "people")
+    answers = counted(stored.answers, "answer")
+    return f"{people} ({stored.finished:,} finished) and {answers}"

@@ -1,6 +1,7 @@
 """``wordcraft-kg people summary``."""
 
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,8 +40,10 @@ def people_summary(
 
     Args:
         studies: study folders (`people serve`) with equal graph and split.
-        run: run folder of an agent, which plays at exactly the same tables. May be given several times.
-        export: write the answers in one study folder to this JSON lines file instead; the server may be running.
+        run: run folder of an agent, which plays at exactly the same tables. May be given several
+            times.
+        export: write the answers in one study folder to this JSON lines file instead; the server
+            may be running.
     """
     from wordcraft_kg.apps.people.study import read_study
     from wordcraft_kg.apps.people.summary import view_people
@@ -55,9 +58,8 @@ def people_summary(
     sources = {path: read_study(path).sessions() for path in studies}
     if len(sources) < len(studies):
         raise ConfigError("a path is given twice; give each path once.")
-    view = view_people(
-        sources, _compared(run or [], [session for group in sources.values() for session in group])
-    )
+    sessions = list(chain.from_iterable(sources.values()))
+    view = view_people(sources, _compared(run or [], sessions))
     output.result(view, _text(view))
 
 
@@ -67,6 +69,7 @@ def _exported(folder: Path, out: Path, force: bool) -> tuple["ExportedAnswers", 
     from wordcraft_kg.base.artefacts import staged_file
     from wordcraft_kg.base.records import as_lines
 
+    # Read and checked as a whole before the file is made.
     study = read_study(folder)
     lines = as_lines(study.lines())
     with staged_file(out, force=force) as path:
@@ -80,6 +83,7 @@ def _compared(
 ) -> "dict[str, dict[TableKey, AgentGame]]":
     if not runs:
         return {}
+    # Imported late: without --run, the command plays no agent.
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.apps.people.comparison import agent_successes
 
@@ -89,21 +93,23 @@ def _compared(
 def _text(view: "HumanSummary") -> Iterator[str]:
     yield f"{view.graph}; sessions: {view.sessions}, finished: {view.finished}"
     rows = []
+    has_notes = False
     for condition in view.conditions:
-        amount = f"{condition.distractors} distractor{'s' * (condition.distractors != 1)}"
+        noun = "distractor" if condition.distractors == 1 else "distractors"
+        amount = f"{condition.distractors} {noun}"
         for part, row in condition.parts.items():
             rows.append((f"{amount}, {part}", _figures(row)))
             if row.people_interval:
                 rows.append((f"  over {row.people} people", _interval(row.people_interval)))
             for name, agent in row.agents.items():
-                shown = f"{agent.successes} of {row.answered} at the same {agent.tables} tables, rate {agent.rate:.3f}"
-                rows.append((f"  {name}", f"{shown} {_interval(agent.interval)}".rstrip()))
+                shown = (
+                    f"{agent.successes} of {row.answered} at the same {agent.tables} tables, "
+                    f"rate {agent.rate:.3f} {_interval(agent.interval)}"
+                )
+                rows.append((f"  {name}", shown.rstrip()))
+            has_notes |= bool(row.people_interval or row.agents)
     yield from aligned(rows)
-    if any(
-        row.people_interval or row.agents
-        for condition in view.conditions
-        for row in condition.parts.values()
-    ):
+    if has_notes:
         yield from NOTE
 
 

@@ -118,6 +118,15 @@ def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
             )
 
 
+def vector_files(labels: Sequence[str], vectors: NDArray[np.float16]) -> dict[str, bytes]:
+    """Return the files of a folder of vectors: by name, the vectors, shape (N, D), and the N labels."""
+    buffer = io.BytesIO()
+    # No pickle: the array has numbers only, and readers refuse anything else.
+    np.save(buffer, vectors, allow_pickle=False)
+    names = "".join(f"{label}\n" for label in labels).encode()
+    return {ENCODED: buffer.getvalue(), Path(ENCODED).with_suffix(".labels.txt").name: names}
+
+
 def write_vectors(
     out: Path,
     labels: Sequence[str],
@@ -143,12 +152,7 @@ def write_vectors(
     """
     folder = with_a_name(out)
     with staged_folder(folder, force=force) as staging:
-        buffer = io.BytesIO()
-        # No pickle: the array has numbers only, and readers refuse anything else.
-        np.save(buffer, vectors, allow_pickle=False)
-        names = "".join(f"{label}\n" for label in labels).encode()
-        names_file = Path(ENCODED).with_suffix(".labels.txt").name
-        files = {ENCODED: buffer.getvalue(), names_file: names}
+        files = vector_files(labels, vectors)
         for name, content in files.items():
             write_atomically(staging / name, content)
         end_run(staging, start_run(staging, "encode", inputs=inputs), "done", tuple(files))

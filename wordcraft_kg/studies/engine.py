@@ -16,6 +16,7 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.studies.cells import exchange_cells, keep_cell, read_cell
 from wordcraft_kg.studies.local_workers import LocalWorkers
+from wordcraft_kg.studies.packs import CellFiles
 from wordcraft_kg.studies.perform import FIGURES, check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
 from wordcraft_kg.studies.results import StudyResults, read_figures
@@ -76,15 +77,17 @@ def run_plan(
         FullDiskError: if the disk is full.
         KeyboardInterrupt: after Ctrl-C; running trainings keep a checkpoint.
     """
+    # A store that cannot be read is refused before the results folder is touched.
+    cells = None if store is None else CellFiles(store)
     with own_results(root):
         write_plan(root, plan, command)
-        engine = _Engine(plan, root, watch, store)
-        engine.state.taken = exchange_cells(plan, root, store) if store else 0
+        engine = _Engine(plan, root, watch, cells)
+        engine.state.taken = 0 if cells is None else exchange_cells(plan, root, cells)
         return engine.run(make_workers)
 
 
 class _Engine:
-    def __init__(self, plan: Plan, root: Path, watch: Watch | None, store: Path | None):
+    def __init__(self, plan: Plan, root: Path, watch: Watch | None, store: CellFiles | None):
         self.plan, self.root, self.watch, self.store = plan, root, watch, store
         self.state = State(len(plan.tasks))
         self._present: set[str] = set()
@@ -214,13 +217,14 @@ _START = 3.0
 
 def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
     """Estimate a study's remaining core hours from finished tasks; cells in ``store`` count as finished."""
+    cells = None if store is None else CellFiles(store)
     left: dict[str, Task] = {}
     measured = defaultdict(list)
     for task in plan.tasks.values():
         try:
             seconds = read_figures(task.folder(root), FIGURES[task.kind]).seconds
         except ArtefactError:
-            if store is None or task.kind == "graphs" or read_cell(task, store) is None:
+            if cells is None or task.kind == "graphs" or read_cell(task, cells) is None:
                 left[task.address] = task
             continue
         if seconds:

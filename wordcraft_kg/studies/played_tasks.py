@@ -43,7 +43,7 @@ class PlayedTasks:
         return self._groups[key]
 
     def check(
-        self, figures: RunFigures, address: str, settings: Mapping[str, Any], where: Path
+        self, figures: RunFigures, address: str, settings: Mapping[str, Any], where: Path | str
     ) -> None:
         """Raise ArtefactError if an agent's results are of another graph or split, or not of all test tasks.
 
@@ -51,7 +51,7 @@ class PlayedTasks:
             figures: results of the agent.
             address: address of the agent's graph.
             settings: settings of the agent's cell or task.
-            where: file or folder with the results, for the error.
+            where: file or folder with the results, perhaps in words, for the error.
         """
         opened, tasks = self._graph(address), len(self.groups(address, settings))
         graph, split = opened.graph.hash, opened.split.hash

@@ -17,7 +17,7 @@ from wordcraft_kg.cli.options import Force, Words
 from wordcraft_kg.studies.study import Metric
 
 if TYPE_CHECKING:
-    from wordcraft_kg.studies.engine import State, Watch
+    from wordcraft_kg.studies.engine import StudyProgress, Watch
     from wordcraft_kg.studies.plan import Plan
     from wordcraft_kg.studies.results import StudyResults
     from wordcraft_kg.studies.study import Study
@@ -284,7 +284,7 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
 
 
 def _reported(
-    plan: "Plan", state: "State", options: EngineOptions
+    plan: "Plan", state: "StudyProgress", options: EngineOptions
 ) -> tuple[dict[str, Any], list[str]]:
     from wordcraft_kg.base.artefacts import write_atomically
     from wordcraft_kg.studies.report import write_study_report
@@ -333,7 +333,7 @@ def _first(lines: list[str], rest: str) -> list[str]:
 def _watch(plan: "Plan", output: Output) -> "Watch":
     progress = output.progress(plan.name, unit="done")
 
-    def watch(plan: "Plan", state: "State") -> None:
+    def watch(plan: "Plan", state: "StudyProgress") -> None:
         failed = len(state.failed)
         progress(
             state.kept + state.done + failed,

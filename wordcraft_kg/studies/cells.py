@@ -23,7 +23,13 @@ from wordcraft_kg.studies.packs import CellFiles
 from wordcraft_kg.studies.perform import FIGURES, is_done
 from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.played_tasks import PlayedTasks
-from wordcraft_kg.studies.results import Figures, RunFigures, hash_of, read_figures, write_figures
+from wordcraft_kg.studies.results import (
+    RunFigures,
+    TaskFigures,
+    hash_of,
+    read_figures,
+    write_figures,
+)
 from wordcraft_kg.studies.tasks import Task
 
 _UNTIMED = {"seconds": 0.0, "steps_per_second": 0, "stored": False}
@@ -65,7 +71,9 @@ def exchange_cells(plan: Plan, root: Path, store: CellFiles) -> int:
     return taken
 
 
-def read_cell(task: Task, store: CellFiles, played: PlayedTasks | None = None) -> Figures | None:
+def read_cell(
+    task: Task, store: CellFiles, played: PlayedTasks | None = None
+) -> TaskFigures | None:
     """Return a task's results from its cell, and warn of a cell that does not count.
 
     Args:
@@ -145,7 +153,7 @@ def _write_loose(task: Task, store: CellFiles, text: str) -> None:
         )
 
 
-def _text(task: Task, figures: Figures) -> str:
+def _text(task: Task, figures: TaskFigures) -> str:
     values = as_values(
         structs.replace(
             figures, **{name: _UNTIMED[name] for name in _UNTIMED if hasattr(figures, name)}

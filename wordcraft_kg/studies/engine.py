@@ -35,7 +35,7 @@ _TICK = 0.5
 
 
 @dataclass
-class State:
+class StudyProgress:
     """The progress of a running study, in numbers of tasks.
 
     ``kept`` tasks were finished before the start, ``taken`` of them in the store. ``failed`` has outcomes by task
@@ -50,7 +50,7 @@ class State:
     running: dict[str, float] = field(default_factory=dict)
 
 
-Watch = Callable[[Plan, State], None]
+Watch = Callable[[Plan, StudyProgress], None]
 
 
 class FullDiskError(WordCraftKGError, OSError):
@@ -65,7 +65,7 @@ def run_plan(
     command: str = "",
     watch: Watch | None = None,
     store: Path | None = None,
-) -> State:
+) -> StudyProgress:
     """Perform the tasks in a study that lack results in the folder ``root``, and return the final state.
 
     A failed task stops only the tasks that need its result; the next call repeats failed tasks. Workers are made only
@@ -89,11 +89,11 @@ def run_plan(
 class _Engine:
     def __init__(self, plan: Plan, root: Path, watch: Watch | None, store: CellFiles | None):
         self.plan, self.root, self.watch, self.store = plan, root, watch, store
-        self.state = State(len(plan.tasks))
+        self.state = StudyProgress(len(plan.tasks))
         self._present: set[str] = set()
         self._waiting: dict[str, Task] = {}
 
-    def run(self, make_workers: Callable[[], LocalWorkers]) -> State:
+    def run(self, make_workers: Callable[[], LocalWorkers]) -> StudyProgress:
         tasks = self.plan.tasks
         self._waiting = self._missing()
         self._present = tasks.keys() - self._waiting.keys()

@@ -26,9 +26,9 @@ from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import agent_config, scorer_config
 from wordcraft_kg.studies.results import (
     FIGURES_FILE,
-    Figures,
     RunFigures,
     ScorerFigures,
+    TaskFigures,
     read_figures,
     write_figures,
 )
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from wordcraft_kg.runs.training import Training
 
 T = TypeVar("T")
-FIGURES: dict[Kind, type[Figures]] = {
-    "graphs": Figures,
+FIGURES: dict[Kind, type[TaskFigures]] = {
+    "graphs": TaskFigures,
     "scorers": ScorerFigures,
     "runs": RunFigures,
 }
@@ -91,7 +91,9 @@ def make_graph(task: Task, root: Path, book: str) -> None:
             f"the book '{book}' has changed since the study was planned; repeat the command."
         )
     write_graph_folder(folder, recipes, split, force=True)
-    write_figures(folder, Figures(seconds=0.0, versions={"wordcraft-kg": version("wordcraft-kg")}))
+    write_figures(
+        folder, TaskFigures(seconds=0.0, versions={"wordcraft-kg": version("wordcraft-kg")})
+    )
 
 
 def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:

@@ -24,8 +24,8 @@ from wordcraft_kg.studies.study import (
     OF_GRAPH,
     SCORER,
     SCORER_SETTINGS,
-    Cell,
     Study,
+    StudyCell,
     Value,
     Values,
     cells_of,
@@ -76,7 +76,7 @@ class Plan:
 
     name: str
     study: Study
-    cells: tuple[Cell, ...]
+    cells: tuple[StudyCell, ...]
     runs: tuple[str, ...]
     tasks: Mapping[str, Task]
     books: Mapping[str, str]
@@ -119,7 +119,7 @@ def make_plan(study: Study, name: str) -> Plan:
     )
 
 
-def _refuse_equal(cells: Sequence[Cell], runs: Mapping[int, str]) -> None:
+def _refuse_equal(cells: Sequence[StudyCell], runs: Mapping[int, str]) -> None:
     by_variant: dict[str, list[str]] = {}
     for number, cell in enumerate(cells):
         by_variant.setdefault(cell.variant, []).append(runs[number])
@@ -140,7 +140,7 @@ class _Planner:
         self._made: dict[str, str] = {}
         self._files: dict[str, str] = {}
 
-    def run(self, cell: Cell) -> str:
+    def run(self, cell: StudyCell) -> str:
         try:
             _check_kinds(cell.settings, {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT})
             graph = self._graph(cell.settings)
@@ -175,7 +175,7 @@ class _Planner:
             self.books[address] = source
         return self._made[key]
 
-    def _scorer(self, cell: Cell, graph: str) -> str | None:
+    def _scorer(self, cell: StudyCell, graph: str) -> str | None:
         name = cell.settings.get(SCORER)
         if name is None:
             return None
@@ -212,7 +212,7 @@ class _Planner:
         title = f"{command}{_values(settings)} on {self.tasks[graph].title}"
         return self._add("scorers", described, title, (graph,), threads, device)
 
-    def _agent(self, cell: Cell, graph: str, scorer: str | None) -> str:
+    def _agent(self, cell: StudyCell, graph: str, scorer: str | None) -> str:
         given: dict[str, Any] = {
             name: value for name, value in cell.settings.items() if name in OF_AGENT
         }

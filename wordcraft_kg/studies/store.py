@@ -34,7 +34,7 @@ from wordcraft_kg.studies.results import (
     StudyResults,
     read_figures,
 )
-from wordcraft_kg.studies.study import Cell, Study
+from wordcraft_kg.studies.study import Study, StudyCell
 from wordcraft_kg.studies.tasks import Outcome, Task
 
 _STUDIES = "studies"
@@ -47,7 +47,7 @@ class PlannedStudy(Record, frozen=True):
     format: Literal["wordcraft-kg study 1"]
     study: Study
     command: str
-    cells: tuple[Cell, ...]
+    cells: tuple[StudyCell, ...]
     runs: tuple[str, ...]
     scorers: tuple[str | None, ...]
     graphs: tuple[str, ...]

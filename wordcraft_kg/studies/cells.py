@@ -33,10 +33,18 @@ from wordcraft_kg.studies.results import (
 from wordcraft_kg.studies.tasks import Task
 
 _UNTIMED = {"seconds": 0.0, "steps_per_second": 0, "stored": False}
+"""Values in a cell of what differs between two equal trainings."""
 
 
 class StoredCell(Record, frozen=True):
-    """A cell: a JSON file with the settings and results of one scorer or agent training, and the SHA-256 of both."""
+    """A cell: a JSON text with the results of one scorer or agent training.
+
+    Attributes:
+        format: name and version of the file format.
+        sha256: hash of settings and results, which finds damage and careless edits, but no forged cell.
+        settings: settings of the task, whose hash is the cell's name.
+        figures: results without durations.
+    """
 
     format: Literal["wordcraft-kg cell 1"]
     sha256: str
@@ -154,14 +162,15 @@ def _write_loose(task: Task, store: CellFiles, text: str) -> None:
 
 
 def _text(task: Task, figures: TaskFigures) -> str:
-    values = as_values(
-        structs.replace(
-            figures, **{name: _UNTIMED[name] for name in _UNTIMED if hasattr(figures, name)}
-        )
-    )
+    untimed = {name: value for name, value in _UNTIMED.items() if hasattr(figures, name)}
+    values = as_values(structs.replace(figures, **untimed))
     cell = StoredCell(
-        "wordcraft-kg cell 1", hash_of([task.settings, values]), task.settings, values
+        format="wordcraft-kg cell 1",
+        sha256=hash_of([task.settings, values]),
+        settings=task.settings,
+        figures=values,
     )
+    # Without blanks: cells are many, and are read by programs.
     return json.dumps(as_values(cell), ensure_ascii=False, separators=(",", ":")) + "\n"
 
 

@@ -118,9 +118,12 @@ def _bars(view: StudyView, point: PointFigures) -> Markup:
     )
 
 
+def _has_several_agents(scatter: ScorerScatter) -> bool:
+    return len({at.variant for at in scatter.points}) > 1
+
+
 def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
-    agents = [{at.variant for at in scatter.points} for scatter in scatters]
-    has_several = any(len(names) > 1 for names in agents)
+    has_several = any(_has_several_agents(scatter) for scatter in scatters)
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
     for scatter in scatters:
         how = "in-sample" if scatter.in_sample else "cross-fitted"

@@ -142,6 +142,7 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
             figures.append(_measure(results, claim, point))
         except ConfigError as error:
             lacking.append(str(error))
+    # One verdict for each point, except for claims about how points differ.
     groups: list[tuple[Measured, ...]] = [(measured,) for measured in figures]
     if claim.expected == "varies":
         groups = [tuple(figures)] if len(figures) > 1 else []
@@ -217,6 +218,7 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
         of_right = np.array([_figures(claim.measure, other, other) for other in others])
     else:
         of_right = np.full_like(of_left, claim.than)
+    # All runs have the same tasks, see _check_runs, and so the same groups.
     groups = results.groups_of(runs[0]) if claim.measure == "success" else None
     return _Sides(seeds, of_left, of_right, groups)
 
@@ -285,6 +287,7 @@ def _interval(
     if len(left) == 1:
         return None, None
     if claim.measure == "success" and claim.than is not None:
+        # One side is exact, so the interval of the other is that of the difference, moved.
         low, high = rate_interval(left, groups)
         return low - claim.than, high - claim.than
     if claim.measure == "success":
@@ -295,7 +298,11 @@ def _interval(
 
 
 def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
-    intervals = [(of.low, of.high) for of in measured if of.low is not None and of.high is not None]
+    intervals: list[tuple[float, float]] = []
+    for at in measured:
+        if at.low is not None and at.high is not None:
+            intervals.append((at.low, at.high))
+    # A claim about several points needs an interval at each of them.
     if len(intervals) < len(measured):
         return "undecided", "one seed shows no variation between seeds"
     if claim.expected == "varies":
@@ -327,6 +334,7 @@ def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple
 
 
 def _comparable(low: float, high: float, by: float) -> tuple[Verdict, str]:
+    # Comparable is a claim of its own: an interval around 0 that is too wide does not prove it.
     if -by <= low and high <= by:
         return "reproduced", f"closer than {by:g}"
     if low > by or high < -by:
@@ -355,6 +363,7 @@ def _varies(
         return "reproduced", f"{ahead}, {right} with {'; '.join(less)}"
     if len(measured) in (len(more), len(less)):
         everywhere = f"{'more' if more else 'less'} at all {counted(len(measured), 'point')}"
+        # The same sign everywhere contradicts the claim, unless at least the amount varies.
         if any(_changes(results, claim, *pair) for pair in combinations(measured, 2)):
             return "differs", f"{everywhere}, but by different amounts"
         return "not reproduced", f"{everywhere}, by amounts that do not surely differ"

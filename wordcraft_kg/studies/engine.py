@@ -173,6 +173,7 @@ class _Engine:
                 workers.start(task)
             self._show()
             for outcome in workers.wait(_TICK):
+                # Running tasks may still end well; no new ones are started.
                 is_full = is_full or outcome.disk_full
                 del self.state.running[outcome.address]
                 if outcome.termination == "interrupted":

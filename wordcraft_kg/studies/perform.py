@@ -61,6 +61,7 @@ def check_whole(task: Task, root: Path) -> bool:
     if task.kind == "graphs":
         open_graph(str(folder))
         return True
+    # A cell of a store has results only; an agent needs the scorer's weights.
     if read_figures(folder, ScorerFigures).stored:
         return False
     files = RunFiles(folder, read_run(folder))
@@ -136,6 +137,7 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
 
 
 def _is_disk_full(error: BaseException | None) -> bool:
+    # Libraries wrap the system's error in errors of their own.
     while error is not None:
         if isinstance(error, OSError) and error.errno in (ENOSPC, EDQUOT):
             return True

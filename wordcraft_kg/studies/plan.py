@@ -166,11 +166,13 @@ class _Planner:
             raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
 
     def _add(self, kind: Kind, described: dict[str, Any], title: str, *others: Any) -> str:
+        # The number of the version is a part of the address, see VERSIONS.
         task = Task(kind, {"version": VERSIONS[kind], **described}, title, *others)
         return self.tasks.setdefault(task.address, task).address
 
     def _graph(self, settings: Values) -> str:
         given = {name: settings[name] for name in OF_GRAPH if name in settings}
+        # All cells of a study usually share a graph, and making one takes seconds.
         key = repr(given)
         if key not in self._made:
             self._made[key] = self._make_graph(str(settings.get("book", BOOK)), given)
@@ -223,9 +225,11 @@ class _Planner:
         device = "cpu"
         if command not in CONFIG_OF:
             one_of("kg", settings.get("kg", "partial"), ("partial", "full"))
+            # The default is left out, as for trained scorers.
             settings = {name: value for name, value in settings.items() if value != "partial"}
         else:
             _check_kinds(settings, defaults_of(CONFIG_OF[command]))
+            # Each agent gets a scorer of its own seed, so intervals cover both trainings.
             settings.setdefault("seed", cell.seed)
             if command == RecipeScorerConfig.command:
                 # The default vectors depend on the book's language, so the address names them.
@@ -252,6 +256,7 @@ class _Planner:
         if "eval_every" not in given:
             steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)
             given["eval_every"] = max(steps // _CURVE_POINTS, 1)
+        # The folders of graph and scorer do not exist yet; only the settings are checked.
         config = agent_config(given, graph, scorer)
         # Where the cost changes nothing it must not change the address either.
         has_cost = ImpalaConfig.has_scorer_cost(config.policy.sources, config.tasks.depth)

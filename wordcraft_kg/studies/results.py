@@ -57,6 +57,7 @@ def check_played(figures: "RunResult | RunFigures") -> None:
         raise ValueError(
             f"`won` has {max(won)} successes of a task; expected at most `distractor_seeds` {tables}"
         )
+    # Each task has the same number of episodes, so the mean over tasks is that over episodes.
     rate = sum(map(int, won)) / (len(won) * tables)
     goal = figures.terminations.get("goal", 0.0)
     claimed = {f"success.{part}": figures.success[part]}
@@ -332,6 +333,6 @@ def read_figures(folder: Path, kind: type[F]) -> F:
 
 def hash_of(values: Any) -> str:
     """Return the SHA-256 of JSON values."""
-    return hashlib.sha256(
-        json.dumps(values, sort_keys=True, ensure_ascii=False).encode()
-    ).hexdigest()
+    # Sorted, so that the order of keys in an edited but equal file does not matter.
+    text = json.dumps(values, sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()

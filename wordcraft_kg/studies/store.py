@@ -116,8 +116,10 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
         graphs=tuple(need[0] for need in needs),
     )
     path = root / _STUDIES / f"{plan.name}.json"
+    # A missing or damaged record is simply written anew.
     with suppress(ArtefactError):
         before = read_record(path, PlannedStudy).study
+        # More seeds continue a study; any other change makes another one.
         if structs.replace(before, seeds=plan.study.seeds) != plan.study:
             logging.getLogger(__name__).warning(
                 "the study '%s' of '%s' was another one; its runs stay, but its record and its report are replaced.",

@@ -186,7 +186,7 @@ def parse_study(text: str, source: str) -> Study:
     """Parse and check the TOML text of a study; ConfigErrors call the text ``source``."""
     try:
         values = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:  # the latter for deep nesting
         raise ConfigError(f"{source}: not a TOML file ({error}).") from None
     _known(source, "", values, Study.__struct_fields__)
     try:
@@ -245,6 +245,7 @@ def check_study(study: Study, source: str = "study") -> None:
     _check_settings(study, source)
     _check_grid(study, source)
     _check_points(study, source)
+    # The grid may name scorers, too, so they are checked cell by cell.
     for cell in cells_of(study):
         name = cell.settings.get(SCORER)
         if name is not None and name not in study.scorers:
@@ -289,6 +290,7 @@ def _check_grid(study: Study, source: str) -> None:
         if not values:
             raise ConfigError(f"{source}: grid.{name} is empty; expected a value.")
         for value in values:
+            # Equal points would be counted twice in every mean and correction.
             if values.count(value) > 1:
                 raise ConfigError(f"{source}: grid.{name} has {value!r} twice.")
 
@@ -319,6 +321,7 @@ def _check_claim(study: Study, claim: Claim, source: str) -> None:
             raise ConfigError(
                 f"{where} names an unknown variant {variant!r}; expected {', '.join(study.variants)}.{hint}"
             )
+    # Without a size, any interval that excludes 0 by a hair would contradict the claim.
     if claim.expected == "comparable" and not claim.by:
         raise ConfigError(f"{where} needs 'by': how close is comparable?")
     if claim.measure == "steps" and not claim.right:

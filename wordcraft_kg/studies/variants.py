@@ -129,6 +129,7 @@ def figures_of(
     success = [run.success["test"] for run in members]
     train = [run.success["train"] for run in members if "train" in run.success]
     mrr = [run.mrr for run in members if run.mrr is not None]
+    # Runs of earlier studies may lack train tasks or a scorer, hence the shorter lists above.
     reached, reached_interval = _reached(members, base)
     return VariantFigures(
         variant=variant,
@@ -379,6 +380,7 @@ def _label(point: PointFigures, variant: str) -> str:
         for name, value in point.values.items()
         if name.startswith(prefix)
     }
+    # Settings at their full value do not distinguish points; a point with all of them needs a label, too.
     differing = {name: value for name, value in values.items() if value != _EVERYTHING.get(name)}
     first = dict(list(values.items())[:1])
     shown: list[str] = []

@@ -144,6 +144,7 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
         other = results.graphs[run.graph]
         if (one.hash, one.split) != (other.hash, other.split):
             differing = "graphs" if one.hash != other.hash else "splits"
+            # A mean over seeds is about one set of tasks.
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were played on different {differing} ({_named(one)}; "
                 f"{_named(other)}), so their figures cannot be averaged. Add the differing setting to the grid, "
@@ -157,6 +158,7 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
             )
     seeds = [run.seed for run in members]
     if len(set(seeds)) < len(seeds):
+        # Two runs of one seed are paired with one run of the reference, and would count twice.
         twice = next(seed for seed in seeds if seeds.count(seed) > 1)
         raise ConfigError(
             f"{cell}: seed {twice} occurs twice (runs {', '.join(run.run for run in members if run.seed == twice)}); "

@@ -198,7 +198,7 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
         "mrr": at.mrr,
         **ends("mrr", at.mrr_range),
         "difference": comparison and comparison.difference,
-        **ends("difference", comparison and comparison.interval),
+        **ends("difference", comparison.interval if comparison else None),
         "p_value": comparison and comparison.p_value,
         "p_holm": comparison and comparison.p_corrected,
         "steps_to_reference": steps(at.reached),

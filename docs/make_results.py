@@ -1,11 +1,11 @@
 """Write docs/results.md and its pictures from the results in docs/results/.
 
-    python docs/make_results.py [--check | --take FOLDER | --cells [FOLDER]]
+    python docs/make_results.py [--check | --take FOLDER | --cells [FOLDER] | --pack [FOLDER]]
 
 The committed results hold figures and hashes, and nothing of a book. Of a store of cells, a study with at least three
 seeds of all variants takes the place of its file; docs/results/left.json counts the cells, and has the hours of the
-missing ones. Further tables come from docs/study-players.json, docs/agents-against-scorers.json and
-docs/interval-coverage.json.
+missing ones. --pack moves the loose files of a store into a zip archive for each study and book. Further tables come
+from docs/study-players.json, docs/agents-against-scorers.json and docs/interval-coverage.json.
 """
 
 import argparse
@@ -27,9 +27,10 @@ from wordcraft_kg.base.records import read_record
 from wordcraft_kg.base.statistics import FEWEST_PAIRS, holm
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.splits import SplitConfig
-from wordcraft_kg.studies.cells import cell_file, exchange_cells
+from wordcraft_kg.studies.cells import exchange_cells
 from wordcraft_kg.studies.claims import ClaimVerdict, Verdict, in_words, share, signed, view_claims
 from wordcraft_kg.studies.engine import estimated_hours
+from wordcraft_kg.studies.packs import CellFiles, pack_files, write_pack
 from wordcraft_kg.studies.perform import is_done, make_graph
 from wordcraft_kg.studies.plan import Plan, make_plan
 from wordcraft_kg.studies.report import study_figure
@@ -139,6 +140,7 @@ def of_first_seeds(results: StudyResults, seeds: int) -> StudyResults:
 def collect(store: Path, target: Path) -> None:
     """Collect all built-in studies from a store of cells, and list the missing trainings."""
     left = []
+    cells = CellFiles(store)
     for name in ORDER:
         for book, seeds in SEEDS.items():
             study = adapted(read_study(name), book=book, seeds=seeds)
@@ -146,8 +148,8 @@ def collect(store: Path, target: Path) -> None:
             with tempfile.TemporaryDirectory() as folder, own_results(Path(folder)):
                 for task in (task for task in plan.tasks.values() if task.kind == "graphs"):
                     make_graph(task, Path(folder), plan.books[task.address])
-                exchange_cells(plan, Path(folder), store)
-                refuse_damaged(plan, Path(folder), store)
+                exchange_cells(plan, Path(folder), cells)
+                refuse_damaged(plan, Path(folder), cells)
                 hours = estimated_hours(plan, Path(folder), store)
                 write_plan(
                     Path(folder),
@@ -169,13 +171,64 @@ def collect(store: Path, target: Path) -> None:
     write_atomically(target / "left.json", "[\n" + ",\n".join(map(json.dumps, left)) + "\n]\n")
 
 
-def refuse_damaged(plan: Plan, folder: Path, store: Path) -> None:
+def refuse_damaged(plan: Plan, folder: Path, cells: CellFiles) -> None:
     """Raise ArtefactError for a cell that was not taken: its study would silently lose seeds."""
     for task in plan.tasks.values():
-        if task.kind != "graphs" and cell_file(store, task).exists() and not is_done(task, folder):
+        where = cells.where(task.address)
+        if task.kind != "graphs" and where is not None and not is_done(task, folder):
             raise ArtefactError(
-                f"{cell_file(store, task)} is damaged, see the warning above. Restore the cell, or remove it."
+                f"{where} is damaged, see the warning above. Restore the cell, or remove it."
             )
+
+
+def pack(store: Path) -> str:
+    """Move the loose cells of a store into its packs, one for each built-in study and book.
+
+    A cell that several studies share lies in the pack of the first of them, in the order of ``ORDER`` and ``BOOKS``. A
+    packed cell that no study needs any more stays in its pack, and a loose one stays loose. Loose files are removed
+    only after all packs were written, so an interrupted call loses nothing.
+
+    Returns:
+        A sentence for the terminal.
+    """
+    cells = CellFiles(store)
+    files = cells.addresses()
+    places = places_of(files)
+    contents: dict[Path, dict[str, bytes]] = {path: {} for path in pack_files(store)}
+    for address, name in places.items():
+        contents.setdefault(store / name, {})[address] = cells.read(address)
+    for path in contents:
+        if contents[path]:
+            write_pack(path, contents[path])
+    for path in contents:
+        if not contents[path]:
+            path.unlink()
+    moved = [address for address in places if files[address].suffix == ".json"]
+    for address in moved:
+        files[address].unlink()
+    left = len(files) - len(places)
+    return (
+        f"{counted(len(moved), 'cell')} moved into {counted(len(contents), 'pack')} of '{store}'; "
+        f"{counted(left, 'loose cell')} of no built-in study stayed."
+    )
+
+
+def places_of(files: dict[str, Path]) -> dict[str, str]:
+    """Return the file name of the pack for each cell, in the order of ``files``; loose cells of no study are left out.
+
+    Args:
+        files: all cells of a store, each with its file.
+    """
+    first: dict[str, str] = {}
+    for name in ORDER:
+        for book, seeds in SEEDS.items():
+            plan = make_plan(adapted(read_study(name), book=book, seeds=seeds), f"{name}-{book}")
+            for address in plan.tasks:
+                first.setdefault(address, f"{plan.name}.zip")
+    for address, path in files.items():
+        if path.suffix == ".zip":
+            first.setdefault(address, path.name)
+    return {address: first[address] for address in files if address in first}
 
 
 def left_table(path: Path) -> Iterator[str]:
@@ -569,12 +622,24 @@ def main() -> None:
         metavar="FOLDER",
         help="first collect the built-in studies from a store of cells (default: docs/results/cells), without training",
     )
+    choice.add_argument(
+        "--pack",
+        type=Path,
+        nargs="?",
+        const=cells,
+        metavar="FOLDER",
+        help="only move the loose cells of a store into an archive for each study and book (default: as for --cells)",
+    )
     options = parser.parse_args()
-    if options.cells and not options.cells.is_dir():
+    store = options.cells or options.pack
+    if store and not store.is_dir():
         sys.exit(
-            f"'{options.cells}' is not a folder; expected a store of cells (`wordcraft-kg reproduce --store`)."
+            f"'{store}' is not a folder; expected a store of cells (`wordcraft-kg reproduce --store`)."
         )
     try:
+        if options.pack:
+            sys.stdout.write(pack(options.pack) + "\n")
+            return
         if options.take:
             take(options.take, HERE / "results")
         if options.cells:

@@ -11,8 +11,10 @@ import msgspec
 import pytest
 from fabricated import fabricate
 
+from wordcraft_kg.studies.packs import CellFiles
+from wordcraft_kg.studies.plan import make_plan
 from wordcraft_kg.studies.results import Missing, Origin, results_text
-from wordcraft_kg.studies.study import Claim, built_in, parse_study, read_study
+from wordcraft_kg.studies.study import Claim, adapted, built_in, parse_study, read_study
 
 DOCS = Path(__file__).parents[1] / "docs"
 HEAD = "# Results\n\n<!-- results -->\nold\n<!-- end of results -->\n\nThe end.\n"
@@ -229,6 +231,39 @@ def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(
     text = text_of(script, results)
     assert "| *no agent: planner, p* | | | .500 [.400, .600] | | .300 | |" in text
     assert text.count("*no agent: ") == 1
+
+
+def test_packing_moves_each_cell_into_the_first_study_that_needs_it(script, tmp_path, monkeypatch):
+    monkeypatch.setattr(script, "ORDER", ("embeddings", "knowledge"))
+    monkeypatch.setattr(script, "SEEDS", {"everyday": 1})
+    plans = []
+    for name in script.ORDER:
+        study = adapted(read_study(name), book="everyday", seeds=1)
+        plans.append({task.address for task in make_plan(study, name).tasks.values()})
+    needed = {address for plan in plans for address in plan if not address.startswith("graphs/")}
+    assert any(address in plans[0] and address in plans[1] for address in needed)
+    unknown = "runs/" + "0" * 16
+    cells = CellFiles(tmp_path)
+    for address in [*needed, unknown]:
+        cells.loose(address).parent.mkdir(exist_ok=True)
+        cells.loose(address).write_text(address)
+    assert f"{len(needed):,} cells moved into 2 packs" in script.pack(tmp_path)
+    files = CellFiles(tmp_path).addresses()
+    assert files.pop(unknown) == cells.loose(unknown), "no study needs this cell"
+    assert files == {
+        address: tmp_path / f"{'embeddings' if address in plans[0] else 'knowledge'}-everyday.zip"
+        for address in sorted(needed)
+    }
+    before = {path: path.read_bytes() for path in tmp_path.glob("*.zip")}
+    assert "0 cells moved" in script.pack(tmp_path)
+    assert {path: path.read_bytes() for path in tmp_path.glob("*.zip")} == before
+    # A training that was repeated replaces its packed cell.
+    again = max(needed)
+    cells.loose(again).write_text("again")
+    assert "1 cell moved" in script.pack(tmp_path)
+    assert not cells.loose(again).exists()
+    assert CellFiles(tmp_path).read(again) == b"again"
+    assert len(CellFiles(tmp_path).addresses()) == len(needed) + 1
 
 
 def test_a_study_of_cells_takes_the_place_of_its_file_from_three_seeds_on(

@@ -117,6 +117,24 @@ def test_the_schema_has_the_descriptions_of_the_docstring():
     assert described == {"rows": "all rows, in order.", "by_name": "rows again."}
 
 
+class Point(Record, array_like=True):
+    """A point.
+
+    Attributes:
+        x: to the right.
+        y: upwards.
+    """
+
+    x: float
+    y: float
+
+
+def test_a_record_that_is_written_as_an_array_has_its_descriptions_at_the_items():
+    schema = schema_of(Point, "urn:x", "x")["$defs"]["Point"]
+    items = [item["description"] for item in schema["prefixItems"]]
+    assert items == ["to the right.", "upwards."]
+
+
 def test_descriptions_go_to_the_names_in_json_and_to_records_inside_records():
     schema = schema_of(dict[str, list[Longer]], "urn:x", "x")["$defs"]["Longer"]
     assert schema["properties"]["hits@1"]["description"] == "share of first places."

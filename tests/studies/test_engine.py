@@ -34,9 +34,10 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.reports.pages import render
 from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import end_run, start_run
-from wordcraft_kg.studies.cells import cell_file, read_cell
+from wordcraft_kg.studies.cells import read_cell
 from wordcraft_kg.studies.engine import FullDiskError, estimated_hours, run_plan
 from wordcraft_kg.studies.local_workers import LocalWorkers
+from wordcraft_kg.studies.packs import CellFiles
 from wordcraft_kg.studies.perform import make_graph, perform
 from wordcraft_kg.studies.plan import agent_config, make_plan
 from wordcraft_kg.studies.report import make_study_report
@@ -408,7 +409,7 @@ def test_a_cell_that_is_made_again_has_the_same_bytes_and_needs_its_scorer_train
     run_small(tmp_path / "one", plan, store=tmp_path / "cells")
     cells = {path: path.read_bytes() for path in tmp_path.glob("cells/*/*.json")}
     assert len(cells) == 5
-    cell_file(tmp_path / "cells", the_run(plan)).unlink()
+    CellFiles(tmp_path / "cells").loose(the_run(plan).address).unlink()
     began = run_small(tmp_path / "two", plan, store=tmp_path / "cells").began
     assert began == [plan.tasks[the_run(plan).needs[1]].title, the_run(plan).title]
     assert {path: path.read_bytes() for path in tmp_path.glob("cells/*/*.json")} == cells
@@ -425,7 +426,7 @@ def test_results_from_the_store_are_marked_with_platform_and_versions(tmp_path, 
         == estimated_hours(plan, tmp_path / "first", store)
         < estimated_hours(plan, tmp_path / "second")
     )
-    cell_file(store, the_run()).unlink()
+    CellFiles(store).loose(the_run().address).unlink()
     assert len(run_small(tmp_path / "second", work=pretend, store=store).began) == 2
     results = collect_study(tmp_path / "second", "small")
     expected = [
@@ -456,7 +457,7 @@ def test_results_from_the_store_are_marked_with_platform_and_versions(tmp_path, 
     ids=["cut", "another result", "of other settings", "another key", "no cell"],
 )
 def test_a_damaged_or_edited_cell_is_made_again_with_a_warning(tmp_path, store, caplog, damage):
-    path = cell_file(store, the_run())
+    path = CellFiles(store).loose(the_run().address)
     text = path.read_text()
     path.write_text(damage(text))
     assert path.read_text() != text
@@ -512,7 +513,7 @@ FORGERIES = {
 def test_a_cell_whose_figures_contradict_each_other_is_refused_by_name(
     tmp_path, store, caplog, forge, message
 ):
-    path = cell_file(store, the_run())
+    path = CellFiles(store).loose(the_run().address)
     cell = json.loads(path.read_text())
     forge(cell["figures"])
     # The forger computes the hash anew, so only the figures tell.
@@ -524,7 +525,7 @@ def test_a_cell_whose_figures_contradict_each_other_is_refused_by_name(
 
 
 def test_what_cannot_be_recomputed_from_single_tasks_is_taken_as_it_is(tmp_path, store):
-    path = cell_file(store, the_run())
+    path = CellFiles(store).loose(the_run().address)
     cell = json.loads(path.read_text())
     cell["figures"]["by_plan"] = {"test": 0.4}
     cell["figures"]["curve"] = [[0, 0.3], [10, 0.5]]
@@ -587,14 +588,14 @@ def test_other_results_of_the_same_platform_are_warned_of_and_the_cell_stays(
             write_figures(task.folder(root), figures)
         return outcome
 
-    before = read_cell(the_run(), store)
+    before = read_cell(the_run(), CellFiles(store))
     run_small(tmp_path / "elsewhere", work=lambda task, root: another(task, root, "elsewhere"))
     run_small(tmp_path / "elsewhere", store=store)
     assert not caplog.text, "other platforms may round otherwise"
     run_small(tmp_path / "here", work=another)
     assert run_small(tmp_path / "here", store=store).began == []
     assert "raise VERSIONS" in caplog.text
-    assert read_cell(the_run(), store) == before
+    assert read_cell(the_run(), CellFiles(store)) == before
 
 
 def test_a_store_that_is_a_file_is_refused_before_anything_starts(tmp_path):

@@ -181,8 +181,12 @@ def schema_of(
         if record.__doc__:
             definition["description"] = _SECTION.sub("", _docstring(record)).strip()
         texts = attributes_of(record)
-        for field in fields:
-            if field.name in texts:
+        for number, field in enumerate(fields):
+            if field.name not in texts:
+                continue
+            if "prefixItems" in definition:  # a record that is written as an array
+                definition["prefixItems"][number]["description"] = texts[field.name]
+            else:
                 definition["properties"][field.encode_name]["description"] = texts[field.name]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",

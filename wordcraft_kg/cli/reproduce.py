@@ -17,7 +17,7 @@ from wordcraft_kg.cli.options import Force, Words
 from wordcraft_kg.studies.study import Metric
 
 if TYPE_CHECKING:
-    from wordcraft_kg.studies.engine import State, Watch
+    from wordcraft_kg.studies.engine import StudyProgress, Watch
     from wordcraft_kg.studies.plan import Plan
     from wordcraft_kg.studies.results import StudyResults
     from wordcraft_kg.studies.study import Study
@@ -308,7 +308,7 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
 
 
 def _reported(
-    plan: "Plan", state: "State", options: EngineOptions
+    plan: "Plan", state: "StudyProgress", options: EngineOptions
 ) -> tuple[dict[str, Any], list[str]]:
     """Write the report of a study; return the outcome as JSON values and as lines of text.
 
@@ -365,7 +365,7 @@ def _first(lines: list[str], rest: str) -> list[str]:
 def _watch(plan: "Plan", output: Output) -> "Watch":
     progress = output.progress(plan.name, unit="done")
 
-    def watch(plan: "Plan", state: "State") -> None:
+    def watch(plan: "Plan", state: "StudyProgress") -> None:
         failed = len(state.failed)
         # A failed task is over, too: the bar counts what needs no more time.
         over = state.kept + state.done + failed

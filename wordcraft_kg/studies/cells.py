@@ -1,7 +1,7 @@
-"""A store of cells: results of finished trainings as small files, shared between machines and committed with the code.
+"""A store of cells: results of finished trainings, shared between machines and committed with the code.
 
 A cell is named by the address of its task, a hash over settings, seed, recipe book and code version. It holds the
-results without durations, so the same training on the same platform gives the same bytes.
+results without durations, so the same training on the same platform gives the same bytes. ``packs`` has the files.
 """
 
 import json
@@ -12,24 +12,39 @@ from typing import Any, Literal
 
 from msgspec import structs
 
-from wordcraft_kg.base.artefacts import read_small_file, write_atomically
-from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.base.artefacts import write_atomically
+from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Record, as_record, as_values, parse_record
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.studies.packs import CellFiles
 from wordcraft_kg.studies.perform import FIGURES, is_done
 from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.played_tasks import PlayedTasks
-from wordcraft_kg.studies.results import Figures, RunFigures, hash_of, read_figures, write_figures
+from wordcraft_kg.studies.results import (
+    RunFigures,
+    TaskFigures,
+    hash_of,
+    read_figures,
+    write_figures,
+)
 from wordcraft_kg.studies.tasks import Task
 
 _UNTIMED = {"seconds": 0.0, "steps_per_second": 0, "stored": False}
+"""Values in a cell of what differs between two equal trainings."""
 
 
 class StoredCell(Record, frozen=True):
-    """A cell: a JSON file with the settings and results of one scorer or agent training, and the SHA-256 of both."""
+    """A cell: a JSON text with the results of one scorer or agent training.
+
+    Attributes:
+        format: name and version of the file format.
+        sha256: hash of settings and results, which finds damage and careless edits, but no forged cell.
+        settings: settings of the task, whose hash is the cell's name.
+        figures: results without durations.
+    """
 
     format: Literal["wordcraft-kg cell 1"]
     sha256: str
@@ -37,19 +52,22 @@ class StoredCell(Record, frozen=True):
     figures: dict[str, Any]
 
 
-def cell_file(store: Path, task: Task) -> Path:
-    """Return the path of a task's cell (JSON file with results) in the folder ``store``."""
-    return store / f"{task.address}.json"
+def exchange_cells(plan: Plan, root: Path, store: CellFiles) -> int:
+    """Copy missing cells between a results folder and a store, both ways.
 
+    Args:
+        plan: the study; graphs have no cells.
+        root: results folder.
+        store: files of the store.
 
-def exchange_cells(plan: Plan, root: Path, store: Path) -> int:
-    """Copy missing cells between results and store, both ways; ConfigError for a file. Return those taken."""
-    if store.is_file():
-        raise ConfigError(
-            f"`store` '{store}' is a file; expected a folder of cells, which may be new."
-        )
-    taken, played = 0, PlayedTasks(partial(_opened, plan))
-    for task in (task for task in plan.tasks.values() if task.kind != "graphs"):
+    Returns:
+        Number of cells that were taken from the store.
+    """
+    taken = 0
+    played = PlayedTasks(partial(_opened, plan))
+    for task in plan.tasks.values():
+        if task.kind == "graphs":
+            continue
         if _is_here(task, root):
             keep_cell(task, root, store)
             continue
@@ -61,23 +79,31 @@ def exchange_cells(plan: Plan, root: Path, store: Path) -> int:
     return taken
 
 
-def read_cell(task: Task, store: Path, played: PlayedTasks | None = None) -> Figures | None:
-    """Return a task's results from its cell (JSON file) in the folder ``store``; None if missing, damaged or edited.
+def read_cell(
+    task: Task, store: CellFiles, played: PlayedTasks | None = None
+) -> TaskFigures | None:
+    """Return a task's results from its cell, and warn of a cell that does not count.
 
-    Figures that contradict each other are damage, too; with ``played``, so are results of other tasks than the agent's.
+    Args:
+        task: scorer or agent training.
+        store: files of the store.
+        played: test tasks of the study's agents. With them, results of other tasks than the agent's are damage, too.
+
+    Returns:
+        None if the cell is missing, damaged or edited, or has results that contradict each other.
     """
-    path = cell_file(store, task)
-    if not path.exists():
+    where = store.where(task.address)
+    if where is None:
         return None
     try:
-        cell = parse_record(read_small_file(path), StoredCell, path)
+        cell = parse_record(store.read(task.address), StoredCell, where)
         if cell.sha256 != hash_of([cell.settings, cell.figures]) or cell.settings != task.settings:
             raise ArtefactError(
-                f"{path} is damaged or was changed: the hash or the settings do not fit."
+                f"{where} is damaged or was changed: the hash or the settings do not fit."
             )
-        figures = as_record(cell.figures, FIGURES[task.kind], path)
+        figures = as_record(cell.figures, FIGURES[task.kind], where)
         if played is not None and isinstance(figures, RunFigures):
-            played.check(figures, task.needs[0], task.settings["settings"], path)
+            played.check(figures, task.needs[0], task.settings["settings"], where)
         return figures
     except ArtefactError as error:
         logging.getLogger(__name__).warning(
@@ -92,45 +118,59 @@ def _opened(plan: Plan, address: str) -> OpenedGraph:
     return OpenedGraph(graph, make_split(graph, config), plan.books[address])
 
 
-def keep_cell(task: Task, root: Path, store: Path) -> None:
-    """Copy a finished training into the store; never replace an intact cell, but warn of other results."""
+def keep_cell(task: Task, root: Path, store: CellFiles) -> None:
+    """Write a finished training into a store as a loose file; an intact cell stays, with a warning if results differ.
+
+    Results that came from a store, or that do not name their platform, are left out.
+
+    Args:
+        task: a done task; graphs have no cells.
+        root: results folder with the task's results.
+        store: files of the store. A store that cannot be written is a warning: the results are safe in ``root``.
+    """
     figures = read_figures(task.folder(root), FIGURES[task.kind])
     if task.kind == "graphs" or figures.stored or not figures.platform:
         return
-    path, text = cell_file(store, task), _text(task, figures)
-    before, log = read_cell(task, store), logging.getLogger(__name__)
+    text = _text(task, figures)
+    before = read_cell(task, store)
     if before is None:
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(path, text)
-        except OSError as error:
-            log.warning(
-                "the cell of '%s' cannot be written to '%s' (%s).",
-                task.title,
-                store,
-                error.strerror,
-            )
-    elif (before.platform, before.versions) == (
-        figures.platform,
-        figures.versions,
-    ) and path.read_text("utf-8") != text:
-        log.warning(
+        _write_loose(task, store, text)
+        return
+    # Other platforms and versions round otherwise, so only results of the same ones have to agree.
+    is_comparable = before.platform == figures.platform and before.versions == figures.versions
+    if is_comparable and store.read(task.address) != text.encode():
+        logging.getLogger(__name__).warning(
             "'%s' has other results than its cell %s, which stays. If the code has changed, raise VERSIONS in "
             "wordcraft_kg/studies/plan.py.",
             task.title,
-            path,
+            store.where(task.address),
         )
 
 
-def _text(task: Task, figures: Figures) -> str:
-    values = as_values(
-        structs.replace(
-            figures, **{name: _UNTIMED[name] for name in _UNTIMED if hasattr(figures, name)}
+def _write_loose(task: Task, store: CellFiles, text: str) -> None:
+    path = store.loose(task.address)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, text)
+    except OSError as error:
+        logging.getLogger(__name__).warning(
+            "the cell of '%s' cannot be written to '%s' (%s).",
+            task.title,
+            store.folder,
+            error.strerror,
         )
-    )
+
+
+def _text(task: Task, figures: TaskFigures) -> str:
+    untimed = {name: value for name, value in _UNTIMED.items() if hasattr(figures, name)}
+    values = as_values(structs.replace(figures, **untimed))
     cell = StoredCell(
-        "wordcraft-kg cell 1", hash_of([task.settings, values]), task.settings, values
+        format="wordcraft-kg cell 1",
+        sha256=hash_of([task.settings, values]),
+        settings=task.settings,
+        figures=values,
     )
+    # Without blanks: cells are many, and are read by programs.
     return json.dumps(as_values(cell), ensure_ascii=False, separators=(",", ":")) + "\n"
 
 

@@ -24,7 +24,7 @@ for multiple claims. With fewer than three seeds, a verdict other than *undecide
 
 from collections.abc import Iterable, Sequence
 from itertools import combinations
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -60,10 +60,21 @@ _MEASURES = {
 
 
 class Measured(Record, frozen=True):
-    """The measured values for a claim under fixed grid settings: means over common seeds for both sides.
+    """The measured values for a claim at a grid point.
 
-    The 95 % interval needs two seeds, else None; ``tasks`` is 0 for one value per run. ``groups`` counts the groups of
-    tasks that the interval resamples, and is equal to ``tasks`` if each task is a group.
+    Attributes:
+        values: the grid settings of the point.
+        left: mean of the left side over the seeds that both sides have, in the measure's unit.
+        right: mean of the right side, or the value that the left side is compared with.
+        difference: ``left - right``.
+        low: lower end of the 95 % interval of the difference; None for a single seed, which does not
+            show how trainings vary.
+        high: upper end of the interval, or None.
+        seeds: number of seeds that both sides have.
+        tasks: number of test tasks; 0 for measures with one value per training, whose intervals are
+            over seeds alone.
+        groups: number of task groups that the interval resamples; equal to ``tasks`` if each task is
+            a group.
     """
 
     values: Values
@@ -80,8 +91,20 @@ class Measured(Record, frozen=True):
 class ClaimVerdict(Record, frozen=True):
     """A claim with its verdict, which follows from the measured intervals by the table of this module.
 
-    ``why`` has the reason, ``note`` the known reason for a deviation. The second side may be a value. Several measured
-    values belong to a claim that the sign of the difference varies.
+    Attributes:
+        text: the claim in a sentence.
+        source: publication and place of the claim.
+        sides: the left variant, and the right variant or value.
+        is_value: whether the right side is a value, not a variant.
+        expected: relation of left to right that is claimed.
+        by: claimed amount, in the measure's unit; 0 if the claim names none.
+        measure: measured quantity, see :class:`~wordcraft_kg.studies.study.Claim`.
+        verdict: result of the rule.
+        why: the reason for the verdict, in words.
+        note: known reason for a deviation; empty for other verdicts than "differs" and "not
+            reproduced".
+        measured: values of the grid point that the verdict is about; of all points for a claim that
+            the sign of the difference varies; empty if nothing was run.
     """
 
     text: str
@@ -100,13 +123,18 @@ class ClaimVerdict(Record, frozen=True):
 def view_claims(
     results: StudyResults, claims: Iterable[Claim] | None = None
 ) -> tuple[ClaimVerdict, ...]:
-    """Compare claims (default: the study's claims) with results; a claim has a verdict for each grid point."""
-    given = results.study.claims if claims is None else claims
-    return tuple(entry for claim in given for entry in check_claim(results, claim))
+    """Return verdicts on claims (default: the study's), one for each grid point of each claim."""
+    verdicts: list[ClaimVerdict] = []
+    for claim in results.study.claims if claims is None else claims:
+        verdicts += check_claim(results, claim)
+    return tuple(verdicts)
 
 
 def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
-    """Compare a claim with results, and return a verdict for each grid point that the claim is about."""
+    """Return verdicts on a claim: one for each grid point, then one for each reason of a missing point.
+
+    A claim that the sign varies has one verdict over all its points, and needs two of them.
+    """
     figures: list[Measured] = []
     lacking: list[str] = []
     for point in points_at(results.study, claim.at):
@@ -114,18 +142,22 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
             figures.append(_measure(results, claim, point))
         except ConfigError as error:
             lacking.append(str(error))
+    # One verdict for each point, except for claims about how points differ.
     groups: list[tuple[Measured, ...]] = [(measured,) for measured in figures]
     if claim.expected == "varies":
         groups = [tuple(figures)] if len(figures) > 1 else []
     entries = [_verdict(claim, *_rule(results, claim, group), group) for group in groups]
     if not groups and not lacking:
         lacking = ["the study has no results at such points"]
-    return entries + [_verdict(claim, "not run", reason, ()) for reason in dict.fromkeys(lacking)]
+    # Many points usually lack results for the same reason, which is said once.
+    reasons = dict.fromkeys(lacking)
+    return entries + [_verdict(claim, "not run", reason, ()) for reason in reasons]
 
 
 def _verdict(
     claim: Claim, verdict: Verdict, why: str, measured: tuple[Measured, ...]
 ) -> ClaimVerdict:
+    # With two seeds, Student's t has one degree of freedom: such a verdict may turn with the third seed.
     seeds = min((of.seeds for of in measured), default=FEWEST_PAIRS)
     if verdict != "undecided" and seeds < FEWEST_PAIRS:
         why += f" (provisional: {counted(seeds, 'seed')})"
@@ -152,32 +184,62 @@ def _point(values: Values) -> str:
     return ", ".join(f"{name} {value}" for name, value in values.items())
 
 
-def _sides(
-    results: StudyResults, claim: Claim, point: Values
-) -> tuple[list[int], Scores, Scores, Groups]:
-    """Return the common seeds, both sides' figures, and the groups of tasks.
+class _Sides(NamedTuple):
+    """Both sides of a claim at a grid point, in pairs of trainings with the same seed.
 
-    Figures have the shape (seeds, tasks) for success and else (seeds, 1).
+    Attributes:
+        seeds: common seeds, ascending.
+        left: shape (seeds, tasks) for success, else (seeds, 1).
+        right: the same shape.
+        groups: resampling group of each task, shape (tasks,); None if each task is a group.
     """
+
+    seeds: list[int]
+    left: Scores
+    right: Scores
+    groups: Groups
+
+    def differences(self, seeds: Sequence[int]) -> Scores:
+        """Return left minus right for some of the seeds, in their order."""
+        rows = [self.seeds.index(seed) for seed in seeds]
+        return (self.left - self.right)[rows]
+
+
+def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
     left = _runs(results, claim.left, point)
     right = _runs(results, claim.right, {**point, **claim.right_at}) if claim.right else left
-    pairs = [(left[seed], right[seed]) for seed in sorted(left.keys() & right.keys())]
-    _check_runs(results, claim, point, [run for pair in pairs for run in pair])
-    a = np.array([_figures(claim.measure, run, other) for run, other in pairs])
-    b = np.array([_figures(claim.measure, other, other) for _, other in pairs])
-    if not claim.right:
-        b = np.full_like(a, claim.than)
-    groups = results.groups_of(pairs[0][0]) if claim.measure == "success" else None
-    return [left.seed for left, _ in pairs], a, b, groups
+    seeds = sorted(left.keys() & right.keys())
+    runs = [left[seed] for seed in seeds]
+    others = [right[seed] for seed in seeds]
+    _check_runs(results, claim, point, runs + others)
+    pairs = list(zip(runs, others, strict=True))
+    of_left = np.array([_figures(claim.measure, run, other) for run, other in pairs])
+    if claim.right:
+        of_right = np.array([_figures(claim.measure, other, other) for other in others])
+    else:
+        of_right = np.full_like(of_left, claim.than)
+    # All runs have the same tasks, see _check_runs, and so the same groups.
+    groups = results.groups_of(runs[0]) if claim.measure == "success" else None
+    return _Sides(seeds, of_left, of_right, groups)
 
 
 def _measure(results: StudyResults, claim: Claim, point: Values) -> Measured:
-    seeds, a, b, groups = _sides(results, claim, point)
-    low, high = _interval(claim, a, b, groups)
-    left, right = float(a.mean()), float(b.mean())
-    tasks = a.shape[1] if claim.measure == "success" else 0
-    number = tasks if groups is None else len(set(groups))
-    return Measured(point, left, right, left - right, low, high, len(seeds), tasks, number)
+    sides = _sides(results, claim, point)
+    low, high = _interval(claim, sides.left, sides.right, sides.groups)
+    left = float(sides.left.mean())
+    right = float(sides.right.mean())
+    tasks = sides.left.shape[1] if claim.measure == "success" else 0
+    return Measured(
+        values=point,
+        left=left,
+        right=right,
+        difference=left - right,
+        low=low,
+        high=high,
+        seeds=len(sides.seeds),
+        tasks=tasks,
+        groups=tasks if sides.groups is None else len(set(sides.groups)),
+    )
 
 
 def _check_runs(
@@ -193,26 +255,29 @@ def _check_runs(
 
 
 def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunResult]:
+    """Return a variant's runs by seed; ConfigError without runs, with the first known reason."""
     runs = {run.seed: run for run in results.runs if run.variant == variant and run.values == point}
     if not runs:
-        reasons = [
-            lost.why for lost in results.missing if lost.variant == variant and lost.values == point
-        ]
-        raise ConfigError(
-            f"no runs for '{variant}', {_point(point)}: {reasons[0] if reasons else 'not in the study'}"
-        )
+        lost = [one for one in results.missing if one.variant == variant and one.values == point]
+        why = lost[0].why if lost else "not in the study"
+        raise ConfigError(f"no runs for '{variant}', {_point(point)}: {why}")
     return runs
 
 
 def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
+    """Return a run's values: one for each test task for success, and else one; ``other`` is the right side's run."""
     if measure == "success":
         return run.rates
     if measure == "same_twice":
         return [run.terminations["same_twice"]]
     if measure == "early":
-        return [min(run.curve, key=lambda point: abs(point[0] - _EARLY * run.steps))[1]]
-    level = _REACHED * other.curve[-1][1]
-    return [min(steps_to(run.curve, level), run.steps) / run.steps]
+        # The nearest point of the curve; of two equally near ones, the earlier.
+        _, success = min(run.curve, key=lambda point: abs(point[0] - _EARLY * run.steps))
+        return [success]
+    _, end = other.curve[-1]
+    # A curve that never gets there counts as all steps: leaving it out would favour the slower side.
+    steps = min(steps_to(run.curve, _REACHED * end), run.steps)
+    return [steps / run.steps]
 
 
 def _interval(
@@ -222,16 +287,22 @@ def _interval(
     if len(left) == 1:
         return None, None
     if claim.measure == "success" and claim.than is not None:
+        # One side is exact, so the interval of the other is that of the difference, moved.
         low, high = rate_interval(left, groups)
         return low - claim.than, high - claim.than
     if claim.measure == "success":
         return crossed_difference(left - right, groups)[0][1:]
+    # Shares lie in [0, 1], and so their differences in [-1, 1]: no interval reaches beyond.
     within = (-1.0, 1.0) if claim.than is None else (-claim.than, 1 - claim.than)
     return student_interval((left - right)[:, 0], within=within) or (None, None)
 
 
 def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> tuple[Verdict, str]:
-    intervals = [(of.low, of.high) for of in measured if of.low is not None and of.high is not None]
+    intervals: list[tuple[float, float]] = []
+    for at in measured:
+        if at.low is not None and at.high is not None:
+            intervals.append((at.low, at.high))
+    # A claim about several points needs an interval at each of them.
     if len(intervals) < len(measured):
         return "undecided", "one seed shows no variation between seeds"
     if claim.expected == "varies":
@@ -241,23 +312,29 @@ def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> 
         return _comparable(low, high, claim.by)
     if claim.expected == "more":
         return _more(low, high, claim.by, "more", "less")
+    # Less is more with the sides exchanged: the interval is mirrored.
     return _more(-high, -low, claim.by, "less", "more")
 
 
 def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple[Verdict, str]:
     if low > 0:
-        if low >= by:
-            small = f", by less than {_SAME:g}" if high < _SAME else ""
-            return "reproduced", f"{word}, by more than {by:g}" if by else word + small
-        return "differs", f"{word}, but {'not' if high < by else 'not surely'} by {by:g}"
+        if low < by:
+            how = "not" if high < by else "not surely"
+            return "differs", f"{word}, but {how} by {by:g}"
+        if by:
+            return "reproduced", f"{word}, by more than {by:g}"
+        # Significant, but below any relevant size: reproduced as claimed, and the reader is told.
+        return "reproduced", f"{word}, by less than {_SAME:g}" if high < _SAME else word
     if high < 0:
         return "not reproduced", f"it is {opposite}"
-    if high < (by or _SAME):
-        return "not reproduced", f"not {word} by {by or _SAME:g}"
+    least = by or _SAME
+    if high < least:
+        return "not reproduced", f"not {word} by {least:g}"
     return "undecided", "the interval is too wide"
 
 
 def _comparable(low: float, high: float, by: float) -> tuple[Verdict, str]:
+    # Comparable is a claim of its own: an interval around 0 that is too wide does not prove it.
     if -by <= low and high <= by:
         return "reproduced", f"closer than {by:g}"
     if low > by or high < -by:
@@ -273,56 +350,81 @@ def _varies(
     measured: Sequence[Measured],
     intervals: Sequence[tuple[float, float]],
 ) -> tuple[Verdict, str]:
-    lows, highs = zip(*intervals, strict=True)
-    more = [_point(of.values) for of, low in zip(measured, lows, strict=True) if low > 0]
-    less = [_point(of.values) for of, high in zip(measured, highs, strict=True) if high < 0]
+    more: list[str] = []
+    less: list[str] = []
+    for at, (low, high) in zip(measured, intervals, strict=True):
+        if low > 0:
+            more.append(_point(at.values))
+        if high < 0:
+            less.append(_point(at.values))
     if more and less:
         right = claim.right or f"{claim.than:g}"
-        return (
-            "reproduced",
-            f"{claim.left} is ahead with {'; '.join(more)}, {right} with {'; '.join(less)}",
-        )
+        ahead = f"{claim.left} is ahead with {'; '.join(more)}"
+        return "reproduced", f"{ahead}, {right} with {'; '.join(less)}"
     if len(measured) in (len(more), len(less)):
         everywhere = f"{'more' if more else 'less'} at all {counted(len(measured), 'point')}"
+        # The same sign everywhere contradicts the claim, unless at least the amount varies.
         if any(_changes(results, claim, *pair) for pair in combinations(measured, 2)):
             return "differs", f"{everywhere}, but by different amounts"
         return "not reproduced", f"{everywhere}, by amounts that do not surely differ"
-    if min(lows) >= -_SAME and max(highs) <= _SAME:
+    if all(low >= -_SAME and high <= _SAME for low, high in intervals):
         return "not reproduced", f"no difference of {_SAME:g} anywhere"
     return "undecided", "the intervals are too wide"
 
 
 def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured) -> bool:
-    """Return whether the difference of the sides surely changes between two points, paired by seed and task."""
-    seeds, *left, groups = _sides(results, claim, one.values)
-    others, *right, _ = _sides(results, claim, other.values)
-    tasks = [
-        {results.tasks_of(run) for run in _runs(results, claim.left, of.values).values()}
-        for of in (one, other)
-    ]
-    common = sorted({*seeds} & {*others})
-    if tasks[0] != tasks[1] or len(common) < FEWEST_PAIRS:
-        return max(one.low or 0, other.low or 0) > min(one.high or 0, other.high or 0)
-    changes = [
-        (a - b)[[of.index(seed) for seed in common]]
-        for of, (a, b) in ((seeds, left), (others, right))
-    ]
+    """Return whether the difference of the sides changes significantly between two points.
+
+    At points with the same tasks, trainings of the same seed are compared task by task. This removes
+    the variation that both points share, so that smaller changes are found. Other tasks have no
+    counterparts, and too few common seeds no interval: then the points' own intervals must be disjoint.
+    """
+    here = _sides(results, claim, one.values)
+    there = _sides(results, claim, other.values)
+    common = sorted(set(here.seeds) & set(there.seeds))
+    has_same_tasks = _tasks(results, claim, one) == _tasks(results, claim, other)
+    if not has_same_tasks or len(common) < FEWEST_PAIRS:
+        greatest_low = max(one.low or 0, other.low or 0)
+        least_high = min(one.high or 0, other.high or 0)
+        return greatest_low > least_high
+    # A value that the claim names is the same at both points, and so cancels in the change.
     of_differences = msgspec.structs.replace(claim, than=None)
-    low, high = _interval(of_differences, changes[0], changes[1], groups)
-    return (low or 0) > 0 or (high or 0) < 0
+    low, high = _interval(
+        of_differences, here.differences(common), there.differences(common), here.groups
+    )
+    if low is None or high is None:
+        return False
+    return low > 0 or high < 0
+
+
+def _tasks(results: StudyResults, claim: Claim, at: Measured) -> set[tuple[str, str, int, int]]:
+    """Return the identities of the test tasks of the left side's runs at a point; usually one."""
+    runs = _runs(results, claim.left, at.values)
+    return {results.tasks_of(run) for run in runs.values()}
 
 
 def in_words(claim: ClaimVerdict, measured: Measured, mark: str = "") -> str:
-    """Format a claim's measured values as a sentence; ``mark`` surrounds the names of the variants."""
-    left, right = (f"{mark}{side}{mark}" for side in claim.sides)
-    interval = "" if measured.low is None else f" [{signed(measured.low)}, {signed(measured.high)}]"
-    other = claim.sides[1] if claim.is_value else f"{right} {share(measured.right)}"
+    """Format a claim's measured values as a sentence.
+
+    Args:
+        claim: the claim, with its sides and its measure.
+        measured: values of one grid point of the claim.
+        mark: text before and after the name of each variant, such as ``*`` in Markdown.
+
+    Returns:
+        Both sides, the difference with its interval, and the numbers of seeds, tasks and groups.
+    """
+    left, right = claim.sides
+    interval = ""
+    if measured.low is not None:
+        interval = f" [{signed(measured.low)}, {signed(measured.high)}]"
+    other = right if claim.is_value else f"{mark}{right}{mark} {share(measured.right)}"
     size = counted(measured.seeds, "seed")
     if measured.tasks:
         size += f", {counted(measured.tasks, 'task')}"
     if measured.groups < measured.tasks:
         size += f" in {counted(measured.groups, 'group')}"
-    sides = f"{left} {share(measured.left)} against {other}"
+    sides = f"{mark}{left}{mark} {share(measured.left)} against {other}"
     return f"{_MEASURES[claim.measure]}{sides}: {signed(measured.difference)}{interval} ({size})"
 
 

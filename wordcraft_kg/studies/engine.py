@@ -16,6 +16,7 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.studies.cells import exchange_cells, keep_cell, read_cell
 from wordcraft_kg.studies.local_workers import LocalWorkers
+from wordcraft_kg.studies.packs import CellFiles
 from wordcraft_kg.studies.perform import FIGURES, check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
 from wordcraft_kg.studies.results import StudyResults, read_figures
@@ -34,11 +35,16 @@ _TICK = 0.5
 
 
 @dataclass
-class State:
+class StudyProgress:
     """The progress of a running study, in numbers of tasks.
 
-    ``kept`` tasks were finished before the start, ``taken`` of them in the store. ``failed`` has outcomes by task
-    folder, also for tasks with failed inputs, and ``running`` start times by :func:`time.monotonic`.
+    Attributes:
+        total: tasks of the study.
+        kept: tasks that were finished before the start.
+        taken: those of ``kept`` that were copied from the store of cells.
+        done: tasks finished since the start.
+        failed: outcomes by task address, also for tasks whose inputs failed.
+        running: start times by task address, by :func:`time.monotonic`.
     """
 
     total: int
@@ -49,7 +55,7 @@ class State:
     running: dict[str, float] = field(default_factory=dict)
 
 
-Watch = Callable[[Plan, State], None]
+Watch = Callable[[Plan, StudyProgress], None]
 
 
 class FullDiskError(WordCraftKGError, OSError):
@@ -64,40 +70,55 @@ def run_plan(
     command: str = "",
     watch: Watch | None = None,
     store: Path | None = None,
-) -> State:
+) -> StudyProgress:
     """Perform the tasks in a study that lack results in the folder ``root``, and return the final state.
 
-    A failed task stops only the tasks that need its result; the next call repeats failed tasks. Workers are made only
-    if there are tasks; ``command`` is for the record, and ``watch`` is called regularly. Results are also taken from,
-    and added to, the cells in the folder ``store``.
+    A failed task stops only the tasks that need its result; the next call repeats failed tasks.
+
+    Args:
+        plan: the study.
+        root: results folder.
+        make_workers: starts the processes; called only if there are tasks for them.
+        command: command line, for the study's record.
+        watch: called regularly with the plan and its progress.
+        store: folder of cells, whose results are taken and to which new results are added; None for none.
 
     Raises:
-        ArtefactError: if a different study runs in the folder.
+        ArtefactError: if a different study runs in the folder, or a pack of the store is damaged.
+        ConfigError: if ``store`` is a file.
         FullDiskError: if the disk is full.
         KeyboardInterrupt: after Ctrl-C; running trainings keep a checkpoint.
     """
+    # A store that cannot be read is refused before the results folder is touched.
+    cells = None if store is None else CellFiles(store)
     with own_results(root):
         write_plan(root, plan, command)
-        engine = _Engine(plan, root, watch, store)
-        engine.state.taken = exchange_cells(plan, root, store) if store else 0
+        engine = _Engine(plan, root, watch, cells)
+        engine.state.taken = 0 if cells is None else exchange_cells(plan, root, cells)
         return engine.run(make_workers)
 
 
 class _Engine:
-    def __init__(self, plan: Plan, root: Path, watch: Watch | None, store: Path | None):
-        self.plan, self.root, self.watch, self.store = plan, root, watch, store
-        self.state = State(len(plan.tasks))
+    def __init__(self, plan: Plan, root: Path, watch: Watch | None, store: CellFiles | None):
+        self.plan = plan
+        self.root = root
+        self.watch = watch
+        self.store = store
+        self.state = StudyProgress(len(plan.tasks))
         self._present: set[str] = set()
         self._waiting: dict[str, Task] = {}
 
-    def run(self, make_workers: Callable[[], LocalWorkers]) -> State:
+    def run(self, make_workers: Callable[[], LocalWorkers]) -> StudyProgress:
         tasks = self.plan.tasks
         self._waiting = self._missing()
         self._present = tasks.keys() - self._waiting.keys()
         self.state.kept = len(self._present)
-        for task in [task for task in self._waiting.values() if task.kind == "graphs"]:
+        # Graphs are made quickly, so no process has to start for them.
+        graphs = [task for task in self._waiting.values() if task.kind == "graphs"]
+        for task in graphs:
             make_graph(task, self.root, self.plan.books[task.address])
-            self._end(Outcome(self._waiting.pop(task.address).address, "done"))
+            del self._waiting[task.address]
+            self._end(Outcome(task.address, "done"))
         if self._waiting:
             workers = make_workers()
             try:
@@ -114,25 +135,24 @@ class _Engine:
         return self.state
 
     def _missing(self) -> dict[str, Task]:
-        tasks = self.plan.tasks
-        missing = {
-            address: task for address, task in tasks.items() if not self._is_present(task, is_done)
-        }
-        for kind in ("scorers", "graphs"):  # a damaged scorer needs a graph
-            needed = {
-                tasks[address]
-                for task in missing.values()
-                for address in task.needs
-                if address not in missing
-            }
-            for task in (
-                task
-                for task in needed
-                if task.kind == kind and not self._is_present(task, check_whole)
-            ):
-                shutil.rmtree(task.folder(self.root))
-                missing[task.address] = task
+        """Return the tasks to perform: those without results, and inputs of these that lack their files."""
+        missing: dict[str, Task] = {}
+        for address, task in self.plan.tasks.items():
+            if not self._is_present(task, is_done):
+                missing[address] = task
+        # Scorers first: a damaged scorer is trained again, and so needs a whole graph.
+        for kind in ("scorers", "graphs"):
+            for task in self._inputs_of(missing):
+                if task.kind == kind and not self._is_present(task, check_whole):
+                    shutil.rmtree(task.folder(self.root))
+                    missing[task.address] = task
         return missing
+
+    def _inputs_of(self, missing: dict[str, Task]) -> set[Task]:
+        needed: set[str] = set()
+        for task in missing.values():
+            needed.update(task.needs)
+        return {self.plan.tasks[address] for address in needed - missing.keys()}
 
     def _is_present(self, task: Task, check: Callable[[Task, Path], bool]) -> bool:
         try:
@@ -144,14 +164,16 @@ class _Engine:
     def _work(self, workers: LocalWorkers) -> None:
         is_full = False
         while self.state.running or (self._waiting and not is_full):
-            while (
-                not is_full and len(self.state.running) < workers.places and (task := self._next())
-            ):
+            while not is_full and len(self.state.running) < workers.places:
+                task = self._next()
+                if task is None:
+                    break
                 forget_failure(self.root, task.address)  # from an earlier call
                 self.state.running[task.address] = time.monotonic()
                 workers.start(task)
             self._show()
             for outcome in workers.wait(_TICK):
+                # Running tasks may still end well; no new ones are started.
                 is_full = is_full or outcome.disk_full
                 del self.state.running[outcome.address]
                 if outcome.termination == "interrupted":
@@ -164,9 +186,11 @@ class _Engine:
             )
 
     def _next(self) -> Task | None:
-        ready = (task for task in self._waiting.values() if self._present.issuperset(task.needs))
-        task = next(ready, None)
-        return self._waiting.pop(task.address) if task else None
+        """Return a waiting task whose inputs are there, in the order of the plan; None if there is none now."""
+        for task in self._waiting.values():
+            if self._present.issuperset(task.needs):
+                return self._waiting.pop(task.address)
+        return None
 
     def _end(self, outcome: Outcome) -> None:
         task = self.plan.tasks[outcome.address]
@@ -178,11 +202,12 @@ class _Engine:
                 keep_cell(task, self.root, self.store)
             return
         self._fail(task, outcome)
-        for other in [other for other in self._waiting.values() if task.address in other.needs]:
+        # Only runs have inputs that can fail, so no task waits for one that is removed here.
+        others = [other for other in self._waiting.values() if task.address in other.needs]
+        why = f"{task.title} failed: {outcome.error}"
+        for other in others:
             del self._waiting[other.address]
-            self._fail(
-                other, Outcome(other.address, "failed", f"{task.title} failed: {outcome.error}")
-            )
+            self._fail(other, Outcome(other.address, "failed", why))
 
     def _fail(self, task: Task, outcome: Outcome) -> None:
         self.state.failed[task.address] = outcome
@@ -213,29 +238,43 @@ _START = 3.0
 
 
 def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
-    """Estimate a study's remaining core hours from finished tasks; cells in ``store`` count as finished."""
+    """Estimate the hours of one core that a study still needs.
+
+    The duration of finished tasks in ``root`` corrects the estimates for this machine and book: the
+    median of their ratios to the usual duration, by kind of task.
+
+    Args:
+        plan: the study.
+        root: results folder, which may be missing.
+        store: folder of cells, which count as finished; None for none.
+
+    Raises:
+        ConfigError: if ``store`` is a file.
+        ArtefactError: if a pack of the store is damaged.
+    """
+    cells = None if store is None else CellFiles(store)
     left: dict[str, Task] = {}
     measured = defaultdict(list)
     for task in plan.tasks.values():
         try:
             seconds = read_figures(task.folder(root), FIGURES[task.kind]).seconds
         except ArtefactError:
-            if store is None or task.kind == "graphs" or read_cell(task, store) is None:
+            if cells is None or task.kind == "graphs" or read_cell(task, cells) is None:
                 left[task.address] = task
             continue
-        if seconds:
+        if seconds:  # 0 for graphs and for results from a store
             measured[_sort(task)].append(seconds / _usual(task))
-    needed = {address for task in left.values() for address in task.needs}
-    left |= {
-        address: plan.tasks[address]
-        for address in needed
-        if not (root / address / RUN_FILE).exists()
-    }
+    # Results from a store have no files: a scorer that a missing agent needs is trained again.
+    for task in list(left.values()):
+        for address in task.needs:
+            if not (root / address / RUN_FILE).exists():
+                left[address] = plan.tasks[address]
     factors = {sort: median(ratios) for sort, ratios in measured.items()}
     return sum(_usual(task) * factors.get(_sort(task), 1.0) for task in left.values()) / 3600
 
 
 def _sort(task: Task) -> str:
+    """Return the kind of a task as far as it decides the duration: a key of the tables above."""
     if task.kind == "scorers":
         return str(task.settings["command"])
     if task.kind == "graphs":
@@ -249,11 +288,8 @@ def _sort(task: Task) -> str:
 
 def _usual(task: Task) -> float:
     if task.kind == "runs":
-        return (
-            _START
-            + task.settings["settings"].get("steps", ImpalaConfig.steps)
-            / _STEPS_PER_SECOND[_sort(task)]
-        )
+        steps = task.settings["settings"].get("steps", ImpalaConfig.steps)
+        return _START + steps / _STEPS_PER_SECOND[_sort(task)]
     return _SECONDS_OF_SCORER.get(_sort(task), 1.0)
 
 
@@ -290,9 +326,13 @@ def run_study(
         [('none', 0, 256)]
     """
     check_study(study)
-    root, plan = Path(out), make_plan(study, name)
-    number, work = plan.jobs(jobs), partial(perform, keep_all=keep_all)
-    run_plan(
-        plan, root, lambda: LocalWorkers(root, number, work, plan.threads), watch=watch, store=store
-    )
+    root = Path(out)
+    plan = make_plan(study, name)
+    number = plan.jobs(jobs)
+    work = partial(perform, keep_all=keep_all)
+
+    def make_workers() -> LocalWorkers:
+        return LocalWorkers(root, number, work, plan.threads)
+
+    run_plan(plan, root, make_workers, watch=watch, store=store)
     return collect_study(root, name)

@@ -26,9 +26,9 @@ from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import agent_config, scorer_config
 from wordcraft_kg.studies.results import (
     FIGURES_FILE,
-    Figures,
     RunFigures,
     ScorerFigures,
+    TaskFigures,
     read_figures,
     write_figures,
 )
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
     from wordcraft_kg.runs.training import Training
 
 T = TypeVar("T")
-FIGURES: dict[Kind, type[Figures]] = {
-    "graphs": Figures,
+FIGURES: dict[Kind, type[TaskFigures]] = {
+    "graphs": TaskFigures,
     "scorers": ScorerFigures,
     "runs": RunFigures,
 }
@@ -61,6 +61,7 @@ def check_whole(task: Task, root: Path) -> bool:
     if task.kind == "graphs":
         open_graph(str(folder))
         return True
+    # A cell of a store has results only; an agent needs the scorer's weights.
     if read_figures(folder, ScorerFigures).stored:
         return False
     files = RunFiles(folder, read_run(folder))
@@ -79,23 +80,44 @@ def platform_of(device: str) -> str:
 
 
 def make_graph(task: Task, root: Path, book: str) -> None:
-    """Write a task's graph folder from a recipe book (RecipeFileError if missing, ArtefactError if changed)."""
+    """Write a task's graph folder, and replace an earlier one.
+
+    Args:
+        task: task of the kind "graphs".
+        root: results folder.
+        book: recipe book, as the study names it.
+
+    Raises:
+        RecipeFileError: if the book is missing or damaged.
+        ArtefactError: if the book has changed since the study was planned: the address is for the
+            earlier content.
+    """
     folder = task.folder(root)
     recipes = open_book(book)
     graph = RecipeGraph.from_book(recipes)
     split = make_split(graph, SplitConfig(**task.settings["split"]))
-    if graph.hash != task.settings["graph"] or split.hash != task.settings.get(
-        "split_hash", split.hash
-    ):
+    planned_split = task.settings.get("split_hash", split.hash)
+    if graph.hash != task.settings["graph"] or split.hash != planned_split:
         raise ArtefactError(
             f"the book '{book}' has changed since the study was planned; repeat the command."
         )
     write_graph_folder(folder, recipes, split, force=True)
-    write_figures(folder, Figures(seconds=0.0, versions={"wordcraft-kg": version("wordcraft-kg")}))
+    write_figures(
+        folder, TaskFigures(seconds=0.0, versions={"wordcraft-kg": version("wordcraft-kg")})
+    )
 
 
 def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
-    """Train or resume a task; errors are in the outcome. Without ``keep_all``, large files of a run are removed."""
+    """Train or resume a task; raises no error, so that other tasks go on.
+
+    Args:
+        task: task of the kind "scorers" or "runs", whose inputs are done.
+        root: results folder.
+        keep_all: keep also files of a run that its results do not need, such as the agent's weights.
+
+    Returns:
+        The outcome, with the error of a failed training.
+    """
     try:
         if is_done(task, root):
             return Outcome(task.address, "done")
@@ -115,6 +137,7 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
 
 
 def _is_disk_full(error: BaseException | None) -> bool:
+    # Libraries wrap the system's error in errors of their own.
     while error is not None:
         if isinstance(error, OSError) and error.errno in (ENOSPC, EDQUOT):
             return True
@@ -128,13 +151,13 @@ def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: 
 
     with suppress(ArtefactError):
         begun_with = read_run(folder).inputs
-        if any(
-            begun_with.get(name) != value for name, value in trainer.input_hashes(config).items()
-        ):
+        inputs = trainer.input_hashes(config)
+        if any(begun_with.get(name) != value for name, value in inputs.items()):
             _clear(folder)  # a damaged scorer was trained again on another machine
     try:
         return train(trainer, config, folder, keep=True)
     except (ArtefactError, OutputExistsError) as error:
+        # An input may be damaged instead, or the disk full: training anew would not help.
         if not folder.exists() or _is_disk_full(error):
             raise
         _clear(folder)
@@ -151,13 +174,15 @@ def _run(task: Task, root: Path, keep_all: bool) -> bool:
     from wordcraft_kg.agents.training import AgentTraining
 
     folder = task.folder(root)
-    graph, *scorer = (str(root / address) for address in task.needs)
-    config = agent_config(task.settings["settings"], graph, scorer[0] if scorer else None)
+    inputs = [str(root / address) for address in task.needs]
+    graph = inputs[0]
+    scorer = inputs[1] if len(inputs) > 1 else None
+    config = agent_config(task.settings["settings"], graph, scorer)
     if _trained(AgentTraining, config, folder).interrupted:
         return False
-    write_figures(
-        folder, replace(_run_figures(folder, open_graph(graph)), platform=platform_of(task.device))
-    )
+    figures = _run_figures(folder, open_graph(graph))
+    # Results are written before files go: a kill in between leaves a task that is done.
+    write_figures(folder, replace(figures, platform=platform_of(task.device)))
     if not keep_all:
         for name in _LARGE:
             (folder / name).unlink()
@@ -173,8 +198,10 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
     part: TaskPart = "test" if "test" in summary.success else "train"
     lines = read_metrics(files.bytes("metrics.jsonl"), folder / "metrics.jsonl")
     name = f"{part}_success"
+    # Five digits hold a share of all tasks, and keep a study with thousands of points small.
     curve = tuple((row.step, round(row.figures[name], 5)) for row in lines if name in row.figures)
     distractor_seeds = summary.success[part].distractor_seeds
+    played = [task for task in read_episodes(folder) if task.part == part]
     return RunFigures(
         seconds=summary.seconds,
         versions=files.run.versions,
@@ -182,11 +209,7 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
         success={name: rate.mean for name, rate in summary.success.items()},
         by_plan={name: rate.by_plan for name, rate in summary.success.items()},
         terminations={str(name): share for name, share in summary.outcomes[part].items()},
-        won="".join(
-            f"{round(task.success * distractor_seeds)}"
-            for task in read_episodes(folder)
-            if task.part == part
-        ),
+        won="".join(str(round(task.success * distractor_seeds)) for task in played),
         distractor_seeds=distractor_seeds,
         curve=curve,
         steps=summary.steps,
@@ -200,8 +223,10 @@ def _scorer(task: Task, root: Path) -> bool:
     from wordcraft_kg.models.recipes.config import RecipesConfig
     from wordcraft_kg.models.recipes.training import RecipesTraining
 
-    folder, graph = task.folder(root), str(root / task.needs[0])
-    command, settings = task.settings["command"], task.settings["settings"]
+    folder = task.folder(root)
+    graph = str(root / task.needs[0])
+    command = task.settings["command"]
+    settings = task.settings["settings"]
     began = time.perf_counter()
     if command in RecipesConfig.commands:
         _trained(RecipesTraining, RecipesConfig(graph, scorer_config(command, settings)), folder)
@@ -231,9 +256,8 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
     def make(recipes):  # type: ignore[no-untyped-def]
         if name == "kernel":
             return KernelScorer(whole, recipes, glove_features(whole.entities).vectors)
-        return {"facts": SymbolicScorer, "neighbours": NeighbourScorer}[name](
-            whole, recipe_triples(recipes)
-        )
+        kind = SymbolicScorer if name == "facts" else NeighbourScorer
+        return kind(whole, recipe_triples(recipes))
 
     is_full = settings.get("kg", "partial") == "full"
     scorer = make(whole.recipes) if is_full else cross_fit(opened.split, make)
@@ -245,8 +269,9 @@ def _scorer_figures(folder: Path, seconds: float) -> ScorerFigures:
     from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 
     model = open_model(folder)
-    graph, unseen = model.opened.graph, model.opened.split.held_out("test")
-    mrr = None
+    graph = model.opened.graph
+    unseen = model.opened.split.held_out("test")
+    mrr = None  # on the full graph the scorer has seen the test triples
     if model.kg == "partial" and len(unseen):
         ranked = rank_triples(model.scorer, sampled_for(graph, unseen), graph.triples)
         mrr = round(mean_reciprocal_rank(ranked), 6)

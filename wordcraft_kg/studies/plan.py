@@ -24,8 +24,8 @@ from wordcraft_kg.studies.study import (
     OF_GRAPH,
     SCORER,
     SCORER_SETTINGS,
-    Cell,
     Study,
+    StudyCell,
     Value,
     Values,
     cells_of,
@@ -62,9 +62,9 @@ def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
     return kind(**{**_IN_STUDIES.get(kind, {}), **settings})
 
 
-DEFAULTS_OF_AGENT = {
-    name: value for kind in _PART_OF_AGENT.values() for name, value in defaults_of(kind).items()
-}
+DEFAULTS_OF_AGENT: dict[str, Any] = {}
+for _kind in _PART_OF_AGENT.values():
+    DEFAULTS_OF_AGENT |= defaults_of(_kind)
 DEFAULTS_OF_GRAPH = {
     name: {"book": BOOK, **defaults_of(SplitConfig)}[field] for name, field in OF_GRAPH.items()
 }
@@ -72,11 +72,20 @@ DEFAULTS_OF_GRAPH = {
 
 @dataclass(frozen=True)
 class Plan:
-    """A study's tasks, each after its inputs; runs by cell, perhaps shared, and books by graph address."""
+    """All that a study consists of.
+
+    Attributes:
+        name: name of the study in its results folder.
+        study: the study.
+        cells: its trainings, by grid point, variant and seed.
+        runs: address of each cell's run; equal trainings share one.
+        tasks: all tasks by address, each after its inputs, first seeds first.
+        books: recipe book by graph address, as the study names it.
+    """
 
     name: str
     study: Study
-    cells: tuple[Cell, ...]
+    cells: tuple[StudyCell, ...]
     runs: tuple[str, ...]
     tasks: Mapping[str, Task]
     books: Mapping[str, str]
@@ -88,15 +97,23 @@ class Plan:
 
     def jobs(self, wanted: int | None) -> int:
         """Return the number of parallel tasks: ``wanted`` (ConfigError out of range), or as many as the cores allow."""
-        return (
-            max(cores() // self.threads, 1)
-            if wanted is None
-            else whole("jobs", wanted, 1, MAX_THREADS)
-        )
+        if wanted is None:
+            return max(cores() // self.threads, 1)
+        return whole("jobs", wanted, 1, MAX_THREADS)
 
 
 def make_plan(study: Study, name: str) -> Plan:
-    """Plan a study's tasks; ``name`` is a file name. Faults and equal variants are a ConfigError."""
+    """Plan a study's tasks: reads recipe books and makes splits, but trains nothing.
+
+    Args:
+        study: a checked study.
+        name: name in the results folder, which is a file name.
+
+    Raises:
+        ConfigError: if ``name`` is no file name, a setting is out of range or does not fit another (the
+            variant is named), or two variants are the same trainings.
+        RecipeFileError: if a recipe book is missing.
+    """
     if name in ("", "..") or Path(name).name != name:
         raise ConfigError(
             f"a study cannot be called '{name}', because its name is a file name. Choose a name without folders."
@@ -104,28 +121,28 @@ def make_plan(study: Study, name: str) -> Plan:
     planner = _Planner(study)
     cells = tuple(cells_of(study))
     # First seeds for all variants first: an interrupted study has figures for each variant.
-    runs = {
-        number: planner.run(cells[number])
-        for number in sorted(range(len(cells)), key=lambda i: cells[i].seed)
-    }
+    order = sorted(range(len(cells)), key=lambda number: cells[number].seed)
+    runs = {number: planner.run(cells[number]) for number in order}
     _refuse_equal(cells, runs)
     return Plan(
-        name,
-        study,
-        cells,
-        tuple(runs[number] for number in range(len(cells))),
-        planner.tasks,
-        planner.books,
+        name=name,
+        study=study,
+        cells=cells,
+        runs=tuple(runs[number] for number in range(len(cells))),
+        tasks=planner.tasks,
+        books=planner.books,
     )
 
 
-def _refuse_equal(cells: Sequence[Cell], runs: Mapping[int, str]) -> None:
+def _refuse_equal(cells: Sequence[StudyCell], runs: Mapping[int, str]) -> None:
+    """Refuse variants that say the same in other words, such as a default: all their differences would be 0."""
     by_variant: dict[str, list[str]] = {}
     for number, cell in enumerate(cells):
         by_variant.setdefault(cell.variant, []).append(runs[number])
     names: dict[tuple[str, ...], str] = {}
     for name, addresses in by_variant.items():
-        if (other := names.setdefault(tuple(addresses), name)) != name:
+        other = names.setdefault(tuple(addresses), name)
+        if other != name:
             raise ConfigError(
                 f"variants '{other}' and '{name}' are the same trainings; remove the duplicate."
             )
@@ -140,7 +157,7 @@ class _Planner:
         self._made: dict[str, str] = {}
         self._files: dict[str, str] = {}
 
-    def run(self, cell: Cell) -> str:
+    def run(self, cell: StudyCell) -> str:
         try:
             _check_kinds(cell.settings, {**DEFAULTS_OF_GRAPH, **DEFAULTS_OF_AGENT})
             graph = self._graph(cell.settings)
@@ -149,42 +166,51 @@ class _Planner:
             raise ConfigError(f"variant '{cell.variant}'{_values(cell.values)}: {error}") from None
 
     def _add(self, kind: Kind, described: dict[str, Any], title: str, *others: Any) -> str:
+        # The number of the version is a part of the address, see VERSIONS.
         task = Task(kind, {"version": VERSIONS[kind], **described}, title, *others)
         return self.tasks.setdefault(task.address, task).address
 
     def _graph(self, settings: Values) -> str:
-        source = str(settings.get("book", BOOK))
         given = {name: settings[name] for name in OF_GRAPH if name in settings}
+        # All cells of a study usually share a graph, and making one takes seconds.
         key = repr(given)
         if key not in self._made:
-            if source not in self._graphs:
-                self._graphs[source] = RecipeGraph.from_book(open_book(source))
-            graph, config = self._graphs[source], split_of(settings)
-            # An impossible split fails here; a book too small for the default split has none.
-            split = make_split(graph, config) if given.keys() - {"book"} else default_split(graph)
-            if split.config.kind == "none":
-                raise ConfigError(
-                    f"the split of '{source}' has no test tasks to compare agents on. Use a `split` such as by-recipe, "
-                    "and a large enough book."
-                )
-            described = {"graph": graph.hash, "name": graph.name, "split": asdict(split.config)}
-            if SPLITS[split.config.kind].uses_kinds:
-                described["split_hash"] = split.hash
-            title = f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}"
-            self._made[key] = address = self._add("graphs", described, title)
-            self.books[address] = source
+            self._made[key] = self._make_graph(str(settings.get("book", BOOK)), given)
         return self._made[key]
 
-    def _scorer(self, cell: Cell, graph: str) -> str | None:
+    def _make_graph(self, book: str, given: Values) -> str:
+        """Return the address of a new graph; ``given`` has the study's graph settings."""
+        # Reading a book and checking its recipes takes seconds; its splits share one graph.
+        if book not in self._graphs:
+            self._graphs[book] = RecipeGraph.from_book(open_book(book))
+        graph = self._graphs[book]
+        # An impossible split fails here; a book too small for the default split has none.
+        has_split = bool(given.keys() - {"book"})
+        split = make_split(graph, split_of(given)) if has_split else default_split(graph)
+        if split.config.kind == "none":
+            raise ConfigError(
+                f"the split of '{book}' has no test tasks to compare agents on. Use a `split` such as by-recipe, "
+                "and a large enough book."
+            )
+        described = {"graph": graph.hash, "name": graph.name, "split": asdict(split.config)}
+        # Such splits also depend on kinds of entities, which neither hash nor settings cover.
+        if SPLITS[split.config.kind].uses_kinds:
+            described["split_hash"] = split.hash
+        title = f"graph {graph.name}, {split.config.kind}, seed {split.config.seed}"
+        address = self._add("graphs", described, title)
+        self.books[address] = book
+        return address
+
+    def _scorer(self, cell: StudyCell, graph: str) -> str | None:
+        """Return the address of a cell's scorer; None without a scorer, or for one that learns from nothing."""
         name = cell.settings.get(SCORER)
         if name is None:
             return None
-        own = {
-            key.removeprefix(f"{SCORER}."): v
-            for key, v in cell.settings.items()
-            if key.startswith(f"{SCORER}.")
-        }
-        settings = {**self.study.scorers[str(name)], **own}
+        prefix = f"{SCORER}."
+        settings = dict(self.study.scorers[str(name)])
+        for key, value in cell.settings.items():
+            if key.startswith(prefix):
+                settings[key.removeprefix(prefix)] = value
         command = str(settings.pop("command"))
         unknown = settings.keys() - SCORER_SETTINGS[command]
         if unknown:
@@ -192,91 +218,105 @@ class _Planner:
             raise ConfigError(
                 f"{command} has no setting '{SCORER}.{wrong}'.{nearest(wrong, SCORER_SETTINGS[command])}"
             )
+        # Without a share of the knowledge, the agent is the one without a scorer.
         if settings.get("share") == 0:
             return None
-        threads, device = 1, "cpu"
+        threads = 1
+        device = "cpu"
         if command not in CONFIG_OF:
             one_of("kg", settings.get("kg", "partial"), ("partial", "full"))
+            # The default is left out, as for trained scorers.
             settings = {name: value for name, value in settings.items() if value != "partial"}
         else:
             _check_kinds(settings, defaults_of(CONFIG_OF[command]))
+            # Each agent gets a scorer of its own seed, so intervals cover both trainings.
             settings.setdefault("seed", cell.seed)
             if command == RecipeScorerConfig.command:
+                # The default vectors depend on the book's language, so the address names them.
                 labels = self._graphs[self.books[graph]].entities
                 settings.setdefault("features", named(RecipeScorerConfig.features, labels))
             config = scorer_config(command, settings)
-            threads, device = config.threads, config.device
+            threads = config.threads
+            device = config.device
             settings = _not_default(settings, CONFIG_OF[command])
         described = {"graph": graph, "command": command, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{command}{_values(settings)} on {self.tasks[graph].title}"
         return self._add("scorers", described, title, (graph,), threads, device)
 
-    def _agent(self, cell: Cell, graph: str, scorer: str | None) -> str:
+    def _agent(self, cell: StudyCell, graph: str, scorer: str | None) -> str:
+        """Return the address of a cell's run."""
         given: dict[str, Any] = {
             name: value for name, value in cell.settings.items() if name in OF_AGENT
         }
+        # A scorer that learns from nothing leaves its agent without settings for knowledge.
         if scorer is None and SCORER in cell.settings:
             given = {name: value for name, value in given.items() if name not in KNOWLEDGE_SETTINGS}
         given["seed"] = cell.seed
         if "eval_every" not in given:
             steps = whole("steps", given.get("steps", ImpalaConfig.steps), 1)
             given["eval_every"] = max(steps // _CURVE_POINTS, 1)
+        # The folders of graph and scorer do not exist yet; only the settings are checked.
         config = agent_config(given, graph, scorer)
+        # Where the cost changes nothing it must not change the address either.
         has_cost = ImpalaConfig.has_scorer_cost(config.policy.sources, config.tasks.depth)
-        given["scorer_cost"] = (
-            given.get("scorer_cost", ImpalaConfig.scorer_cost) if has_cost else 0.0
-        )
-        settings = {
-            name: v
-            for kind in _PART_OF_AGENT.values()
-            for name, v in _not_default(given, kind).items()
-        }
+        cost = given.get("scorer_cost", ImpalaConfig.scorer_cost)
+        given["scorer_cost"] = cost if has_cost else 0.0
+        settings: dict[str, Any] = {}
+        for kind in _PART_OF_AGENT.values():
+            settings |= _not_default(given, kind)
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
         needs = (graph,) if scorer is None else (graph, scorer)
-        return self._add(
-            "runs", described, title, needs, config.trainer.threads, config.trainer.device
-        )
+        trainer = config.trainer
+        return self._add("runs", described, title, needs, trainer.threads, trainer.device)
 
     def _content(self, features: Value | None) -> dict[str, str]:
+        """Return hashes of a file of vectors for an address: another content is another training."""
         spec = FeatureSpec.parse(LEARNED if features is None else str(features))
         if not spec.is_path:
             return {}
         path = Path(spec.source)
         if not path.exists():
             names = (*NAMES, *(SHUFFLED + name for name in VECTORS))
-            expected = f"a file or folder, or one of {', '.join(NAMES)}; all but the last perhaps after '{SHUFFLED}'"
+            expected = (
+                f"a file or folder, or one of {', '.join(NAMES)}; all but the last perhaps after "
+                f"'{SHUFFLED}'"
+            )
             raise refuse("features", features, expected, nearest(str(features), names))
         if spec.source not in self._files:
             path = path / ENCODED if path.is_dir() else path
-            labels = (
-                [path.with_suffix(end) for end in (".labels.txt", ".txt")]
-                if path.suffix.lower() == ".npy"
-                else []
-            )
-            hashes = [sha256_of(file) for file in (path, *labels) if file.is_file()]
+            files = [path]
+            # An array has its labels in a file beside it, under either name.
+            if path.suffix.lower() == ".npy":
+                files += [path.with_suffix(".labels.txt"), path.with_suffix(".txt")]
+            hashes = [sha256_of(file) for file in files if file.is_file()]
             self._files[spec.source] = " ".join(hashes)
         return {"content": self._files[spec.source]}
 
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:
-    """Return an agent's configuration from settings of an address, without `_IN_STUDIES`; ConfigError if invalid.
+    """Return an agent's configuration from settings of an address, which leave defaults out.
 
-    ``graph`` and ``scorer`` are folders.
+    Args:
+        settings: settings of tasks, policy and trainer by option name.
+        graph: graph folder, or its address.
+        scorer: model folder or its address; None for an agent without a scorer.
+
+    Raises:
+        ConfigError: if a setting is out of range, or does not fit another.
     """
     settings = {**_IN_STUDIES[ImpalaConfig], **settings}
-    parts = {
-        name: kind(
-            **{field.name: settings[field.name] for field in fields(kind) if field.name in settings}
-        )
-        for name, kind in _PART_OF_AGENT.items()
-    }
+    parts: dict[str, Any] = {}
+    for part, kind in _PART_OF_AGENT.items():
+        names = [field.name for field in fields(kind) if field.name in settings]
+        parts[part] = kind(**{name: settings[name] for name in names})
     return replace(AgentConfig(graph, scorer), **parts)
 
 
 def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
+    """Refuse a value of another kind than its default; ranges are checked by the configuration classes."""
     for name, value in settings.items():
         default = defaults.get(name)
         if isinstance(default, str) and not isinstance(value, str):
@@ -288,12 +328,12 @@ def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> No
 
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
-    defaults = defaults_of(kind)
-    return {
-        name: settings[name]
-        for name in defaults
-        if name in settings and settings[name] != defaults[name]
-    }
+    """Return the settings of a configuration class that are not at their default, in the order of the class."""
+    changed: dict[str, Any] = {}
+    for name, default in defaults_of(kind).items():
+        if name in settings and settings[name] != default:
+            changed[name] = settings[name]
+    return changed
 
 
 def _values(values: Mapping[str, Any]) -> str:

@@ -38,12 +38,13 @@ class PlayedTasks:
             # Of very many tasks, an even sample is played.
             groups = groups[:: distance_of(len(groups), MOST_TASKS)]
             _, first, number = np.unique(groups, return_index=True, return_inverse=True)
+            # unique() numbers the groups by their values; the first appearance does not depend on these.
             place = np.argsort(np.argsort(first))
             self._groups[key] = place[number]
         return self._groups[key]
 
     def check(
-        self, figures: RunFigures, address: str, settings: Mapping[str, Any], where: Path
+        self, figures: RunFigures, address: str, settings: Mapping[str, Any], where: Path | str
     ) -> None:
         """Raise ArtefactError if an agent's results are of another graph or split, or not of all test tasks.
 
@@ -51,10 +52,12 @@ class PlayedTasks:
             figures: results of the agent.
             address: address of the agent's graph.
             settings: settings of the agent's cell or task.
-            where: file or folder with the results, for the error.
+            where: file or folder with the results, perhaps in words, for the error.
         """
-        opened, tasks = self._graph(address), len(self.groups(address, settings))
-        graph, split = opened.graph.hash, opened.split.hash
+        opened = self._graph(address)
+        tasks = len(self.groups(address, settings))
+        graph = opened.graph.hash
+        split = opened.split.hash
         if (figures.graph.hash, figures.graph.split) != (graph, split):
             raise ArtefactError(
                 f"{where} has results of graph {figures.graph.hash[:12]}, split {figures.graph.split[:12]}; expected "

@@ -1,25 +1,38 @@
 """A study report: page, tables and pictures from a study's summarised results."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 
 from markupsafe import Markup
 
+from wordcraft_kg.evaluation.training_curves import CurvePoint
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.charts.scales import Estimate
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.tables import as_csv, notes, origin_in_words, tables_of, with_bounds
-from wordcraft_kg.studies.variants import PointFigures, ScorerScatter
+from wordcraft_kg.studies.variants import Correlation, PointFigures, ScorerScatter
 from wordcraft_kg.studies.view import StudyView, title_of
 
 _SUCCESS = "greedy success on test tasks"
 
 
 def write_study_report(view: StudyView, folder: Path, *, force: bool = False) -> list[Path]:
-    """Write page, report.json, table and picture; return the paths."""
+    """Write a study's report.
+
+    Args:
+        view: the summarised results.
+        folder: folder to write, which appears when it is complete.
+        force: replace an existing report.
+
+    Returns:
+        The paths of page, ``report.json``, table and picture.
+
+    Raises:
+        OutputExistsError: if ``folder`` exists and ``force`` is False.
+    """
     report = make_study_report(view)
     write_report(report, folder, force=force)
     return [folder / name for name in ("index.html", "report.json", *report.files)]
@@ -35,15 +48,17 @@ def make_study_report(view: StudyView) -> Report[StudyView]:
             "tables": tables_of(view),
             "notes": notes(view),
             "origin_in_words": origin_in_words,
-            "correlation": lambda of: (
-                with_bounds(of.value, (of.low, of.high), ".2f") if of else "–"
-            ),
+            "correlation": _correlation,
             "title": title_of,
             "words": in_words,
             "claims": [list(same) for _, same in groupby(view.claims, key=attrgetter("text"))],
         },
         files={"table.csv": as_csv(view), "figure.svg": study_figure(view)},
     )
+
+
+def _correlation(of: Correlation | None) -> str:
+    return with_bounds(of.value, (of.low, of.high), ".2f") if of else "–"
 
 
 def study_figure(view: StudyView) -> str:
@@ -54,25 +69,27 @@ def study_figure(view: StudyView) -> str:
 def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
     """Yield a caption and a chart for each grid point; a "scatter" study has a single chart for all scorer settings."""
     if view.drawing == "scatter" and view.scatters:
-        for title in dict.fromkeys(title_of(scatter.values) for scatter in view.scatters):
-            yield (
-                title,
-                _scatter(view, [one for one in view.scatters if title_of(one.values) == title]),
-            )
+        by_title: dict[str, list[ScorerScatter]] = {}
+        for scatter in view.scatters:
+            by_title.setdefault(title_of(scatter.values), []).append(scatter)
+        for title, scatters in by_title.items():
+            yield title, _scatter(view, scatters)
         return
     for point in view.points:
-        is_curve = view.drawing == "curves" and any(
-            len(entry.curve) > 1 for entry in point.variants
-        )
-        yield point.title, (_curves if is_curve else _bars)(view, point)
+        has_curves = any(len(entry.curve) > 1 for entry in point.variants)
+        draw = _curves if view.drawing == "curves" and has_curves else _bars
+        yield point.title, draw(view, point)
 
 
 def _curves(view: StudyView, point: PointFigures) -> Markup:
     # A variant keeps its colour at all points.
-    names = list(dict.fromkeys(entry.variant for at in view.points for entry in at.variants))
+    colours: dict[str, int] = {}
+    for at in view.points:
+        for entry in at.variants:
+            colours.setdefault(entry.variant, len(colours))
     series = {
-        entry.variant: [(at.step, at.success, at.low, at.high) for at in entry.curve]
-        for entry in sorted(point.variants, key=lambda entry: names.index(entry.variant))
+        entry.variant: _estimates(entry.curve)
+        for entry in sorted(point.variants, key=lambda entry: colours[entry.variant])
     }
     return charts.curves(
         series,
@@ -80,8 +97,14 @@ def _curves(view: StudyView, point: PointFigures) -> Markup:
         _SUCCESS,
         f"Success of each variant over training, {point.title}",
         percent=True,
-        colours={name: names.index(name) for name in series},
+        colours={name: colours[name] for name in series},
     )
+
+
+def _estimates(
+    curve: Sequence[CurvePoint],
+) -> list[tuple[int, float, float | None, float | None]]:
+    return [(at.step, at.success, at.low, at.high) for at in curve]
 
 
 def _bars(view: StudyView, point: PointFigures) -> Markup:
@@ -95,15 +118,21 @@ def _bars(view: StudyView, point: PointFigures) -> Markup:
     )
 
 
+def _has_several_agents(scatter: ScorerScatter) -> bool:
+    return len({at.variant for at in scatter.points}) > 1
+
+
 def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
-    several = any(len({at.variant for at in scatter.points}) > 1 for scatter in scatters)
+    has_several = any(_has_several_agents(scatter) for scatter in scatters)
     series: dict[str, list[tuple[str, Estimate, Estimate]]] = {}
     for scatter in scatters:
+        how = "in-sample" if scatter.in_sample else "cross-fitted"
         for at in scatter.points:
-            name = at.variant if several else "in-sample" if scatter.in_sample else "cross-fitted"
-            series.setdefault(name, []).append(
-                (at.label, (at.mrr, *at.mrr_range), (at.success, *at.interval))
-            )
+            # One agent alone needs no name: what then tells points apart is how train tasks are scored.
+            name = at.variant if has_several else how
+            mrr: Estimate = (at.mrr, *at.mrr_range)
+            success: Estimate = (at.success, *at.interval)
+            series.setdefault(name, []).append((at.label, mrr, success))
     without = next((scatter.without for scatter in scatters if scatter.without is not None), None)
     return charts.scatter(
         series,

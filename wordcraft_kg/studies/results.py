@@ -23,15 +23,16 @@ Curve = tuple[tuple[int, float], ...]
 
 def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
     """Return the steps until a curve first reaches a level, on a line between two points; infinity for never."""
-    before, lower = 0, level
+    before = 0
+    lower = level
     for step, value in curve:
         if value >= level:
-            return (
-                step
-                if lower >= level
-                else step - (step - before) * (value - level) / (value - lower)
-            )
-        before, lower = step, value
+            # The first point has no line before it.
+            if lower >= level:
+                return step
+            return step - (step - before) * (value - level) / (value - lower)
+        before = step
+        lower = value
     return math.inf
 
 
@@ -49,11 +50,14 @@ def check_played(figures: "RunResult | RunFigures") -> None:
     cannot be recomputed: success on train tasks, success by plan below success, the other reasons, the course of the
     curve, MRR and the duration.
     """
-    won, tables, part = figures.won, figures.distractor_seeds, _part_of(figures.success)
+    won = figures.won
+    tables = figures.distractor_seeds
+    part = _part_of(figures.success)
     if not tables or max(map(int, won)) > tables:
         raise ValueError(
             f"`won` has {max(won)} successes of a task; expected at most `distractor_seeds` {tables}"
         )
+    # Each task has the same number of episodes, so the mean over tasks is that over episodes.
     rate = sum(map(int, won)) / (len(won) * tables)
     goal = figures.terminations.get("goal", 0.0)
     claimed = {f"success.{part}": figures.success[part]}
@@ -90,16 +94,23 @@ class RunResult(Record, frozen=True):
     """Results of one agent training in a study.
 
     Attributes:
+        variant: name of the variant.
         values: the training's values for the grid settings.
+        seed: seed of the agent.
         run: run folder in the results folder, named by a settings hash.
-        graph, origin: positions in :attr:`StudyResults.graphs` and :attr:`StudyResults.origins`.
-        success, by_plan: greedy success rate by split part, in all and by one of the task's plans.
+        graph: position in :attr:`StudyResults.graphs`.
+        success: greedy success rate by split part.
+        by_plan: success rate by one of the task's plans, by split part; at most ``success``.
+        terminations: share of test episodes by the reason of their end.
         won: number of successes among ``distractor_seeds`` episodes, a digit for each test task.
-        groups: position in :attr:`StudyResults.groups`; None in results of earlier versions.
+        distractor_seeds: episodes of each test task, with other distractors each.
         curve: success on test tasks during training.
         mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has seen these triples.
+        steps: environment steps of the training.
         seconds: training time; 0 for results from a store.
         steps_per_second: environment steps per second of acting and learning, without evaluation.
+        origin: position in :attr:`StudyResults.origins`.
+        groups: position in :attr:`StudyResults.groups`; None in results of earlier versions.
     """
 
     variant: str
@@ -130,7 +141,14 @@ class RunResult(Record, frozen=True):
 
 
 class Missing(Record, frozen=True):
-    """A training in a study that has no results, and the reason."""
+    """A training in a study that has no results.
+
+    Attributes:
+        variant: name of the variant.
+        values: the training's values for the grid settings.
+        seed: seed of the agent.
+        why: the reason.
+    """
 
     variant: str
     values: Values
@@ -139,7 +157,14 @@ class Missing(Record, frozen=True):
 
 
 class Origin(Record, frozen=True):
-    """Where agents were trained: in this results folder or, ``stored``, elsewhere; platform and package versions."""
+    """Where agents were trained.
+
+    Attributes:
+        stored: whether the results come from a store, not from a training in this results folder.
+        platform: system, machine, and instruction set or GPU.
+        versions: package versions.
+        runs: number of agents.
+    """
 
     stored: bool
     platform: str
@@ -150,9 +175,19 @@ class Origin(Record, frozen=True):
 class StudyResults(Record, frozen=True):
     """A study, with all command line changes, and the results of all its trainings (``results.json``).
 
-    ``runs`` are ordered by grid point, variant and seed; ``hours`` is the training time in this results folder;
-    ``origins`` are the platforms of the trainings, and whether their results are from a store of cells; ``groups``
-    have the resampling group of each test task, see :attr:`World.groups`, numbered by first appearance.
+    Attributes:
+        format: name and version of the file format.
+        name: name of the study in its results folder.
+        command: the command that ran the study.
+        study: the study's file, with the changes.
+        graphs: graphs and splits of the runs.
+        versions: package versions of the trainings; the last one's, if several were used.
+        runs: results by grid point, variant and seed.
+        missing: trainings without results.
+        hours: training time in this results folder; a training that several cells share counts once.
+        origins: platforms of the trainings, and whether their results are from a store of cells.
+        groups: resampling group of each test task, see :attr:`World.groups`, numbered by first
+            appearance; equal groups of several runs are listed once.
     """
 
     format: Literal["wordcraft-kg results 1"]
@@ -175,7 +210,8 @@ class StudyResults(Record, frozen=True):
                 continue
             if run.groups >= len(self.groups):
                 raise ValueError(f"run {run.run} names groups of tasks that are not listed")
-            if len(run.won) != (expected := len(self.groups[run.groups])):
+            expected = len(self.groups[run.groups])
+            if len(run.won) != expected:
                 raise ValueError(
                     f"run {run.run} has {len(run.won)} tasks in `won`; expected {expected}"
                 )
@@ -200,11 +236,18 @@ def results_text(results: StudyResults) -> str:
 
 
 FIGURES_FILE = "figures.json"
-F = TypeVar("F", bound="Figures")
+F = TypeVar("F", bound="TaskFigures")
 
 
-class Figures(Record, frozen=True, kw_only=True):
-    """Results of a graph, a scorer or a run; ``seconds`` is 0 for a graph and for results from a store."""
+class TaskFigures(Record, frozen=True, kw_only=True):
+    """Results of a graph, a scorer or a run (``figures.json``).
+
+    Attributes:
+        seconds: duration; 0 for a graph and for results from a store.
+        versions: package versions.
+        platform: system, machine, and instruction set or GPU; empty for a graph.
+        stored: whether the results were copied from a store of cells.
+    """
 
     seconds: float
     versions: dict[str, str]
@@ -212,15 +255,32 @@ class Figures(Record, frozen=True, kw_only=True):
     stored: bool = False
 
 
-class ScorerFigures(Figures, frozen=True, kw_only=True):
-    """Results of training a scorer: graph kind (full or partial), and MRR on test triples outside training, or None."""
+class ScorerFigures(TaskFigures, frozen=True, kw_only=True):
+    """Results of training a scorer.
+
+    Attributes:
+        mrr: MRR on test triples outside training; None if the scorer has seen them, or there are none.
+        kg: graph that the scorer was trained on, full or partial.
+    """
 
     mrr: Share | None
     kg: str
 
 
-class RunFigures(Figures, frozen=True, kw_only=True):
-    """Results of training an agent; for the attributes see :class:`RunResult`."""
+class RunFigures(TaskFigures, frozen=True, kw_only=True):
+    """Results of training an agent, as in :class:`RunResult`.
+
+    Attributes:
+        graph: graph and split that the agent was trained and evaluated on.
+        success: greedy success rate by split part.
+        by_plan: success rate by one of the task's plans, by split part.
+        terminations: share of test episodes by the reason of their end.
+        won: number of successes, a digit for each test task.
+        distractor_seeds: episodes of each test task.
+        curve: success on test tasks during training, with five digits.
+        steps: environment steps.
+        steps_per_second: environment steps per second of acting and learning.
+    """
 
     graph: PlayedGraph
     success: dict[str, Share]
@@ -246,7 +306,7 @@ class RunFigures(Figures, frozen=True, kw_only=True):
                 )
 
 
-def write_figures(folder: Path, figures: Figures) -> None:
+def write_figures(folder: Path, figures: TaskFigures) -> None:
     """Write a task's results with a hash to ``figures.json`` in the task's folder; the file marks the task as done."""
     values = as_values(figures)
     write_atomically(
@@ -273,6 +333,6 @@ def read_figures(folder: Path, kind: type[F]) -> F:
 
 def hash_of(values: Any) -> str:
     """Return the SHA-256 of JSON values."""
-    return hashlib.sha256(
-        json.dumps(values, sort_keys=True, ensure_ascii=False).encode()
-    ).hexdigest()
+    # Sorted, so that the order of keys in an edited but equal file does not matter.
+    text = json.dumps(values, sort_keys=True, ensure_ascii=False)
+    return hashlib.sha256(text.encode()).hexdigest()

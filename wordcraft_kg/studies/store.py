@@ -34,7 +34,7 @@ from wordcraft_kg.studies.results import (
     StudyResults,
     read_figures,
 )
-from wordcraft_kg.studies.study import Cell, Study
+from wordcraft_kg.studies.study import Study, StudyCell
 from wordcraft_kg.studies.tasks import Outcome, Task
 
 _STUDIES = "studies"
@@ -42,12 +42,22 @@ _FAILED = "failed"
 
 
 class PlannedStudy(Record, frozen=True):
-    """A study's record in ``studies/<name>.json``: for each cell (training), the folders of run, scorer and graph."""
+    """A study's record in ``studies/<name>.json``.
+
+    Attributes:
+        format: name and version of the file format.
+        study: the study, with the changes of the command line.
+        command: the command that ran the study.
+        cells: its trainings.
+        runs: address of each cell's run.
+        scorers: address of each cell's scorer, or None.
+        graphs: address of each cell's graph.
+    """
 
     format: Literal["wordcraft-kg study 1"]
     study: Study
     command: str
-    cells: tuple[Cell, ...]
+    cells: tuple[StudyCell, ...]
     runs: tuple[str, ...]
     scorers: tuple[str | None, ...]
     graphs: tuple[str, ...]
@@ -55,7 +65,13 @@ class PlannedStudy(Record, frozen=True):
 
 @contextmanager
 def own_results(root: Path) -> Iterator[None]:
-    """Lock a results folder, created if necessary, for one study (else ArtefactError); remove what a kill left."""
+    """Lock a results folder for one study, and remove temporary files that a kill left.
+
+    The folder is created if necessary. On systems without file locks, such as Windows, nothing is locked.
+
+    Raises:
+        ArtefactError: if another study runs in the folder, or ``root`` is a file.
+    """
     if root.is_file():
         raise ArtefactError(f"'{root}' is a file; expected a results folder. Choose another `out`.")
     (root / _STUDIES).mkdir(parents=True, exist_ok=True)
@@ -81,7 +97,13 @@ def own_results(root: Path) -> Iterator[None]:
 
 
 def write_plan(root: Path, plan: Plan, command: str) -> None:
-    """Record a study in a results folder before any training: the study, its trainings and their folders."""
+    """Record a study in a results folder before any training.
+
+    Args:
+        root: results folder, with the folder of studies.
+        plan: the study with its trainings; another study of the same name is replaced with a warning.
+        command: command line, for the record.
+    """
     needs = [plan.tasks[run].needs for run in plan.runs]
     record = PlannedStudy(
         format="wordcraft-kg study 1",
@@ -89,12 +111,15 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
         command=command,
         cells=plan.cells,
         runs=plan.runs,
+        # A task needs its graph, then perhaps its scorer.
         scorers=tuple(need[1] if len(need) > 1 else None for need in needs),
         graphs=tuple(need[0] for need in needs),
     )
     path = root / _STUDIES / f"{plan.name}.json"
+    # A missing or damaged record is simply written anew.
     with suppress(ArtefactError):
         before = read_record(path, PlannedStudy).study
+        # More seeds continue a study; any other change makes another one.
         if structs.replace(before, seeds=plan.study.seeds) != plan.study:
             logging.getLogger(__name__).warning(
                 "the study '%s' of '%s' was another one; its runs stay, but its record and its report are replaced.",
@@ -128,7 +153,13 @@ def _failure_file(root: Path, address: str) -> Path:
 
 
 def note_failure(root: Path, task: Task, outcome: Outcome) -> None:
-    """Record why a task failed, for later reports."""
+    """Record why a task failed, for later reports.
+
+    Args:
+        root: results folder.
+        task: the failed task.
+        outcome: its error, and the traceback of an error that is not the user's.
+    """
     path = _failure_file(root, task.address)
     path.parent.mkdir(exist_ok=True)
     write_atomically(path, f"{task.title}\n{outcome.error}\n{outcome.detail}")
@@ -164,7 +195,10 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
     versions: dict[str, str] = {}
     scorers: dict[str, ScorerFigures] = {}
     origins: dict[str, tuple[int, Origin]] = {}
-    runs, missing, seconds = [], [], {}
+    runs: list[RunResult] = []
+    missing: list[Missing] = []
+    # By address, so that a training that several cells share counts once.
+    seconds: dict[str, float] = {}
     for cell, address, scorer, graph in zip(
         plan.cells, plan.runs, plan.scorers, plan.graphs, strict=True
     ):

@@ -8,7 +8,7 @@ or a training command for scorers.
 import tomllib
 from dataclasses import fields
 from importlib.resources import files
-from itertools import product
+from itertools import chain, product
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -42,20 +42,21 @@ OF_GRAPH = {
     "valid_ratio": "valid_ratio",
 }
 """Graph settings by option: ``book``, and :class:`SplitConfig` fields."""
-OF_AGENT = {
-    field.name: kind for kind in (TaskConfig, PolicyConfig, ImpalaConfig) for field in fields(kind)
-}
+OF_AGENT: dict[str, type] = {}
+"""Configuration class by agent option."""
+for _agent_kind in (TaskConfig, PolicyConfig, ImpalaConfig):
+    OF_AGENT |= {field.name: _agent_kind for field in fields(_agent_kind)}
 SCORER = "scorer"
 """The setting that names a scorer in the study; ``scorer.epochs`` is a setting for that scorer."""
 _PLAIN_SCORERS = ("facts", "neighbours", "kernel")
 """Untrained scorers, with the setting ``kg`` only."""
-SCORER_SETTINGS: dict[str, frozenset[str]] = {
-    **{name: frozenset({"kg"}) for name in _PLAIN_SCORERS},
-    **{
-        command: frozenset(field.name for field in fields(kind)) - {"checkpoint_every"}
-        for command, kind in {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}.items()
-    },
-}
+_TRAINED_SCORERS = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
+SCORER_SETTINGS: dict[str, frozenset[str]] = {name: frozenset({"kg"}) for name in _PLAIN_SCORERS}
+"""Allowed settings of a scorer by its command."""
+for _command, _kind in _TRAINED_SCORERS.items():
+    _names = {field.name for field in fields(_kind)}
+    # A study keeps finished scorers only, so the distance of checkpoints changes nothing.
+    SCORER_SETTINGS[_command] = frozenset(_names - {"checkpoint_every"})
 NO_SETTINGS = ("seed", "checkpoint_every")
 """Options that are set by the study or change no figure."""
 
@@ -64,15 +65,20 @@ class Claim(Record, frozen=True, omit_defaults=True):
     """A testable claim that compares two variants, or a variant and a value.
 
     Attributes:
+        text: the claim in a sentence.
+        left: name of the first variant.
         right: name of the second variant, or empty.
         expected: ``left`` has more or less than ``right``; comparable (difference below ``by``); or varies (``left``
             is better for some grid settings, ``right`` for different settings).
+        than: the value that ``left`` is compared with instead of a variant; None with ``right``.
         by: least difference for more and less, greatest difference for comparable, in the measure's unit.
         measure: success: final success on test tasks; early: success after a tenth of the steps; steps: environment
             steps until the learning curve reaches 95 % of the final success of ``right``, as a share of all steps;
             same_twice: share of test episodes that end with an entity paired with itself without making the goal.
         at: grid settings for which the claim holds, with values; empty for the whole grid.
         right_at: grid settings in which ``right`` differs from ``left``, with values.
+        source: publication and place of the claim.
+        note: known reason for a deviation, shown if the results contradict the claim.
     """
 
     text: str
@@ -92,14 +98,19 @@ class Study(Record, omit_defaults=True):
     """A study file's content: variants (named agent settings), each trained for all grid settings and seeds.
 
     Attributes:
+        title: what is compared, in a line.
         variants: training settings by variant name.
+        about: question of the study, and how to read its results.
+        source: publication and place of the comparison, such as a figure of the paper.
         seeds: trainings per variant and grid point, with seeds from 0; scorers without a seed use the agent's seed.
         drawing: kind of picture.
         reference: the variant that all variants are compared with. Default: the first.
+        settings: settings of all trainings; variants and the grid override them.
         grid: values by setting; each combination of values is a grid point.
         points: further combinations, each a table with the same settings, crossed with the grid.
         scorers: settings by scorer name, with ``command``: train-complex, train-links, train-recipes, facts,
             neighbours or kernel.
+        claims: expected results, compared with the results in the report.
 
     Example:
         >>> study = Study("Two policies", {"attention": {}, "mlp": {"policy": "mlp"}}, grid={"distractors": [1, 8]})
@@ -121,8 +132,16 @@ class Study(Record, omit_defaults=True):
     claims: list[Claim] = msgspec.field(default_factory=list)
 
 
-class Cell(Record, frozen=True):
-    """One training in a study: variant, grid settings (``values``), seed, and all settings given in the study file."""
+class StudyCell(Record, frozen=True):
+    """One training in a study.
+
+    Attributes:
+        variant: name of the variant.
+        values: grid settings.
+        seed: seed of the agent, and of its scorer unless the scorer's settings name one.
+        settings: all settings given in the study file; those of the grid override the study's, and
+            those of the variant both.
+    """
 
     variant: str
     values: Values
@@ -142,7 +161,8 @@ def built_in() -> list[str]:
 def read_study(source: str | Path) -> Study:
     """Read a study from a TOML file or a built-in study by name, and check everything except its recipe books.
 
-    A missing study, or an unknown, wrong or contradictory setting, is a ConfigError.
+    Raises:
+        ConfigError: if there is no such study, or a setting is unknown, wrong or contradictory.
 
     Example:
         >>> read_study("knowledge").drawing
@@ -166,7 +186,7 @@ def parse_study(text: str, source: str) -> Study:
     """Parse and check the TOML text of a study; ConfigErrors call the text ``source``."""
     try:
         values = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:  # the latter for deep nesting
         raise ConfigError(f"{source}: not a TOML file ({error}).") from None
     _known(source, "", values, Study.__struct_fields__)
     try:
@@ -180,16 +200,31 @@ def parse_study(text: str, source: str) -> Study:
 def adapted(
     study: Study, *, book: str | None = None, steps: int | None = None, seeds: int | None = None
 ) -> Study:
-    """Return a study with another book, steps or seeds; ConfigError if the study varies the setting."""
-    given: Values = {
-        name: value for name, value in (("book", book), ("steps", steps)) if value is not None
-    }
+    """Return a study with another book, steps or seeds.
+
+    Args:
+        study: the study, which stays as it is.
+        book: recipe book; None keeps the study's.
+        steps: environment steps of each training; None keeps the study's.
+        seeds: trainings per variant and grid point; None keeps the study's.
+
+    Raises:
+        ConfigError: if the study itself varies the setting, or a value is out of range.
+    """
+    given: Values = {}
+    if book is not None:
+        given["book"] = book
+    if steps is not None:
+        given["steps"] = steps
+    tables: list[dict[str, Any]] = [study.grid, *study.points, *study.variants.values()]
     for name in given:
-        tables: list[dict[str, Any]] = [study.grid, *study.points, *study.variants.values()]
         if any(name in table for table in tables):
             raise ConfigError(f"`{name}`: the study varies this setting; change the study file.")
-    settings, number = {**study.settings, **given}, study.seeds if seeds is None else seeds
-    changed = msgspec.structs.replace(study, settings=settings, seeds=number)
+    changed = msgspec.structs.replace(
+        study,
+        settings={**study.settings, **given},
+        seeds=study.seeds if seeds is None else seeds,
+    )
     check_study(changed)
     return changed
 
@@ -210,6 +245,7 @@ def check_study(study: Study, source: str = "study") -> None:
     _check_settings(study, source)
     _check_grid(study, source)
     _check_points(study, source)
+    # The grid may name scorers, too, so they are checked cell by cell.
     for cell in cells_of(study):
         name = cell.settings.get(SCORER)
         if name is not None and name not in study.scorers:
@@ -236,9 +272,10 @@ def _check_settings(study: Study, source: str) -> None:
     tables: dict[str, dict[str, Any]] = {"settings.": study.settings, "grid.": study.grid}
     tables |= {f"points[{number}].": point for number, point in enumerate(study.points)}
     tables |= {f"variants.{name}.": settings for name, settings in study.variants.items()}
-    of_scorers = {f"{SCORER}.{name}" for known in SCORER_SETTINGS.values() for name in known}
+    # Which scorer a variant names is not known here, so a setting of any scorer passes.
+    of_scorers = {f"{SCORER}.{name}" for name in chain.from_iterable(SCORER_SETTINGS.values())}
     known = {SCORER, *OF_GRAPH, *OF_AGENT, *of_scorers} - set(NO_SETTINGS)
-    varied = {*study.grid, *(name for point in study.points for name in point)}
+    varied = {*study.grid, *chain.from_iterable(study.points)}
     for where, table in tables.items():
         _known(source, where, table, known)
         twice = [name for name in table if where.startswith("variants.") and name in varied]
@@ -253,6 +290,7 @@ def _check_grid(study: Study, source: str) -> None:
         if not values:
             raise ConfigError(f"{source}: grid.{name} is empty; expected a value.")
         for value in values:
+            # Equal points would be counted twice in every mean and correction.
             if values.count(value) > 1:
                 raise ConfigError(f"{source}: grid.{name} has {value!r} twice.")
 
@@ -283,6 +321,7 @@ def _check_claim(study: Study, claim: Claim, source: str) -> None:
             raise ConfigError(
                 f"{where} names an unknown variant {variant!r}; expected {', '.join(study.variants)}.{hint}"
             )
+    # Without a size, any interval that excludes 0 by a hair would contradict the claim.
     if claim.expected == "comparable" and not claim.by:
         raise ConfigError(f"{where} needs 'by': how close is comparable?")
     if claim.measure == "steps" and not claim.right:
@@ -297,7 +336,10 @@ def _check_claim(study: Study, claim: Claim, source: str) -> None:
 def points_of(study: Study) -> list[Values]:
     """Return a study's grid points: all combinations of values for the settings in ``points`` and ``grid``."""
     crossed = [dict(zip(study.grid, point, strict=True)) for point in product(*study.grid.values())]
-    return [{**point, **values} for point in study.points or [{}] for values in crossed]
+    points: list[Values] = []
+    for point in study.points or [{}]:
+        points += [{**point, **values} for values in crossed]
+    return points
 
 
 def points_at(study: Study, values: Values) -> list[Values]:
@@ -313,17 +355,21 @@ def _known(source: str, where: str, table: Any, known: Any) -> None:
             )
 
 
-def cells_of(study: Study) -> list[Cell]:
-    """Return cells by grid point, variant and seed; a cell without a scorer omits settings ``scorer.NAME``."""
-    cells = []
+def cells_of(study: Study) -> list[StudyCell]:
+    """Return cells by grid point, variant and seed.
+
+    A cell without a scorer omits settings ``scorer.NAME``: for all their values it is the same training.
+    """
+    cells: list[StudyCell] = []
+    prefix = f"{SCORER}."
     for values in points_of(study):
         for name, settings in study.variants.items():
             merged = {**study.settings, **values, **settings}
             if SCORER not in merged:
-                merged = {
-                    key: value for key, value in merged.items() if not key.startswith(f"{SCORER}.")
-                }
-            cells += [Cell(name, values, seed, merged) for seed in range(study.seeds)]
+                unused = [key for key in merged if key.startswith(prefix)]
+                for key in unused:
+                    del merged[key]
+            cells += [StudyCell(name, values, seed, merged) for seed in range(study.seeds)]
     return cells
 
 

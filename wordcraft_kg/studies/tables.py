@@ -5,6 +5,7 @@ import io
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import in_words
@@ -15,8 +16,14 @@ from wordcraft_kg.studies.view import StudyView, title_of
 
 
 @dataclass(frozen=True)
-class Table:
-    """A table of texts with a title, column headings and rows; the first column names the variants."""
+class StudyTable:
+    """A table of texts.
+
+    Attributes:
+        title: the grid point.
+        headings: column headings; the first column names the variants.
+        rows: texts of each variant, one for each heading.
+    """
 
     title: str
     headings: tuple[str, ...]
@@ -24,34 +31,48 @@ class Table:
 
 
 _Column = tuple[str, Callable[[VariantFigures], str]]
+"""Heading, and text of a variant's cell."""
 
 
-def tables_of(view: StudyView) -> list[Table]:
-    """Return the tables of a study report, one per grid point with a row per agent; empty columns are left out."""
-    columns = [
-        (heading, text)
-        for heading, text in _COLUMNS
-        if any(text(at) for p in view.points for at in p.variants)
-    ]
+def tables_of(view: StudyView) -> list[StudyTable]:
+    """Return the tables of a study report, one per grid point with a row per agent.
+
+    A column without text at all points is left out of all tables, so that tables stay comparable.
+    """
+    entries = _entries(view)
+    columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
     headings = tuple(heading for heading, _ in columns)
+
+    def row(entry: VariantFigures) -> tuple[str, ...]:
+        return tuple(text(entry) for _, text in columns)
+
     return [
-        Table(
-            point.title,
-            headings,
-            tuple(tuple(text(entry) for _, text in columns) for entry in point.variants),
-        )
-        for point in view.points
+        StudyTable(point.title, headings, tuple(map(row, point.variants))) for point in view.points
     ]
+
+
+def _entries(view: StudyView) -> list[VariantFigures]:
+    return list(chain.from_iterable(point.variants for point in view.points))
 
 
 def with_bounds(value: float, interval: Interval | None, form: str = ".3f") -> str:
-    """Format a value with its interval bounds, such as ``0.500 [0.400, 0.610]``."""
-    return " ".join(part for part in (signed(value, form), bounds(interval, form)) if part)
+    """Format a value with its interval bounds, such as ``0.500 [0.400, 0.610]``.
+
+    Args:
+        value: the value.
+        interval: lower and upper end; None leaves the bounds out.
+        form: format specification of all three numbers.
+    """
+    shown = signed(value, form)
+    return f"{shown} {bounds(interval, form)}" if interval else shown
 
 
 def bounds(interval: Interval | None, form: str = ".3f") -> str:
     """Format interval bounds by a format specification such as ".3f"; empty for None."""
-    return f"[{signed(interval[0], form)}, {signed(interval[1], form)}]" if interval else ""
+    if interval is None:
+        return ""
+    low, high = interval
+    return f"[{signed(low, form)}, {signed(high, form)}]"
 
 
 def signed(value: float, form: str) -> str:
@@ -65,17 +86,26 @@ def signed(value: float, form: str) -> str:
 def _mrr(at: VariantFigures) -> str:
     if at.mrr is None or at.mrr_range is None:
         return ""
-    low, high = at.mrr_range
-    return f"{at.mrr:.3f}" + (f" ({low:.3f}–{high:.3f})" if f"{low:.3f}" != f"{high:.3f}" else "")
+    low, high = [f"{end:.3f}" for end in at.mrr_range]
+    # Variants often share one scorer: then there is no range to show.
+    shown_range = "" if low == high else f" ({low}–{high})"
+    return f"{at.mrr:.3f}{shown_range}"
 
 
 def _reached(at: VariantFigures) -> str:
     if not at.curve:
         return ""
-    ends = at.reached_interval
-    return _amount(at.reached) + (
-        f" [{_amount(ends[0])}, {_amount(ends[1])}]" if ends and ends[0] != ends[1] else ""
-    )
+    if at.reached_interval is None:
+        return _amount(at.reached)
+    low, high = at.reached_interval
+    ends = "" if low == high else f" [{_amount(low)}, {_amount(high)}]"
+    return _amount(at.reached) + ends
+
+
+def _difference(at: VariantFigures) -> str:
+    if at.comparison is None:
+        return ""
+    return with_bounds(at.comparison.difference, at.comparison.interval, "+.3f")
 
 
 def _amount(steps: int | None) -> str:
@@ -87,14 +117,7 @@ _COLUMNS: tuple[_Column, ...] = (
     ("seeds", lambda at: str(len(at.seeds))),
     ("success [seeds, tasks]", lambda at: with_bounds(at.mean, at.interval)),
     ("success [seeds]", lambda at: bounds(at.seed_interval)),
-    (
-        "difference [seeds, tasks]",
-        lambda at: (
-            with_bounds(at.comparison.difference, at.comparison.interval, "+.3f")
-            if at.comparison
-            else ""
-        ),
-    ),
+    ("difference [seeds, tasks]", _difference),
     ("train", lambda at: "" if at.train is None else f"{at.train:.3f}"),
     ("MRR", _mrr),
     ("p", lambda at: _p_value(at.comparison.p_corrected) if at.comparison else ""),
@@ -109,47 +132,57 @@ def notes(view: StudyView) -> list[str]:
         "over seeds and tasks, that is, for other such tasks too, and over seeds alone (Student's t), for "
         "these tasks."
     ]
-    if any(entry.comparison for point in view.points for entry in point.variants):
+    entries = _entries(view)
+    if any(entry.comparison for entry in entries):
+        corrected = ""
+        if view.comparisons:
+            corrected = f"; corrected by Holm for {counted(view.comparisons, 'comparison')}"
         sentences += [
             f"Differences are to {view.reference}, paired by seed and task, with intervals over both.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
             f"{view.reference} ends, with the interval over seeds.",
-            "p: of no difference, the level at which the interval of the difference reaches 0, none below three seeds"
-            + (
-                f"; corrected by Holm for {counted(view.comparisons, 'comparison')}."
-                if view.comparisons
-                else "."
-            ),
+            "p: of no difference, the level at which the interval of the difference reaches 0, none "
+            f"below three seeds{corrected}.",
         ]
     return sentences
 
 
 def as_csv(view: StudyView) -> str:
     """Return all results but durations as CSV, a row per variant and grid point; equal results give equal bytes."""
-    grid = list(dict.fromkeys(name for point in view.points for name in point.values))
-    rows = [_values(point, entry, grid) for point in view.points for entry in point.variants]
+    grid: dict[str, None] = {}
+    for point in view.points:
+        grid |= dict.fromkeys(point.values)
+    rows: list[dict[str, object]] = []
+    for point in view.points:
+        rows += [_values(point, entry, list(grid)) for entry in point.variants]
     text = io.StringIO()
+    # The same line ends on each system, for equal bytes.
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     writer.writeheader()
-    writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
+    for row in rows:
+        writer.writerow({name: _cell(value) for name, value in row.items()})
     return text.getvalue()
 
 
 def _cell(value: object) -> object:
     if isinstance(value, bool):
         return str(value).lower()
+    # Six digits are those of the stored shares; more would show the rounding of a platform.
     return f"{value:.6g}" if isinstance(value, float) else value
 
 
 def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dict[str, object]:
     comparison = at.comparison
 
-    def ends(name: str, interval: Sequence[float | int | None] | None) -> dict[str, object]:
+    def ends(name: str, interval: Sequence[object] | None) -> dict[str, object]:
         low, high = interval or ("", "")
         return {f"{name}_low": low, f"{name}_high": high}
 
+    # Without a curve nothing is known; with one, None means that it never got there.
+    never = "never" if at.curve else ""
+
     def steps(value: int | None) -> object:
-        return ("" if not at.curve else "never") if value is None else value
+        return never if value is None else value
 
     reached = at.reached_interval and [steps(end) for end in at.reached_interval]
     return {
@@ -169,8 +202,7 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
         "p_value": comparison and comparison.p_value,
         "p_holm": comparison and comparison.p_corrected,
         "steps_to_reference": steps(at.reached),
-        "steps_to_reference_low": reached[0] if reached else "",
-        "steps_to_reference_high": reached[1] if reached else "",
+        **ends("steps_to_reference", reached),
         "steps": at.steps,
     }
 
@@ -179,25 +211,14 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
     """Yield a study's results as lines of text: ``metric`` of each agent at each grid point, and verdicts on claims."""
     yield f"{view.title}: {_TITLES[metric]}"
     for point in view.points:
-        graphs = (
-            dict.fromkeys(f"{graph.name}, {graph.kind}; " for graph in point.graphs)
-            if point.values
-            else ()
-        )
-        yield f"{point.title} ({''.join(graphs)}{counted(point.tasks, 'test task')})"
-        width = max(len(entry.variant) for entry in point.variants)
-        shown = {entry.variant: _SHOWN[metric](entry) for entry in point.variants}
-        longest = max(map(len, shown.values()))
-        for entry in point.variants:
-            line = f"  {entry.variant:<{width}}  {shown[entry.variant]:<{longest}}  {counted(len(entry.seeds), 'seed')}"
-            yield (line + (_comparison(entry) if metric == "success" else "")).rstrip()
+        yield from _lines_of_point(point, metric)
     if metric == "success":
-        of = (
-            f"of {view.comparisons} comparisons, corrected by Holm"
-            if view.comparisons > 1
-            else "of the comparison"
-        )
-        compared = f"; differences to {view.reference}; p {of}" if view.comparisons else ""
+        compared = ""
+        if view.comparisons:
+            of = "of the comparison"
+            if view.comparisons > 1:
+                of = f"of {view.comparisons} comparisons, corrected by Holm"
+            compared = f"; differences to {view.reference}; p {of}"
         yield f"intervals: 95 % over seeds and tasks{compared}"
     if metric == "success" and view.claims:
         yield "claims"
@@ -206,18 +227,36 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
             yield f"  {claim.verdict:<{width}}  {claim.text}"
             for measured in claim.measured:
                 yield f"  {'':<{width}}  {title_of(measured.values)}: {in_words(claim, measured)}"
-    for origin in (origin for origin in view.origins if origin.stored):
-        versions = ", ".join(f"{name} {version}" for name, version in origin.versions.items())
-        yield f"{origin_in_words(origin)}: {origin.platform}; {versions}"
+    for origin in view.origins:
+        if origin.stored:
+            versions = ", ".join(f"{name} {version}" for name, version in origin.versions.items())
+            yield f"{origin_in_words(origin)}: {origin.platform}; {versions}"
     if view.missing:
         first = view.missing[0]
         number = counted(len(view.missing), "training")
         yield f"{number} without figures; the first, {first.variant}, seed {first.seed}: {first.why}"
 
 
+def _lines_of_point(point: PointFigures, metric: Metric) -> Iterator[str]:
+    # Without a grid, the title of the point already names the graphs.
+    graphs = point.graphs if point.values else ()
+    named = "".join(dict.fromkeys(f"{graph.name}, {graph.kind}; " for graph in graphs))
+    yield f"{point.title} ({named}{counted(point.tasks, 'test task')})"
+    width = max(len(entry.variant) for entry in point.variants)
+    shown = {entry.variant: _SHOWN[metric](entry) for entry in point.variants}
+    longest = max(map(len, shown.values()))
+    for entry in point.variants:
+        line = f"  {entry.variant:<{width}}  {shown[entry.variant]:<{longest}}  "
+        line += counted(len(entry.seeds), "seed")
+        if metric == "success":
+            line += _comparison(entry)
+        yield line.rstrip()
+
+
 def origin_in_words(origin: Origin) -> str:
     """Format the number of trainings of an origin, and their place: here, or a store (folder of shared results)."""
-    return f"{counted(origin.runs, 'training')} {'from the store' if origin.stored else 'in this folder'}"
+    place = "from the store" if origin.stored else "in this folder"
+    return f"{counted(origin.runs, 'training')} {place}"
 
 
 def _p_value(p: float | None) -> str:

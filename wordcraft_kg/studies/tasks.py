@@ -14,7 +14,16 @@ TerminationReason = Literal["done", "failed", "interrupted"]
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A task in a study; ``settings``, with the addresses of inputs (``needs``), determine the result."""
+    """A task in a study: a graph folder, a model folder or an agent's run folder to make.
+
+    Attributes:
+        kind: kind of result.
+        settings: everything that decides the result, as plain JSON values; inputs by their addresses.
+        title: the task in a line for people; not a part of the address.
+        needs: addresses of the inputs: none, the graph, or the graph and the scorer.
+        threads: CPU threads.
+        device: torch device.
+    """
 
     kind: Kind
     settings: dict[str, Any]
@@ -36,7 +45,15 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a task ended: error in a line, traceback of an unexpected error, and a full disk, which ends the study."""
+    """How a task ended.
+
+    Attributes:
+        address: address of the task.
+        termination: done, failed, or interrupted with a checkpoint.
+        error: the error in a line; empty without an error.
+        detail: traceback of an error that is not the user's; else empty.
+        disk_full: whether the disk was full, which ends the study.
+    """
 
     address: str
     termination: TerminationReason

@@ -22,15 +22,22 @@ from wordcraft_kg.studies.results import RunResult, StudyResults, steps_to
 from wordcraft_kg.studies.study import SCORER, Values
 
 Interval = tuple[float, float]
+"""Lower and upper end."""
 _ROUNDING = 1e-12
+"""A mean of equal curves may lie this far below the level that it reaches."""
 
 
-class Comparison(Record):
+class VariantComparison(Record):
     """A variant compared with the study's reference variant under the same grid settings.
 
-    ``difference`` of mean success on test tasks, with the 95 % interval over seeds and groups of tasks, over ``pairs``
-    common seeds. The p-value needs three pairs, else None; ``p_corrected`` has Holm's correction for all comparisons
-    in the study.
+    Attributes:
+        difference: mean success on test tasks, variant minus reference.
+        interval: 95 % interval of the difference over seeds and groups of tasks; the same seed and
+            the same task are pairs.
+        pairs: number of seeds that both have.
+        p_value: of no difference, the level at which the interval reaches 0; None below three pairs,
+            where a p-value would rest on one degree of freedom.
+        p_corrected: the p-value with Holm's correction over all comparisons in the study, or None.
     """
 
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -44,13 +51,28 @@ class VariantFigures(Record):
     """Results of a variant under fixed grid settings; all intervals are 95 % intervals.
 
     Attributes:
-        seed_interval: interval for ``mean`` over seeds, by Student's t; None for a single seed.
-        interval: interval for ``mean`` over seeds and groups of tasks, such as goals; over tasks for a single seed.
-        train: mean success on train tasks; None if not measured.
-        mrr: mean MRR of the agents' scorers on test triples outside training, or None.
-        comparison: difference to the reference; None for the reference and without common seeds.
-        reached: steps until the mean learning curve reaches the reference's final success; None for never.
+        variant: name of the variant.
+        seeds: seeds of its runs.
+        success: success rate of each run on test tasks.
+        mean: mean of ``success``.
+        seed_interval: interval for ``mean`` over seeds, by Student's t, for the same tasks; None for a
+            single seed.
+        interval: interval for ``mean`` over seeds and groups of tasks, such as goals; over tasks for a
+            single seed.
+        by_plan: mean share of episodes in which the last pair of a plan made the goal.
+        train: mean success on train tasks; None if not measured for every run.
+        mrr: mean MRR of the agents' scorers on test triples outside training; None without a scorer,
+            or if the scorers have seen these triples.
+        mrr_range: least and greatest of these MRRs, or None.
+        comparison: difference to the reference; None for the reference, and without common seeds or
+            tasks.
+        reached: steps until the mean learning curve reaches the reference's final success; None for
+            never, or without a reference to reach.
         reached_interval: interval for ``reached``, with None for never; None below two common seeds.
+        curve: mean success at the steps that the curves of all runs have, with intervals over seeds.
+        runs: address of each run in the results folder.
+        seconds: mean training time; results from a store count as 0.
+        steps: environment steps of a run.
     """
 
     variant: str
@@ -63,7 +85,7 @@ class VariantFigures(Record):
     train: Share | None
     mrr: Share | None
     mrr_range: Interval | None
-    comparison: Comparison | None
+    comparison: VariantComparison | None
     reached: Count | None
     reached_interval: tuple[Count | None, Count | None] | None
     curve: tuple[CurvePoint, ...]
@@ -73,7 +95,16 @@ class VariantFigures(Record):
 
 
 class PointFigures(Record):
-    """Results for all variants at a grid point, with ``title`` in words; usually the runs share a single graph."""
+    """Results for all variants at a grid point.
+
+    Attributes:
+        values: grid settings of the point.
+        title: the settings in words; graph and split without a grid.
+        graphs: graphs with which the variants were evaluated, in the order of the variants; usually one.
+        tasks: number of test tasks.
+        distractor_seeds: episodes of each task, with other distractors each.
+        variants: results of the variants that have runs, in the order of the study.
+    """
 
     values: Values
     title: str
@@ -86,10 +117,19 @@ class PointFigures(Record):
 def figures_of(
     results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]
 ) -> VariantFigures:
-    """Summarise the runs ``members`` of a variant, and compare with the runs ``base`` of the reference variant."""
+    """Summarise the runs of a variant at a grid point, and compare them with the reference.
+
+    Args:
+        results: the study, which knows the groups of test tasks.
+        variant: name of the variant.
+        members: the variant's runs, at least one, all on the same test tasks.
+        base: runs of the reference at the same point; empty if there are none. The reference itself is
+            recognised by being the same list.
+    """
     success = [run.success["test"] for run in members]
     train = [run.success["train"] for run in members if "train" in run.success]
     mrr = [run.mrr for run in members if run.mrr is not None]
+    # Runs of earlier studies may lack train tasks or a scorer, hence the shorter lists above.
     reached, reached_interval = _reached(members, base)
     return VariantFigures(
         variant=variant,
@@ -99,6 +139,7 @@ def figures_of(
         seed_interval=student_interval(success),
         interval=rate_interval(_table(members), results.groups_of(members[0])),
         by_plan=mean_of([run.by_plan["test"] for run in members]),
+        # A mean of some runs would stand beside the success of all.
         train=mean_of(train) if len(train) == len(members) else None,
         mrr=mean_of(mrr) if mrr else None,
         mrr_range=(min(mrr), max(mrr)) if mrr else None,
@@ -113,46 +154,55 @@ def figures_of(
 
 
 def mean_of(values: Sequence[float]) -> float:
-    """Return the mean, exactly rounded."""
+    """Return the mean, exactly rounded: independent of the order of the values."""
     return math.fsum(values) / len(values)
 
 
 def _table(members: Sequence[RunResult]) -> NDArray[np.float64]:
+    """Return the success rates of runs, shape (runs, tasks)."""
     return np.array([run.rates for run in members])
 
 
 def _comparison(
     results: StudyResults, members: list[RunResult], base: list[RunResult]
-) -> Comparison | None:
+) -> VariantComparison | None:
     by_seed = {run.seed: run for run in base}
-    pairs = [(run, by_seed[run.seed]) for run in members if run.seed in by_seed]
-    if members is base or not pairs or results.tasks_of(members[0]) != results.tasks_of(base[0]):
+    paired = [run for run in members if run.seed in by_seed]
+    if members is base or not paired:
         return None
-    differences = _table([run for run, _ in pairs]) - _table([run for _, run in pairs])
-    (difference, *ends), exact = crossed_difference(differences, results.groups_of(base[0]))
-    p_value = exact if len(pairs) >= FEWEST_PAIRS else None
-    return Comparison(difference, (ends[0], ends[1]), len(pairs), p_value, p_corrected=p_value)
+    # Only the same task, with the same distractors, makes a pair.
+    if results.tasks_of(members[0]) != results.tasks_of(base[0]):
+        return None
+    differences = _table(paired) - _table([by_seed[run.seed] for run in paired])
+    (difference, low, high), exact = crossed_difference(differences, results.groups_of(base[0]))
+    p_value = exact if len(paired) >= FEWEST_PAIRS else None
+    # Holm's correction needs all comparisons of the study; the summary of the study fills it in.
+    return VariantComparison(difference, (low, high), len(paired), p_value, p_corrected=p_value)
 
 
 def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
+    """Return the steps that all learning curves have, and the success at them, shape (runs, steps)."""
     rows = [dict(run.curve) for run in members]
     steps = sorted(set.intersection(*map(set, rows)))
-    return steps, np.array([[row[step] for step in steps] for row in rows])
+    table = [list(map(row.__getitem__, steps)) for row in rows]
+    return steps, np.array(table)
 
 
 def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:
     steps, table = _curves(members)
     if not steps:
         return ()
-    return tuple(
-        CurvePoint(step, float(column.mean()), *(student_interval(column) or (None, None)))
-        for step, column in zip(steps, table.T, strict=True)
-    )
+    points: list[CurvePoint] = []
+    for step, column in zip(steps, table.T, strict=True):
+        low, high = student_interval(column) or (None, None)
+        points.append(CurvePoint(step, float(column.mean()), low, high))
+    return tuple(points)
 
 
 def _reached(
     members: list[RunResult], base: list[RunResult]
 ) -> tuple[int | None, tuple[int | None, int | None] | None]:
+    """Return the steps to the reference's final success, and their interval, see :class:`VariantFigures`."""
     if not base:
         return None, None
     steps, table = _curves(members)
@@ -164,14 +214,21 @@ def _reached(
         reached = steps_to(zip(steps, curve, strict=True), -_ROUNDING)
         return round(reached) if math.isfinite(reached) else None
 
-    ends = {run.seed: end for run, end in zip(base, goal[:, -1], strict=True)}
+    finals = goal[:, -1]
+    reached = first(table.mean(axis=0) - finals.mean())
+    # For the interval each run is measured against the reference's end with its own seed.
+    final_of = {run.seed: final for run, final in zip(base, finals, strict=True)}
     ahead = np.array(
-        [row - ends[run.seed] for run, row in zip(members, table, strict=True) if run.seed in ends]
+        [
+            row - final_of[run.seed]
+            for run, row in zip(members, table, strict=True)
+            if run.seed in final_of
+        ]
     )
-    reached = first(table.mean(axis=0) - goal[:, -1].mean())
     if len(ahead) < 2:
         return reached, None
     bounds = np.array([student_interval(column, within=(-1, 1)) for column in ahead.T])
+    # The upper bound of success arrives first, so it gives the least number of steps.
     return reached, (first(bounds[:, 1]), first(bounds[:, 0]))
 
 
@@ -180,7 +237,13 @@ _EVERYTHING: Values = {"train_fraction": 1, "label_noise": 0}
 
 
 class Correlation(Record, array_like=True):
-    """A correlation coefficient, with its 95 % interval over the points."""
+    """A correlation coefficient over the points of a plot.
+
+    Attributes:
+        value: coefficient, -1 to 1.
+        low: lower end of its 95 % interval over the points.
+        high: upper end.
+    """
 
     value: float
     low: float
@@ -188,7 +251,17 @@ class Correlation(Record, array_like=True):
 
 
 class ScatterPoint(Record):
-    """Success of an agent (a variant of the study) and MRR of its scorer, as in :class:`VariantFigures`."""
+    """Success of an agent (a variant of the study) and MRR of its scorer, as in :class:`VariantFigures`.
+
+    Attributes:
+        label: the scorer settings that distinguish the point, else the variant.
+        variant: name of the variant.
+        mrr: mean MRR of the scorers.
+        mrr_range: least and greatest MRR.
+        success: mean success on test tasks.
+        interval: 95 % interval of ``success`` over seeds and groups of tasks.
+        reached: steps to the reference's final success; None for never.
+    """
 
     label: str
     variant: str
@@ -200,12 +273,16 @@ class ScatterPoint(Record):
 
 
 class ScorerScatter(Record):
-    """Agents' success against their scorers' MRR, with all further settings (``values``) equal.
+    """Agents' success against their scorers' MRR, with all further settings equal.
 
     Attributes:
+        values: these further grid settings.
         in_sample: whether train tasks have scores from a scorer trained on the same recipes.
-        points: a point for each agent and scorer setting, by ascending MRR; correlations need three.
-        steps_spearman: rank correlation of MRR and the steps to the reference's success; "not reached" is latest.
+        points: a point for each agent and scorer setting, by ascending MRR.
+        pearson: correlation of MRR and success; None for fewer than three points.
+        spearman: rank correlation of MRR and success, or None.
+        steps_spearman: rank correlation of MRR and the steps to the reference's success; "not reached"
+            is latest.
         without: success of the reference agent, if it has no scorer.
     """
 
@@ -221,34 +298,40 @@ class ScorerScatter(Record):
 def scatters_of(
     results: StudyResults, points: Sequence[PointFigures], reference: str
 ) -> Iterator[ScorerScatter]:
-    """Yield a plot for each combination of settings other than the scorer's, with in-sample scores apart."""
+    """Yield a plot for each combination of settings other than the scorer's, with in-sample scores apart.
+
+    Args:
+        results: the study, for the settings of its variants.
+        points: results of all grid points; variants without MRR are left out.
+        reference: name of the reference variant.
+    """
     groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
     for point in points:
         for entry in point.variants:
-            if entry.mrr is not None:
-                key = msgspec.json.encode(
-                    (_others(point), _is_in_sample(results, point, entry)), order="sorted"
-                )
-                groups.setdefault(key, []).append((point, entry))
+            if entry.mrr is None:
+                continue
+            # In-sample scores are better on train tasks than on test tasks: their MRR means less.
+            described = (_others(point), _is_in_sample(results, point, entry))
+            key = msgspec.json.encode(described, order="sorted")
+            groups.setdefault(key, []).append((point, entry))
     for members in groups.values():
         rows = [_scatter_point(point, entry) for point, entry in members]
-        bare = [
-            at.mean
-            for point, _ in members
-            for at in point.variants
-            if at.variant == reference and at.mrr is None
-        ]
-        mrr, success = [at.mrr for at in rows], [at.success for at in rows]
-        latest = 1 + max(at.reached or 0 for at in rows)
+        bare: list[float] = []
+        for point, _ in members:
+            bare += [at.mean for at in point.variants if at.variant == reference and at.mrr is None]
+        mrr = [at.mrr for at in rows]
+        success = [at.success for at in rows]
+        # One step after the latest arrival: ranks need an order, not a duration.
+        never = 1 + max(at.reached or 0 for at in rows)
+        reached = [never if at.reached is None else at.reached for at in rows]
+        first_point, first_entry = members[0]
         yield ScorerScatter(
-            values=_others(members[0][0]),
-            in_sample=_is_in_sample(results, *members[0]),
+            values=_others(first_point),
+            in_sample=_is_in_sample(results, first_point, first_entry),
             points=tuple(sorted(rows, key=lambda at: (at.mrr, at.label))),
             pearson=_correlation(mrr, success, "pearson"),
             spearman=_correlation(mrr, success, "spearman"),
-            steps_spearman=_correlation(
-                mrr, [latest if at.reached is None else at.reached for at in rows], "spearman"
-            ),
+            steps_spearman=_correlation(mrr, reached, "spearman"),
             without=mean_of(bare) if bare else None,
         )
 
@@ -272,13 +355,13 @@ def _scatter_point(point: PointFigures, at: VariantFigures) -> ScatterPoint:
     assert at.mrr is not None
     assert at.mrr_range is not None
     return ScatterPoint(
-        _label(point, at.variant),
-        at.variant,
-        at.mrr,
-        at.mrr_range,
-        at.mean,
-        at.interval,
-        at.reached,
+        label=_label(point, at.variant),
+        variant=at.variant,
+        mrr=at.mrr,
+        mrr_range=at.mrr_range,
+        success=at.mean,
+        interval=at.interval,
+        reached=at.reached,
     )
 
 
@@ -290,16 +373,17 @@ def _correlation(
 
 
 def _label(point: PointFigures, variant: str) -> str:
+    """Return the scorer settings that are not at full training data, else the first one, else the variant."""
     prefix = f"{SCORER}."
     values = {
         name.removeprefix(prefix): value
         for name, value in point.values.items()
         if name.startswith(prefix)
     }
+    # Settings at their full value do not distinguish points; a point with all of them needs a label, too.
     differing = {name: value for name, value in values.items() if value != _EVERYTHING.get(name)}
-    named = differing or dict(list(values.items())[:1])
-    shown = [
-        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"
-        for name, value in named.items()
-    ]
+    first = dict(list(values.items())[:1])
+    shown: list[str] = []
+    for name, value in (differing or first).items():
+        shown.append(f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}")
     return ", ".join(shown) or variant

@@ -22,7 +22,26 @@ from wordcraft_kg.studies.variants import (
 
 
 class StudyView(Record):
-    """All numbers in a study report; ``comparisons`` counts those that p-values are corrected for."""
+    """All numbers in a study report (``report.json``).
+
+    Attributes:
+        format: name and version of the file format.
+        name: name of the study in its results folder.
+        title: what is compared, in a line.
+        about: question of the study, and how to read its results.
+        source: publication and place of the comparison, such as a figure of the paper.
+        command: the command that ran the study.
+        drawing: kind of picture.
+        reference: the variant that all others are compared with.
+        points: results at each grid point that has runs, in the order of the runs.
+        scatters: success by the scorers' MRR; empty unless ``drawing`` is "scatter".
+        comparisons: number of comparisons with a p-value; Holm's correction is over these.
+        claims: the study's claims with their verdicts.
+        missing: trainings without results, with reasons.
+        versions: package versions of the trainings; the last one's, if several were used.
+        hours: training time in the results folder; cells of a store count as 0.
+        origins: platforms of the trainings, and whether their results come from a store.
+    """
 
     format: Literal["wordcraft-kg study report 1"]
     name: str
@@ -47,12 +66,17 @@ Runs = dict[str, list[RunResult]]
 
 
 def view_study(results: StudyResults) -> StudyView:
-    """Summarise a study's results; runs of a variant with other graphs or tasks, or none, are a ConfigError."""
+    """Summarise a study's results.
+
+    Raises:
+        ConfigError: if no run has finished, or runs of a variant at a grid point were evaluated with other
+            graphs or tasks, or share a seed: a mean over them would describe nothing.
+    """
     study = results.study
     reference = study.reference or next(iter(study.variants))
-    cells = _cells(results)
-    points = [_point(results, values, runs, reference) for values, runs in cells]
+    points = [_point(results, values, runs, reference) for values, runs in _cells(results)]
     points = _corrected(points)
+    is_scatter = study.drawing == "scatter"
     return StudyView(
         format="wordcraft-kg study report 1",
         name=results.name,
@@ -63,9 +87,7 @@ def view_study(results: StudyResults) -> StudyView:
         drawing=study.drawing,
         reference=reference,
         points=tuple(points),
-        scatters=tuple(scatters_of(results, points, reference))
-        if study.drawing == "scatter"
-        else (),
+        scatters=tuple(scatters_of(results, points, reference)) if is_scatter else (),
         comparisons=len(_p_values(points)),
         claims=view_claims(results),
         missing=results.missing,
@@ -82,10 +104,12 @@ def title_of(values: Values) -> str:
 
 def _worded(name: str, value: Value) -> str:
     if name == "distractors":
-        return f"{value} distractor{'s' * (value != 1)}"
+        return f"{value} distractor" if value == 1 else f"{value} distractors"
     if name == "book":
         return str(value)
-    return f"{name} {str(value).lower() if isinstance(value, bool) else value}"
+    # As in the study's file, where truth values are written in small letters.
+    shown = str(value).lower() if isinstance(value, bool) else value
+    return f"{name} {shown}"
 
 
 def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
@@ -97,29 +121,30 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
         )
     points: dict[bytes, tuple[Values, Runs]] = {}
     for run in results.runs:
-        _, runs = points.setdefault(
-            msgspec.json.encode(run.values, order="sorted"), (run.values, {})
-        )
+        key = msgspec.json.encode(run.values, order="sorted")
+        _, runs = points.setdefault(key, (run.values, {}))
         runs.setdefault(run.variant, []).append(run)
+    # An interrupted study may have runs in another order than its file.
     order = {name: number for number, name in enumerate(results.study.variants)}
-    cells = [
-        (values, dict(sorted(runs.items(), key=lambda item: order.get(item[0], len(order)))))
-        for values, runs in points.values()
-    ]
+    cells: list[tuple[Values, Runs]] = []
+    for values, runs in points.values():
+        names = sorted(runs, key=lambda name: order.get(name, len(order)))
+        cells.append((values, {name: runs[name] for name in names}))
     for values, runs in cells:
+        where = f" with {title_of(values)}" if values else ""
         for variant, members in runs.items():
-            _check_alike(
-                results, f"'{variant}'" + (f" with {title_of(values)}" if values else ""), members
-            )
+            _check_alike(results, f"'{variant}'{where}", members)
     return cells
 
 
 def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> None:
     first = members[0]
     for run in members[1:]:
-        one, other = results.graphs[first.graph], results.graphs[run.graph]
+        one = results.graphs[first.graph]
+        other = results.graphs[run.graph]
         if (one.hash, one.split) != (other.hash, other.split):
             differing = "graphs" if one.hash != other.hash else "splits"
+            # A mean over seeds is about one set of tasks.
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were played on different {differing} ({_named(one)}; "
                 f"{_named(other)}), so their figures cannot be averaged. Add the differing setting to the grid, "
@@ -133,6 +158,7 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
             )
     seeds = [run.seed for run in members]
     if len(set(seeds)) < len(seeds):
+        # Two runs of one seed are paired with one run of the reference, and would count twice.
         twice = next(seed for seed in seeds if seeds.count(seed) > 1)
         raise ConfigError(
             f"{cell}: seed {twice} occurs twice (runs {', '.join(run.run for run in members if run.seed == twice)}); "
@@ -154,27 +180,32 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
     variants = [figures_of(results, name, members, base) for name, members in runs.items()]
     graphs = {members[0].graph: results.graphs[members[0].graph] for members in runs.values()}
     first = next(iter(runs.values()))[0]
-    title = title_of(values) or ", ".join(
-        f"{graph.name}, {graph.kind}" for graph in graphs.values()
-    )
+    title = title_of(values)
+    if not values:
+        title = ", ".join(f"{graph.name}, {graph.kind}" for graph in graphs.values())
     return PointFigures(
-        values,
-        title,
-        tuple(graphs.values()),
-        len(first.won),
-        first.distractor_seeds,
-        tuple(variants),
+        values=values,
+        title=title,
+        graphs=tuple(graphs.values()),
+        tasks=len(first.won),
+        distractor_seeds=first.distractor_seeds,
+        variants=tuple(variants),
     )
 
 
 def _p_values(points: Sequence[PointFigures]) -> list[float]:
-    comparisons = [
-        entry.comparison for point in points for entry in point.variants if entry.comparison
-    ]
-    return [each.p_value for each in comparisons if each.p_value is not None]
+    """Return all p-values of a study, in the order of points and variants."""
+    found: list[float] = []
+    for point in points:
+        for entry in point.variants:
+            if entry.comparison is not None and entry.comparison.p_value is not None:
+                found.append(entry.comparison.p_value)
+    return found
 
 
 def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
+    """Return points with Holm's correction over all comparisons of the study, which a reader sees together."""
+    # In the order of ``_p_values``, which is that of the loop below.
     corrected = iter(holm(_p_values(points)))
 
     def with_p(entry: VariantFigures) -> VariantFigures:
@@ -183,7 +214,8 @@ def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
         comparison = msgspec.structs.replace(entry.comparison, p_corrected=next(corrected))
         return msgspec.structs.replace(entry, comparison=comparison)
 
-    return [
-        msgspec.structs.replace(point, variants=tuple(map(with_p, point.variants)))
-        for point in points
-    ]
+    changed: list[PointFigures] = []
+    for point in points:
+        variants = tuple(with_p(entry) for entry in point.variants)
+        changed.append(msgspec.structs.replace(point, variants=variants))
+    return changed

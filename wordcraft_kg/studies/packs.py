@@ -1,0 +1,208 @@
+"""The files of a store of cells: loose JSON files, and packs with the cells of a study on a book.
+
+A store is a folder. A cell, the result of one training, lies in ``runs/<hash>.json`` or ``scorers/<hash>.json``: as a
+file of its own, or as a member of that name in a pack, a zip archive in the folder itself. New cells are written as
+loose files; :func:`write_pack` gathers them, so that a repository holds a file for each study and not for each
+training. A loose cell comes before a packed one of the same name: a training that was repeated because its packed cell
+is damaged replaces that cell.
+
+A store may come from a stranger. So nothing is extracted to the disk, a member counts under the name of a cell only,
+and the sizes of archives and members are bounded before they are read.
+"""
+
+import io
+import re
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+
+from wordcraft_kg.base.artefacts import check_file, read_small_file, write_atomically
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+
+_NAME = re.compile(r"(?:runs|scorers)/[0-9a-f]{16}\.json")
+"""Name of a cell: the address of its task, and ``.json``."""
+_LARGEST_PACK = 2**24
+"""Bytes of the largest archive: some twenty thousand cells of a book with 700 entities."""
+_LARGEST_CELL = 2**24
+"""Bytes of the largest cell after decompression; a cell usually has about a thousand."""
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+_ENCRYPTED = 0x1
+"""Bit of a member's flags."""
+_FIRST_DATE = (1980, 1, 1, 0, 0, 0)
+"""The date of all members, the earliest of the format: equal cells give equal bytes."""
+_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    EOFError,
+    NotImplementedError,
+    OSError,
+    ValueError,  # a name that is not UTF-8, or a place before the begin of the file
+)
+"""Errors of :mod:`zipfile` for damaged archives."""
+
+
+class CellFiles:
+    """The files of a store of cells; the lists of members of all packs are read once, at the start."""
+
+    def __init__(self, folder: Path):
+        """Read which cells the packs in a folder hold.
+
+        Args:
+            folder: the store, which may be new.
+
+        Raises:
+            ConfigError: if ``folder`` is a file.
+            ArtefactError: if a pack is damaged, has members that are not cells or are too large, or if a cell lies in
+                two packs, so that it is not clear which one counts.
+        """
+        if folder.is_file():
+            raise ConfigError(
+                f"`store` '{folder}' is a file; expected a folder of cells, which may be new."
+            )
+        self.folder = folder
+        self._packs: dict[str, tuple[Path, zipfile.ZipFile]] = {}
+        for path in pack_files(folder):
+            archive = _open_pack(path)
+            for name in archive.namelist():
+                if name in self._packs:
+                    raise ArtefactError(
+                        f"{path} has the cell '{name}', and so has {self._packs[name][0]}; expected "
+                        "the cell in one of the packs. Remove one of the two."
+                    )
+                self._packs[name] = path, archive
+
+    def loose(self, address: str) -> Path:
+        """Return the path of the loose file for the cell of a task's address, whether it exists or not."""
+        return self.folder / f"{address}.json"
+
+    def where(self, address: str) -> str | None:
+        """Return in words where the cell of an address lies, for error messages; None if the store lacks the cell."""
+        if self.loose(address).exists():
+            return str(self.loose(address))
+        if f"{address}.json" in self._packs:
+            path, _ = self._packs[f"{address}.json"]
+            return f"{path}, member {address}.json,"
+        return None
+
+    def read(self, address: str) -> bytes:
+        """Return the bytes of a cell; a loose file comes before a pack.
+
+        Raises:
+            ArtefactError: if the store lacks the cell, or its file or its member of a pack cannot be read.
+        """
+        name = f"{address}.json"
+        loose = self.loose(address)
+        if loose.exists() or name not in self._packs:
+            return read_small_file(loose)
+        path, archive = self._packs[name]
+        try:
+            return _content(archive, name)
+        except _DAMAGE as error:
+            raise ArtefactError(
+                f"{path}, member {name}, is damaged: {error}. Restore a copy of the file."
+            ) from None
+
+    def addresses(self) -> dict[str, Path]:
+        """Return the addresses of all cells, sorted, each with its file: the loose one if there are two."""
+        found = {name.removesuffix(".json"): path for name, (path, _) in self._packs.items()}
+        for path in self.folder.glob("*/*.json"):
+            name = path.relative_to(self.folder).as_posix()
+            if _NAME.fullmatch(name):
+                found[name.removesuffix(".json")] = path
+        return dict(sorted(found.items()))
+
+
+def pack_files(folder: Path) -> list[Path]:
+    """Return the packs in a store of cells, sorted by name."""
+    return sorted(folder.glob("*.zip"))
+
+
+def _open_pack(path: Path) -> zipfile.ZipFile:
+    """Open an archive and check its list of members; the members are neither read nor extracted."""
+    check_file(path, _LARGEST_PACK)
+    try:
+        # From memory: no file stays open, and another process may replace the pack meanwhile.
+        archive = zipfile.ZipFile(io.BytesIO(path.read_bytes()))
+    except _DAMAGE as error:
+        raise ArtefactError(
+            f"{path} is damaged: {error}. Restore a copy of the file, or remove it."
+        ) from None
+    names: set[str] = set()
+    for member in archive.infolist():
+        fault = _fault_of(member)
+        if member.filename in names:
+            fault = "occurs twice"
+        if fault is not None:
+            raise ArtefactError(
+                f"{path} is no pack of cells: its member {member.filename!r} {fault}. Remove the file."
+            )
+        names.add(member.filename)
+    return archive
+
+
+def _fault_of(member: zipfile.ZipInfo) -> str | None:
+    """Return why a member cannot be a cell, as the end of a sentence; None if it can."""
+    if not _NAME.fullmatch(member.filename):
+        return "is no cell; expected a name such as 'runs/2f65aebd52224b51.json'"
+    if member.file_size > _LARGEST_CELL:
+        return f"has {member.file_size:,} bytes; the limit is {_LARGEST_CELL:,}"
+    if member.flag_bits & _ENCRYPTED:
+        return "is encrypted"
+    if member.compress_type not in _METHODS:
+        return f"has the compression method {member.compress_type}; expected none or deflate"
+    return None
+
+
+def _content(archive: zipfile.ZipFile, name: str) -> bytes:
+    """Return a member's bytes, at most as many as the list of members claims."""
+    member = archive.getinfo(name)
+    with archive.open(member) as file:
+        # Without a number, zipfile decompresses everything before it compares with the claim.
+        return file.read(member.file_size)
+
+
+def write_pack(path: Path, cells: Mapping[str, bytes]) -> bool:
+    """Write a pack, unless it has exactly these cells already.
+
+    Members are sorted and have a fixed date, so that equal cells give equal bytes.
+
+    Args:
+        path: the archive, in an existing folder.
+        cells: bytes of each cell, by the address of its task.
+
+    Returns:
+        Whether the file was written.
+
+    Raises:
+        ArtefactError: if the pack would be too large to be read again; nothing is written.
+    """
+    members = {f"{address}.json": cells[address] for address in sorted(cells)}
+    if path.exists():
+        before = _open_pack(path)
+        # Compared by content: another version of zlib may compress the same cells to other bytes.
+        if before.namelist() == list(members):
+            try:
+                if all(_content(before, name) == content for name, content in members.items()):
+                    return False
+            except _DAMAGE:
+                pass  # the pack is replaced
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name, content in members.items():
+            info = zipfile.ZipInfo(name, _FIRST_DATE)
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.create_system = 3  # Unix, on each system
+            info.external_attr = 0o644 << 16
+            if len(content) > _LARGEST_CELL:
+                raise ArtefactError(
+                    f"the cell '{name}' has {len(content):,} bytes; the most for a pack are {_LARGEST_CELL:,}."
+                )
+            archive.writestr(info, content)
+    packed = buffer.getvalue()
+    if len(packed) > _LARGEST_PACK:
+        raise ArtefactError(
+            f"{path} would have {len(packed):,} bytes; the most are {_LARGEST_PACK:,}."
+        )
+    write_atomically(path, packed)
+    return True

@@ -31,8 +31,7 @@ from wordcraft_kg.evaluation.reference import (
     TaskPlay,
     figures_of,
 )
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.studies.result_readers import (
+from wordcraft_kg.evaluation.result_readers import (
     SEEN,
     ResultReader,
     TableGame,
@@ -41,6 +40,7 @@ from wordcraft_kg.studies.result_readers import (
     check_tasks,
     over,
 )
+from wordcraft_kg.graphs.folder import OpenedGraph
 
 _LOGS = (".eval", ".json")
 

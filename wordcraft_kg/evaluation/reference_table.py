@@ -24,12 +24,17 @@ from wordcraft_kg.evaluation.reference import (
     literature,
     pack_of,
 )
+from wordcraft_kg.evaluation.result_readers import (
+    READERS,
+    SEEN,
+    ResultReader,
+    external_rows,
+    is_model,
+)
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.folder import MODEL
-from wordcraft_kg.reports.pages import render_page
-from wordcraft_kg.studies.result_readers import READERS, SEEN, ResultReader, external_rows, is_model
 
 DISTRACTORS = (1, 2, 8)
 """Distractor counts in the published results, as in the paper."""
@@ -71,7 +76,7 @@ def view_references(
     """Return a table with published results, scripted players for missing columns, and the user's results.
 
     Open-ended play ignores the split, and uses the attempt counts in ``discover`` as columns. For ``external`` and its
-    errors see :func:`~wordcraft_kg.studies.result_readers.external_rows`; without such tasks it is a TaskError.
+    errors see :func:`~wordcraft_kg.evaluation.result_readers.external_rows`; without such tasks it is a TaskError.
     """
     measures: list[Measure] = ["success"]
     split: str | None = opened.split.hash
@@ -211,8 +216,3 @@ def _kind(player: str) -> Kind:
     if player.endswith(_ALONE):
         return "scorer"
     return kinds.get(player, "oracle" if player in _ORACLES else "knowledge graph")
-
-
-def reference_page(view: ReferenceTable) -> str:
-    """Render a comparison table as an HTML page."""
-    return render_page("wordcraft_kg.studies/reference_page.html.j2", report=view)

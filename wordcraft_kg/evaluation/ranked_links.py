@@ -69,6 +69,11 @@ class RankedLinks:
             .numpy()
         )
 
+    @property
+    def labelled_ranks(self) -> pd.DataFrame:
+        """The rank table with labels in place of entity and relation ids, for readers and files."""
+        return labelled(self.graph, self.ranks)
+
     @cached_property
     def clusters(self) -> Ids:
         """Each query's resampling group, see :func:`triple_groups`; shape (2 T,)."""

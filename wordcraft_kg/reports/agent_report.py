@@ -1,15 +1,13 @@
 """The agent report: evaluation results for all agents, with charts."""
 
 import re
-from collections.abc import Sequence
 from typing import Any
 
 from markupsafe import Markup
 
 from wordcraft_kg.evaluation.agent_figures import NEVER, Slice
-from wordcraft_kg.evaluation.agents import AgentsView, Groups, view_agents
+from wordcraft_kg.evaluation.agents import AgentsView
 from wordcraft_kg.evaluation.goal_groups import MADE, NOT_MADE
-from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.reports import agent_pictures, charts
 from wordcraft_kg.reports.pages import Report
 
@@ -21,22 +19,8 @@ _SLICES: dict[Slice, tuple[str, str]] = {
 }
 
 
-def make_agent_report(
-    groups: Groups,
-    *,
-    part: TaskPart = "test",
-    distractors: Sequence[int] | None = None,
-    distractor_seeds: int | None = None,
-    episodes: int = 2,
-) -> Report[AgentsView]:
-    """Evaluate agents by :func:`~wordcraft_kg.evaluation.agents.view_agents`; return the report, ready to write."""
-    view = view_agents(
-        groups,
-        part=part,
-        distractors=distractors,
-        distractor_seeds=distractor_seeds,
-        episodes=episodes,
-    )
+def make_agent_report(view: AgentsView) -> Report[AgentsView]:
+    """Return the report on agents, evaluated by :func:`~wordcraft_kg.evaluation.agents.view_agents`."""
     return Report(
         view,
         "agent_report.html.j2",

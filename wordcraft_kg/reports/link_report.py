@@ -1,6 +1,6 @@
 """The link-prediction report: evaluation results for a link predictor, with charts."""
 
-from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -10,18 +10,14 @@ from wordcraft_kg.evaluation.links import (
     FEW_TEST_RECIPES,
     LinkView,
     has_few_test_recipes,
-    view_links,
 )
-from wordcraft_kg.evaluation.ranked_links import labelled, rank_links
-from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
-from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.links.records import TraceRow
-from wordcraft_kg.models.scorers.config import MAX_QUERIES
-from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.pages import Report, render_page
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PLAYERS = {
     "v": "ingredient scores alone (v)",
@@ -37,30 +33,18 @@ PLAYERS = {
 }
 
 
-def make_link_report(
-    scorer: TripleScorer,
-    opened: OpenedGraph,
-    *,
-    kg: TrainedOn = "partial",
-    train_sample: TrainSample | None = None,
-    made_by_other_books: frozenset[str] | None = None,
-    name: str = "scorer",
-    provenance: Mapping[str, str] | None = None,
-    trace: Sequence[TraceRow] = (),
-    max_queries: int = MAX_QUERIES,
-    seed: int = 0,
-) -> Report[LinkView]:
-    """Evaluate a link predictor; return the report. Arguments as ``rank_links`` and ``view_links``."""
-    links = rank_links(
-        scorer,
-        opened,
-        kg,
-        train_sample=train_sample,
-        made_by_other_books=made_by_other_books,
-        max_queries=max_queries,
-        seed=seed,
-    )
-    view = view_links(links, name=name, provenance=provenance, trace=trace, seed=seed)
+def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Report[LinkView]:
+    """Return the report on a link predictor, ready to write.
+
+    Args:
+        view: the evaluation results, by :func:`~wordcraft_kg.evaluation.links.view_links`.
+        ranks: a row for each ranked query, by
+            :attr:`~wordcraft_kg.evaluation.ranked_links.RankedLinks.labelled_ranks`, which becomes
+            the report's ``ranks.csv``; None for a report without this file.
+
+    Returns:
+        The report, for :func:`~wordcraft_kg.reports.pages.write_report`.
+    """
     return Report(
         view,
         "link_report.html.j2",
@@ -75,7 +59,7 @@ def make_link_report(
             "few": FEW_TEST_RECIPES,
             "few_test_recipes": has_few_test_recipes(view),
         },
-        tables={"ranks.csv": labelled(links.graph, links.ranks)},
+        tables={} if ranks is None else {"ranks.csv": ranks},
     )
 
 

@@ -11,7 +11,7 @@ from wordcraft_kg.cli.console import Output, aligned, check_file, split_labels, 
 from wordcraft_kg.cli.options import Force, Graph, Words
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.discovery import DiscoveryView, Known
+    from wordcraft_kg.evaluation.discovery import DiscoveryView, KnownEntities
 
 EXAMPLES = (
     "wordcraft-kg discover everyday --players random,greedy --runs 20",
@@ -74,7 +74,7 @@ def discover(
 
 
 def _text(view: "DiscoveryView") -> Iterator[str]:
-    def cell(known: "Known") -> str:
+    def cell(known: "KnownEntities") -> str:
         has_interval = known.low is not None and known.high is not None and known.low < known.high
         return f"{known.mean:.1f}" + (
             f" [{known.low:.1f}, {known.high:.1f}]" if has_interval else ""

@@ -29,11 +29,12 @@ class AgainstScorer(Record):
     """An agent's decisions and success beside its scorer alone, on the same tables.
 
     Attributes:
-        scorer: sources that the scorer alone follows, such as ``w``.
+        scorer: sources that the scorer alone follows, such as `w`.
         differs: share of episodes in which the agent combines other pairs than the scorer alone.
-        success, scorer_success: success rate of agent and scorer in these episodes; None without such episodes.
+        success, scorer_success: success rate of agent and scorer in these episodes; None without
+            such episodes.
         gain: success rate of the agent minus that of the scorer, over all episodes.
-        gain_ci: 95 % interval for ``gain``, by resampling groups of tasks.
+        gain_ci: 95 % interval for `gain`, by resampling groups of tasks.
     """
 
     scorer: str
@@ -45,12 +46,21 @@ class AgainstScorer(Record):
 
 
 class AgentSuccess(Record):
-    """An agent's success rate with a distractor count; intervals are 95 %, by bootstrap except ``seed_ci``.
+    """An agent's success rate with one distractor count; the intervals are at 95 %.
 
-    ``mean`` has intervals over training seeds (by Student's t; None for a single run) and over tasks; ``seeds`` has
-    each run's rate. ``by_plan`` is the share of episodes that make the goal by one of the task's plans, ``actions`` the
-    mean per episode. ``difference`` to the first agent: by resampling groups of tasks, None for the first agent.
-    ``against_scorer`` is None for an agent without a scorer.
+    Attributes:
+        mean: success rate, the mean over the agent's runs.
+        seed_ci: interval over training seeds by Student's t; None for a single run.
+        task_ci: interval over tasks, by bootstrap of the groups that the split holds out together.
+        seeds: success rate of each run.
+        by_plan: share of episodes that make the goal by one of the task's plans.
+        actions: mean number of chosen slots in an episode.
+        difference: success rate minus that of the first agent on the same tasks; None for the first
+            agent.
+        difference_ci: interval for `difference`, by resampling groups of tasks in pairs; None for
+            the first agent.
+        against_scorer: comparison with the agent's scorer alone; None for an agent without a
+            scorer.
     """
 
     mean: Share
@@ -65,7 +75,14 @@ class AgentSuccess(Record):
 
 
 class SliceSuccess(Record):
-    """Success rate on a named group of tasks (a slice), with the 95 % interval by resampling groups of tasks."""
+    """Success rate on a named group of tasks (a slice).
+
+    Attributes:
+        slice: the group's name.
+        tasks: number of tasks in the group.
+        success: share of successful episodes, over all runs and tables.
+        ci: 95 % interval, by resampling groups of tasks.
+    """
 
     slice: str
     tasks: Annotated[int, msgspec.Meta(ge=1)]
@@ -80,7 +97,16 @@ def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
 def compare_with_scorer(
     results: Sequence[Evaluation], scorer: str, alone: Evaluation
 ) -> AgainstScorer:
-    """Compare an agent's evaluated runs with its scorer alone, which follows the sources ``scorer``."""
+    """Compare an agent's evaluated runs with the agent's scorer alone.
+
+    Args:
+        results: an evaluation of each run, on the same tables.
+        scorer: the sources that the scorer alone follows, such as `w`.
+        alone: the evaluation of the scorer alone on these tables.
+
+    Returns:
+        The comparison over all runs.
+    """
     differs = np.concatenate([result.decisions != alone.decisions for result in results], axis=1)
     success, of_scorer = _successes(results), _successes([alone] * len(results))
     gain, low, high = paired_difference(success, of_scorer, alone.groups)
@@ -97,7 +123,16 @@ def success_of(
     reference: Sequence[Evaluation] | None,
     against_scorer: AgainstScorer | None = None,
 ) -> AgentSuccess:
-    """Return the success rate over an agent's evaluated runs, compared with a reference agent's runs if given."""
+    """Return the success rate over an agent's evaluated runs.
+
+    Args:
+        results: an evaluation of each run, on the same tables.
+        reference: evaluations of the first agent's runs, to compare with; None for no comparison.
+        against_scorer: the comparison with the agent's scorer alone; None without a scorer.
+
+    Returns:
+        The rates and their intervals.
+    """
     means = [float(result.success.mean()) for result in results]
     success = AgentSuccess(
         mean=float(np.mean(means)),

@@ -31,7 +31,14 @@ _SCRIPTED = ("random", players.FEWEST_USES, players.NEAREST_WORDS, "recipe oracl
 
 
 class SharedGraph(Record):
-    """The recipe graph that all compared agents were trained on: name, content hash and size."""
+    """The recipe graph that all compared agents were trained on.
+
+    Attributes:
+        name: the graph's name.
+        hash: the graph's content hash.
+        entities: number of entities.
+        recipes: number of recipes.
+    """
 
     name: str
     hash: Hash
@@ -40,9 +47,14 @@ class SharedGraph(Record):
 
 
 class SharedSplit(Record):
-    """The recipe split (train, valid, test) that all compared agents share: kind, seed and content hash.
+    """The recipe split (train, valid, test) that all compared agents share.
 
-    ``unit`` names what the split holds out together, and intervals resample: recipes, goals, slots or kinds.
+    Attributes:
+        kind: kind of the split.
+        seed: seed of the split.
+        hash: content hash of the split.
+        unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
+            resample them.
     """
 
     kind: str
@@ -55,11 +67,28 @@ class AgentEntry(Record):
     """An agent's metrics; an agent is a group of training runs that differ only in the seed.
 
     Attributes:
-        settings: training settings that differ from the defaults.
-        kg: training graph for the agent's scorer (full or partial); None for an agent without a scorer.
-        cross_fitted: number of cross-fitting folds of the scorer; 0 if train tasks have in-sample scores.
-        success, outcomes: by distractor count; ``slices`` are for the report's ``headline`` count.
+        name: the agent's name: that of the runs without the seed, or of the first run.
+        runs: names of the run folders.
+        seeds: training seed of each run.
+        checkpoints: checkpoint of each run that was evaluated, such as the last one.
+        settings: training settings that differ from the defaults, without graph and seed.
+        kg: training graph of the agent's scorer (full or partial); None for an agent without a
+            scorer.
+        cross_fitted: number of cross-fitting folds of the scorer; 0 if train tasks have in-sample
+            scores.
+        trained_with: number of distractors in training.
+        steps: environment steps of each run's training.
+        seconds: duration of each run's training in seconds; None if a run has no metrics.
+        steps_per_second: environment steps per second of each training; None if a run is
+            unfinished.
+        success: success rate by distractor count.
+        outcomes: share of episodes by termination reason, by distractor count.
+        slices: success on groups of tasks with the report's `headline` count; empty if the agent
+            cannot play with it.
         curves: success during training, by task part (train or test).
+        lambdas: mixing weights of the score sources during training.
+        training: logged statistics of each run's training.
+        provenance: facts about each run, such as command and versions, by the run's name.
     """
 
     name: str
@@ -83,7 +112,14 @@ class AgentEntry(Record):
 
 
 class BaselineSuccess(Record):
-    """Success by distractor count for random, fewest uses, nearest words, the recipe oracle or a scorer alone."""
+    """Success of a scripted player, or of a scorer alone, at the agents' tables.
+
+    Attributes:
+        name: the player's name.
+        success: success rate by distractor count.
+        by_plan: share of episodes that make the goal by one of the task's plans, by distractor
+            count.
+    """
 
     name: str
     success: dict[str, Share]
@@ -91,7 +127,13 @@ class BaselineSuccess(Record):
 
 
 class AgentEpisodes(Record):
-    """Example episodes from an agent's first run, with the scores and logits for each action."""
+    """Example episodes of an agent, with the scores and logits for each action.
+
+    Attributes:
+        agent: the agent's name.
+        run: the run that played, the agent's first.
+        episodes: the episodes.
+    """
 
     agent: str
     run: str
@@ -99,7 +141,25 @@ class AgentEpisodes(Record):
 
 
 class AgentsView(Record):
-    """All numbers in an agent report; the first agent is the reference; without a sample, ``sampled_from`` is None."""
+    """All numbers in a report on agents (``report.json``).
+
+    Attributes:
+        format: name and version of the format.
+        graph: graph that all agents were trained on.
+        split: split that all agents share.
+        part: split part with the tasks.
+        depth: fewest attempts that solve a task.
+        distractors: distractor counts that were played.
+        headline: distractor count of the report's main results.
+        distractor_seeds: tables per task, with different random distractors.
+        tasks: number of played tasks.
+        sampled_from: number of tasks that the played ones are a sample of; None if all were played.
+        agents: the agents; the first is the reference of all differences.
+        baselines: scripted players, and the agents' scorers alone.
+        episodes: example episodes of each agent.
+        references: published results under these conditions; empty without any for this graph and
+            split.
+    """
 
     format: Literal["wordcraft-kg agent report 1"]
     graph: SharedGraph
@@ -125,7 +185,14 @@ _ScorersAlone = dict[tuple[object, ...], tuple[str, dict[str, dict[int, Evaluati
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
-    """Group runs that differ only in the seed (equal runs are a ConfigError), and name the groups (agents)."""
+    """Group runs that differ only in the seed into agents, in the order of the first runs.
+
+    An agent has its runs' name without the seed at the end, if the runs share this name, and else
+    the first run's name. A prime marks a name that is taken.
+
+    Raises:
+        ConfigError: if two runs have the same settings and seed, as when a run is given twice.
+    """
     by_settings: dict[Any, list[OpenedAgent]] = {}
     for agent in agents:
         inputs = tuple(agent.run.inputs.get(name) for name in ("graph", "split", "scorer"))
@@ -163,11 +230,22 @@ def view_agents(
     distractor_seeds: int | None = None,
     episodes: int = 2,
 ) -> AgentsView:
-    """Evaluate agents greedily on all tasks of a split part (such as test), with the same tables for all agents.
+    """Evaluate agents greedily on all tasks of a split part, with the same tables for all agents.
 
-    The first group is the reference; the default of ``distractors`` is 1, 8 and the number in training.
-    GraphMismatchError for agents trained on different graphs or splits, ConfigError for agents with different task
-    settings, or if no agent can play with these distractors.
+    Args:
+        groups: runs by agent, see :func:`group_agents`; the first agent is the reference of
+            differences.
+        part: split part with the tasks.
+        distractors: distractor counts; None for 1, 8 and the numbers in the agents' training.
+        distractor_seeds: tables per task, see :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
+        episodes: number of example episodes for each agent.
+
+    Returns:
+        All numbers of the report.
+
+    Raises:
+        GraphMismatchError: if the agents were trained on different graphs or splits.
+        ConfigError: if their task settings differ, or if no agent can play with these distractors.
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]

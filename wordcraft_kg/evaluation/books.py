@@ -20,7 +20,15 @@ MAX_COUNTED = 8 * 2**20
 
 
 class ListedBook(Record):
-    """A known recipe book; ``entities`` and ``recipes`` are None if the file is missing, unreadable or very large."""
+    """A known recipe book.
+
+    Attributes:
+        name: name for the command line.
+        origin: built in, cache, data folder or to fetch.
+        path: the file; None before the download.
+        note: how to fetch the book, or empty.
+        entities, recipes: number of these; None if the file is missing, unreadable or very large.
+    """
 
     name: str
     origin: str
@@ -31,7 +39,13 @@ class ListedBook(Record):
 
 
 class BookList(Record):
-    """All known recipe books, and the folders that are searched for books."""
+    """All known recipe books.
+
+    Attributes:
+        books: the books.
+        cache: folder for fetched books.
+        data_folder: folder of the user's own books; None if not set.
+    """
 
     books: tuple[ListedBook, ...]
     cache: str
@@ -39,7 +53,15 @@ class BookList(Record):
 
 
 class CheckedBook(Record):
-    """The result of checking a recipe book, problems first; ``figures`` are empty without a readable recipe."""
+    """The result of checking a recipe book.
+
+    Attributes:
+        book: the book as the user named it.
+        path: the checked file.
+        passed: whether the check found no problem.
+        figures: counts; empty if no recipe could be read.
+        findings: problems first, then notes.
+    """
 
     book: str
     path: str
@@ -79,7 +101,18 @@ def _size(book: KnownBook) -> tuple[int, int] | None:
 def view_check(
     book: str, base: list[str] | None, against: str | None, *, single_ingredient: str | None = None
 ) -> CheckedBook:
-    """Check a book, its words without vectors, and its overlap with another book; without ``base``, infer the base."""
+    """Check a book, its words without vectors, and its overlap with another book.
+
+    Args:
+        book: file, folder or known name.
+        base: labels of the base entities; None for the book's own, or else inferred ones.
+        against: another book to compare with; None for no comparison.
+        single_ingredient: treatment of rows with one ingredient, see
+            :func:`~wordcraft_kg.graphs.book_files.read_book`.
+
+    Returns:
+        Counts and findings.
+    """
     located = locate_book(book)
     path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path
     other = None if against is None else open_book(against)

@@ -25,7 +25,14 @@ if TYPE_CHECKING:
 
 
 class Guides(NamedTuple):
-    """A model folder's scorers for players, None where it has none; whether it knows recipes of the explored book."""
+    """A model folder's scorers, which guide players in open-ended play.
+
+    Attributes:
+        name: name of the folder.
+        links: scorer of the graph's triples; None if the folder's scorer belongs to another graph.
+        recipes: scorer of recipes for the graph's labels; None if the folder scores triples only.
+        knows_recipes: whether the scorer has seen recipes of the explored graph in training.
+    """
 
     name: str
     links: "Scorer | None"
@@ -41,7 +48,13 @@ class Guides(NamedTuple):
 
 
 def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
-    """Load a model folder for players on a graph; GraphMismatchError unless it fits or is a recipe scorer."""
+    """Load a model folder for players on a graph.
+
+    A recipe scorer compares words, so it also guides on graphs that it was not trained on.
+
+    Raises:
+        GraphMismatchError: if a scorer of triples belongs to another graph.
+    """
     from wordcraft_kg.models.recipes.inductive import for_labels
     from wordcraft_kg.models.scorers.cross_fitting import whole_of
     from wordcraft_kg.models.scorers.folder import load_scorer
@@ -62,8 +75,14 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     return Guides(Path(folder).name, links, recipes, bool(known.any()))
 
 
-class Known(Record):
-    """Mean number of known entities after attempts, with 95 % bounds over runs, and the share of repeated pairs."""
+class KnownEntities(Record):
+    """Number of entities that a player knows after some attempts.
+
+    Attributes:
+        mean: mean over runs.
+        low, high: 95 % interval over runs; None for a single run.
+        repeated: share of the attempts so far that repeated a pair.
+    """
 
     mean: float
     low: float | None
@@ -72,7 +91,27 @@ class Known(Record):
 
 
 class DiscoveryView(Record, omit_defaults=True):
-    """Known entities of players, and of people in another game, by attempt count in open-ended play."""
+    """Results of open-ended play, crafting without a goal.
+
+    Attributes:
+        graph: name of the explored graph.
+        hash: content hash of the graph.
+        entities: number of entities.
+        base: labels known at the start.
+        reachable: number of entities that can be made from the base.
+        attempts: attempts of each run.
+        runs: number of runs of each player.
+        seed: root seed of all random choices.
+        scorer: name of the model folder that guides players; None without one.
+        marks: attempt counts with reported results.
+        players: known entities by player and attempt count.
+        people: entities that people know in another game, by attempt count.
+        people_source: publication of these numbers.
+        references: published results from the same base and the literature, of players that are not
+            in `players`.
+        out: the written page; None without a page.
+        knows_recipes: whether the guiding scorer has seen recipes of this graph in training.
+    """
 
     graph: str
     hash: Hash
@@ -84,7 +123,7 @@ class DiscoveryView(Record, omit_defaults=True):
     seed: int
     scorer: str | None
     marks: tuple[int, ...]
-    players: dict[str, dict[str, Known]]
+    players: dict[str, dict[str, KnownEntities]]
     people: dict[str, float]
     people_source: str
     references: tuple[ReferenceRow, ...] = ()
@@ -102,7 +141,23 @@ def view_discovery(
     base: Sequence[str] | None = None,
     scorer: Guides | None = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
-    """Let players craft from ``base`` (default: the graph's) without a goal; return results and curves."""
+    """Let players craft without a goal.
+
+    Args:
+        graph: graph to explore.
+        players: names of the players, see :data:`~wordcraft_kg.agents.discovery.DISCOVERERS`.
+        attempts: attempts of each run.
+        runs: number of runs of each player.
+        seed: root seed of all random choices.
+        base: labels known at the start; None for the graph's base.
+        scorer: scorers that guide players; None if no player needs any.
+
+    Returns:
+        The results, and the curves that they summarise.
+
+    Raises:
+        ConfigError: if a player is unknown or lacks its scorer, or if the base makes nothing.
+    """
     start = Discovery(graph, base)
     learner = None
     if scorer is not None and scorer.recipes is not None:
@@ -151,11 +206,11 @@ def _references(
     )
 
 
-def _known(table: "pd.DataFrame") -> dict[str, Known]:
+def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
     columns = (table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated"))
     # NaN differs from itself.
     return {
-        str(attempt): Known(
+        str(attempt): KnownEntities(
             mean, low if low == low else None, high if high == high else None, repeated
         )
         for attempt, mean, low, high, repeated in zip(*columns, strict=True)

@@ -24,9 +24,16 @@ class ComparedModel(ranking.RankingMetrics, kw_only=True):
     """A model's metrics on the shared queries, averaged over seeds.
 
     Attributes:
+        name: the model's name.
+        has_seen_the_test_recipes: whether the full graph was used in training, so that the queries
+            are no test.
+        seeds: training seeds; empty for a model without a recorded seed.
+        mrr_of_seeds: MRR with each seed.
         difference: MRR difference to the first model; None for the first model.
-        difference_ci: interval with 95 % joint confidence over all model pairs.
-        probability_better: share of resamples with a higher MRR than the first model; ties count half.
+        difference_ci: interval of the difference; the intervals of all model pairs hold together
+            with 95 % confidence.
+        probability_better: share of resamples with a higher MRR than the first model; ties count
+            half.
     """
 
     name: str
@@ -42,11 +49,24 @@ class LinkComparison(Record, omit_defaults=True):
     """Models compared on the same queries; differences are to the first model.
 
     Attributes:
-        unit: what the split holds out together, and intervals resample: recipes, goals, slots or kinds.
+        graph: name of the graph.
+        hash: content hash of the graph.
+        split: content hash of the split.
+        unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
+            resample them.
         triples: number of ranked unseen triples, that is, test triples outside the training data.
-        sampled_from: total unseen triple count if a uniform sample is ranked.
-        best: model with the highest MRR among models that have not seen the test recipes.
-        not_told_apart: models that do not differ from ``best``: the difference interval contains 0.
+        queries: number of queries, two for each triple.
+        resamples: number of bootstrap resamples.
+        pairs: number of model pairs, for which the intervals of differences are corrected
+            (Bonferroni).
+        models: the models in the order given.
+        sampled_from: number of unseen triples if a uniform sample is ranked; None if all are
+            ranked.
+        best: model with the highest MRR among models that have not seen the test recipes; None
+            without such models.
+        not_told_apart: models that do not differ from `best`: the interval of the difference
+            contains 0.
+        out: the written page; None without a page.
     """
 
     graph: str
@@ -66,7 +86,12 @@ class LinkComparison(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class Contender:
-    """A model to compare, with a training run for each seed."""
+    """A model to compare.
+
+    Attributes:
+        name: the model's name.
+        runs: a trained model for each seed, with equal settings.
+    """
 
     name: str
     runs: Sequence[Model]
@@ -75,12 +100,26 @@ class Contender:
 def compare(
     contenders: Sequence[Contender], *, resamples: int = RESAMPLES, seed: int = 0
 ) -> LinkComparison:
-    """Compare models by MRR on test triples outside training (a sample if very many), with bootstrap intervals.
+    """Compare models by MRR on test triples outside training, with bootstrap intervals.
 
-    All models share the resamples of what the split holds out together, such as recipes or goals: a paired difference
-    is more precise than two separate intervals. Reciprocal ranks are averaged over a model's seeds. ConfigError for a
-    setting out of range, or different training settings between a model's seeds, GraphMismatchError for models with
-    different graphs or splits, SplitError for too few unseen triples.
+    All models share the resamples of the groups that the split holds out together, such as recipes
+    or goals: a difference on the same queries is far more precise than two separate intervals.
+    Reciprocal ranks of a query are averaged over a model's seeds. Intervals cover the choice of
+    recipes and say nothing about further seeds.
+
+    Args:
+        contenders: two or more models; the first is the reference. Very many triples are sampled.
+        resamples: number of bootstrap resamples.
+        seed: seed of the bootstrap and of the sample.
+
+    Returns:
+        Metrics, differences to the first model, and the best model.
+
+    Raises:
+        ConfigError: if a setting is out of range, or the seeds of a model were trained with
+            different settings.
+        GraphMismatchError: if the models were trained on different graphs or splits.
+        SplitError: if the split leaves too few unseen triples.
     """
     whole("resamples", resamples, 1, MAX_SIZE)
     whole("seed", seed, 0)

@@ -35,8 +35,16 @@ LINKS_TO = "componentOf,"
 """Beginning of the names of componentOf queries by goal."""
 
 
-class Comparison(Record):
-    """A link predictor's MRR minus a baseline's, with the 95 % interval over groups of recipes, and a verdict."""
+class BaselineComparison(Record):
+    """A link predictor beside a baseline on the same queries.
+
+    Attributes:
+        baseline: the baseline's name.
+        difference: MRR of the link predictor minus that of the baseline.
+        ci: 95 % interval, by bootstrap over groups of recipes; both models answer the same
+            resampled queries.
+        verdict: `level with` if the interval contains 0.
+    """
 
     baseline: str
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -45,15 +53,26 @@ class Comparison(Record):
 
 
 class SliceMetrics(RankingMetrics, kw_only=True):
-    """Ranking metrics for a named group of queries (a slice)."""
+    """Ranking metrics for a named group of queries (a slice).
+
+    Attributes:
+        slice: the group's name.
+    """
 
     slice: str
 
 
 class DrillDown(Record):
-    """Metrics by training triples with the answer, by layer of the answer, and by near-synonyms; no empty groups.
+    """Ranking metrics for groups of queries; groups without queries are left out.
 
-    ``other_book`` are componentOf links to goals that another book in the training makes, and to all other goals.
+    Attributes:
+        seen_in_train: by the number of training triples with the answer.
+        layer: by the crafting rounds to the answer.
+        self_combination: combinesWith of an entity with itself, and with another entity.
+        near_synonyms: test recipes that repeat a train recipe with a near-synonym, and all others;
+            empty for a model trained on the full graph.
+        other_book: componentOf links to goals that another book in the training makes, and to all
+            other goals; empty without another book.
     """
 
     seen_in_train: tuple[SliceMetrics, ...]
@@ -64,7 +83,17 @@ class DrillDown(Record):
 
 
 class RankedTriple(Record):
-    """A query with the true entity's rank and score, and the best candidate ``top``; ``side`` is the open slot."""
+    """A query with the rank of the true entity.
+
+    Attributes:
+        head: the head.
+        relation: the relation.
+        tail: the tail.
+        side: the open slot, whose entity was ranked.
+        rank: filtered rank of the true entity, from 1; ties share their mean rank.
+        score: score of the true entity.
+        top: the best candidate.
+    """
 
     head: str
     relation: Relation
@@ -76,7 +105,14 @@ class RankedTriple(Record):
 
 
 class ScoredPair(Record):
-    """A triple outside the graph, with its score."""
+    """A triple outside the graph, with its score.
+
+    Attributes:
+        head: the head.
+        relation: the relation.
+        tail: the tail.
+        score: the score, on the scorer's own scale.
+    """
 
     head: str
     relation: Relation
@@ -84,7 +120,7 @@ class ScoredPair(Record):
     score: float
 
 
-def comparisons_of(links: RankedLinks, seed: int) -> tuple[Comparison, ...]:
+def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, ...]:
     """Compare a link predictor with each baseline by reciprocal ranks; ``seed`` is the bootstrap seed."""
     reciprocal_ranks = 1 / links.ranks["rank"].to_numpy(dtype=float)
     others = {
@@ -101,7 +137,7 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[Comparison, ...]:
         verdict: Literal["above", "level with", "below"] = (
             "above" if low > 0 else "below" if high < 0 else "level with"
         )
-        rows.append(Comparison(name, float(difference.mean()), (low, high), verdict))
+        rows.append(BaselineComparison(name, float(difference.mean()), (low, high), verdict))
     return tuple(rows)
 
 

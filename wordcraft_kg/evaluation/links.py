@@ -36,7 +36,14 @@ _Slices = dict[str, RankingMetrics]
 
 
 class EvaluatedModel(Record):
-    """The evaluated model's name and training graph; a model trained on the full graph has seen all queries."""
+    """The evaluated model.
+
+    Attributes:
+        name: the model's name.
+        kg: training graph: full, partial or none.
+        has_seen_the_test_recipes: whether the full graph was used in training, so that all queries
+            are memory.
+    """
 
     name: str
     kg: TrainedOn
@@ -44,7 +51,15 @@ class EvaluatedModel(Record):
 
 
 class EvaluatedGraph(Record):
-    """Name, content hash and size of the evaluated graph."""
+    """The evaluated graph.
+
+    Attributes:
+        name: the graph's name.
+        hash: content hash.
+        entities: number of entities.
+        recipes: number of recipes.
+        triples: number of triples.
+    """
 
     name: str
     hash: Hash
@@ -54,7 +69,14 @@ class EvaluatedGraph(Record):
 
 
 class Check(Record):
-    """A condition that must hold for the report's main metrics to be valid."""
+    """A condition that must hold for the report's main metrics to be valid.
+
+    Attributes:
+        id: name for programs.
+        name: the condition in words.
+        passed: whether the condition holds.
+        detail: the values that decide, or empty.
+    """
 
     id: Literal["graph", "coverage", "leak", "mirror"]
     name: str
@@ -63,7 +85,13 @@ class Check(Record):
 
 
 class Ties(Record):
-    """Ranking metrics with ties broken for or against the model, and with raw ranks (known answers also compete)."""
+    """Ranking metrics with other treatments of ties and known answers.
+
+    Attributes:
+        optimistic: ties are broken for the model.
+        pessimistic: ties are broken against the model.
+        raw_rank: known true answers compete with the answer of the query.
+    """
 
     optimistic: RankingMetrics
     pessimistic: RankingMetrics
@@ -71,11 +99,15 @@ class Ties(Record):
 
 
 class InSample(Record):
-    """MRR for a cross-fitted model on train triples, with and without these triples in training.
+    """MRR of a cross-fitted model on train triples, with and without these triples in training.
 
     Attributes:
+        folds: number of folds.
         queries: query count for train triples that no recipe outside their fold gives.
-        left_out_mrr: MRR with the models trained without the query's fold; often below ``test_mrr``, so not a forecast.
+        in_sample_mrr: MRR with the model of all train recipes.
+        left_out_mrr: MRR with the models trained without the query's fold; often below `test_mrr`,
+            so not a forecast.
+        test_mrr: MRR on the unseen test triples.
     """
 
     folds: Count
@@ -89,16 +121,32 @@ class LinkView(Record):
     """All numbers in a link-prediction report (``report.json``).
 
     Attributes:
-        queries: query count, two per ranked triple; ``sampled_from`` is the triple count behind a uniform sample.
-        without_pairs: whether the graph is too large to score all pairs; fields that need all pairs are empty or None.
+        format: name and version of the format.
+        model: the evaluated model.
+        graph: the evaluated graph.
+        split: size of the split's parts.
+        queries: query count, two per ranked triple.
+        triples: number of ranked triples.
+        sampled_from: number of triples behind a uniform sample; None if all are ranked.
+        without_pairs: whether the graph is too large to score all pairs; fields that need all pairs
+            are empty or None.
         leaked_left_out: number of test recipe triples left out because they are also in training.
+        leakage: triples of test recipes that training contains, by relation.
+        checks: conditions for valid metrics.
         metrics: metrics with filtered ranks; equal scores share their mean rank.
-        in_sample, probabilities: for a cross-fitted model; else None and empty.
+        ties: metrics with other treatments of ties and known answers.
+        in_sample: memory of a cross-fitted model; None for other models.
+        probabilities: calibration of a cross-fitted model; empty for other models.
         with_leaked: metrics with the leaked triples included.
+        baselines: metrics of each baseline.
         comparisons: differences between the model and each baseline, the best baseline first.
-        perhaps_missing: the best-scored triples outside the graph.
+        near_synonym_cosine: least cosine of two labels that count as near-synonyms.
+        drill_down: metrics for groups of queries.
+        best, worst: the best-ranked and the worst-ranked queries.
+        perhaps_missing: the best-scored triples outside the graph, perhaps missing recipes.
         kg_play: success rates for players that choose by the scores alone.
         trace: a row for each training epoch.
+        provenance: facts about the training, by name.
     """
 
     format: Literal["wordcraft-kg link report 1"]
@@ -118,7 +166,7 @@ class LinkView(Record):
     probabilities: tuple[Reliability, ...]
     with_leaked: RankingMetrics
     baselines: dict[str, _Slices]
-    comparisons: Annotated[tuple[link_sections.Comparison, ...], msgspec.Meta(min_length=1)]
+    comparisons: Annotated[tuple[link_sections.BaselineComparison, ...], msgspec.Meta(min_length=1)]
     near_synonym_cosine: float
     drill_down: link_sections.DrillDown
     best: tuple[link_sections.RankedTriple, ...]
@@ -137,7 +185,18 @@ def view_links(
     trace: Sequence[TraceRow] = (),
     seed: int = 0,
 ) -> LinkView:
-    """Return all numbers in a link-prediction report; ``seed`` is the bootstrap and player seed."""
+    """Return all numbers in a link-prediction report.
+
+    Args:
+        links: the ranked queries.
+        name: the model's name in the report.
+        provenance: facts about the training; None for none.
+        trace: a row for each training epoch.
+        seed: seed of the bootstrap and of the players.
+
+    Returns:
+        The numbers, for :func:`~wordcraft_kg.reports.link_report.make_link_report`.
+    """
     graph, ranks = links.graph, links.ranks
     split = split_summary(links.opened.split)
 

@@ -19,7 +19,14 @@ _LEAST = 5.0
 
 
 class ReliabilityBin(Record):
-    """A group of triples with similar probability: mean probability, and share of true triples with 95 % interval."""
+    """A group of triples with similar probability.
+
+    Attributes:
+        probability: mean predicted probability.
+        observed: share of true triples.
+        low, high: 95 % interval of `observed` (Wilson).
+        triples: number of triples.
+    """
 
     probability: Share
     observed: Share
@@ -29,13 +36,21 @@ class ReliabilityBin(Record):
 
 
 class Reliability(Record):
-    """Predicted and observed numbers of true triples of a relation, among all triples outside training.
+    """Predicted and observed numbers of true triples of a relation, outside the training triples.
 
     combinesWith counts a single direction.
 
     Attributes:
+        relation: the relation.
+        pairs: two different entities, or an entity with itself.
+        triples: number of triples.
+        expected: number of true triples by the probabilities.
+        observed: number of true triples: recipes outside train give them.
         base_rate: constant probability that ignores the scores.
-        log_loss: mean ``-log(probability of the observed outcome)``, nats; ``base_log_loss`` is for the base rate.
+        ece: expected calibration error over `bins`: mean distance of predicted and observed, by
+            triples.
+        log_loss: mean ``-log(probability of the observed outcome)``, nats.
+        base_log_loss: the same for the base rate.
         reason: why all triples have the base rate as probability, or empty.
         bins: groups of triples by probability, with about equal expected numbers of true triples.
     """
@@ -56,7 +71,16 @@ class Reliability(Record):
 def view_probabilities(
     scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids
 ) -> tuple[Reliability, ...]:
-    """Compare predicted probabilities with true triples outside training; empty for a scorer without probabilities."""
+    """Compare predicted probabilities with true triples outside training.
+
+    Args:
+        scorer: a cross-fitted scorer.
+        graph: the graph, whose triples are true.
+        trained_on: training triples, shape (T, 3).
+
+    Returns:
+        A record for each relation and kind of pair; empty for a scorer without probabilities.
+    """
     if scorer.probabilities is None:
         return ()
     size = graph.num_entities

@@ -26,9 +26,18 @@ MAP_LIMIT = 3_000
 
 @dataclass(frozen=True)
 class RankedLinks:
-    """A scorer's ranks, a row for each of T queries (T, 3), and the recipes that it was trained on.
+    """A scorer's ranks on the evaluation triples of a graph.
 
-    ``made_by_other_books`` are labels that another book in the training makes; None without another book.
+    Attributes:
+        scorer: the scorer.
+        opened: graph and split.
+        kg: training graph of the scorer: full, partial or none.
+        population: number of evaluation triples, of which the queries may be a sample.
+        queries: ranked triples, shape (T, 3).
+        ranks: a row for each of 2 T queries: tails of all triples, then heads.
+        train_sample: the recipes that the scorer was trained on, and their triples.
+        made_by_other_books: labels that other books in the training make; None without another
+            book.
     """
 
     scorer: TripleScorer
@@ -109,11 +118,27 @@ def rank_links(
 ) -> RankedLinks:
     """Rank the evaluation triples in a graph by a scorer.
 
-    For a scorer trained on the partial graph, evaluation triples are the test triples outside training. For a scorer
-    trained on the full graph, evaluation triples are all triples, which measures memory. Neither depends on a
-    ``train_sample`` of the recipes of ``kg``. At most ``max_queries`` are ranked, two per triple in a uniform sample; 0
-    ranks all. ConfigError if ``max_queries`` is too small for a meaningful figure, SplitError if fewer than 30 triples
-    remain.
+    For a scorer trained on the partial graph, evaluation triples are the test triples outside
+    training. For a scorer trained on the full graph, they are all triples, which measures memory.
+
+    Args:
+        scorer: a scorer of the graph.
+        opened: graph and split.
+        kg: training graph of the scorer: full, partial or none.
+        train_sample: the recipes of ``kg`` that the scorer was trained on; None for all of them.
+            The evaluation triples do not depend on this sample, so that models of several samples
+            are comparable.
+        made_by_other_books: labels that other books in the training make; None without another
+            book.
+        max_queries: most queries to rank, two for each triple of a uniform sample; 0 for all.
+        seed: seed of the sample.
+
+    Returns:
+        The ranks, with a row for each query.
+
+    Raises:
+        ConfigError: if ``max_queries`` is too small for meaningful metrics.
+        SplitError: if fewer than 30 triples remain.
     """
     if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
         raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")

@@ -26,9 +26,19 @@ _SUPPORT = 3
 
 
 class ScoredRecipe(Record):
-    """A recipe with score (higher: more plausible), split part or ``new``, and supporting train recipes.
+    """A recipe with its score.
 
-    Supporting recipes that make the result itself come first.
+    Attributes:
+        ingredient_a, ingredient_b: labels of the ingredients.
+        result: label of the result.
+        score: higher is more plausible, on the scorer's own scale.
+        known: split part with the recipe, or `new` if the book lacks it; None without the graph.
+        in_sample: whether the scorer was trained on the recipe, so that its score says nothing
+            about other recipes.
+        because: supporting train recipes; recipes that make the result itself come first.
+        probability: probability of the result if the pair makes something, where results of a pair
+            are listed; None elsewhere and without a calibration.
+        outside: evidence from outside the train recipes.
     """
 
     ingredient_a: str
@@ -43,7 +53,15 @@ class ScoredRecipe(Record):
 
 
 class RankedRecipe(ScoredRecipe):
-    """A recipe with its score, and the rank of each entity in its slot among all entities (known recipes count)."""
+    """A recipe with its score, and the rank of each entity in its slot among all entities.
+
+    Known recipes compete: the ranks are unfiltered.
+
+    Attributes:
+        rank_as_result: rank of the result, from 1.
+        rank_as_ingredient_a, rank_as_ingredient_b: rank of each ingredient, from 1.
+        trained_on: training graph of the scorer; None if not recorded.
+    """
 
     rank_as_result: Count
     rank_as_ingredient_a: Count
@@ -52,7 +70,14 @@ class RankedRecipe(ScoredRecipe):
 
 
 class OpenRecipe(Record):
-    """The best entities for the open slot in a recipe (an ingredient or the result); None marks the open slot."""
+    """The best entities for the open slot in a recipe.
+
+    Attributes:
+        ingredient_a, ingredient_b: labels of the ingredients; None for the open slot.
+        result: label of the result; None for the open slot.
+        top: the completed recipes, best first.
+        trained_on: training graph of the scorer; None if not recorded.
+    """
 
     ingredient_a: str | None
     ingredient_b: str | None
@@ -62,7 +87,17 @@ class OpenRecipe(Record):
 
 
 class ScoredRecipeRow(Record):
-    """A row in a file of recipe scores; ``rank`` is the rank in the list for an open slot, None for a full recipe."""
+    """A row in a file of recipe scores.
+
+    Attributes:
+        line: line of the query in the queries' file, from 1.
+        ingredient_a, ingredient_b: labels of the ingredients.
+        result: label of the result.
+        score: higher is more plausible, on the scorer's own scale.
+        rank: rank in the list for an open slot, from 1; None for a full recipe.
+        known: split part with the recipe, or `new`; None without the graph.
+        in_sample: whether the scorer was trained on the recipe.
+    """
 
     line: int
     ingredient_a: str
@@ -76,7 +111,14 @@ class ScoredRecipeRow(Record):
 
 @dataclass(frozen=True)
 class RecipeScoring:
-    """A recipe scorer (whole, if cross-fitted), its training recipes, and known recipes by split part."""
+    """A recipe scorer, and the recipes that it and its book know.
+
+    Attributes:
+        model: the opened model.
+        scorer: its recipe scorer; of a cross-fitted one that of all train recipes.
+        parts: split part by recipe; empty without the graph.
+        seen: recipes that the scorer was trained on.
+    """
 
     model: ScoringModel
     scorer: RecipeScores
@@ -129,10 +171,18 @@ class RecipeScoring:
     def best(
         self, query: RecipeQuery, top: int, *, new_only: bool = False
     ) -> tuple[Ids, list[float]]:
-        """Return the ``top`` recipes for a query's open slot with their scores, best first.
+        """Return the best recipes for a query's open slot, best first; equal scores in id order.
 
-        ``new_only`` omits known recipes. Recipes that make an ingredient are omitted if the book has none, because
-        recipe books drop such recipes by default.
+        Recipes that make an ingredient are omitted if the book has none, because recipe books drop
+        such recipes by default.
+
+        Args:
+            query: a query with an open slot.
+            top: most recipes to return.
+            new_only: omit known recipes.
+
+        Returns:
+            Recipes as ids, shape (n, 3), and their scores.
         """
         rows = self.rows(query)
         if not self._has_self_results:
@@ -188,7 +238,17 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
 def view_open_recipe(
     scoring: RecipeScoring, query: RecipeQuery, top: int, *, new_only: bool = False
 ) -> OpenRecipe:
-    """List the ``top`` entities for the open slot in a recipe; ``new_only`` omits known recipes."""
+    """List the best entities for the open slot in a recipe.
+
+    Args:
+        scoring: the recipe scorer.
+        query: a query with an open slot.
+        top: most entities to list.
+        new_only: omit known recipes.
+
+    Returns:
+        The completed recipes; results of a pair have probabilities if the scorer is calibrated.
+    """
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
     folds = folds_of(scoring.model.scorer)
@@ -204,7 +264,17 @@ def view_open_recipe(
 def score_recipe_queries(
     scoring: RecipeScoring, queries: Sequence[RecipeQuery], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRecipeRow]:
-    """Yield scores in the query order: a row for a full recipe, up to ``top`` rows for a query with an open slot."""
+    """Score queries in their order.
+
+    Args:
+        scoring: the recipe scorer.
+        queries: recipes with or without an open slot.
+        top: most rows for a query with an open slot.
+        new_only: omit known recipes.
+
+    Yields:
+        A row for a full recipe, up to ``top`` rows for a query with an open slot.
+    """
     recipes = [scoring.rows(query) for query in queries if not query.is_open]
     scores = iter(scoring.scores(np.concatenate(recipes)).tolist() if recipes else ())
     for query in queries:

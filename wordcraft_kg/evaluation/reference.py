@@ -39,7 +39,15 @@ _DIGITS = {"success": 3, "entities known": 1, "new combinations": 0}
 
 
 class PlayedGraph(Record, frozen=True):
-    """Identity of a recipe graph and its split: names, split seed and content hashes."""
+    """Identity of a recipe graph and its split.
+
+    Attributes:
+        name: name of the graph.
+        hash: content hash of the graph.
+        kind: kind of the split.
+        split_seed: seed of the split.
+        split: content hash of the split.
+    """
 
     name: str
     hash: Hash
@@ -55,7 +63,15 @@ class PlayedGraph(Record, frozen=True):
 
 
 class TaskPlay(Record, frozen=True, tag="tasks"):
-    """The condition of a result on crafting tasks; other settings are defaults of ``WordCraftConfig``."""
+    """The condition of a result on crafting tasks.
+
+    Other settings are the defaults of :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+
+    Attributes:
+        part: split part with the tasks.
+        depth: fewest attempts that solve a task.
+        attempts: attempts in an episode.
+    """
 
     part: TaskPart
     depth: Annotated[int, msgspec.Meta(ge=1)]
@@ -63,13 +79,23 @@ class TaskPlay(Record, frozen=True, tag="tasks"):
 
 
 class OpenPlay(Record, frozen=True, tag="open-ended"):
-    """The condition of a result in open-ended play (without a goal): ``base``, the sorted labels known at the start."""
+    """The condition of a result in open-ended play (without a goal).
+
+    Attributes:
+        base: sorted labels of the entities known at the start.
+    """
 
     base: tuple[str, ...]
 
 
-class Figure(Record, frozen=True, omit_defaults=True):
-    """A measured value with its bounds, if any; ``by_plan`` is the success by the task's own recipes."""
+class MeasuredValue(Record, frozen=True, omit_defaults=True):
+    """A measured value.
+
+    Attributes:
+        value: the value, in the unit of the row's measure.
+        low, high: bounds of the interval; None without an interval.
+        by_plan: success by the task's own recipes; None if not measured.
+    """
 
     value: float
     low: float | None = None
@@ -81,18 +107,29 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     """A player's results under one condition: a row in a comparison table.
 
     Attributes:
+        player: the player's name.
+        kind: kind of the player.
+        measure: unit of the results.
         figures: results by distractor count (for success) or attempt count (for open-ended play).
-        source: origin of the results: a command, a publication, or the user's folder or file.
+        origin: measured by this package, taken from a publication, or given by the user.
+        source: a command, a publication, or the user's folder or file.
         play: crafting tasks or open-ended play; None for results from the literature.
         interval: interval level and method, in words; empty without intervals.
-        distractor_seeds: tables per task, with different random distractors.
-        environment: publication environment, and how this package differs.
+        tasks: number of tasks; None if not recorded.
+        distractor_seeds: tables per task, with different random distractors; None if not recorded.
+        seeds: number of training runs; None for players without training.
+        runs: number of runs in open-ended play; None on tasks.
+        people: number of people; None for other players.
+        settings: settings that the results depend on, by name.
+        environment: of the literature: the environment, and how this package differs.
+        year: of the literature: year of the publication.
+        notes: further remarks.
     """
 
     player: str
     kind: Kind
     measure: Measure
-    figures: Annotated[dict[str, Figure], msgspec.Meta(min_length=1)]
+    figures: Annotated[dict[str, MeasuredValue], msgspec.Meta(min_length=1)]
     origin: Origin
     source: Annotated[str, msgspec.Meta(min_length=1)]
     play: TaskPlay | OpenPlay | None = None
@@ -181,7 +218,15 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class ReferencePack(Record, frozen=True, omit_defaults=True):
-    """A file in the reference pack: results for a graph and split, or results from the literature (without a graph)."""
+    """A file in the reference pack: results for a graph and split, or results from the literature.
+
+    Attributes:
+        format: name and version of the format.
+        title: name for readers.
+        rows: the results.
+        graph: graph and split of the results; None for the literature.
+        versions: package versions that measured the results.
+    """
 
     format: Literal["wordcraft-kg references 1"]
     title: str
@@ -201,7 +246,12 @@ class ReferencePack(Record, frozen=True, omit_defaults=True):
 
 
 def read_pack(path: Path) -> ReferencePack:
-    """Read a file in the reference pack; ArtefactError for a missing or damaged file or a contradictory row."""
+    """Read a file in the reference pack.
+
+    Raises:
+        ArtefactError: if the file is missing or damaged, or a row contradicts itself; the message
+            names the row.
+    """
     pack = read_record(path, ReferencePack)
     for number, row in enumerate(pack.rows, 1):
         if wrong := _contradiction(pack, row):
@@ -245,7 +295,14 @@ def literature(measures: Sequence[Measure]) -> tuple[ReferenceRow, ...]:
 
 
 def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
-    """Return the condition of agents with these settings; None for rules that differ from the defaults."""
+    """Return the condition of agents with these task settings.
+
+    The number of distractors is a column, so any number fits.
+
+    Returns:
+        The condition; None for rules that differ from the defaults, which no row of a pack is
+        about.
+    """
     config, usual = tasks.environment(part), WordCraftConfig
     rules = ("distractor_weighting", "distractor_policy", "ambiguity", "task_weighting")
     if any(getattr(config, name) != getattr(usual, name) for name in rules):
@@ -255,7 +312,7 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
 
 def figures_of(
     values: Mapping[int, Estimate], by_plan: Mapping[int, float] | None = None
-) -> dict[str, Figure]:
+) -> dict[str, MeasuredValue]:
     """Convert values with bounds, by distractor count (or attempts), to results rounded to six digits."""
     own = by_plan or {}
 
@@ -263,7 +320,9 @@ def figures_of(
         return None if value is None else round(value, 6)
 
     return {
-        str(column): Figure(round(value, 6), rounded(low), rounded(high), rounded(own.get(column)))
+        str(column): MeasuredValue(
+            round(value, 6), rounded(low), rounded(high), rounded(own.get(column))
+        )
         for column, (value, low, high) in values.items()
     }
 
@@ -281,7 +340,7 @@ def _contradiction(pack: ReferencePack, row: ReferenceRow) -> str:
     )
 
 
-def _fault(row: ReferenceRow, column: str, figure: Figure) -> str:
+def _fault(row: ReferenceRow, column: str, figure: MeasuredValue) -> str:
     ends = [end for end in (figure.low, figure.high) if end is not None]
     own = figure.value if figure.by_plan is None else figure.by_plan
     if not (column.isascii() and column.isdigit()):

@@ -51,9 +51,16 @@ _ALONE = ("u+v, self edges dropped", "w, best pair")
 class ReferenceTable(Record, frozen=True):
     """A table that compares players under one condition, with results from the literature.
 
-    ``columns`` are distractor counts, or attempt counts in open-ended play; ``measured`` columns lack published results
-    (``pack`` is their title), so scripted players were measured now. ``rows`` are on this graph and split, by player
-    kind; ``literature`` is from different environments, not directly comparable.
+    Attributes:
+        graph: graph and split of `rows`.
+        play: crafting tasks or open-ended play.
+        measure: unit of the results in `rows`.
+        columns: distractor counts, or attempt counts in open-ended play.
+        pack: title of the reference pack with this graph and split; None without one.
+        measured: columns without published results, for which scripted players were measured now.
+        rows: results on this graph and split, by player kind.
+        literature: results from different environments, not directly comparable.
+        out: the written page; None without a page.
     """
 
     graph: PlayedGraph
@@ -73,10 +80,23 @@ def view_references(
     columns: Sequence[int] = DISTRACTORS,
     external: Sequence[Path] = (),
 ) -> ReferenceTable:
-    """Return a table with published results, scripted players for missing columns, and the user's results.
+    """Return a table of published results, the user's results, and scripted players.
 
-    Open-ended play ignores the split, and uses the attempt counts in ``discover`` as columns. For ``external`` and its
-    errors see :func:`~wordcraft_kg.evaluation.result_readers.external_rows`; without such tasks it is a TaskError.
+    Scripted players are measured now for columns without published results.
+
+    Args:
+        opened: graph and split; open-ended play ignores the split.
+        play: crafting tasks or open-ended play.
+        columns: distractor counts; open-ended play has the attempt counts of ``discover`` instead.
+        external: folders and files with the user's results.
+
+    Returns:
+        The table.
+
+    Raises:
+        ConfigError: if a path has no known format or results on other tasks.
+        GraphMismatchError: if a result is of another graph or split.
+        TaskError: if the split has no such tasks.
     """
     measures: list[Measure] = ["success"]
     split: str | None = opened.split.hash
@@ -100,14 +120,31 @@ def view_references(
 
 
 def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPlay:
-    """Return open-ended play from base entities (default: the graph's); ConfigError if the base makes nothing."""
+    """Return open-ended play from base entities.
+
+    Args:
+        opened: the graph.
+        base: labels known at the start; None for the graph's base.
+
+    Raises:
+        ConfigError: if the base makes nothing.
+    """
     return OpenPlay(opened.graph.labels(Discovery(opened.graph, base).base))
 
 
 def scripted_rows(
     opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]
 ) -> tuple[ReferenceRow, ...]:
-    """Evaluate scripted players on tasks with these distractor counts, or in open-ended play; return a row for each."""
+    """Evaluate scripted players now.
+
+    Args:
+        opened: graph and split.
+        play: crafting tasks or open-ended play.
+        columns: distractor counts; open-ended play always has the attempt counts of ``discover``.
+
+    Returns:
+        A row for each player.
+    """
     return tuple(
         _task_rows(opened, play, columns)
         if isinstance(play, TaskPlay)
@@ -118,7 +155,18 @@ def scripted_rows(
 def scorer_rows(
     opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], name: str, model: Model
 ) -> tuple[ReferenceRow, ...]:
-    """Evaluate a scorer alone, by u + v and by w if the scorer has recipe scores; return rows named ``name, w`` etc."""
+    """Evaluate a scorer alone, by u + v and, if the scorer has recipe scores, by w.
+
+    Args:
+        opened: graph and split.
+        play: the tasks.
+        columns: distractor counts.
+        name: the model's name, with which the rows' names begin, such as ``name, w, best pair``.
+        model: the model with the scorer.
+
+    Returns:
+        A row for each way to play.
+    """
     rows = _task_rows(opened, play, columns, (name, model))
     notes = {"full": SEEN, "none": "learned no recipe of this graph"}.get(model.kg, "")
     players = [f"{name}, {player}" for player in _ALONE]

@@ -21,7 +21,7 @@ from wordcraft_kg.evaluation.agents import Groups, can_play, group_agents
 from wordcraft_kg.evaluation.reference import (
     TRAINED_WITH,
     Estimate,
-    Figure,
+    MeasuredValue,
     OpenPlay,
     Origin,
     ReferenceRow,
@@ -44,9 +44,14 @@ class TableGame(Record):
     """A player's recorded game on a crafting task, by labels.
 
     Attributes:
+        player: the player's name.
         kind: kind of the player, such as people or language model.
+        part: split part with the task.
+        depth: fewest attempts that solve the task.
+        goal: label of the goal.
         table: entities on the table at the start.
         pairs: combined pairs in turn; None for a lost attempt.
+        success: whether the player made the goal.
     """
 
     player: str
@@ -103,7 +108,21 @@ class ResultReader:
 def external_rows(
     opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int], paths: Sequence[Path]
 ) -> tuple[ReferenceRow, ...]:
-    """Return table rows for results of the user, by distractor count; ConfigError for an unknown path."""
+    """Return table rows for the user's results.
+
+    Args:
+        opened: graph and split.
+        play: crafting tasks or open-ended play.
+        columns: distractor counts.
+        paths: folders and files, each in the format of a registered reader.
+
+    Returns:
+        The rows, reader by reader.
+
+    Raises:
+        ConfigError: if a path has no known format, or results on other tasks.
+        GraphMismatchError: if a result is of another graph or split.
+    """
     readers = list(READERS.values())
     if isinstance(play, OpenPlay):
         readers = [reader for reader in readers if reader.open_rows]
@@ -155,7 +174,17 @@ def begins_with(path: Path, form: str) -> bool:
 
 
 def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
-    """Raise GraphMismatchError if the results in ``path`` are of another graph or split (``name``; hashes differ)."""
+    """Check that results are of the expected graph or split.
+
+    Args:
+        path: the results' path, for the error.
+        name: graph or split, in words.
+        has: hash in the results.
+        wanted: hash of the graph or split that the user gave.
+
+    Raises:
+        GraphMismatchError: if the hashes differ.
+    """
     if has != wanted:
         raise GraphMismatchError(
             f"'{path}' was played on {name} {has[:12]}, but GRAPH has {wanted[:12]}. Use the graph of the result."
@@ -163,7 +192,16 @@ def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
 
 
 def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
-    """Raise ConfigError if the tasks ``its`` of the results ``name`` differ from the tasks ``play`` of the table."""
+    """Check that results are on the tasks of a table.
+
+    Args:
+        name: the results' path or name, for the error.
+        its: the results' tasks.
+        play: the table's tasks.
+
+    Raises:
+        ConfigError: if the tasks differ; the message tells the options for the results' tasks.
+    """
     if its != play:
         attempts = f" --attempts {its.attempts}" if its.attempts != its.depth else ""
         raise ConfigError(
@@ -175,7 +213,21 @@ def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
 def agent_rows(
     groups: Groups, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], origin: Origin
 ) -> tuple[ReferenceRow, ...]:
-    """Return a table row for each agent, evaluated greedily; ConfigError for other tasks or counts."""
+    """Evaluate agents greedily, as ``compare`` does.
+
+    Args:
+        groups: runs by agent, on this graph and split.
+        opened: graph and split.
+        play: the tasks.
+        columns: distractor counts; an agent skips those that its policy cannot play with.
+        origin: origin of the rows.
+
+    Returns:
+        A row for each agent.
+
+    Raises:
+        ConfigError: if an agent plays other tasks, or with none of these distractor counts.
+    """
     for agent in (agent for members in groups.values() for agent in members):
         its = play_of(agent.config.tasks, play.part)
         if its is None:
@@ -217,7 +269,7 @@ def agent_rows(
 def _agent_row(
     name: str,
     members: Sequence[OpenedAgent],
-    figures: dict[str, Figure],
+    figures: dict[str, MeasuredValue],
     play: TaskPlay,
     origin: Origin,
     evaluator: Evaluator,

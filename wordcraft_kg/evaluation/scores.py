@@ -29,7 +29,22 @@ Known = Literal["train", "valid", "test", "new"]
 
 
 class ScoredTriple(Record):
-    """A triple with score, ranks among all tails and all heads, split part, and the scorer's training recipes."""
+    """A triple with its score.
+
+    A raw score means little by itself; the unfiltered ranks among all tails and all heads say more.
+
+    Attributes:
+        head: the head.
+        relation: the relation.
+        tail: the tail.
+        score: higher is more plausible, on the scorer's own scale.
+        known: split part with the triple, see :data:`Known`; None without the graph.
+        rank_as_tail, rank_as_head: rank of tail and head among all entities, from 1.
+        trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
+        probability: calibrated probability; None for a train triple and without a calibration.
+        by_words: entities outside the graph, scored by their words alone.
+        outside: evidence from outside the train recipes.
+    """
 
     head: str
     relation: str
@@ -45,7 +60,15 @@ class ScoredTriple(Record):
 
 
 class ScoredEntity(Record):
-    """A candidate entity for a query's open slot, with score and outside evidence of the resulting triple."""
+    """A candidate entity for a query's open slot.
+
+    Attributes:
+        entity: the entity.
+        score: score of the completed triple.
+        known: split part with this triple, see :data:`Known`; None without the graph.
+        probability: calibrated probability; None for a train triple and without a calibration.
+        outside: evidence from outside the train recipes for this triple.
+    """
 
     entity: str
     score: float
@@ -55,7 +78,16 @@ class ScoredEntity(Record):
 
 
 class OpenSlot(Record):
-    """The best entities for a query's open slot (None); see :class:`ScoredTriple`."""
+    """The best entities for a query's open slot.
+
+    Attributes:
+        head: the head; None if open.
+        relation: the relation.
+        tail: the tail; None if open.
+        top: the entities, best first.
+        trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
+        by_words: entities outside the graph, scored by their words alone.
+    """
 
     head: str | None
     relation: str
@@ -66,7 +98,18 @@ class OpenSlot(Record):
 
 
 class ScoredRow(Record):
-    """A row in a file of triple scores: query line, triple, and rank in the list for an open slot (else None)."""
+    """A row in a file of triple scores.
+
+    Attributes:
+        line: line of the query in the queries' file, from 1; 0 for a query from arguments.
+        head: the head.
+        relation: the relation.
+        tail: the tail.
+        score: higher is more plausible, on the scorer's own scale.
+        rank: rank in the list for an open slot, from 1; None for a full triple.
+        known: split part with the triple, see :data:`Known`; None without the graph.
+        probability: calibrated probability; None for a train triple and without a calibration.
+    """
 
     line: int
     head: str
@@ -79,7 +122,16 @@ class ScoredRow(Record):
 
 
 class ScoredFile(Record, omit_defaults=True):
-    """Scores for all queries in a file; ``rows`` is empty if the scores were written to the file ``out``."""
+    """Scores for all queries in a file.
+
+    Attributes:
+        queries: number of queries.
+        scored: number of rows.
+        trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
+        by_words: entities outside the graph, scored by their words alone.
+        rows: the scores; empty if they were written to a file.
+        out: the written file; None without one.
+    """
 
     queries: Count
     scored: Count
@@ -94,9 +146,14 @@ class ScoringModel:
     """A scorer and, if the scorer's graph is available, the recipe split.
 
     Attributes:
+        scorer: the scorer.
+        split: split of the scorer's graph; None without the graph.
         kg: recipes that the scorer was trained on, ``full`` or ``partial``; None if not recorded.
-        by_words: labels for entities outside the graph, the scorer's last entities, see :func:`with_new_words`.
-        outside: finder for evidence from outside the train recipes; None without such knowledge or without the graph.
+        missing: why the graph is not available, or empty.
+        by_words: labels for entities outside the graph, the scorer's last entities, see
+            :func:`with_new_words`.
+        outside: finder for evidence from outside the train recipes; None without such knowledge or
+            without the graph.
     """
 
     scorer: Scorer
@@ -110,7 +167,20 @@ class ScoringModel:
     def open(
         cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False
     ) -> "ScoringModel":
-        """Open a model folder; a missing graph is an ArtefactError if ``graph`` or ``needs_graph`` is given."""
+        """Open a model folder, without its graph if that is missing and not needed.
+
+        Args:
+            folder: the model folder.
+            graph: the graph, if it has moved; None for the recorded one.
+            needs_graph: whether a missing graph is an error.
+
+        Returns:
+            The scorer, with the split if the graph is available.
+
+        Raises:
+            ArtefactError: if there is no scorer, or if the graph is missing and ``graph`` or
+                ``needs_graph`` is given.
+        """
         try:
             model = open_model(folder, graph)
         except ArtefactError as error:
@@ -142,7 +212,16 @@ class ScoringModel:
         ]
 
     def answers(self, query: Query, top: int, *, new_only: bool = False) -> list[ScoredEntity]:
-        """Return the ``top`` entities for a query's open slot, best first; ``new_only`` omits known triples."""
+        """List the best entities for a query's open slot.
+
+        Args:
+            query: a query with an open slot.
+            top: most entities to list.
+            new_only: omit known triples.
+
+        Returns:
+            The entities, best first; equal scores in id order.
+        """
         everything = torch.arange(len(self.scorer.entities))
         head, tail = (everything if slot is None else slot for slot in (query.head, query.tail))
         scores = self.scorer.score(head, query.relation, tail).cpu()
@@ -195,7 +274,17 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
 def view_open_slot(
     model: ScoringModel, query: Query, top: int, *, new_only: bool = False
 ) -> OpenSlot:
-    """List the ``top`` entities for a query's open slot; ``new_only`` omits known triples."""
+    """List the best entities for a query's open slot, with evidence from outside the train recipes.
+
+    Args:
+        model: the model.
+        query: a query with an open slot.
+        top: most entities to list.
+        new_only: omit known triples.
+
+    Returns:
+        The entities, best first.
+    """
     best = tuple(model.answers(query, top, new_only=new_only))
     if finder := model.outside:
         links = [
@@ -211,7 +300,17 @@ def view_open_slot(
 def score_queries(
     model: ScoringModel, queries: Sequence[Query], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRow]:
-    """Yield scores in the query order: a row for a full triple, up to ``top`` rows for a query with an open slot."""
+    """Score queries in their order.
+
+    Args:
+        model: the model.
+        queries: triples with or without an open slot.
+        top: most rows for a query with an open slot.
+        new_only: omit known triples.
+
+    Yields:
+        A row for a full triple, up to ``top`` rows for a query with an open slot.
+    """
     scores = iter(_scores(model, [_labels(query) for query in queries if not query.is_open]))
     for query in queries:
         line = query.line or 0
@@ -249,7 +348,17 @@ def view_file(
     rows: Sequence[Record],
     out: Path | None = None,
 ) -> ScoredFile:
-    """Return the scores for a query file as a record, or with the path ``out`` in place of the scores."""
+    """Return the scores for a file of queries as a record.
+
+    Args:
+        model: the model.
+        queries: the queries.
+        rows: the scores.
+        out: the file with the scores, named in place of the rows; None to return the rows.
+
+    Returns:
+        The record to show.
+    """
     # Recipe scores always use words.
     by_words = model.by_words if any(isinstance(query, Query) for query in queries) else ()
     view = ScoredFile(len(queries), len(rows), model.kg, by_words, tuple(rows))
@@ -268,7 +377,21 @@ def with_new_words(
     queries: Sequence[Query | RecipeQuery],
     file: Path | None = None,
 ) -> ScoringModel:
-    """Extend a model by new entities; UnknownEntityError without vectors, QueryFileError with a line of ``file``."""
+    """Extend a model by the queries' entities that its graph lacks, described by their words alone.
+
+    Args:
+        model: the model.
+        folder: the model folder.
+        queries: the queries.
+        file: file of the queries; None for arguments.
+
+    Returns:
+        The extended model, or ``model`` itself if the graph has all entities.
+
+    Raises:
+        UnknownEntityError: if a word of an entity has no vector.
+        QueryFileError: the same for queries of a file, with the line of the first such entity.
+    """
     lines: dict[str, int | None] = {}
     known = frozenset(model.scorer.entities)
     for query in queries:

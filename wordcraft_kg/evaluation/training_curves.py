@@ -19,7 +19,13 @@ FIGURES: tuple[Figure, ...] = get_args(Figure)
 
 
 class CurvePoint(Record, array_like=True):
-    """Mean success over seeds after a number of environment steps, with the 95 % interval over seeds."""
+    """Mean success over seeds at a point of the training.
+
+    Attributes:
+        step: environment steps so far.
+        success: mean success rate.
+        low, high: 95 % interval over seeds; None for a single seed.
+    """
 
     step: int
     success: float
@@ -28,7 +34,13 @@ class CurvePoint(Record, array_like=True):
 
 
 class LambdaCurve(Record):
-    """Mean mixing weight λ of a source for the first or second action; points are (environment step, λ)."""
+    """Mean mixing weight λ of a source during training.
+
+    Attributes:
+        source: name of the score source.
+        action: first or second action of an attempt.
+        points: (environment step, λ).
+    """
 
     source: str
     action: Literal["first", "second"]
@@ -36,7 +48,12 @@ class LambdaCurve(Record):
 
 
 class SeedCurve(Record):
-    """A logged training statistic of one run; ``points`` are (environment step, value)."""
+    """A logged training statistic of one run.
+
+    Attributes:
+        seed: training seed of the run.
+        points: (environment step, value).
+    """
 
     seed: int
     points: tuple[tuple[int, float], ...]
@@ -73,7 +90,12 @@ def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
 
 
 def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurve, ...]]:
-    """Return each run's logged statistics as curves, without lines after a short interval, which are noise."""
+    """Return each run's logged statistics as curves, in about :data:`_CURVE_POINTS` points.
+
+    The trainer's statistics are means since the line before. Where a line shortly follows another,
+    as at a point of the learning curve, they cover a few updates and are mostly noise, so these
+    points are left out. The success on test tasks is measured at the line itself and stays.
+    """
     by_figure: dict[Figure, tuple[SeedCurve, ...]] = {}
     for figure in FIGURES:
         curves = []

@@ -103,7 +103,18 @@ def pictures_of_figures(
 def contribution_bar(
     contributions: Mapping[str, float], scale: float, colours: Mapping[str, int]
 ) -> Markup:
-    """Draw terms by name as a bar from the middle, positive to the right; half the width is ``scale``."""
+    """Draw terms of a sum as a bar.
+
+    Positive terms are stacked to the right of the middle, negative terms to the left.
+
+    Args:
+        contributions: terms by name.
+        scale: value for half the width.
+        colours: colour number by name.
+
+    Returns:
+        The bar as SVG.
+    """
     half, height = 70.0, 12
     ends = {True: half, False: half}
     parts = [f'<svg class="bar" viewBox="0 0 {2 * half:g} {height}" aria-hidden="true">']

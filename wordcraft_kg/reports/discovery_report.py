@@ -14,7 +14,13 @@ _PEOPLE = "people (another game)"
 
 
 def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
-    """Render results from open-ended play; ``curves`` are :func:`~wordcraft_kg.agents.discovery.discovery_curves`."""
+    """Render results of open-ended play as an HTML page.
+
+    Args:
+        view: the results.
+        curves: known entities after each attempt of each run, by
+            :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
+    """
     table = summarise_curves(curves, range(view.attempts + 1))
     colours = {name: number for number, name in enumerate((*view.players, _PEOPLE))}
     known: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}

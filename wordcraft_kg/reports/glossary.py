@@ -11,7 +11,14 @@ Topic = Literal["Graphs", "Links", "Play", "Agents"]
 
 
 class Term(Record):
-    """A glossary term: topic, name, definition in one to three sentences, and symbol in formulas."""
+    """A glossary term.
+
+    Attributes:
+        topic: section of the glossary.
+        name: the term.
+        meaning: definition in one to three sentences.
+        symbol: symbol in formulas, or empty.
+    """
 
     topic: Topic
     name: str

@@ -29,7 +29,12 @@ if TYPE_CHECKING:
 
 
 class Outline:
-    """The section headings (titles by anchor, in order) and glossary terms in a page, collected during rendering."""
+    """The section headings and glossary terms of a page, collected while the page is rendered.
+
+    Attributes:
+        headings: titles by anchor, in order.
+        terms: explained terms by key.
+    """
 
     def __init__(self) -> None:
         self.headings: dict[str, str] = {}
@@ -54,10 +59,19 @@ class Outline:
 
 
 def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> str:
-    """Render a page from a template file that extends ``page.html.j2``; a missing value is an error.
+    """Render a page from a template file that extends ``page.html.j2``.
 
     In the template, ``heading(title)`` begins a section and ``term(key)`` explains a term in
-    :data:`~wordcraft_kg.reports.glossary.GLOSSARY`. ``data`` lists files in the same folder to link to.
+    :data:`~wordcraft_kg.reports.glossary.GLOSSARY`. Labels and names are escaped, and a missing
+    value is an error.
+
+    Args:
+        template: file name of the template; ``package/name`` for one in another package.
+        data: files in the page's folder to link to.
+        **values: values for the template.
+
+    Returns:
+        The page as HTML.
     """
     outline = Outline()
     shown = {"outline": outline, "heading": outline.heading, "term": outline.term, "data": data}
@@ -71,7 +85,13 @@ def chart_style() -> str:
 
 
 def make_environment(*packages: str) -> jinja2.Environment:
-    """Return a Jinja environment for the templates of Python packages (the first match counts), autoescaped, strict."""
+    """Return a Jinja environment for the templates of Python packages.
+
+    Text is escaped, so labels stay text, and an undefined name is an error.
+
+    Args:
+        *packages: packages with templates; the first package that has a template counts.
+    """
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package) for package in packages]),
         autoescape=True,
@@ -102,7 +122,16 @@ V = TypeVar("V", bound=Record)
 
 @dataclass(frozen=True)
 class Report(Generic[V]):
-    """A report before writing: its numbers (``view``), page template, pictures, further template values, and files."""
+    """A report before writing.
+
+    Attributes:
+        view: the report's numbers, for ``report.json``.
+        template: file name of the page's template.
+        pictures: pictures by the template's names.
+        shown: further values by the template's names.
+        tables: further tables by file name.
+        files: further files by name, such as pictures.
+    """
 
     view: V
     template: str
@@ -122,7 +151,17 @@ def render(report: Report[Any]) -> str:
 
 @stage("writing the report")
 def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None:
-    """Write a report's files; ValueError before for a number out of bounds, OutputExistsError if it exists."""
+    """Write a report's page, numbers, tables and further files into a folder.
+
+    Args:
+        report: the report.
+        out: the folder. In a run folder, the run is locked while the report is written.
+        force: replace an existing folder.
+
+    Raises:
+        ValueError: if a number is not finite or out of bounds; nothing is written.
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
     in_run = (out.parent / RUN_FILE).is_file()
     with locked(out.parent, "used") if in_run else nullcontext():
         if in_run:

@@ -25,7 +25,7 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import (
     Estimate,
-    Figure,
+    MeasuredValue,
     OpenPlay,
     ReferenceRow,
     TaskPlay,
@@ -179,7 +179,7 @@ def _row(
     path: Path,
     result: TextResult,
     play: TaskPlay | OpenPlay,
-    figures: dict[str, Figure],
+    figures: dict[str, MeasuredValue],
     **more: Any,
 ) -> ReferenceRow:
     settings, success = result.settings, result.success

@@ -181,9 +181,14 @@ def schema_of(
         if record.__doc__:
             definition["description"] = _SECTION.sub("", _docstring(record)).strip()
         texts = attributes_of(record)
+        # A record that is written as an array has items by position, and no properties.
+        names = [field.encode_name for field in fields]
+        places = definition.get("properties") or dict(
+            zip(names, definition.get("prefixItems", ()), strict=False)
+        )
         for field in fields:
-            if field.name in texts:
-                definition["properties"][field.encode_name]["description"] = texts[field.name]
+            if field.name in texts and field.encode_name in places:
+                places[field.encode_name]["description"] = texts[field.name]
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": identifier,

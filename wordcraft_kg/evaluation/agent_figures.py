@@ -1,4 +1,4 @@
-"""Metrics of evaluated agents: success rates with intervals, termination reasons, and task groups."""
+"""Metrics of evaluated agents: success rates with intervals, outcomes, and groups of tasks."""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Literal
@@ -17,6 +17,7 @@ from wordcraft_kg.evaluation.goal_groups import goal_groups
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskSet
 
+# Few train recipes are told apart one by one: success changes most between none, one and two.
 _TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 _LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 NEVER = "never"
@@ -91,6 +92,7 @@ class SliceSuccess(Record):
 
 
 def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
+    # Runs side by side, shape (tasks, runs × tables): a resampled task keeps all its episodes.
     return np.concatenate([result.success for result in results], axis=1)
 
 
@@ -108,13 +110,21 @@ def compare_with_scorer(
         The comparison over all runs.
     """
     differs = np.concatenate([result.decisions != alone.decisions for result in results], axis=1)
-    success, of_scorer = _successes(results), _successes([alone] * len(results))
+    success = _successes(results)
+    # The scorer has no training seeds, so its one evaluation stands beside each run.
+    of_scorer = _successes([alone] * len(results))
+    # All episodes count for the gain: where decisions are equal the difference is 0, and leaving
+    # these episodes out would choose tasks by the outcome.
     gain, low, high = paired_difference(success, of_scorer, alone.groups)
-    agent_there, scorer_there = (
-        float(values[differs].mean()) if differs.any() else None for values in (success, of_scorer)
-    )
+    # Without a single other decision, a success rate in these episodes has no meaning.
+    any_differs = bool(differs.any())
     return AgainstScorer(
-        scorer, float(differs.mean()), agent_there, scorer_there, gain, (low, high)
+        scorer=scorer,
+        differs=float(differs.mean()),
+        success=float(success[differs].mean()) if any_differs else None,
+        scorer_success=float(of_scorer[differs].mean()) if any_differs else None,
+        gain=gain,
+        gain_ci=(low, high),
     )
 
 
@@ -133,6 +143,7 @@ def success_of(
     Returns:
         The rates and their intervals.
     """
+    # Seeds and tasks are two separate sources of chance, so each has an interval of its own.
     means = [float(result.success.mean()) for result in results]
     success = AgentSuccess(
         mean=float(np.mean(means)),
@@ -145,6 +156,7 @@ def success_of(
     )
     if reference is None:
         return success
+    # Both agents have played the same tables: pairs take the tasks' difficulty out of the interval.
     groups = results[0].groups
     difference, low, high = paired_difference(_successes(results), _successes(reference), groups)
     return msgspec.structs.replace(success, difference=difference, difference_ci=(low, high))
@@ -171,20 +183,25 @@ def slices_of(
         agent: a run of the agent; its split counts the train recipes for a goal.
         tasks: the tasks, of which the results have played all or a sample.
         results: the evaluations of the agent's runs, on the same tasks.
-        made_by_other_books: labels that other books in the training of scorers make; None without such a scorer.
+        made_by_other_books: labels that other books in the training of scorers make; None without
+            such a scorer.
 
     Returns:
-        Success by train recipes for the goal, by crafting rounds to the goal, and on the goals that other books make
-        and all other goals; no empty groups.
+        Success by train recipes for the goal, by crafting rounds to the goal, and on the goals that
+        other books make and all other goals; no empty groups.
     """
     if not results:
         return {}
-    played = results[0].tasks
-    graph, split, goals = agent.opened.graph, agent.opened.split, tasks.goals[played]
-    made = np.bincount(graph.recipes[split.is_in("train"), 2], minlength=graph.num_entities)[goals]
+    graph = agent.opened.graph
+    split = agent.opened.split
+    # The evaluator may have played a sample, so goals follow the order of the played tasks.
+    goals = tasks.goals[results[0].tasks]
+    results_of_train = graph.recipes[split.is_in("train"), 2]
+    made = np.bincount(results_of_train, minlength=graph.num_entities)[goals]
     layer = layers(graph)[goals]
     groups: dict[Slice, list[tuple[str, NDArray[np.bool_]]]] = {
         "train_recipes": list(binned(made, _TRAIN_RECIPES)),
+        # Layer -1 marks goals that cannot be made from the base.
         "layer": [(NEVER, layer < 0), *binned(layer, _LAYERS)],
         "other_book": list(goal_groups(graph, goals, made_by_other_books).items()),
     }
@@ -195,18 +212,15 @@ def slices_of(
 def slice_successes(
     groups: Mapping[str, NDArray[np.bool_]], results: Sequence[Evaluation]
 ) -> tuple[SliceSuccess, ...]:
-    """Return the success rate over all results on each group of the played tasks, without empty groups.
+    """Return the success rate on each group of the played tasks, over all results.
 
-    ``groups`` are masks over the tasks of the results, each of shape (tasks,).
+    ``groups`` are masks over the tasks of the results, each of shape (tasks,). Empty groups are
+    left out.
     """
     success = _successes(results)
-    return tuple(
-        SliceSuccess(
-            name,
-            int(mask.sum()),
-            float(success[mask].mean()),
-            task_bootstrap(success[mask], results[0].groups[mask]),
-        )
-        for name, mask in groups.items()
-        if mask.any()
-    )
+    rows = []
+    for name, mask in groups.items():
+        if mask.any():
+            interval = task_bootstrap(success[mask], results[0].groups[mask])
+            rows.append(SliceSuccess(name, int(mask.sum()), float(success[mask].mean()), interval))
+    return tuple(rows)

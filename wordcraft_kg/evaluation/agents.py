@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -23,8 +24,10 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Task settings that must be equal in all compared agents."""
+# Enumerated tasks are equal for all agents, sampled ones only if they are sampled in the same way.
 _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
+# The fewest and the most distractors of the paper.
 DISTRACTORS = (1, 8)
 _SCRIPTED = ("random", players.FEWEST_USES, players.NEAREST_WORDS, "recipe oracle")
 """Players that need no training, at the same tables as the agents."""
@@ -181,7 +184,7 @@ Groups = dict[str, list[OpenedAgent]]
 """Training runs by agent name; the runs of an agent differ only in the seed."""
 _Results = dict[int, list[Evaluation]]
 _ScorersAlone = dict[tuple[object, ...], tuple[str, dict[str, dict[int, Evaluation]]]]
-"""By scorer and settings: an agent's name, and evaluations of the scorer alone by sources and distractor count."""
+"""By scorer and settings: an agent, and evaluations of the scorer alone by sources and count."""
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
@@ -197,12 +200,9 @@ def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
     for agent in agents:
         inputs = tuple(agent.run.inputs.get(name) for name in ("graph", "split", "scorer"))
         config = agent.config
-        key = (
-            inputs,
-            config.tasks,
-            config.policy,
-            replace(config.trainer, seed=0, device="cpu", threads=1),
-        )
+        # Device and threads change the speed, so runs on two machines are seeds of one agent.
+        trainer = replace(config.trainer, seed=0, device="cpu", threads=1)
+        key = (inputs, config.tasks, config.policy, trainer)
         by_settings.setdefault(key, []).append(agent)
     groups: Groups = {}
     for members in by_settings.values():
@@ -212,10 +212,12 @@ def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
             raise ConfigError(
                 f"{names}: two of these runs have the same settings and seed; remove the duplicate."
             )
+        # Without the seed at the end, such as "-seed-3", "_s3" or "3"; a bare seed stays.
         stems = {
             re.sub(r"[-_.]?(seed|s)?[-_]?\d+$", "", agent.name) or agent.name for agent in members
         }
-        name = stems.pop() if len(members) > 1 and len(stems) == 1 else members[0].name
+        has_shared_stem = len(members) > 1 and len(stems) == 1
+        name = stems.pop() if has_shared_stem else members[0].name
         while name in groups:
             name += "′"
         groups[name] = members
@@ -255,13 +257,10 @@ def view_agents(
         amount: Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds)
         for amount in played
     }
-    plays = [
-        (name, amount)
-        for name, members in groups.items()
-        for amount in played
-        if can_play(members[0], amount)
-    ]
     results: dict[str, _Results] = {name: {} for name in groups}
+    # Listed before playing, so that the progress has a total.
+    pairs = product(groups, played)
+    plays = [(name, amount) for name, amount in pairs if can_play(groups[name][0], amount)]
     for name, amount in steps("evaluating agents", plays):
         results[name][amount] = [
             evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]
@@ -269,7 +268,9 @@ def view_agents(
     alone = _scorers_alone(groups, evaluators)
     made = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
-    graph, split, tasks = first.opened.graph, first.opened.split, len(evaluators[headline].tasks)
+    graph = first.opened.graph
+    split = first.opened.split
+    tasks = len(evaluators[headline].tasks)
     return AgentsView(
         format="wordcraft-kg agent report 1",
         graph=SharedGraph(graph.name, graph.hash, graph.num_entities, graph.num_recipes),
@@ -287,6 +288,7 @@ def view_agents(
                 members,
                 world,
                 results[name],
+                # The first agent has no difference to itself.
                 {} if results[name] is reference else reference,
                 alone,
                 made,
@@ -318,7 +320,8 @@ def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
 
 
 def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
-    """Return the labels that other books of any scorer make: all agents are shown on the same groups of goals."""
+    """Return the labels that other books of any scorer make; None if no scorer has another book."""
+    # One set for all agents: success is compared on the same groups of goals.
     made = [agent.made_by_other_books for agent in agents]
     known = [labels for labels in made if labels is not None]
     return frozenset().union(*known) if known else None
@@ -326,7 +329,9 @@ def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None
 
 def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _ScorersAlone:
     played: _ScorersAlone = {}
-    for name, (agent, *_) in groups.items():
+    for name, members in groups.items():
+        # Runs of an agent share the scorer, and so may agents: each scorer plays once.
+        agent = members[0]
         if agent.policy.sources and _scores_of(agent) not in played:
             alone = players.scorer_alone(agent.policy.sources)
             results = {sources: _play(player, evaluators) for sources, player in alone.items()}
@@ -335,7 +340,8 @@ def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _Scorers
 
 
 def _scores_of(agent: OpenedAgent) -> tuple[object, ...]:
-    policy, scorer = agent.config.policy, agent.run.inputs.get("scorer")
+    policy = agent.config.policy
+    scorer = agent.run.inputs.get("scorer")
     return scorer, policy.use, policy.scale, policy.self_edges, policy.plan_width, policy.in_sample
 
 
@@ -353,17 +359,13 @@ def _baselines(
         players.NEAREST_WORDS: _play(players.nearest_words(first.opened.graph), evaluators),
     }
     for agent, alone in scorers.values():
-        results |= {
-            f"scorer of {agent} alone, {sources}": played for sources, played in alone.items()
-        }
-    for name, played in {
-        **results,
-        "recipe oracle": _play(players.recipe_oracle, evaluators),
-    }.items():
-        success, by_plan = (
-            {str(amount): float(getattr(result, share).mean()) for amount, result in played.items()}
-            for share in ("success", "by_plan")
-        )
+        for sources, played in alone.items():
+            results[f"scorer of {agent} alone, {sources}"] = played
+    # Last, as the upper bound.
+    results["recipe oracle"] = _play(players.recipe_oracle, evaluators)
+    for name, played in results.items():
+        success = {str(amount): float(result.success.mean()) for amount, result in played.items()}
+        by_plan = {str(amount): float(result.by_plan.mean()) for amount, result in played.items()}
         yield BaselineSuccess(name, success, by_plan)
 
 
@@ -374,6 +376,7 @@ def _references(
     pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
     if play is None or pack is None:
         return ()
+    # Scripted players are measured on the agents' own tables and would stand in the report twice.
     return tuple(row for row in pack.rows_of(play, played) if row.player not in _SCRIPTED)
 
 
@@ -387,14 +390,18 @@ def _conditions(
     if not world.tasks.is_complete:
         _check_alike(agents, _DRAWN_BY)
     if distractors is None:
+        # A small graph may have too few entities for eight distractors.
         usual = (amount for amount in DISTRACTORS if amount <= world.max_distractors)
         distractors = sorted({*usual, *(agent.config.tasks.distractors for agent in agents)})
     played = [amount for amount in distractors if any(can_play(agent, amount) for agent in agents)]
     if not played:
         raise ConfigError(
-            f"`distractors` {list(distractors)}: an mlp plays with as many as in training, {headline}."
+            f"`distractors` {list(distractors)}: an mlp plays with as many as in training, "
+            f"{headline}."
         )
-    return world if headline in played else world.variant(num_distractors=played[-1]), played
+    if headline not in played:
+        world = world.variant(num_distractors=played[-1])
+    return world, played
 
 
 def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
@@ -402,20 +409,25 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
     for agent in agents[1:]:
         if agent.opened.split.hash != first.opened.split.hash:
             raise GraphMismatchError(
-                f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: their tasks differ, "
-                "so their figures cannot be compared. Train all runs on the same graph folder."
+                f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: "
+                "their tasks differ, so their figures cannot be compared. Train all runs on the "
+                "same graph folder."
             )
         for rule in rules:
-            value, expected = getattr(agent.config.tasks, rule), getattr(first.config.tasks, rule)
+            value = getattr(agent.config.tasks, rule)
+            expected = getattr(first.config.tasks, rule)
             if value != expected:
                 raise ConfigError(
-                    f"'{agent.name}' plays with {rule} {value} and '{first.name}' with {expected}: their figures "
-                    "cannot be compared."
+                    f"'{agent.name}' plays with {rule} {value} and '{first.name}' with "
+                    f"{expected}: their figures cannot be compared."
                 )
 
 
 def can_play(agent: OpenedAgent, distractors: int) -> bool:
-    """Return whether an agent can play with this distractor count; an MLP needs the number from training."""
+    """Return whether an agent can play with this distractor count.
+
+    An MLP reads slots in fixed places, so it needs the number of slots from training.
+    """
     return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
 
 
@@ -433,6 +445,7 @@ def _entry(
     against_scorer: dict[int, agent_figures.AgainstScorer] = {}
     if members[0].policy.sources:
         _, alone = scorers[_scores_of(members[0])]
+        # The last one follows the strongest source: p if the agent has it, else w, else all.
         sources, played = list(alone.items())[-1]
         against_scorer = {
             amount: agent_figures.compare_with_scorer(runs, sources, played[amount])
@@ -473,5 +486,6 @@ def _entry(
 
 def _episodes(agent: OpenedAgent, world: World, episodes: int) -> tuple[ExplainedEpisode, ...]:
     if agent.config.policy.policy == "mlp":
+        # The headline count may be another than that of training.
         world = world.variant(num_distractors=agent.config.tasks.distractors)
     return explain_episodes(agent.policy, world, episodes=episodes, outside=agent.outside)

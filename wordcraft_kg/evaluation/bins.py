@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.graphs.arrays import Ids
 
+# Above any rank or count, and far below the limit of int64.
 OPEN_END = 10**9
 Bounds = Sequence[tuple[int, int]]
 
@@ -26,5 +27,10 @@ def binned(
         The name of each bin, such as ``3–4`` or ``9+``, and a mask, shape (N,).
     """
     for low, high in bounds:
-        name = str(low) if low == high else f"{low}{more}" if high == OPEN_END else f"{low}–{high}"
+        if low == high:
+            name = str(low)
+        elif high == OPEN_END:
+            name = f"{low}{more}"
+        else:
+            name = f"{low}–{high}"
         yield name, (values >= low) & (values <= high)

@@ -72,20 +72,24 @@ class CheckedBook(Record):
 
 def view_books() -> BookList:
     """List the known recipe books with their sizes."""
-    books = tuple(
-        ListedBook(
-            name=book.name,
-            origin=book.origin,
-            path=None if book.path is None else str(book.path),
-            note=FETCHABLE[book.name].note if book.name in FETCHABLE else "",
-            entities=size[0] if size else None,
-            recipes=size[1] if size else None,
-        )
-        for book in known_books()
-        for size in [_size(book)]
-    )
     folder = data_folder()
-    return BookList(books, str(cache_folder()), None if folder is None else str(folder))
+    return BookList(
+        books=tuple(_listed(book) for book in known_books()),
+        cache=str(cache_folder()),
+        data_folder=None if folder is None else str(folder),
+    )
+
+
+def _listed(book: KnownBook) -> ListedBook:
+    size = _size(book)
+    return ListedBook(
+        name=book.name,
+        origin=book.origin,
+        path=None if book.path is None else str(book.path),
+        note=FETCHABLE[book.name].note if book.name in FETCHABLE else "",
+        entities=size[0] if size else None,
+        recipes=size[1] if size else None,
+    )
 
 
 def _size(book: KnownBook) -> tuple[int, int] | None:
@@ -94,6 +98,7 @@ def _size(book: KnownBook) -> tuple[int, int] | None:
     try:
         content = open_book(book.name)
     except RecipeFileError:
+        # A damaged file in the data folder must not hide all other books.
         return None
     return len(content.entities), len(content.recipes)
 
@@ -114,7 +119,9 @@ def view_check(
         Counts and findings.
     """
     located = locate_book(book)
-    path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path
+    in_folder = located.path / "graph.json"
+    path = in_folder if in_folder.is_file() else located.path
+    # Opened before the check, which may take seconds: a wrong name fails at once.
     other = None if against is None else open_book(against)
     check = check_book(
         path, base or located.base, located.name, single_ingredient=single_ingredient
@@ -124,18 +131,19 @@ def view_check(
         check = _with_words(check, graph)
     if graph is not None and other is not None:
         shared = len(set(graph.recipe_labels()) & set(other.recipes))
-        check = check.adding(
-            (), against=other.name, shared_recipes=shared, shared=shared / graph.num_recipes
-        )
+        share = shared / graph.num_recipes
+        check = check.adding((), against=other.name, shared_recipes=shared, shared=share)
     return CheckedBook(book, str(path), check.passed, check.figures or {}, check.findings)
 
 
 def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
+    # Imported late: the list of books needs neither torch nor word vectors.
     from wordcraft_kg.models.scorers.features import glove_features
     from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes
 
     features = glove_features(graph.entities)
-    words, missing = features.words, features.missing_words
+    words = features.words
+    missing = features.missing_words
     message = f"{len(missing)} of {len(words)} words have no word vector: {listed(missing)}"
     findings = [Finding("vector", "note", (), message)] if missing else []
     check = check.adding(

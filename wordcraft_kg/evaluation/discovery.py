@@ -1,5 +1,6 @@
 """Entities that players discover in open-ended play (crafting without a goal)."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -42,9 +43,12 @@ class Guides(NamedTuple):
     @property
     def players(self) -> tuple[str, ...]:
         """Names of the players that this knowledge guides."""
-        return ("empowerment-scorer",) * (self.links is not None) + ("recipe-learner",) * (
-            self.recipes is not None
-        )
+        names = []
+        if self.links is not None:
+            names.append("empowerment-scorer")
+        if self.recipes is not None:
+            names.append("recipe-learner")
+        return tuple(names)
 
 
 def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
@@ -55,6 +59,7 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     Raises:
         GraphMismatchError: if a scorer of triples belongs to another graph.
     """
+    # Imported late: scripted players need no torch.
     from wordcraft_kg.models.recipes.inductive import for_labels
     from wordcraft_kg.models.scorers.cross_fitting import whole_of
     from wordcraft_kg.models.scorers.folder import load_scorer
@@ -65,11 +70,10 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     if not isinstance(whole_of(scorer), RecipeScorer):
         check_scorer(scorer, graph)
         return Guides(Path(folder).name, scorer, None, knows_recipes=True)
-    links, recipes = (
-        scorer if scorer.graph_hash == graph.hash else None,
-        for_labels(folder, scorer, graph.entities),
-    )
+    links = scorer if scorer.graph_hash == graph.hash else None
+    recipes = for_labels(folder, scorer, graph.entities)
     own = recipes.rows[graph.recipes]
+    # Ingredients in the order of ids of the scorer, as its own recipes have them.
     own[:, :2].sort(axis=1)
     known = is_in(own, recipes.scorer.recipes.numpy(), len(recipes.scorer.entities))
     return Guides(Path(folder).name, links, recipes, bool(known.any()))
@@ -158,6 +162,7 @@ def view_discovery(
     Raises:
         ConfigError: if a player is unknown or lacks its scorer, or if the base makes nothing.
     """
+    # Checks the base before any player is prepared.
     start = Discovery(graph, base)
     learner = None
     if scorer is not None and scorer.recipes is not None:
@@ -195,23 +200,25 @@ def _references(
     pack = pack_of(graph.hash, None)
     ours = pack.rows_of(OpenPlay(base)) if pack else ()
     others = literature(["entities known", "new combinations"])
+    # The people's curve is a part of every view, so the same numbers as a row would stand twice.
     shown = {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
-    return (
-        *(row for row in ours if row.player not in players),
-        *(
-            row
-            for row in others
-            if {at: figure.value for at, figure in row.figures.items()} != shown
-        ),
-    )
+    further = [row for row in ours if row.player not in players]
+    for row in others:
+        values = {at: figure.value for at, figure in row.figures.items()}
+        if values != shown:
+            further.append(row)
+    return tuple(further)
 
 
 def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
-    columns = (table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated"))
-    # NaN differs from itself.
-    return {
-        str(attempt): KnownEntities(
-            mean, low if low == low else None, high if high == high else None, repeated
+    known = {}
+    for row in table.itertuples():
+        # A single run has NaN for an interval, and JSON has no NaN.
+        has_interval = not math.isnan(row.low)
+        known[str(row.attempt)] = KnownEntities(
+            mean=row.mean,
+            low=row.low if has_interval else None,
+            high=row.high if has_interval else None,
+            repeated=row.repeated,
         )
-        for attempt, mean, low, high, repeated in zip(*columns, strict=True)
-    }
+    return known

@@ -80,11 +80,12 @@ class EntityView(Record):
 
 def view_build(audit: Audit, folder: Path) -> BuiltGraph:
     """Return a new graph's main counts from its audit."""
+    # Most fields stand in the audit under the same names.
     same = {
         name: getattr(audit, name) for name in BuiltGraph.__struct_fields__ if hasattr(audit, name)
     }
-    reachable, rounds = audit.reachability.reachable, audit.reachability.rounds
-    return BuiltGraph(**same, reachable=reachable, rounds=rounds, out=str(folder))
+    reached = audit.reachability
+    return BuiltGraph(**same, reachable=reached.reachable, rounds=reached.rounds, out=str(folder))
 
 
 def view_entity(graph: RecipeGraph, label: str) -> EntityView:
@@ -99,6 +100,7 @@ def view_entity(graph: RecipeGraph, label: str) -> EntityView:
         cheapest = Planner(graph).derivation(entity)
         derivation = CheapestDerivation(cheapest.cost, tuple(cheapest.steps))
     except GraphError:
+        # The base does not reach the entity, which is no error for a reader of its recipes.
         derivation = None
     return EntityView(
         entity=label,

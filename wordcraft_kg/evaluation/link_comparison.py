@@ -125,16 +125,21 @@ def compare(
     whole("seed", seed, 0)
     for contender in contenders:
         _check_alike(contenders[0].runs[0], contender)
-    graph, split = contenders[0].runs[0].opened.graph, contenders[0].runs[0].opened.split
+    opened = contenders[0].runs[0].opened
+    graph = opened.graph
+    split = opened.split
     everything = split.held_out("test")
+    # Each triple gives two queries, one with an open tail and one with an open head.
     queries = ranking.sampled(everything, MAX_QUERIES // 2, seed)
     if len(queries) < ranking.MIN_TRIPLES:
         raise SplitError(
-            f"only {len(queries)} unseen test triples to compare on; {ranking.MIN_TRIPLES} are needed. Build the graph "
-            "with a split and a smaller `train_ratio`, such as 0.7."
+            f"only {len(queries)} unseen test triples to compare on; {ranking.MIN_TRIPLES} are "
+            "needed. Build the graph with a split and a smaller `train_ratio`, such as 0.7."
         )
+    # Tails come before heads, so the groups of the triples repeat.
     clusters = np.tile(ranking.triple_groups(split, split.is_in("test"), queries), 2)
     pairs = len(contenders) * (len(contenders) - 1) // 2
+    # Bonferroni: all intervals hold together at 95 %, whichever pair a reader picks.
     confidence = 1 - 0.05 / pairs
 
     def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,9 +151,17 @@ def compare(
         return cluster_interval(values, clusters, means, level=level)
 
     models = _with_intervals(ranked, resampled, bounds, confidence)
+    # A model that has seen the test recipes would win by memory.
     fair = [(model.name, values) for model, values in ranked if not model.has_seen_the_test_recipes]
     best = max(fair, key=lambda pair: float(pair[1].mean()), default=None)
-    leads = [(pair[0], best[1] - pair[1]) for pair in fair if best and pair is not best]
+    not_told_apart = []
+    for candidate in fair:
+        if best is None or candidate is best:
+            continue
+        lead = best[1] - candidate[1]
+        # The best model is ahead by its mean: only the lower end can include 0.
+        if bounds(lead, resampled(lead), confidence)[0] <= 0:
+            not_told_apart.append(candidate[0])
     return LinkComparison(
         graph=graph.name,
         hash=graph.hash,
@@ -160,10 +173,8 @@ def compare(
         pairs=pairs,
         sampled_from=len(everything) if len(everything) > len(queries) else None,
         models=tuple(models),
-        best=best and best[0],
-        not_told_apart=tuple(
-            name for name, lead in leads if bounds(lead, resampled(lead), confidence)[0] <= 0
-        ),
+        best=best[0] if best else None,
+        not_told_apart=tuple(not_told_apart),
     )
 
 
@@ -178,18 +189,21 @@ def _with_intervals(
         for model, values in ranked
     ]
     for i in range(1, len(models)):
+        # The same queries in the same order, so reciprocal ranks subtract query by query.
         gain = ranked[i][1] - ranked[0][1]
         means = resampled(gain)
         models[i] = msgspec.structs.replace(
             models[i],
             difference=float(gain.mean()),
             difference_ci=bounds(gain, means, confidence),
+            # A tie says nothing about either model: half for each.
             probability_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
         )
     return models
 
 
 def _from_zero(ends: Bounds) -> Bounds:
+    # Student's t over few groups may reach below 0, where no MRR lies.
     return max(ends[0], 0.0), ends[1]
 
 
@@ -201,12 +215,14 @@ def _check_alike(reference: Model, contender: Contender) -> None:
         ):
             if left != right:
                 raise GraphMismatchError(
-                    f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different {input_name} "
-                    f"({left[:12]}, {right[:12]}); their figures cannot be compared. Train all on the same graph."
+                    f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different "
+                    f"{input_name} ({left[:12]}, {right[:12]}); their figures cannot be compared. "
+                    "Train all on the same graph."
                 )
         if run.comparable_settings != contender.runs[0].comparable_settings:
             raise ConfigError(
-                f"the seeds of '{contender.name}' were trained with different settings; give each folder as a model."
+                f"the seeds of '{contender.name}' were trained with different settings; give each "
+                "folder as a model."
             )
 
 
@@ -219,6 +235,7 @@ def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[
         name: float(np.mean([getattr(seed_metrics, name) for seed_metrics in metrics]))
         for name in averaged
     }
+    # MRR is None only without queries, which compare() refuses.
     model = ComparedModel(
         queries=metrics[0].queries,
         **means,

@@ -30,7 +30,7 @@ from wordcraft_kg.models.scorers.ranking import (
 )
 
 FEW_TEST_RECIPES = 50
-"""A verdict on fewer test recipes is marked: so small a sample differs much between seeds of the split."""
+"""A verdict on fewer test recipes is marked: it may differ with another seed of the split."""
 _Slices = dict[str, RankingMetrics]
 """Metrics for all queries, for each relation, and for each relation and side."""
 
@@ -197,13 +197,17 @@ def view_links(
     Returns:
         The numbers, for :func:`~wordcraft_kg.reports.link_report.make_link_report`.
     """
-    graph, ranks = links.graph, links.ranks
+    graph = links.graph
+    ranks = links.ranks
     split = split_summary(links.opened.split)
 
     def measure(part: pd.DataFrame, mask: NDArray[np.bool_]) -> RankingMetrics:
         return with_interval(part, links.clusters[mask], seed=seed)
 
+    # All models are resampled with the same seed, so intervals differ only by the ranks.
     baselines = {name: _by_slice(ranks, measure) for name, ranks in links.baseline_ranks.items()}
+    # Random order has a formula, so its metrics need no interval.
+    baselines["random"] = _by_slice(ranks, lambda part, _: random_metrics(part))
     return LinkView(
         format="wordcraft-kg link report 1",
         model=EvaluatedModel(name, links.kg, links.is_full),
@@ -223,7 +227,7 @@ def view_links(
         in_sample=_in_sample(links),
         probabilities=_probabilities(links),
         with_leaked=_with_leaked(links),
-        baselines={**baselines, "random": _by_slice(ranks, lambda part, _: random_metrics(part))},
+        baselines=baselines,
         comparisons=link_sections.comparisons_of(links, seed),
         near_synonym_cosine=NEAR_SYNONYM,
         drill_down=link_sections.drill_down_of(links, seed),
@@ -237,12 +241,18 @@ def view_links(
 
 
 def has_few_test_recipes(view: LinkView) -> bool:
-    """Return whether fewer than :data:`FEW_TEST_RECIPES` test recipes decide the comparison with the baselines."""
+    """Return whether fewer than :data:`FEW_TEST_RECIPES` test recipes decide the comparisons.
+
+    A model of the full graph is compared on all recipes, and has seen them.
+    """
     return not view.model.has_seen_the_test_recipes and view.split.test_recipes < FEW_TEST_RECIPES
 
 
 def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
-    """Return the main results for all queries and each relation (None without any), and the report's path."""
+    """Return the main results for all queries and each relation, and the report's path.
+
+    A result is None without queries of the relation.
+    """
     slices = ("all", *RELATIONS)
     names = {
         "mrr": "mrr",
@@ -251,16 +261,19 @@ def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
         "hits@10": "hits_at_10",
         "mrr_ci": "mrr_ci",
     }
+    metrics = {}
+    for name, field in names.items():
+        metrics[name] = {part: getattr(view.metrics[part], field) for part in slices}
+    baselines = {}
+    for name, table in view.baselines.items():
+        baselines[name] = {part: table[part].mrr for part in slices}
     others = [
         row.mrr
         for row in view.drill_down.near_synonyms
         if row.slice == link_sections.NO_NEAR_SYNONYM
     ]
     return {
-        **{
-            name: {part: getattr(view.metrics[part], field) for part in slices}
-            for name, field in names.items()
-        },
+        **metrics,
         "queries": view.queries,
         "triples": view.triples,
         "sampled_from": view.sampled_from,
@@ -268,10 +281,7 @@ def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
         "mrr_with_leaked": view.with_leaked.mrr,
         "mrr_without_near_synonyms": others[0] if others else None,
         "has_seen_the_test_recipes": view.model.has_seen_the_test_recipes,
-        "baselines": {
-            name: {part: table[part].mrr for part in slices}
-            for name, table in view.baselines.items()
-        },
+        "baselines": baselines,
         "comparisons": view.comparisons,
         "checks_passed": all(check.passed for check in view.checks),
         "report": report,
@@ -287,22 +297,22 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
         "",
     )
     if links.kg != "none":  # an untrained model has no coverage
-        uncovered = np.setdiff1d(
-            np.arange(graph.num_entities) if not links.is_full else [], links.train_sample.recipes
-        )
-        listed = f"{len(uncovered)} do not ({', '.join(graph.labels(uncovered[:6]))}): their ranks are near chance"
-        covered = not len(uncovered)
-        yield Check(
-            "coverage", "every entity occurs in training", covered, "all do" if covered else listed
-        )
+        # The full graph covers all its entities by definition.
+        needed = [] if links.is_full else np.arange(graph.num_entities)
+        uncovered = np.setdiff1d(needed, links.train_sample.recipes)
+        detail = "all do"
+        if len(uncovered):
+            listed = ", ".join(graph.labels(uncovered[:6]))
+            detail = f"{len(uncovered)} do not ({listed}): their ranks are near chance"
+        yield Check("coverage", "every entity occurs in training", not len(uncovered), detail)
     if links.is_full:
         return
+    # Evaluated triples are chosen without leaks: these checks guard this code and its inputs.
     test = links.queries
-    symmetric = test[test[:, 1] == COMBINES_WITH]
-    in_train, mirrored = (
-        int(np.sum(is_in(triples, links.trained_on, graph.num_entities)))
-        for triples in (test, symmetric[:, [2, 1, 0]])
-    )
+    in_train = int(np.sum(is_in(test, links.trained_on, graph.num_entities)))
+    # A symmetric model knows a triple if it has seen the mirror.
+    mirrors = test[test[:, 1] == COMBINES_WITH][:, [2, 1, 0]]
+    mirrored = int(np.sum(is_in(mirrors, links.trained_on, graph.num_entities)))
     no_leak = "no evaluated triple is in the training triples"
     yield Check("leak", no_leak, not in_train, f"{in_train} found")
     no_mirror = "no combinesWith triple has its mirror in the training triples"
@@ -310,11 +320,13 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
 
 
 def _ties(links: RankedLinks) -> Ties:
+    # Without the filter all entities are candidates, which adjusted metrics need to know.
     unfiltered = links.ranks.assign(candidates=links.graph.num_entities)
-    optimistic, pessimistic = (
-        ranking_metrics(links.ranks, ties) for ties in ("optimistic", "pessimistic")
+    return Ties(
+        optimistic=ranking_metrics(links.ranks, "optimistic"),
+        pessimistic=ranking_metrics(links.ranks, "pessimistic"),
+        raw_rank=ranking_metrics(unfiltered, "raw_rank"),
     )
-    return Ties(optimistic, pessimistic, ranking_metrics(unfiltered, "raw_rank"))
 
 
 def _by_slice(
@@ -326,26 +338,29 @@ def _by_slice(
 def _with_leaked(links: RankedLinks) -> RankingMetrics:
     if links.is_full:
         return ranking_metrics(links.ranks)
-    split, size = links.opened.split, links.graph.num_entities
+    split = links.opened.split
+    size = links.graph.num_entities
     everything = split.triples_of("test")
     leaked = everything[~is_in(everything, split.held_out("test"), size)]
     # Sampling leaked and unseen triples in equal shares makes a uniform sample.
     leaked = sampled(leaked, round(len(leaked) * len(links.queries) / links.population))
     ranks = rank_triples(links.scorer, leaked, links.graph.triples)
-    return ranking_metrics(
-        pd.concat([links.ranks, ranks], ignore_index=True) if len(ranks) else links.ranks
-    )
+    if not len(ranks):
+        return ranking_metrics(links.ranks)
+    return ranking_metrics(pd.concat([links.ranks, ranks], ignore_index=True))
 
 
 def _probabilities(links: RankedLinks) -> tuple[Reliability, ...]:
     folds = folds_of(links.scorer)
+    # Probabilities are of triples outside training, which a model of the full graph does not have.
     if links.is_full or not links.has_table or folds is None:
         return ()
     return view_probabilities(folds, links.graph, links.trained_on)
 
 
 def _in_sample(links: RankedLinks) -> InSample | None:
-    folds, test_mrr = folds_of(links.scorer), ranking_metrics(links.ranks).mrr
+    folds = folds_of(links.scorer)
+    test_mrr = ranking_metrics(links.ranks).mrr
     if links.is_full or folds is None:
         return None
     record = folds.record

@@ -1,4 +1,4 @@
-"""Success of an agent or of scripted players on all tasks of a split part, and explained episodes."""
+"""Success of an agent or of scripted players on all tasks of a split part; explained episodes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -110,45 +110,38 @@ def view_evaluation(
     Returns:
         Success and outcomes by distractor count.
     """
-    player, tasks, policy = (
-        player_of(trained.policy, agent),
-        trained.config.tasks,
-        trained.config.policy,
-    )
+    player = player_of(trained.policy, agent)
+    tasks = trained.config.tasks
+    policy = trained.config.policy
     config = tasks.environment(part, distractors[0])
-    world = World(
-        trained.opened,
-        config.variant(distractor_policy=distractor_policy or config.distractor_policy),
-    )
-    evaluators = {
-        str(amount): Evaluator(
-            world.variant(num_distractors=amount), distractor_seeds=distractor_seeds
-        )
-        for amount in distractors
-    }
+    if distractor_policy is not None:
+        config = config.variant(distractor_policy=distractor_policy)
+    world = World(trained.opened, config)
+    # Variants share the world's tasks, so each count has the same tasks in the same order.
+    evaluators = {}
+    for amount in distractors:
+        variant = world.variant(num_distractors=amount)
+        evaluators[str(amount)] = Evaluator(variant, distractor_seeds=distractor_seeds)
     results = {amount: evaluator(player) for amount, evaluator in evaluators.items()}
     against_scorer = None
     if agent == "trained" and trained.policy.sources:
-        *_, (name, alone) = scorer_alone(trained.policy.sources).items()
+        # The last one follows the strongest source: p if the agent has it, else w, else all.
+        name, alone = list(scorer_alone(trained.policy.sources).items())[-1]
         against_scorer = {
             amount: compare_with_scorer([results[amount]], name, evaluator(alone))
             for amount, evaluator in evaluators.items()
         }
     by_goal = None
     if trained.made_by_other_books is not None:
-        goals = world.tasks.goals
-        by_goal = {
-            amount: slice_successes(
-                goal_groups(trained.opened.graph, goals[result.tasks], trained.made_by_other_books),
-                [result],
-            )
-            for amount, result in results.items()
-        }
-    scores = (
-        f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}"
-        if agent == "kg-only"
-        else None
-    )
+        by_goal = {}
+        for amount, result in results.items():
+            # The evaluator may have played a sample of the tasks.
+            goals = world.tasks.goals[result.tasks]
+            groups = goal_groups(trained.opened.graph, goals, trained.made_by_other_books)
+            by_goal[amount] = slice_successes(groups, [result])
+    scores = None
+    if agent == "kg-only":
+        scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}"
     return AgentEvaluation(
         run=str(run),
         agent=agent,
@@ -251,18 +244,21 @@ def view_baselines(
     """
     players = knowledge_players(opened.split)
     world = World(opened, config)
+    # Only players that may have learned from another book, or know none, tell its goals apart.
     groups: dict[str, NDArray[np.bool_]] = {}
     grouped = {NEAREST_WORDS}
     if model is not None:
         name, trained = model
+        # A cross-fitted scorer needs the tasks that it may have been trained on, to answer by the
+        # model of the fold that has not seen them.
         tasks = world.tasks if config.part in ("train", "all") else None
         groups = goal_groups(opened.graph, world.tasks.goals, trained.made_by_other_books)
         named = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
         grouped |= {f"{name}, {kind}" for kind in (BEST_PAIR, PLANNER)}
+        # The oracle stays last, as the upper bound.
         oracle = players.pop("recipe oracle")
-        players |= {f"{name}, {kind}": player for kind, player in named.items()} | {
-            "recipe oracle": oracle
-        }
+        players |= {f"{name}, {kind}": player for kind, player in named.items()}
+        players["recipe oracle"] = oracle
     rows = play_all(
         world, players, distractors, distractor_seeds=distractor_seeds, seed=seed, groups=groups
     )

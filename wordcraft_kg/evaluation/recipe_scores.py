@@ -1,4 +1,4 @@
-"""Recipe scores: the best results for a pair, the best partners for an ingredient, and supporting train recipes."""
+"""Recipe scores: best results of a pair, best partners of an ingredient, and supporting recipes."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,6 +22,7 @@ from wordcraft_kg.models.scorers.pair_features import LEAST_SHARE
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
 _Key = tuple[int, int, int]
+# The first recipes carry nearly all weight; more would push the result off the screen.
 _SUPPORT = 3
 
 
@@ -127,12 +128,18 @@ class RecipeScoring:
 
     @classmethod
     def of(cls, model: ScoringModel) -> "RecipeScoring":
-        """Return a model's recipe scorer; ConfigError for a model that scores links (triples), not recipes."""
-        scorer, split = whole_of(model.scorer), model.split
+        """Return a model's recipe scorer.
+
+        Raises:
+            ConfigError: if the model scores links (triples), not recipes.
+        """
+        # The model of all train recipes answers: queries are about new recipes.
+        scorer = whole_of(model.scorer)
+        split = model.split
         if not isinstance(scorer, RecipeScores):
             raise ConfigError(
-                f"{model.scorer.name} scores links, not recipes. Give a link, such as flour combinesWith water, "
-                "or train a recipe scorer with `wordcraft-kg train-recipes`."
+                f"{model.scorer.name} scores links, not recipes. Give a link, such as flour "
+                "combinesWith water, or train a recipe scorer with `wordcraft-kg train-recipes`."
             )
         parts: dict[_Key, Known] = {}
         if split is not None:
@@ -145,24 +152,30 @@ class RecipeScoring:
         return any(result in pair for *pair, result in self.seen.union(self.parts))
 
     def rows(self, query: RecipeQuery) -> Ids:
-        """Return a query's recipes, ids of shape (n, 3): one recipe, or a recipe per entity in the open slot."""
+        """Return a query's recipes as ids, shape (n, 3).
+
+        That is one recipe, or a recipe for each entity in the open slot.
+        """
         everything = np.arange(len(self.scorer.entities))
-        ids = (
+        ids = [
             everything if slot is None else [self.scorer.entities.index(slot)]
             for slot in query.slots
-        )
+        ]
+        # Named entities broadcast along the open slot.
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
 
     def scores(self, rows: Ids) -> torch.Tensor:
-        """Score recipes, given as ids of shape (n, 3): two ingredients and a result. Return shape (n,)."""
+        """Return scores, shape (n,), of recipes as ids (two ingredients, a result), shape (n, 3)."""
         return self.scorer.score_recipes(*torch.from_numpy(rows.copy()).T).cpu()
 
     def known(self, rows: Ids) -> list[Known | None]:
-        """Return the split part of each recipe, ids of shape (n, 3): ``new`` if unknown, None without the graph."""
-        return [
-            self.parts.get(key, "new") if self.model.split is not None else None
-            for key in _keys(rows)
-        ]
+        """Return the split part of each recipe, ids of shape (n, 3).
+
+        The part is ``new`` for a recipe that the book lacks, and None without the graph.
+        """
+        if self.model.split is None:
+            return [None] * len(rows)
+        return [self.parts.get(key, "new") for key in _keys(rows)]
 
     def in_sample(self, rows: Ids) -> list[bool]:
         """Return whether the scorer was trained on each recipe, ids of shape (n, 3)."""
@@ -188,6 +201,7 @@ class RecipeScoring:
         if not self._has_self_results:
             rows = rows[(rows[:, :2] != rows[:, 2:]).all(axis=1)]
         scores = self.scores(rows)
+        # Stable: equal scores keep the order of ids on every device.
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
         if new_only:
             order = order[[part == "new" for part in self.known(rows[order])]]
@@ -196,13 +210,23 @@ class RecipeScoring:
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
         """Yield scored recipes, ids of shape (n, 3), with their split parts and evidence."""
         finder = self.model.outside
-        for row, score, known, in_sample in zip(
-            rows, scores, self.known(rows), self.in_sample(rows), strict=True
-        ):
-            a, b, result = self.labels(row)
+        known = self.known(rows)
+        in_sample = self.in_sample(rows)
+        for i, score in enumerate(scores):
+            a, b, result = self.labels(rows[i])
             because = tuple(self.scorer.supporting_recipes(a, b, result, limit=_SUPPORT))
             outside = finder.of_recipe(a, b, result) if finder else ()
-            yield ScoredRecipe(a, b, result, score, known, in_sample, because, None, outside)
+            yield ScoredRecipe(
+                ingredient_a=a,
+                ingredient_b=b,
+                result=result,
+                score=score,
+                known=known[i],
+                in_sample=in_sample[i],
+                because=because,
+                probability=None,
+                outside=outside,
+            )
 
     def labels(self, row: Ids) -> tuple[str, str, str]:
         """Return recipe labels, shape (3,)."""
@@ -211,6 +235,7 @@ class RecipeScoring:
 
 
 def _keys(rows: Ids) -> list[_Key]:
+    # a + b and b + a are one recipe.
     return [(min(a, b), max(a, b), result) for a, b, result in rows.tolist()]
 
 
@@ -220,10 +245,10 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
     (recipe,) = scoring.recipes(row, scoring.scores(row).tolist())
 
     def rank(slot: int) -> int:
-        a, b, result = (
-            None if number == slot else label for number, label in enumerate(query.slots)
-        )
-        scores = scoring.scores(scoring.rows(RecipeQuery(a, b, result)))
+        labels = list(query.slots)
+        labels[slot] = None
+        scores = scoring.scores(scoring.rows(RecipeQuery(*labels)))
+        # Optimistic for ties: entities with equal scores share the best rank.
         return 1 + int((scores > scores[row[0, slot]]).sum())
 
     return RankedRecipe(
@@ -252,6 +277,7 @@ def view_open_recipe(
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
     folds = folds_of(scoring.model.scorer)
+    # Calibrated for results of a pair only: partners of an ingredient compete in another way.
     if query.result is None and folds is not None and folds.probabilities is not None:
         shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
         best = tuple(
@@ -275,6 +301,7 @@ def score_recipe_queries(
     Yields:
         A row for a full recipe, up to ``top`` rows for a query with an open slot.
     """
+    # Full recipes are scored in one batch, which is much faster than one by one.
     recipes = [scoring.rows(query) for query in queries if not query.is_open]
     scores = iter(scoring.scores(np.concatenate(recipes)).tolist() if recipes else ())
     for query in queries:
@@ -282,14 +309,16 @@ def score_recipe_queries(
             rows, values = scoring.best(query, top, new_only=new_only)
             ranks: Sequence[int | None] = range(1, len(rows) + 1)
         else:
-            rows, values, ranks = scoring.rows(query), [next(scores)], [None]
-        for row, score, rank, known, in_sample in zip(
-            rows, values, ranks, scoring.known(rows), scoring.in_sample(rows), strict=True
-        ):
-            if not new_only or known == "new":
-                yield ScoredRecipeRow(
-                    query.line or 0, *scoring.labels(row), score, rank, known, in_sample
-                )
+            rows = scoring.rows(query)
+            values = [next(scores)]
+            ranks = [None]
+        known = scoring.known(rows)
+        in_sample = scoring.in_sample(rows)
+        line = query.line or 0
+        for i, row in enumerate(rows):
+            if not new_only or known[i] == "new":
+                labels = scoring.labels(row)
+                yield ScoredRecipeRow(line, *labels, values[i], ranks[i], known[i], in_sample[i])
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:
@@ -298,9 +327,12 @@ def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:
 
 
 def because(witnesses: Sequence[Witness]) -> str:
-    """Format supporting recipes with similarity and evidence share, as ``river + wood -> driftwood 0.41 (80 %)``."""
-    return ", ".join(
-        f"{witness.recipe} {'< 0.01' if witness.weight < 0.01 else format(witness.weight, '.2g')} "
-        f"({100 * witness.share:.0f} %)"
-        for witness in main_support(witnesses)
-    )
+    """Format supporting recipes, as ``river + wood -> driftwood 0.41 (80 %)``.
+
+    The number is the similarity of the recipe, the percentage its share of the evidence.
+    """
+    parts = []
+    for witness in main_support(witnesses):
+        weight = "< 0.01" if witness.weight < 0.01 else format(witness.weight, ".2g")
+        parts.append(f"{witness.recipe} {weight} ({100 * witness.share:.0f} %)")
+    return ", ".join(parts)

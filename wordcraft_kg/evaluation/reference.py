@@ -1,4 +1,4 @@
-"""The reference pack: published results to compare players and agents with, from this package or the literature."""
+"""The reference pack: results to compare players with, from this package or the literature."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
@@ -145,20 +145,21 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
     notes: str = ""
 
     def at(self, columns: Iterable[int]) -> "ReferenceRow":
-        """Return the row with results for these distractor counts (or attempts) only, perhaps without any."""
-        kept = {
-            str(column): self.figures[str(column)]
-            for column in columns
-            if str(column) in self.figures
-        }
+        """Return the row with results for these columns only, perhaps without any."""
+        names = map(str, columns)
+        kept = {name: self.figures[name] for name in names if name in self.figures}
         return msgspec.structs.replace(self, figures=kept)
 
     def shown(self, column: int) -> str:
-        """Format a cell by its column: result and interval, such as ``0.50 [0.45, 0.55]``; empty without a result."""
+        """Format the result of a column with its interval, such as ``0.50 [0.45, 0.55]``.
+
+        The text is empty without a result.
+        """
         figure = self.figures.get(str(column))
         if figure is None:
             return ""
-        if self.origin == "literature":  # as printed
+        # Published values keep their digits: further ones would suggest a precision that they lack.
+        if self.origin == "literature":
             return f"{figure.value:g}"
         digits = _DIGITS[self.measure]
         value = f"{figure.value:.{digits}f}"
@@ -167,39 +168,40 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
         return f"{value} [{figure.low:.{digits}f}, {figure.high:.{digits}f}]"
 
     def shown_by_plan(self, column: int) -> str:
-        """Format the success by the task's own recipe for a distractor count; empty if not measured."""
+        """Format the success by the task's own recipes for a distractor count; empty if unknown."""
         figure = self.figures.get(str(column))
-        return (
-            ""
-            if figure is None or figure.by_plan is None
-            else f"{figure.by_plan:.{_DIGITS['success']}f}"
-        )
+        if figure is None or figure.by_plan is None:
+            return ""
+        return f"{figure.by_plan:.{_DIGITS['success']}f}"
 
     @property
     def in_words(self) -> str:
-        """All results with their conditions as text, for a table that lacks columns for these results."""
-        figures = {int(column): self.shown(int(column)) for column in self.figures}
-        if self.measure == "success":
-            return ", ".join(
-                f"{shown} with {counted(column, 'distractor')}" for column, shown in figures.items()
-            )
-        return ", ".join(
-            f"{shown} {self.measure} after {counted(at, 'attempt')}"
-            for at, shown in figures.items()
-        )
+        """All results with their conditions as text, for a table that lacks these columns."""
+        parts = []
+        for column in map(int, self.figures):
+            if self.measure == "success":
+                parts.append(f"{self.shown(column)} with {counted(column, 'distractor')}")
+            else:
+                after = counted(column, "attempt")
+                parts.append(f"{self.shown(column)} {self.measure} after {after}")
+        return ", ".join(parts)
 
     def fits(self, measure: Measure, columns: Sequence[int]) -> bool:
-        """Return whether a table of ``measure`` with these columns shows a result; published success never fits."""
-        is_comparable = self.measure == measure and (
-            self.origin != "literature" or measure != "success"
-        )
+        """Return whether a table of ``measure`` with these columns shows a result.
+
+        Published success never fits: its conditions differ in more than the distractors.
+        """
+        is_published_success = self.origin == "literature" and measure == "success"
+        is_comparable = self.measure == measure and not is_published_success
         return is_comparable and any(map(self.shown, columns))
 
     @property
     def remark(self) -> str:
         """Remark on the player as text: training settings, number of people, and notes."""
         settings = dict(self.settings)
-        steps, trained_with = settings.pop("steps", ""), settings.pop(TRAINED_WITH, "")
+        # These two are words of a sentence; further settings are name and value.
+        steps = settings.pop("steps", "")
+        trained_with = settings.pop(TRAINED_WITH, "")
         parts = [
             counted(self.seeds, "seed") if self.seeds else "",
             f"{steps} steps" if steps else "",
@@ -237,12 +239,13 @@ class ReferencePack(Record, frozen=True, omit_defaults=True):
     def rows_of(
         self, play: TaskPlay | OpenPlay, columns: Iterable[int] | None = None
     ) -> tuple[ReferenceRow, ...]:
-        """Return the results under a condition; ``columns`` selects distractor counts (or attempts) if given."""
+        """Return the rows under a condition, with results for ``columns`` if these are given."""
         rows = tuple(row for row in self.rows if row.play == play)
         if columns is None:
             return rows
         wanted = list(columns)
-        return tuple(kept for row in rows if (kept := row.at(wanted)).figures)
+        selected = [row.at(wanted) for row in rows]
+        return tuple(row for row in selected if row.figures)
 
 
 def read_pack(path: Path) -> ReferencePack:
@@ -254,7 +257,8 @@ def read_pack(path: Path) -> ReferencePack:
     """
     pack = read_record(path, ReferencePack)
     for number, row in enumerate(pack.rows, 1):
-        if wrong := _contradiction(pack, row):
+        wrong = _contradiction(pack, row)
+        if wrong:
             raise ArtefactError(
                 f"{path} is damaged: row {number}, '{row.player}', {wrong}. Restore a copy."
             )
@@ -262,36 +266,35 @@ def read_pack(path: Path) -> ReferencePack:
 
 
 def read_packs(folder: Path = PACK) -> tuple[ReferencePack, ...]:
-    """Read all reference files in a folder with :func:`read_pack`, in the order of the file names."""
+    """Read all reference files in a folder with :func:`read_pack`, in the order of the names."""
     return tuple(read_pack(path) for path in sorted(folder.glob("*.json")))
 
 
+# Read once a process: several commands and pages look rows up, and the files do not change.
 @cache
 def _packs() -> tuple[ReferencePack, ...]:
     return read_packs()
 
 
 def pack_of(graph: Hash, split: Hash | None) -> ReferencePack | None:
-    """Return the published results for a graph and split, given by content hash (None: any split), or None."""
+    """Return the reference pack for a graph and split; None without one.
+
+    Graph and split are content hashes; None as a split is any split.
+    """
     for pack in _packs():
-        if (
-            pack.graph is not None
-            and pack.graph.hash == graph
-            and split in (None, pack.graph.split)
-        ):
+        played = pack.graph
+        if played is not None and played.hash == graph and split in (None, played.split):
             return pack
     return None
 
 
 def literature(measures: Sequence[Measure]) -> tuple[ReferenceRow, ...]:
     """Return the results from the literature that have one of these measures."""
-    return tuple(
-        row
-        for pack in _packs()
-        if pack.graph is None
-        for row in pack.rows
-        if row.measure in measures
-    )
+    rows: list[ReferenceRow] = []
+    for pack in _packs():
+        if pack.graph is None:
+            rows += [row for row in pack.rows if row.measure in measures]
+    return tuple(rows)
 
 
 def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
@@ -303,46 +306,60 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
         The condition; None for rules that differ from the defaults, which no row of a pack is
         about.
     """
-    config, usual = tasks.environment(part), WordCraftConfig
+    config = tasks.environment(part)
+    # Rewards do not matter: success counts goals.
     rules = ("distractor_weighting", "distractor_policy", "ambiguity", "task_weighting")
-    if any(getattr(config, name) != getattr(usual, name) for name in rules):
-        return None
+    for name in rules:
+        if getattr(config, name) != getattr(WordCraftConfig, name):
+            return None
     return TaskPlay(part, config.depth, config.attempts)
 
 
 def figures_of(
     values: Mapping[int, Estimate], by_plan: Mapping[int, float] | None = None
 ) -> dict[str, MeasuredValue]:
-    """Convert values with bounds, by distractor count (or attempts), to results rounded to six digits."""
+    """Convert values to results rounded to six digits.
+
+    Args:
+        values: value, lower and upper bound, by distractor count or attempt count.
+        by_plan: success by the task's own recipes, by distractor count; None if not measured.
+    """
     own = by_plan or {}
 
     def rounded(value: float | None) -> float | None:
         return None if value is None else round(value, 6)
 
-    return {
-        str(column): MeasuredValue(
-            round(value, 6), rounded(low), rounded(high), rounded(own.get(column))
+    results = {}
+    for column, (value, low, high) in values.items():
+        results[str(column)] = MeasuredValue(
+            value=round(value, 6),
+            low=rounded(low),
+            high=rounded(high),
+            by_plan=rounded(own.get(column)),
         )
-        for column, (value, low, high) in values.items()
-    }
+    return results
 
 
 def _contradiction(pack: ReferencePack, row: ReferenceRow) -> str:
     if pack.graph is None:
         if row.origin != "literature" or not row.environment or row.year is None:
-            return "has no graph; expected a row from the literature with an 'environment' and a 'year'"
+            expected = "a row from the literature with an 'environment' and a 'year'"
+            return f"has no graph; expected {expected}"
     elif row.origin != "ours" or row.play is None:
         return "has a graph; expected origin 'ours' and the tasks in 'play'"
     elif (row.measure == "success") != isinstance(row.play, TaskPlay):
         return f"has the measure '{row.measure}', which does not fit its play"
-    return next(
-        filter(None, (_fault(row, column, figure) for column, figure in row.figures.items())), ""
-    )
+    for column, figure in row.figures.items():
+        fault = _fault(row, column, figure)
+        if fault:
+            return fault
+    return ""
 
 
 def _fault(row: ReferenceRow, column: str, figure: MeasuredValue) -> str:
     ends = [end for end in (figure.low, figure.high) if end is not None]
     own = figure.value if figure.by_plan is None else figure.by_plan
+    # ASCII as well, because isdigit() is true for digits of other scripts, which int() reads, too.
     if not (column.isascii() and column.isdigit()):
         return f"has the column '{column}', which is not a number"
     if len(ends) == 1 or ends != sorted(ends):

@@ -1,4 +1,4 @@
-"""Results for comparison: published results, scripted players measured now, and the user's results."""
+"""Tables of results: published ones, scripted players measured now, and the user's own."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,6 +14,7 @@ from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.evaluation.discovery import view_discovery
 from wordcraft_kg.evaluation.players import view_baselines
 from wordcraft_kg.evaluation.reference import (
+    Estimate,
     Kind,
     Measure,
     OpenPlay,
@@ -101,11 +102,18 @@ def view_references(
     measures: list[Measure] = ["success"]
     split: str | None = opened.split.hash
     if isinstance(play, OpenPlay):
-        columns, measures, split = MARKS, ["entities known", "new combinations"], None
+        # All recipes take part, so results do not depend on the split.
+        split = None
+        columns = MARKS
+        measures = ["entities known", "new combinations"]
     pack = pack_of(opened.graph.hash, split)
     known = pack.rows_of(play, columns) if pack else ()
+    # The user's paths come first, because a wrong one should fail before minutes of play.
     own = external_rows(opened, play, columns, external)
-    missing = [column for column in columns if not any(str(column) in row.figures for row in known)]
+    published: set[str] = set()
+    for row in known:
+        published |= row.figures.keys()
+    missing = [column for column in columns if str(column) not in published]
     now = scripted_rows(opened, play, missing) if missing else ()
     return ReferenceTable(
         graph=PlayedGraph.of(opened),
@@ -145,11 +153,9 @@ def scripted_rows(
     Returns:
         A row for each player.
     """
-    return tuple(
-        _task_rows(opened, play, columns)
-        if isinstance(play, TaskPlay)
-        else _open_rows(opened, play)
-    )
+    if isinstance(play, TaskPlay):
+        return tuple(_task_rows(opened, play, columns))
+    return tuple(_open_rows(opened, play))
 
 
 def scorer_rows(
@@ -177,10 +183,13 @@ def _own_scorers(
     paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> Sequence[ReferenceRow]:
     models = [(path.name, open_model(path, opened.source)) for path in paths]
-    rows = (row for named in models for row in scorer_rows(opened, play, columns, *named))
+    rows: list[ReferenceRow] = []
+    for name, model in models:
+        rows += scorer_rows(opened, play, columns, name, model)
     return [msgspec.structs.replace(row, origin="external") for row in rows]
 
 
+# Here and not beside the reader of agents, because scripted players measure a scorer.
 READERS["scorers"] = ResultReader(MODEL, is_model, _own_scorers)
 
 
@@ -197,21 +206,24 @@ def _task_rows(
         num_distractors=max(columns, default=0),
     )
     view = view_baselines(opened, opened.graph.name, config, columns, model, seed=_SEED)
-    options = f"--part {play.part} --depth {play.depth} --distractors {','.join(map(str, columns))}"
+    listed = ",".join(map(str, columns))
+    options = f"--part {play.part} --depth {play.depth} --distractors {listed}"
     if model:
         options += f" --scorer {model[0]}"
-    played = [row for row in view.rows if not row.goals]
-    of = {(row.player, row.distractors): (row.success, row.low, row.high) for row in played}
-    own = {(row.player, row.distractors): row.by_plan for row in played}
-    for player in dict.fromkeys(row.player for row in played):
+    # Rows of a group of goals have no place in a table with one result for each count.
+    estimates: dict[str, dict[int, Estimate]] = {}
+    by_plan: dict[str, dict[int, float]] = {}
+    for row in view.rows:
+        if not row.goals:
+            estimate = (row.success, row.low, row.high)
+            estimates.setdefault(row.player, {})[row.distractors] = estimate
+            by_plan.setdefault(row.player, {})[row.distractors] = row.by_plan
+    for player, values in estimates.items():
         yield ReferenceRow(
             player=player,
             kind=_kind(player),
             measure="success",
-            figures=figures_of(
-                {column: of[player, column] for column in columns},
-                {column: own[player, column] for column in columns},
-            ),
+            figures=figures_of(values, by_plan[player]),
             origin="ours",
             source=f"wordcraft-kg evaluate-agent {opened.graph.name} {options}",
             play=play,
@@ -227,13 +239,14 @@ def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
         opened.graph, _OPEN_PLAYERS, attempts=MARKS[-1], runs=RUNS, seed=_SEED, base=play.base
     )
     for player, known in view.players.items():
+        values: dict[int, Estimate] = {
+            int(mark): (at.mean, at.low, at.high) for mark, at in known.items()
+        }
         yield ReferenceRow(
             player=player,
             kind=_kind(player),
             measure="entities known",
-            figures=figures_of(
-                {int(mark): (at.mean, at.low, at.high) for mark, at in known.items()}
-            ),
+            figures=figures_of(values),
             origin="ours",
             source=f"wordcraft-kg discover {opened.graph.name} --base '{','.join(play.base)}'",
             play=play,
@@ -254,7 +267,9 @@ def _merged(
     more = {row.player: row for row in now}
     rows = []
     for row in known:
-        figures = row.figures | (more.pop(row.player).figures if row.player in more else {})
+        # A player with published results keeps its row, and gets the columns measured now.
+        measured = more.pop(row.player).figures if row.player in more else {}
+        figures = row.figures | measured
         rows.append(msgspec.structs.replace(row, figures=figures).at(columns))
     return rows + list(more.values())
 

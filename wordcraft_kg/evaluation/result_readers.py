@@ -1,10 +1,12 @@
-"""Readers for external results (results from the user) in comparison tables, and the reader for agent runs.
+"""Readers for external results (results from the user), and the reader for agent runs.
 
-An app registers a :class:`ResultReader` by an entry point in the group ``wordcraft_kg.result_readers``.
+An app registers a :class:`ResultReader` by an entry point in the group
+``wordcraft_kg.result_readers``.
 """
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
@@ -36,7 +38,7 @@ from wordcraft_kg.runs.record import RUN_FILE, run_folders
 
 
 def over(unit: str, *, seeds: int = 1) -> str:
-    """Return how the interval of success is made, in words; ``unit`` names the groups of tasks, such as goals."""
+    """Return how the interval of success is made; ``unit`` names the groups of tasks, as goals."""
     return f"95 %, over seeds and {unit}" if seeds > 1 else f"95 %, bootstrap over {unit}"
 
 
@@ -76,20 +78,21 @@ _NO_RESULT = (
     "checkpoint_every",
 )
 _SHOWN = ("steps", "distractors")
-"""Training settings that do not change the figures, and settings with a separate column or remark."""
+"""Settings with a column or remark of their own; those before do not change the results."""
 
 
 @dataclass(frozen=True)
 class ResultReader:
     """Functions that read external results in a certain file format.
 
-    The functions raise ConfigError for results on different tasks, GraphMismatchError for results on a different graph
-    or split, and ArtefactError for a damaged file.
+    The functions raise ConfigError for results on different tasks, GraphMismatchError for results
+    on a different graph or split, and ArtefactError for a damaged file.
 
     Attributes:
         expected: description of the format, for the error about an unknown path.
         knows: return whether a path, which need not exist, has this format.
-        task_rows: return success on crafting tasks from paths, graph and split, tasks, and distractor counts.
+        task_rows: return success on crafting tasks from paths, graph and split, tasks, and
+            distractor counts.
         open_rows: return known entities in open-ended play; None if not supported.
         games: return the games on tasks from a path; None if not supported.
     """
@@ -126,6 +129,8 @@ def external_rows(
     readers = list(READERS.values())
     if isinstance(play, OpenPlay):
         readers = [reader for reader in readers if reader.open_rows]
+    # A reader gets all its paths at once, because several runs may be seeds of one agent. All
+    # formats are recognised before anything is read.
     of: dict[ResultReader, list[Path]] = {reader: [] for reader in readers}
     for path in paths:
         of[_reader_of(path, readers)].append(path)
@@ -147,9 +152,12 @@ def read_table_games(opened: OpenedGraph, path: Path) -> tuple[TableGame, ...]:
     games = tuple(reader.games(path, opened))
     if not games:
         raise ConfigError(f"'{path}' has no games on tasks.")
-    if unknown := {label for game in games for label in (game.goal, *game.table)}.difference(
-        opened.graph.entities
-    ):
+    # The hash in the file may be right and a label still wrong, if the file was edited.
+    labels: set[str] = set()
+    for game in games:
+        labels.update((game.goal, *game.table))
+    unknown = labels.difference(opened.graph.entities)
+    if unknown:
         raise ArtefactError(
             f"'{path}' is damaged: {opened.graph.name} has no entity '{min(unknown)}'."
         )
@@ -169,6 +177,7 @@ def begins_with(path: Path, form: str) -> bool:
     """Return whether a path is a file that names the format ``form`` in the first line."""
     if not path.is_file():
         return False
+    # Bounded: a file of another kind may be a single line of many gigabytes.
     with path.open("rb") as file:
         return form.encode() in file.readline(10_000)
 
@@ -187,7 +196,8 @@ def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
     """
     if has != wanted:
         raise GraphMismatchError(
-            f"'{path}' was played on {name} {has[:12]}, but GRAPH has {wanted[:12]}. Use the graph of the result."
+            f"'{path}' was played on {name} {has[:12]}, but GRAPH has {wanted[:12]}. Use the graph "
+            "of the result."
         )
 
 
@@ -205,8 +215,9 @@ def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
     if its != play:
         attempts = f" --attempts {its.attempts}" if its.attempts != its.depth else ""
         raise ConfigError(
-            f"--external-results: '{name}' has {_in_words(its)}, but the table has {_in_words(play)}; add "
-            f"--part {its.part} --depth {its.depth}{attempts}, or remove '{name}'."
+            f"--external-results: '{name}' has {_in_words(its)}, but the table has "
+            f"{_in_words(play)}; add --part {its.part} --depth {its.depth}{attempts}, "
+            f"or remove '{name}'."
         )
 
 
@@ -228,16 +239,17 @@ def agent_rows(
     Raises:
         ConfigError: if an agent plays other tasks, or with none of these distractor counts.
     """
-    for agent in (agent for members in groups.values() for agent in members):
+    everyone = list(chain.from_iterable(groups.values()))
+    for agent in everyone:
         its = play_of(agent.config.tasks, play.part)
         if its is None:
             raise ConfigError(
-                f"--external-results: '{agent.name}' has different task settings than the table: {agent.config.tasks}."
+                f"--external-results: '{agent.name}' has different task settings than the table: "
+                f"{agent.config.tasks}."
             )
         check_tasks(agent.name, its, play)
-    world = World(
-        opened, next(iter(groups.values()))[0].config.tasks.environment(play.part, columns[0])
-    )
+    # All agents have the table's tasks, so the first one's settings make the world for all.
+    world = World(opened, everyone[0].config.tasks.environment(play.part, columns[0]))
     estimates: dict[str, dict[int, Estimate]] = {name: {} for name in groups}
     own: dict[str, dict[int, float]] = {name: {} for name in groups}
     for column in columns:
@@ -245,24 +257,21 @@ def agent_rows(
         for name, members in steps("evaluating agents", groups.items()):
             if can_play(members[0], column):
                 played = [evaluator(PolicyPlayer(agent.policy)) for agent in members]
+                # Rates by task: the interval resamples seeds and groups of tasks.
                 rates = [result.success.mean(axis=1) for result in played]
                 mean = sum(float(rate.mean()) for rate in rates) / len(rates)
-                own[name][column] = sum(float(result.by_plan.mean()) for result in played) / len(
-                    rates
-                )
+                by_plan = [float(result.by_plan.mean()) for result in played]
+                own[name][column] = sum(by_plan) / len(by_plan)
                 estimates[name][column] = (mean, *rate_interval(rates, played[0].groups))
     rows = []
     for name, members in groups.items():
         if not estimates[name]:
             raise ConfigError(
-                f"--external-results: '{name}' plays with {members[0].config.tasks.distractors} distractors only; "
-                f"add this number to --distractors {','.join(map(str, columns))}."
+                f"--external-results: '{name}' plays with {members[0].config.tasks.distractors} "
+                f"distractors only; add this number to --distractors {','.join(map(str, columns))}."
             )
-        rows.append(
-            _agent_row(
-                name, members, figures_of(estimates[name], own[name]), play, origin, evaluator
-            )
-        )
+        figures = figures_of(estimates[name], own[name])
+        rows.append(_agent_row(name, members, figures, play, origin, evaluator))
     return tuple(rows)
 
 
@@ -275,11 +284,8 @@ def _agent_row(
     evaluator: Evaluator,
 ) -> ReferenceRow:
     config = members[0].config
-    settings = {
-        key: str(value)
-        for key, value in config.differing().items()
-        if key not in _NO_RESULT + _SHOWN
-    }
+    hidden = (*_NO_RESULT, *_SHOWN)
+    settings = {key: str(value) for key, value in config.differing().items() if key not in hidden}
     steps_done = sorted({agent.metrics[-1].step if agent.metrics else 0 for agent in members})
     trained = {
         "steps": ", ".join(f"{number:,}" for number in steps_done),
@@ -318,7 +324,9 @@ def _is_run(path: Path) -> bool:
 def _own_agents(
     paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> Sequence[ReferenceRow]:
-    agents = [open_agent(folder, opened) for path in paths for folder in run_folders(path)]
+    # A path may be a run, or a folder with a run for each seed.
+    folders = chain.from_iterable(run_folders(path) for path in paths)
+    agents = [open_agent(folder, opened) for folder in folders]
     return agent_rows(group_agents(agents), opened, play, columns, "external")
 
 

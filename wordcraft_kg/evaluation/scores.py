@@ -1,4 +1,4 @@
-"""Triple scores, also for words outside the graph, and the best entities for a query's open slot."""
+"""Triple scores, also for words outside the graph, and best entities for a query's open slot."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +25,7 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 Known = Literal["train", "valid", "test", "new"]
-"""The split part with a recipe that gives a triple (train takes precedence), or ``new`` without such a recipe."""
+"""The split part with a recipe that gives a triple (train takes precedence), or ``new``."""
 
 
 class ScoredTriple(Record):
@@ -186,12 +186,16 @@ class ScoringModel:
         except ArtefactError as error:
             if graph is not None or needs_graph:
                 raise
+            # Scores need no graph; only parts of the split are missing then.
             return cls(load_scorer(folder), None, None, str(error))
         outside = OutsideEvidenceFinder.open(folder, model.opened)
         return cls(model.scorer, model.opened.split, model.kg, outside=outside)
 
     def known(self, triples: Ids) -> list[Known | None]:
-        """Return the split part of each triple, ids of shape (T, 3): see :data:`Known`; None without the graph."""
+        """Return the split part of each triple, ids of shape (T, 3), see :data:`Known`.
+
+        Without the graph, all parts are None.
+        """
         if self.split is None:
             return [None] * len(triples)
         names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
@@ -202,7 +206,10 @@ class ScoringModel:
         return [names[number] for number in part.tolist()]
 
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
-        """Return calibrated probabilities for triples, ids of shape (T, 3); None for triples ``known`` from train."""
+        """Return calibrated probabilities for triples, ids of shape (T, 3).
+
+        A triple that is ``known`` from train has none: it is true, and calibration is for new ones.
+        """
         folds = folds_of(self.scorer)
         if folds is None or folds.probabilities is None:
             return [None] * len(triples)
@@ -223,47 +230,47 @@ class ScoringModel:
             The entities, best first; equal scores in id order.
         """
         everything = torch.arange(len(self.scorer.entities))
-        head, tail = (everything if slot is None else slot for slot in (query.head, query.tail))
+        head = everything if query.head is None else query.head
+        tail = everything if query.tail is None else query.tail
         scores = self.scorer.score(head, query.relation, tail).cpu()
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
+        # Without a filter the first ones are the answer, and parts of all others need no look-up.
         if not new_only:
             order = order[:top]
-        heads, tails = (
-            order if slot is None else int(self.scorer.entity_ids(slot))
-            for slot in (query.head, query.tail)
-        )
+        heads = order if query.head is None else int(self.scorer.entity_ids(query.head))
+        tails = order if query.tail is None else int(self.scorer.entity_ids(query.tail))
         triples = _triples(heads, RELATIONS.index(query.relation), tails)
         known = self.known(triples)
-        rows = zip(order.tolist(), known, self.probabilities(triples, known), strict=True)
-        kept = [(entity, *rest) for entity, *rest in rows if not new_only or rest[0] == "new"][:top]
-        return [
-            ScoredEntity(self.scorer.entities[entity], float(scores[entity]), *rest)
-            for entity, *rest in kept
-        ]
+        chances = self.probabilities(triples, known)
+        kept = [i for i in range(len(order)) if not new_only or known[i] == "new"]
+        best = []
+        for i in kept[:top]:
+            label = self.scorer.entities[int(order[i])]
+            best.append(ScoredEntity(label, float(scores[int(order[i])]), known[i], chances[i]))
+        return best
 
 
 def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
-    return np.stack(np.broadcast_arrays(np.atleast_1d(heads), relation, tails), axis=1).astype(
-        np.int64
-    )
+    columns = np.broadcast_arrays(np.atleast_1d(heads), relation, tails)
+    return np.stack(columns, axis=1).astype(np.int64)
 
 
 def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
     """Score a triple, and rank its head and its tail among all entities."""
-    scorer, (head, relation, tail) = model.scorer, _labels(query)
+    scorer = model.scorer
+    head, relation, tail = _labels(query)
     ((_, known, probability),) = _scores(model, [(head, relation, tail)])
-    tails, heads = (
-        scorer.top(head, relation, None, limit=None),
-        scorer.top(None, relation, tail, limit=None),
-    )
+    # Whole lists: the rank is the place, known triples included.
+    tails = [name for name, _ in scorer.top(head, relation, None, limit=None)]
+    heads = [name for name, _ in scorer.top(None, relation, tail, limit=None)]
     return ScoredTriple(
         head=head,
         relation=relation,
         tail=tail,
         score=float(scorer.score(head, relation, tail)),
         known=known,
-        rank_as_tail=1 + [name for name, _ in tails].index(tail),
-        rank_as_head=1 + [name for name, _ in heads].index(head),
+        rank_as_tail=1 + tails.index(tail),
+        rank_as_head=1 + heads.index(head),
         trained_on=model.kg,
         probability=probability,
         by_words=model.by_words,
@@ -285,16 +292,15 @@ def view_open_slot(
     Returns:
         The entities, best first.
     """
-    best = tuple(model.answers(query, top, new_only=new_only))
-    if finder := model.outside:
-        links = [
-            (query.head or one.entity, query.relation, query.tail or one.entity) for one in best
-        ]
-        best = tuple(
-            msgspec.structs.replace(one, outside=finder.of_link(*link))
-            for one, link in zip(best, links, strict=True)
-        )
-    return OpenSlot(query.head, query.relation, query.tail, best, model.kg, model.by_words)
+    best = model.answers(query, top, new_only=new_only)
+    # Evidence only for the listed entities: looking it up is slow beside scoring.
+    if model.outside:
+        for i, one in enumerate(best):
+            head = query.head or one.entity
+            tail = query.tail or one.entity
+            outside = model.outside.of_link(head, query.relation, tail)
+            best[i] = msgspec.structs.replace(one, outside=outside)
+    return OpenSlot(query.head, query.relation, query.tail, tuple(best), model.kg, model.by_words)
 
 
 def score_queries(
@@ -311,6 +317,7 @@ def score_queries(
     Yields:
         A row for a full triple, up to ``top`` rows for a query with an open slot.
     """
+    # Full triples are scored in one batch, which is much faster than one by one.
     scores = iter(_scores(model, [_labels(query) for query in queries if not query.is_open]))
     for query in queries:
         line = query.line or 0
@@ -320,11 +327,15 @@ def score_queries(
                 yield ScoredRow(line, *_labels(query), score, None, part, chance)
             continue
         for rank, best in enumerate(model.answers(query, top, new_only=new_only), start=1):
-            head, tail = (
-                best.entity if slot is None else slot for slot in (query.head, query.tail)
-            )
             yield ScoredRow(
-                line, head, query.relation, tail, best.score, rank, best.known, best.probability
+                line=line,
+                head=query.head or best.entity,
+                relation=query.relation,
+                tail=query.tail or best.entity,
+                score=best.score,
+                rank=rank,
+                known=best.known,
+                probability=best.probability,
             )
 
 
@@ -334,7 +345,8 @@ def _scores(
     if not triples:
         return []
     head, relation, tail = zip(*triples, strict=True)
-    heads, tails = model.scorer.entity_ids(head), model.scorer.entity_ids(tail)
+    heads = model.scorer.entity_ids(head)
+    tails = model.scorer.entity_ids(tail)
     relations = torch.tensor([RELATIONS.index(label) for label in relation])
     ids = _triples(heads.cpu().numpy(), relations.numpy(), tails.cpu().numpy())
     known = model.known(ids)
@@ -392,6 +404,7 @@ def with_new_words(
         UnknownEntityError: if a word of an entity has no vector.
         QueryFileError: the same for queries of a file, with the line of the first such entity.
     """
+    # In the order of the queries, with the line where each new entity first stands.
     lines: dict[str, int | None] = {}
     known = frozenset(model.scorer.entities)
     for query in queries:
@@ -413,18 +426,21 @@ def with_new_words(
     return replace(model, scorer=scorer, by_words=tuple(lines))
 
 
+# A file of queries may name thousands of new entities; a few show what happened.
 _LISTED = 5
 
 
 def note_of_words(model: ScoringModel) -> list[str]:
-    """Return a note on new entities in queries, which are scored by their words; empty without any."""
+    """Return a note on new entities in queries, scored by their words; empty without any."""
     words = model.by_words
     if not words:
         return []
-    if len(words) == 1:  # a misspelt word may have a vector, too
+    # A single new entity may be a misspelling that has a vector, too: the nearest label helps then.
+    if len(words) == 1:
         known = model.scorer.entities[: -len(words)]
         return [
-            f"'{words[0]}' is not in the graph: scored by its words alone.{nearest(words[0], known)}"
+            f"'{words[0]}' is not in the graph: scored by its words alone."
+            f"{nearest(words[0], known)}"
         ]
     listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
     more = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""

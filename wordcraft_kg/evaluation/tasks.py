@@ -75,10 +75,9 @@ def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
 
 def _shown(env: WordCraftEnv, index: int) -> ShownTask:
     observation, _ = env.reset(options={"task": index})
-    task, table = (
-        env.task,
-        env.world.graph.labels(observation["table"][observation["action_mask"] == 1]),
-    )
+    task = env.task
+    # Slots without an entity have no label.
+    table = env.world.graph.labels(observation["table"][observation["action_mask"] == 1])
     return ShownTask(
         goal=task.goal,
         start=tuple(task.start),

@@ -1,4 +1,4 @@
-"""Training curves of agents: success, logged statistics and mixing weights λ; also for unfinished runs."""
+"""Training curves of agents, also of unfinished runs: success, statistics and mixing weights λ."""
 
 from collections.abc import Sequence
 from typing import Literal, get_args
@@ -60,30 +60,31 @@ class SeedCurve(Record):
 
 
 def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, ...]]:
-    """Return the mean success curve of an agent's runs by split part (test, train), with intervals over seeds."""
+    """Return mean success curves by split part (test, train), with intervals over seeds."""
     curves = {}
     for part in ("test", "train"):
         rows = _shared_rows(members, f"{part}_success")
-        points = [
-            CurvePoint(step, float(np.mean(seeds)), *(student_interval(seeds) or (None, None)))
-            for step, seeds in rows
-        ]
+        points = []
+        for step, seeds in rows:
+            low, high = student_interval(seeds) or (None, None)
+            points.append(CurvePoint(step, float(np.mean(seeds)), low, high))
         if points:
             curves[part] = tuple(points)
     return curves
 
 
 def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
-    """Return mean mixing weights λ over seeds by score source and action, in about :data:`_CURVE_POINTS` points."""
+    """Return mean mixing weights λ over seeds, by score source and action.
+
+    A curve has about :data:`_CURVE_POINTS` points.
+    """
     curves = []
     actions: tuple[Literal["first", "second"], ...] = ("first", "second")
     for source in (ALPHA.name, *source_names()):
         for action in actions:
             rows = _shared_rows(members, f"lambda_{source}_{action}")
-            points = [
-                (step, float(np.mean(seeds)))
-                for step, seeds in rows[:: max(1, len(rows) // _CURVE_POINTS)]
-            ]
+            every = max(1, len(rows) // _CURVE_POINTS)
+            points = [(step, float(np.mean(seeds))) for step, seeds in rows[::every]]
             if points:
                 curves.append(LambdaCurve(source, action, tuple(points)))
     return curves
@@ -100,6 +101,7 @@ def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurv
     for figure in FIGURES:
         curves = []
         for agent in members:
+            # Steps since the line before, which a line's means cover.
             lengths = np.diff([0, *(row.step for row in agent.metrics)])
             is_long = lengths * 2 >= np.median(lengths) if len(lengths) else lengths
             points = [
@@ -117,10 +119,9 @@ def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurv
 
 
 def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[float]]]:
-    rows = [
-        {row.step: row.figures[key] for row in agent.metrics if key in row.figures}
-        for agent in members
-    ]
-    return [
-        (step, [row[step] for row in rows]) for step in sorted(set.intersection(*map(set, rows)))
-    ]
+    by_run = []
+    for agent in members:
+        by_run.append({row.step: row.figures[key] for row in agent.metrics if key in row.figures})
+    # Only steps that all runs have reached: a mean over fewer seeds would jump where a run ends.
+    shared = sorted(set.intersection(*map(set, by_run)))
+    return [(step, [values[step] for values in by_run]) for step in shared]

@@ -21,25 +21,28 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
         curves: known entities after each attempt of each run, by
             :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
     """
+    # Every attempt, and not only the marks of the view: a curve needs all its points.
     table = summarise_curves(curves, range(view.attempts + 1))
     colours = {name: number for number, name in enumerate((*view.players, _PEOPLE))}
     known: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     repeated: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
-    columns = (
-        table[name].tolist() for name in ("player", "attempt", "mean", "low", "high", "repeated")
-    )
-    for name, attempt, mean, low, high, repeat in zip(*columns, strict=True):
+    for row in table.itertuples():
         # Bounds are equal if all runs agree, and NaN for a single run.
-        known[name].append((attempt, mean, *((low, high) if low < high else (None, None))))
-        repeated[name].append((attempt, repeat, None, None))
+        has_interval = row.low < row.high
+        low = row.low if has_interval else None
+        high = row.high if has_interval else None
+        known[row.player].append((row.attempt, row.mean, low, high))
+        repeated[row.player].append((row.attempt, row.repeated, None, None))
     known[_PEOPLE] = [
         (attempt, mean, None, None)
         for attempt, mean in HUMAN_CURVE.items()
         if attempt <= view.attempts
     ]
-    repeats = {
-        name: points for name, points in repeated.items() if any(point[1] for point in points)
-    }
+    # Players that never repeat a pair are named in the text: their curves would all lie at 0.
+    repeats = {}
+    for name, points in repeated.items():
+        if any(share for _, share, _, _ in points):
+            repeats[name] = points
     about = "Mean number of entities known after each attempt"
     pictures = {"known": charts.curves(known, "attempts", "entities known", about, colours=colours)}
     if repeats:

@@ -12,6 +12,7 @@ from wordcraft_kg.evaluation.links import (
     has_few_test_recipes,
 )
 from wordcraft_kg.graphs.triples import RELATIONS
+from wordcraft_kg.models.scorers.ranking import RankingMetrics
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.pages import Report, render_page
@@ -66,14 +67,14 @@ def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Rep
 def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
     if not view.probabilities:
         return {}
-    series = {
-        f"{row.relation}{', itself' if row.pairs == 'itself' else ''}": [
-            (estimate.probability, estimate.observed, estimate.low, estimate.high, estimate.triples)
-            for estimate in row.bins
-        ]
-        for row in view.probabilities
-        if not row.reason
-    }
+    series = {}
+    for row in view.probabilities:
+        # With a reason, all triples have one probability, which is a point and no curve.
+        if not row.reason:
+            name = f"{row.relation}, itself" if row.pairs == "itself" else row.relation
+            series[name] = [
+                (at.probability, at.observed, at.low, at.high, at.triples) for at in row.bins
+            ]
     return {
         "probabilities": charts.log_reliability(
             series, "Share of true triples against their probability"
@@ -82,22 +83,26 @@ def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
 
 
 def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
-    compared = [(view.model.name, view.metrics["all"])]
-    compared += [
-        (GLOSSARY[row.baseline].name, view.baselines[row.baseline]["all"])
-        for row in view.comparisons
-    ]
+    rows = [_interval_row(view.model.name, view.metrics["all"])]
+    # The order of the comparisons: the best baseline stands next to the model.
+    for row in view.comparisons:
+        name = GLOSSARY[row.baseline].name
+        rows.append(_interval_row(name, view.baselines[row.baseline]["all"]))
     return {
         "baselines": charts.intervals(
-            [
-                (name, (estimate.mrr or 0.0, *(estimate.mrr_ci or (None, None))))
-                for name, estimate in compared
-            ],
+            rows,
             "filtered MRR, with 95 % intervals",
             "Filtered MRR of the model and of each baseline",
             reference=view.metrics["all"].mrr,
         )
     }
+
+
+def _interval_row(
+    name: str, metrics: RankingMetrics
+) -> tuple[str, tuple[float, float | None, float | None]]:
+    low, high = metrics.mrr_ci or (None, None)
+    return name, (metrics.mrr or 0.0, low, high)
 
 
 def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
@@ -118,20 +123,19 @@ def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
 
 
 def comparison_page(view: LinkComparison) -> str:
-    """Render a comparison between link predictors as an HTML page: MRR, and differences to the first model."""
+    """Render a comparison of link predictors as an HTML page: MRR, and differences to the first."""
+    # The first model has no difference to itself and is drawn at 0, the line of the others.
+    differences_of = []
+    for model in view.models:
+        low, high = model.difference_ci or (None, None)
+        differences_of.append((model.name, (model.difference or 0.0, low, high)))
     mrr = charts.intervals(
-        [
-            (model.name, (model.mrr or 0.0, *(model.mrr_ci or (None, None))))
-            for model in view.models
-        ],
+        [_interval_row(model.name, model) for model in view.models],
         f"filtered MRR, 95 % over {view.unit}",
         "MRR of each model with its interval",
     )
     differences = charts.intervals(
-        [
-            (model.name, (model.difference or 0.0, *(model.difference_ci or (None, None))))
-            for model in view.models
-        ],
+        differences_of,
         f"difference of MRR to {view.models[0].name}, paired",
         f"Difference of each model's MRR to that of {view.models[0].name} with its interval",
         reference=0.0,

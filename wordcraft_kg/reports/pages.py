@@ -1,4 +1,4 @@
-"""HTML pages from the package's templates, readable offline, and reports: a page with files for numbers and tables."""
+"""HTML pages from the package's templates, readable offline, and reports: a page with files."""
 
 import base64
 import hashlib
@@ -41,8 +41,11 @@ class Outline:
         self.terms: dict[str, Term] = {}
 
     def heading(self, title: str, note: str = "") -> Markup:
-        """Record a section title; return the heading as HTML, with an anchor and an optional note."""
-        slug = anchor = re.sub(r"\W+", "-", title.lower()).strip("-") or "section"
+        """Record a section title; return the heading as HTML, with an anchor and perhaps a note."""
+        # A title without a letter, such as an emoji, needs an anchor, too.
+        slug = re.sub(r"\W+", "-", title.lower()).strip("-") or "section"
+        anchor = slug
+        # An anchor names one place, so equal titles get longer ones.
         while anchor in self.headings:
             anchor += f"-{slug}"
         self.headings[anchor] = title
@@ -52,9 +55,15 @@ class Outline:
         )
 
     def term(self, key: str, text: str | None = None) -> Markup:
-        """Record a glossary term (KeyError if unknown); return its name or ``text``, with the meaning as a tooltip."""
-        term = self.terms[key] = find_term(key)
-        shown = text or (f"{term.name} ({term.symbol})" if term.symbol else term.name)
+        """Record a glossary term; return its name or ``text``, with the meaning as a tooltip.
+
+        Raises:
+            KeyError: if the term is unknown.
+        """
+        term = find_term(key)
+        self.terms[key] = term
+        name = f"{term.name} ({term.symbol})" if term.symbol else term.name
+        shown = text or name
         return Markup('<abbr title="{}">{}</abbr>').format(term.meaning, shown)
 
 
@@ -107,7 +116,9 @@ def make_environment(*packages: str) -> jinja2.Environment:
 
 @cache
 def _environment(package: str) -> jinja2.Environment:
-    environment = make_environment(*([package] if package else []), "wordcraft_kg.reports")
+    # Templates of other packages extend the page of this one.
+    packages = [package] if package else []
+    environment = make_environment(*packages, "wordcraft_kg.reports")
     script = (files("wordcraft_kg.reports") / "templates" / "page.js").read_text(encoding="utf-8")
     environment.globals |= {
         "script": Markup(script),
@@ -162,6 +173,8 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
         ValueError: if a number is not finite or out of bounds; nothing is written.
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
+    # In a run folder, a training or another report may be writing: its lock is taken, and what a
+    # stopped writer has left is removed. Elsewhere nothing is shared.
     in_run = (out.parent / RUN_FILE).is_file()
     with locked(out.parent, "used") if in_run else nullcontext():
         if in_run:
@@ -170,6 +183,7 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
 
 
 def _write(report: Report[Any], out: Path, *, force: bool) -> None:
+    # All or nothing: readers see the old report until the new one is complete.
     with staged_folder(out, force=force) as folder:
         write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
         write_atomically(folder / "index.html", render(report))

@@ -164,11 +164,11 @@ def success_of(
 
 def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]:
     """Return the episode share for each termination reason, averaged over runs."""
-    shares = [result.shares() for result in results]
-    return {
-        termination: float(np.mean([share[termination] for share in shares]))
-        for termination in TERMINATION_REASONS
-    }
+    of_runs = [result.shares() for result in results]
+    shares: dict[TerminationReason, Share] = {}
+    for termination in TERMINATION_REASONS:
+        shares[termination] = float(np.mean([run[termination] for run in of_runs]))
+    return shares
 
 
 def slices_of(
@@ -196,8 +196,9 @@ def slices_of(
     split = agent.opened.split
     # The evaluator may have played a sample, so goals follow the order of the played tasks.
     goals = tasks.goals[results[0].tasks]
-    results_of_train = graph.recipes[split.is_in("train"), 2]
-    made = np.bincount(results_of_train, minlength=graph.num_entities)[goals]
+    train_results = graph.recipes[split.is_in("train"), 2]
+    num_made = np.bincount(train_results, minlength=graph.num_entities)
+    made = num_made[goals]
     layer = layers(graph)[goals]
     groups: dict[Slice, list[tuple[str, NDArray[np.bool_]]]] = {
         "train_recipes": list(binned(made, _TRAIN_RECIPES)),
@@ -205,8 +206,12 @@ def slices_of(
         "layer": [(NEVER, layer < 0), *binned(layer, _LAYERS)],
         "other_book": list(goal_groups(graph, goals, made_by_other_books).items()),
     }
-    rows = {name: slice_successes(dict(masks), results) for name, masks in groups.items()}
-    return {name: slices for name, slices in rows.items() if slices}
+    slices = {}
+    for name, masks in groups.items():
+        rows = slice_successes(dict(masks), results)
+        if rows:
+            slices[name] = rows
+    return slices
 
 
 def slice_successes(
@@ -222,5 +227,11 @@ def slice_successes(
     for name, mask in groups.items():
         if mask.any():
             interval = task_bootstrap(success[mask], results[0].groups[mask])
-            rows.append(SliceSuccess(name, int(mask.sum()), float(success[mask].mean()), interval))
+            row = SliceSuccess(
+                slice=name,
+                tasks=int(mask.sum()),
+                success=float(success[mask].mean()),
+                ci=interval,
+            )
+            rows.append(row)
     return tuple(rows)

@@ -273,8 +273,18 @@ def view_agents(
     tasks = len(evaluators[headline].tasks)
     return AgentsView(
         format="wordcraft-kg agent report 1",
-        graph=SharedGraph(graph.name, graph.hash, graph.num_entities, graph.num_recipes),
-        split=SharedSplit(split.config.kind, split.config.seed, split.hash, split.unit),
+        graph=SharedGraph(
+            name=graph.name,
+            hash=graph.hash,
+            entities=graph.num_entities,
+            recipes=graph.num_recipes,
+        ),
+        split=SharedSplit(
+            kind=split.config.kind,
+            seed=split.config.seed,
+            hash=split.hash,
+            unit=split.unit,
+        ),
         part=part,
         depth=first.config.tasks.depth,
         distractors=tuple(played),

@@ -231,10 +231,10 @@ def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[
     ranks = [ranking.rank_triples(run.scorer, queries, known) for run in contender.runs]
     metrics = [ranking.ranking_metrics(frame) for frame in ranks]
     averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
-    means: dict[str, Any] = {
-        name: float(np.mean([getattr(seed_metrics, name) for seed_metrics in metrics]))
-        for name in averaged
-    }
+    means: dict[str, Any] = {}
+    for name in averaged:
+        of_seeds = [getattr(seed_metrics, name) for seed_metrics in metrics]
+        means[name] = float(np.mean(of_seeds))
     # MRR is None only without queries, which compare() refuses.
     model = ComparedModel(
         queries=metrics[0].queries,
@@ -244,4 +244,5 @@ def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[
         seeds=tuple(run.seed for run in contender.runs if run.seed is not None),
         mrr_of_seeds=tuple(seed_metrics.mrr or 0.0 for seed_metrics in metrics),
     )
-    return model, np.mean([1 / frame["rank"].to_numpy(dtype=float) for frame in ranks], axis=0)
+    reciprocal_ranks = [1 / frame["rank"].to_numpy(dtype=float) for frame in ranks]
+    return model, np.mean(reciprocal_ranks, axis=0)

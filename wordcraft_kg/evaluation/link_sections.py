@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents import players
@@ -127,11 +128,8 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, .
 
     ``seed`` is the seed of the bootstrap.
     """
-    reciprocal_ranks = 1 / links.ranks["rank"].to_numpy(dtype=float)
-    others = {
-        name: 1 / ranks["rank"].to_numpy(dtype=float)
-        for name, ranks in links.baseline_ranks.items()
-    }
+    reciprocal_ranks = _reciprocal(links.ranks)
+    others = {name: _reciprocal(ranks) for name, ranks in links.baseline_ranks.items()}
     # The expectation over random orders, and not one order: its own luck would widen the interval.
     others["random"] = random_reciprocal_ranks(links.ranks)
     best_first = sorted(others, key=lambda name: -float(others[name].mean()))
@@ -145,8 +143,18 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, .
             verdict = "above"
         elif high < 0:
             verdict = "below"
-        rows.append(BaselineComparison(name, float(difference.mean()), (low, high), verdict))
+        row = BaselineComparison(
+            baseline=name,
+            difference=float(difference.mean()),
+            ci=(low, high),
+            verdict=verdict,
+        )
+        rows.append(row)
     return tuple(rows)
+
+
+def _reciprocal(ranks: pd.DataFrame) -> NDArray[np.float64]:
+    return np.asarray(1 / ranks["rank"].to_numpy(dtype=float))
 
 
 def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
@@ -174,12 +182,11 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
                 rows.append(SliceMetrics(**msgspec.structs.asdict(metrics), slice=name))
         return tuple(rows)
 
+    pairs = [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
     return DrillDown(
         seen_in_train=slices(between(seen, SEEN)),
         layer=slices([("not reachable", layer < 0), *between(layer, _LAYERS)]),
-        self_combination=slices(
-            [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
-        ),
+        self_combination=slices(pairs),
         # With all recipes in training every test recipe repeats a train recipe: itself.
         near_synonyms=() if links.is_full else slices(_near_synonyms(links)),
         other_book=slices(_by_other_book(links)),
@@ -221,7 +228,8 @@ def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple
     # Sorted ends are equal for a triple and its mirror, so duplicates show.
     ends[is_mirrored] = np.sort(ends[is_mirrored], axis=1)
     order = order[~ends.assign(relation=order["relation"]).duplicated()]
-    shown = labelled(links.graph, order.head(LISTED))[list(RankedTriple.__struct_fields__)]
+    fields = list(RankedTriple.__struct_fields__)
+    shown = labelled(links.graph, order.head(LISTED))[fields]
     # Lists of plain numbers: a record of NumPy numbers has no JSON form.
     columns = [shown[name].tolist() for name in shown]
     return tuple(RankedTriple(*row) for row in zip(*columns, strict=True))
@@ -244,7 +252,8 @@ def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
         scores[known[:, 0], known[:, 2]] = -np.inf
         # An entity with itself: models without an idea of roles score these pairs highest.
         np.fill_diagonal(scores, -np.inf)
-        for flat in np.argsort(-scores, axis=None, kind="stable")[: LISTED // 2].tolist():
+        best_first = np.argsort(-scores, axis=None, kind="stable")
+        for flat in best_first[: LISTED // 2].tolist():
             head, tail = divmod(flat, len(scores))
             score = float(scores[head, tail])
             # A small graph may have fewer free pairs than rows in the list.

@@ -145,7 +145,8 @@ class RecipeScoring:
         if split is not None:
             for part in get_args(Part):
                 parts |= dict.fromkeys(_keys(split.recipes(part)), part)
-        return cls(model, scorer, parts, frozenset(_keys(scorer.recipes.cpu().numpy())))
+        seen = frozenset(_keys(scorer.recipes.cpu().numpy()))
+        return cls(model, scorer, parts, seen)
 
     @cached_property
     def _has_self_results(self) -> bool:
@@ -204,8 +205,10 @@ class RecipeScoring:
         # Stable: equal scores keep the order of ids on every device.
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
         if new_only:
-            order = order[[part == "new" for part in self.known(rows[order])]]
-        return rows[order[:top]], scores[order[:top].copy()].tolist()
+            is_new = [part == "new" for part in self.known(rows[order])]
+            order = order[is_new]
+        best = order[:top].copy()
+        return rows[best], scores[best].tolist()
 
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
         """Yield scored recipes, ids of shape (n, 3), with their split parts and evidence."""

@@ -214,9 +214,8 @@ class ScoringModel:
         if folds is None or folds.probabilities is None:
             return [None] * len(triples)
         values = folds.probability(*torch.from_numpy(triples.copy()).T).tolist()
-        return [
-            None if part == "train" else value for value, part in zip(values, known, strict=True)
-        ]
+        pairs = zip(values, known, strict=True)
+        return [None if part == "train" else value for value, part in pairs]
 
     def answers(self, query: Query, top: int, *, new_only: bool = False) -> list[ScoredEntity]:
         """List the best entities for a query's open slot.
@@ -245,8 +244,14 @@ class ScoringModel:
         kept = [i for i in range(len(order)) if not new_only or known[i] == "new"]
         best = []
         for i in kept[:top]:
-            label = self.scorer.entities[int(order[i])]
-            best.append(ScoredEntity(label, float(scores[int(order[i])]), known[i], chances[i]))
+            entity = int(order[i])
+            candidate = ScoredEntity(
+                entity=self.scorer.entities[entity],
+                score=float(scores[entity]),
+                known=known[i],
+                probability=chances[i],
+            )
+            best.append(candidate)
         return best
 
 
@@ -324,7 +329,8 @@ def score_queries(
         if not query.is_open:
             score, part, chance = next(scores)
             if not new_only or part == "new":
-                yield ScoredRow(line, *_labels(query), score, None, part, chance)
+                head, relation, tail = _labels(query)
+                yield ScoredRow(line, head, relation, tail, score, None, part, chance)
             continue
         for rank, best in enumerate(model.answers(query, top, new_only=new_only), start=1):
             yield ScoredRow(
@@ -350,8 +356,9 @@ def _scores(
     relations = torch.tensor([RELATIONS.index(label) for label in relation])
     ids = _triples(heads.cpu().numpy(), relations.numpy(), tails.cpu().numpy())
     known = model.known(ids)
+    chances = model.probabilities(ids, known)
     scores = model.scorer.score(heads, relations, tails).tolist()
-    return list(zip(scores, known, model.probabilities(ids, known), strict=True))
+    return list(zip(scores, known, chances, strict=True))
 
 
 def view_file(

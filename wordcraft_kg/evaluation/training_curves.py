@@ -103,14 +103,16 @@ def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurv
         for agent in members:
             # Steps since the line before, which a line's means cover.
             lengths = np.diff([0, *(row.step for row in agent.metrics)])
+            # A run that has just begun has no lines, and no median.
             is_long = lengths * 2 >= np.median(lengths) if len(lengths) else lengths
-            points = [
-                (row.step, row.figures[figure])
-                for row, long in zip(agent.metrics, is_long, strict=True)
-                if figure in row.figures and (long or figure == "test_success")
-            ]
+            points = []
+            for row, long in zip(agent.metrics, is_long, strict=True):
+                is_mean = figure != "test_success"
+                if figure in row.figures and (long or not is_mean):
+                    points.append((row.step, row.figures[figure]))
             # Every n-th point counted from the end, because the last point matters most.
-            thinned = points[:: -max(1, len(points) // _CURVE_POINTS)][::-1]
+            every = max(1, len(points) // _CURVE_POINTS)
+            thinned = points[::-every][::-1]
             if thinned:
                 curves.append(SeedCurve(agent.config.trainer.seed, tuple(thinned)))
         if curves:

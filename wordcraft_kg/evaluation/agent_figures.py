@@ -17,7 +17,7 @@ from wordcraft_kg.evaluation.goal_groups import goal_groups
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskSet
 
-# Few train recipes are told apart one by one: success changes most between none, one and two.
+# Narrow bins for few train recipes, wide ones for many, because few goals have many.
 _TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 _LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 NEVER = "never"

@@ -455,7 +455,7 @@ def _entry(
     against_scorer: dict[int, agent_figures.AgainstScorer] = {}
     if members[0].policy.sources:
         _, alone = scorers[_scores_of(members[0])]
-        # The last one follows the strongest source: p if the agent has it, else w, else all.
+        # The last one is p alone if the agent has it, else w alone, else all sources.
         sources, played = list(alone.items())[-1]
         against_scorer = {
             amount: agent_figures.compare_with_scorer(runs, sources, played[amount])

@@ -67,6 +67,7 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
     scorer = load_scorer(folder)
+    # Scores of triples are bound to the ids of one graph; recipe scores compare words.
     if not isinstance(whole_of(scorer), RecipeScorer):
         check_scorer(scorer, graph)
         return Guides(Path(folder).name, scorer, None, knows_recipes=True)

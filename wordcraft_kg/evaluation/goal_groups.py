@@ -34,5 +34,6 @@ def goal_groups(
     """
     if made is None:
         return {}
+    # By label: the other book has ids of its own, and entities that this graph lacks.
     is_made = np.array([label in made for label in graph.labels(goals)], dtype=bool)
     return {MADE: is_made, NOT_MADE: ~is_made}

@@ -227,9 +227,11 @@ def _check_alike(reference: Model, contender: Contender) -> None:
 
 
 def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
+    # Filtered ranks: other true answers of a query do not compete, whichever part they are in.
     known = contender.runs[0].opened.graph.triples
     ranks = [ranking.rank_triples(run.scorer, queries, known) for run in contender.runs]
     metrics = [ranking.ranking_metrics(frame) for frame in ranks]
+    # Means over seeds of each metric, and no metric of mean ranks, which would favour many seeds.
     averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
     means: dict[str, Any] = {}
     for name in averaged:

@@ -200,6 +200,7 @@ def _by_other_book(links: RankedLinks) -> Iterator[tuple[str, NDArray[np.bool_]]
     """
     goals = links.ranks["tail"].to_numpy(dtype=np.int64)
     is_part = (links.ranks["relation"] != COMBINES_WITH).to_numpy()
+    # combinesWith says nothing about a goal, so only componentOf queries are grouped.
     groups = goal_groups(links.graph, goals, links.made_by_other_books)
     for name, mask in groups.items():
         yield f"{LINKS_TO} {name}", mask & is_part

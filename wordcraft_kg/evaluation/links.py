@@ -253,6 +253,7 @@ def summarise_links(view: LinkView, report: str) -> dict[str, Any]:
 
     A result is None without queries of the relation.
     """
+    # The names that the field uses in text; records have names that Python allows.
     slices = ("all", *RELATIONS)
     names = {
         "mrr": "mrr",
@@ -336,6 +337,7 @@ def _by_slice(
 
 
 def _with_leaked(links: RankedLinks) -> RankingMetrics:
+    # Nothing is left out for a model of the full graph.
     if links.is_full:
         return ranking_metrics(links.ranks)
     split = links.opened.split

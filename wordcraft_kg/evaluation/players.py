@@ -125,7 +125,7 @@ def view_evaluation(
     results = {amount: evaluator(player) for amount, evaluator in evaluators.items()}
     against_scorer = None
     if agent == "trained" and trained.policy.sources:
-        # The last one follows the strongest source: p if the agent has it, else w, else all.
+        # The last one is p alone if the agent has it, else w alone, else all sources.
         name, alone = list(scorer_alone(trained.policy.sources).items())[-1]
         against_scorer = {
             amount: compare_with_scorer([results[amount]], name, evaluator(alone))
@@ -181,6 +181,7 @@ def view_explanation(
     Returns:
         The episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`.
     """
+    # Without a number, tables are as in training.
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
     explained = explain_episodes(
         agent.policy, world, goal=goal, episodes=episodes, outside=agent.outside, task=task

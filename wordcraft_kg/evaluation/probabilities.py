@@ -98,7 +98,7 @@ def view_probabilities(
         if relation == COMBINES_WITH:  # both directions are the same fact
             candidates &= np.tri(size, dtype=bool)
         curves = scorer.probabilities.relations[relation]
-        # Entities with themselves have a calibration of their own: they are true far more often.
+        # Entities with themselves have a calibration of their own: they are true at another rate.
         for pairs, mask, curve in (
             ("distinct", ~itself, curves.distinct),
             ("itself", itself, curves.itself),

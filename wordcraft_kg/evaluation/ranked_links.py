@@ -103,6 +103,7 @@ class RankedLinks:
         """
         known = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
         scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
+        # These two need the scores of all pairs.
         if self.has_table:
             scorers["votes"] = VoteScorer(self.graph, known.recipes)
             scorers["neighbours"] = NeighbourScorer(self.graph, known.triples)

@@ -22,7 +22,7 @@ from wordcraft_kg.models.scorers.pair_features import LEAST_SHARE
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
 _Key = tuple[int, int, int]
-# The first recipes carry nearly all weight; more would push the result off the screen.
+# Supporting recipes are sorted by share; more would push the results off the screen.
 _SUPPORT = 3
 
 
@@ -166,7 +166,7 @@ class RecipeScoring:
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
 
     def scores(self, rows: Ids) -> torch.Tensor:
-        """Return scores, shape (n,), of recipes as ids (two ingredients, a result), shape (n, 3)."""
+        """Return scores, shape (n,), of recipes as ids (ingredients and result), shape (n, 3)."""
         return self.scorer.score_recipes(*torch.from_numpy(rows.copy()).T).cpu()
 
     def known(self, rows: Ids) -> list[Known | None]:

@@ -16,6 +16,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 
 PACK = Path(__file__).parent / "references"
+# A later format gets another number, so that an older package refuses the file with a reason.
 FORMAT = "wordcraft-kg references 1"
 Kind = Literal[
     "chance",
@@ -32,9 +33,11 @@ Measure = Literal["success", "entities known", "new combinations"]
 """Share of solved tasks; entities known after n attempts; pairs with a new result in n attempts."""
 Origin = Literal["ours", "literature", "external"]
 """Measured by this package, taken from a publication, or given by the user."""
+# A value, with the lower and the upper bound of its interval or None for both.
 Estimate = tuple[float, float | None, float | None]
 TRAINED_WITH = "trained with"
 """Agent setting: distractor count in training."""
+# As many digits as intervals of a hundred runs and some thousand episodes support.
 _DIGITS = {"success": 3, "entities known": 1, "new combinations": 0}
 
 
@@ -163,6 +166,7 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
             return f"{figure.value:g}"
         digits = _DIGITS[self.measure]
         value = f"{figure.value:.{digits}f}"
+        # Bounds are equal where no resample differs, as for an oracle: an interval would say nothing.
         if figure.low is None or figure.high is None or figure.low == figure.high:
             return value
         return f"{value} [{figure.low:.{digits}f}, {figure.high:.{digits}f}]"

@@ -39,11 +39,15 @@ from wordcraft_kg.models.scorers.folder import MODEL
 
 DISTRACTORS = (1, 2, 8)
 """Distractor counts in the published results, as in the paper."""
-_SEED, RUNS = 0, 100
+_SEED = 0
+RUNS = 100
 """Seed and run count for scripted players, the defaults in ``evaluate-agent`` and ``discover``."""
 _CHANCE = ("random", "random, distinct", "random-no-repeat", FEWEST_USES)
+# Players that know all recipes, those of the test tasks too.
 _ORACLES = ("recipe oracle", "greedy", "empowerment")
+# Players that need no model.
 _OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
+# The order of the rows: from chance to agents and people.
 _KINDS: tuple[Kind, ...] = get_args(Kind)
 _ALONE = ("u+v, self edges dropped", "w, best pair")
 """A scorer's players in the table, see :func:`~wordcraft_kg.agents.players.scorer_players`."""
@@ -203,6 +207,7 @@ def _task_rows(
         part=play.part,
         depth=play.depth,
         max_attempts=play.attempts,
+        # The largest table: a graph that is too small for it fails before anything is played.
         num_distractors=max(columns, default=0),
     )
     view = view_baselines(opened, opened.graph.name, config, columns, model, seed=_SEED)

@@ -127,6 +127,7 @@ def external_rows(
         GraphMismatchError: if a result is of another graph or split.
     """
     readers = list(READERS.values())
+    # Without the others, the error for an unknown path lists formats that would be read.
     if isinstance(play, OpenPlay):
         readers = [reader for reader in readers if reader.open_rows]
     # A reader gets all its paths at once, because several runs may be seeds of one agent. All
@@ -286,6 +287,7 @@ def _agent_row(
     config = members[0].config
     hidden = (*_NO_RESULT, *_SHOWN)
     settings = {key: str(value) for key, value in config.differing().items() if key not in hidden}
+    # Seeds of an agent may have been stopped at different steps.
     steps_done = sorted({agent.metrics[-1].step if agent.metrics else 0 for agent in members})
     trained = {
         "steps": ", ".join(f"{number:,}" for number in steps_done),
@@ -314,6 +316,7 @@ def _in_words(play: TaskPlay) -> str:
 
 def is_model(path: Path) -> bool:
     """Return whether a path is a model folder."""
+    # A model folder has a run record, too: the weights tell it from a run of an agent.
     return (path / WEIGHTS).is_file()
 
 

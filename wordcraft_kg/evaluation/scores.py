@@ -188,6 +188,7 @@ class ScoringModel:
                 raise
             # Scores need no graph; only parts of the split are missing then.
             return cls(load_scorer(folder), None, None, str(error))
+        # Only a model that was trained with outside knowledge has evidence from there.
         outside = OutsideEvidenceFinder.open(folder, model.opened)
         return cls(model.scorer, model.opened.split, model.kg, outside=outside)
 
@@ -198,6 +199,7 @@ class ScoringModel:
         """
         if self.split is None:
             return [None] * len(triples)
+        # In the order of the split's part numbers.
         names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
         # New entities are in no recipe: index -1 is "new".
         is_in_graph = (triples < self.split.graph.num_entities).all(axis=1)
@@ -427,6 +429,7 @@ def with_new_words(
     try:
         scorer = with_words(folder, model.scorer, tuple(lines), where=where)
     except UnknownEntityError as error:
+        # An error in a file is an error of the file, with its line.
         if file is None:
             raise
         raise QueryFileError(str(error)) from None

@@ -81,6 +81,7 @@ def _shown(env: WordCraftEnv, index: int) -> ShownTask:
     return ShownTask(
         goal=task.goal,
         start=tuple(task.start),
+        # Sorted, because the table's order is random and tells nothing.
         distractors=tuple(sorted(set(table) - set(task.start))),
         table=table,
         plans=tuple(map(tuple, task.plans)),

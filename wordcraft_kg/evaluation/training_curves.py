@@ -80,6 +80,7 @@ def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
     """
     curves = []
     actions: tuple[Literal["first", "second"], ...] = ("first", "second")
+    # A source that the agents do not have has no rows, and so no curve.
     for source in (ALPHA.name, *source_names()):
         for action in actions:
             rows = _shared_rows(members, f"lambda_{source}_{action}")

@@ -107,6 +107,7 @@ def make_environment(*packages: str) -> jinja2.Environment:
         finalize=lambda value: for_html(value) if isinstance(value, str) else value,
         trim_blocks=True,
         lstrip_blocks=True,
+        # A misspelt name in a template is an error, and not an empty place on the page.
         undefined=jinja2.StrictUndefined,
     )
     environment.globals["palette"] = plot
@@ -185,6 +186,7 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
 def _write(report: Report[Any], out: Path, *, force: bool) -> None:
     # All or nothing: readers see the old report until the new one is complete.
     with staged_folder(out, force=force) as folder:
+        # Checked first: a number out of bounds stops the report before the page shows it.
         write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
         write_atomically(folder / "index.html", render(report))
         for name, table in report.tables.items():

@@ -213,13 +213,14 @@ def _references(
 
 def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
     known = {}
-    for row in table.itertuples():
+    columns = [table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated")]
+    for attempt, mean, low, high, repeated in zip(*columns, strict=True):
         # A single run has NaN for an interval, and JSON has no NaN.
-        has_interval = not math.isnan(row.low)
-        known[str(row.attempt)] = KnownEntities(
-            mean=row.mean,
-            low=row.low if has_interval else None,
-            high=row.high if has_interval else None,
-            repeated=row.repeated,
+        has_interval = not math.isnan(low)
+        known[str(attempt)] = KnownEntities(
+            mean=mean,
+            low=low if has_interval else None,
+            high=high if has_interval else None,
+            repeated=repeated,
         )
     return known

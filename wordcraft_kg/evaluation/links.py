@@ -299,7 +299,7 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
     )
     if links.kg != "none":  # an untrained model has no coverage
         # The full graph covers all its entities by definition.
-        needed = [] if links.is_full else np.arange(graph.num_entities)
+        needed = np.arange(0 if links.is_full else graph.num_entities)
         uncovered = np.setdiff1d(needed, links.train_sample.recipes)
         detail = "all do"
         if len(uncovered):

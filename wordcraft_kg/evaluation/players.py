@@ -134,11 +134,11 @@ def view_evaluation(
     by_goal = None
     if trained.made_by_other_books is not None:
         by_goal = {}
-        for amount, result in results.items():
+        for count, result in results.items():
             # The evaluator may have played a sample of the tasks.
             goals = world.tasks.goals[result.tasks]
             groups = goal_groups(trained.opened.graph, goals, trained.made_by_other_books)
-            by_goal[amount] = slice_successes(groups, [result])
+            by_goal[count] = slice_successes(groups, [result])
     scores = None
     if agent == "kg-only":
         scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}"

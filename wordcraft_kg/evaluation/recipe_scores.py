@@ -250,7 +250,8 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
     def rank(slot: int) -> int:
         labels = list(query.slots)
         labels[slot] = None
-        scores = scoring.scores(scoring.rows(RecipeQuery(*labels)))
+        opened = RecipeQuery(labels[0], labels[1], labels[2])
+        scores = scoring.scores(scoring.rows(opened))
         # Optimistic for ties: entities with equal scores share the best rank.
         return 1 + int((scores > scores[row[0, slot]]).sum())
 

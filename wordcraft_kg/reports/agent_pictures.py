@@ -83,7 +83,7 @@ def pictures_of_figures(
     pictures = []
     for figure, title in FIGURES.items():
         series: dict[str, list[charts.CurvePoint]] = {}
-        colours = {}
+        colours: dict[str, int] = {}
         labels = {}
         for number, (agent, by_figure) in enumerate(figures.items()):
             for curve in by_figure.get(figure, ()):

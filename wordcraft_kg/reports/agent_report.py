@@ -72,7 +72,7 @@ def _success(view: AgentsView) -> Markup:
             rows.append((agent.name, (success.mean, low, high)))
     baselines = [(player.name, (player.success[headline], None, None)) for player in view.baselines]
     return charts.intervals(
-        rows + baselines,
+        [*rows, *baselines],
         f"success on {view.part} tasks, with 95 % intervals",
         "Success of the agents and of scripted players",
         reference=rows[0][1][0] if rows else None,

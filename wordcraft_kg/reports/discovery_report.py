@@ -26,13 +26,13 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
     colours = {name: number for number, name in enumerate((*view.players, _PEOPLE))}
     known: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     repeated: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
-    for row in table.itertuples():
+    names = ("player", "attempt", "mean", "low", "high", "repeated")
+    columns = [table[name].tolist() for name in names]
+    for player, attempt, mean, low, high, share in zip(*columns, strict=True):
         # Bounds are equal if all runs agree, and NaN for a single run.
-        has_interval = row.low < row.high
-        low = row.low if has_interval else None
-        high = row.high if has_interval else None
-        known[row.player].append((row.attempt, row.mean, low, high))
-        repeated[row.player].append((row.attempt, row.repeated, None, None))
+        bounds = (low, high) if low < high else (None, None)
+        known[player].append((attempt, mean, *bounds))
+        repeated[player].append((attempt, share, None, None))
     known[_PEOPLE] = [
         (attempt, mean, None, None)
         for attempt, mean in HUMAN_CURVE.items()

@@ -47,16 +47,16 @@ from wordcraft_kg.evaluation.reference import (
     figures_of,
     read_pack,
 )
-from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
-from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.studies.references import (
+from wordcraft_kg.evaluation.reference_table import (
     DISTRACTORS,
     in_order,
     open_play,
     scorer_rows,
     scripted_rows,
 )
-from wordcraft_kg.studies.result_readers import SEEN, over
+from wordcraft_kg.evaluation.result_readers import SEEN, over
+from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
+from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.studies.results import StudyResults
 
 PLAYS = ((TaskPlay("test", 1, 1), DISTRACTORS), (TaskPlay("test", 2, 2), (1, 8)))

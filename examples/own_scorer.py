@@ -6,10 +6,11 @@ Run it in an empty folder: it writes models/alike and runs/alike, in about ten s
 import torch
 
 from wordcraft_kg import AgentConfig, ImpalaConfig, TaskConfig, open_graph, save_scorer, train_agent
+from wordcraft_kg.evaluation.links import view_links
+from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.reports.link_report import make_link_report
 
 
 class AlikeScorer(Scorer):
@@ -35,7 +36,7 @@ def main() -> None:
 
     # The scorer has seen no recipe at all, so its scores for train tasks are not in-sample.
     save_scorer("models/alike", scorer, opened, kg="none", origin="cosine of GloVe vectors")
-    metrics = make_link_report(scorer, opened).view.metrics["all"]
+    metrics = view_links(rank_links(scorer, opened)).metrics["all"]
     print(f"MRR on unseen triples: {metrics.mrr:.3f}")
 
     tasks, trainer = TaskConfig(distractors=4), ImpalaConfig(steps=50_000)

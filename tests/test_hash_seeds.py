@@ -83,13 +83,16 @@ def link_models():
 
 
 def reports():
+    from wordcraft_kg.evaluation.links import view_links
+    from wordcraft_kg.evaluation.ranked_links import rank_links
     from wordcraft_kg.models.scorers.baselines import FrequencyScorer
     from wordcraft_kg.reports.link_report import make_link_report
     from wordcraft_kg.reports.pages import write_report
 
     opened = open_graph("kitchen")
     scorer = FrequencyScorer(opened.graph, opened.split.partial)
-    write_report(make_link_report(scorer, opened), Path("report"))
+    links = rank_links(scorer, opened)
+    write_report(make_link_report(view_links(links), links.labelled_ranks), Path("report"))
 
 
 def maps():

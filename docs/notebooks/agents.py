@@ -28,7 +28,7 @@ from wordcraft_kg import (
 )
 from wordcraft_kg.agents.explanation import Explainer
 from wordcraft_kg.agents.players import knowledge_player, knowledge_players
-from wordcraft_kg.evaluation.agents import group_agents
+from wordcraft_kg.evaluation.agents import group_agents, view_agents
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.agent_report import make_agent_report
 from wordcraft_kg.reports.pages import chart_style
@@ -85,7 +85,7 @@ pd.DataFrame(
 # pair. The report by `wordcraft-kg compare` has the figures over seeds:
 
 # %%
-report = make_agent_report(group_agents(agents), distractors=[4])
+report = make_agent_report(view_agents(group_agents(agents), distractors=[4]))
 rows = {}
 for agent in report.view.agents:
     figures = agent.success["4"]

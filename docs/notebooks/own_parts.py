@@ -24,13 +24,14 @@ from wordcraft_kg import (
     train_agent,
 )
 from wordcraft_kg.agents.players import knowledge_player, pair_player
+from wordcraft_kg.evaluation.links import view_links
+from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs.splits import SPLITS, SplitKind
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.registry import register_source
 from wordcraft_kg.models.policies.sources.source import Source
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.reports.link_report import make_link_report
 
 opened = open_graph("kitchen")
 
@@ -66,7 +67,7 @@ scorer.top("butter", "combinesWith", None, limit=4)
 # The link report ranks the unseen triples, next to baselines. `save_scorer` writes a model folder for all commands.
 
 # %%
-view = make_link_report(scorer, opened, kg="none").view
+view = view_links(rank_links(scorer, opened, kg="none"))
 mrr = {"alike": view.metrics["all"].mrr} | {name: row["all"].mrr for name, row in view.baselines.items()}
 print("95 % interval of alike: [{:.3f}, {:.3f}]".format(*view.metrics["all"].mrr_ci))
 pd.Series(mrr, name="MRR on unseen triples").round(3).to_frame()

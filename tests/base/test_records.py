@@ -117,6 +117,13 @@ def test_the_schema_has_the_descriptions_of_the_docstring():
     assert described == {"rows": "all rows, in order.", "by_name": "rows again."}
 
 
+def test_descriptions_go_to_the_names_in_json_and_to_records_inside_records():
+    schema = schema_of(dict[str, list[Longer]], "urn:x", "x")["$defs"]["Longer"]
+    assert schema["properties"]["hits@1"]["description"] == "share of first places."
+    assert schema["properties"]["again"]["description"] == "the same record, inside itself."
+    assert "description" not in schema["properties"]["name"]
+
+
 class Point(Record, array_like=True):
     """A point.
 
@@ -129,17 +136,10 @@ class Point(Record, array_like=True):
     y: float
 
 
-def test_a_record_that_is_written_as_an_array_has_its_descriptions_at_the_items():
-    schema = schema_of(Point, "urn:x", "x")["$defs"]["Point"]
-    items = [item["description"] for item in schema["prefixItems"]]
-    assert items == ["to the right.", "upwards."]
-
-
-def test_descriptions_go_to_the_names_in_json_and_to_records_inside_records():
-    schema = schema_of(dict[str, list[Longer]], "urn:x", "x")["$defs"]["Longer"]
-    assert schema["properties"]["hits@1"]["description"] == "share of first places."
-    assert schema["properties"]["again"]["description"] == "the same record, inside itself."
-    assert "description" not in schema["properties"]["name"]
+def test_items_of_a_record_that_is_written_as_an_array_are_described():
+    schema = schema_of(Point, "urn:point", "point")["$defs"]["Point"]
+    assert [item["description"] for item in schema["prefixItems"]] == ["to the right.", "upwards."]
+    assert schema["description"] == "A point."
 
 
 def test_a_class_inherits_descriptions_and_may_replace_them():

@@ -21,7 +21,7 @@ from wordcraft_kg.base.records import as_lines
 from wordcraft_kg.envs.open_ended import OpenEndedEnv
 from wordcraft_kg.evaluation import reference
 from wordcraft_kg.evaluation.reference import (
-    Figure,
+    MeasuredValue,
     OpenPlay,
     PlayedGraph,
     ReferencePack,
@@ -35,7 +35,7 @@ OPEN = ("reference", "kitchen", "--open-ended")
 
 
 def row(player, kind, figures, **more):
-    figures = {column: Figure(value) for column, value in figures.items()}
+    figures = {column: MeasuredValue(value) for column, value in figures.items()}
     settings = {
         "measure": "success",
         "origin": "ours",

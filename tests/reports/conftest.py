@@ -1,10 +1,10 @@
 """A trained model of the kitchen and its report, made once a session."""
 
 import pytest
+from link_reports import link_report
 
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.models.folder import open_model
-from wordcraft_kg.reports.link_report import make_link_report
 from wordcraft_kg.reports.pages import write_report
 
 
@@ -20,7 +20,7 @@ def kitchen_model(made_once):
 @pytest.fixture(scope="session")
 def kitchen_report(kitchen_model):
     """Shared by the tests."""
-    return make_link_report(
+    return link_report(
         kitchen_model.scorer,
         kitchen_model.opened,
         name="kitchen",
@@ -38,9 +38,7 @@ def report_folder(kitchen_report, tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def full_report(kitchen_model):
-    return make_link_report(
-        kitchen_model.scorer, kitchen_model.opened, kg="full", name="kitchen-full"
-    )
+    return link_report(kitchen_model.scorer, kitchen_model.opened, kg="full", name="kitchen-full")
 
 
 AWKWARD = "<i>&\"'</i>,"

@@ -19,7 +19,7 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.agents import AgentsView, group_agents
+from wordcraft_kg.evaluation.agents import AgentsView, group_agents, view_agents
 from wordcraft_kg.graphs import SplitConfig, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import train_links
@@ -38,6 +38,10 @@ def trained(home, runs, scorer=None):
     return [open_agent(home / name) for name in runs]
 
 
+def report_of(groups, **settings):
+    return make_agent_report(view_agents(groups, **settings))
+
+
 @pytest.fixture(scope="module")
 def agents(tmp_path_factory):
     """Two seeds of an attention agent and one run of an mlp."""
@@ -49,7 +53,7 @@ def agents(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def report(agents):
-    return make_agent_report(group_agents(agents), distractor_seeds=2)
+    return report_of(group_agents(agents), distractor_seeds=2)
 
 
 @pytest.fixture(scope="module")
@@ -151,9 +155,7 @@ def test_figures_of_a_few_updates_only_are_left_out_of_the_curves(agents):
         for step in (100, 200, 210)
     ]
     agent = replace(agents[0], metrics=rows)
-    training = (
-        make_agent_report({"one": [agent]}, distractor_seeds=1, episodes=0).view.agents[0].training
-    )
+    training = report_of({"one": [agent]}, distractor_seeds=1, episodes=0).view.agents[0].training
     assert training["loss"][0].points == ((100, 100), (200, 200))
     assert [step for step, _ in training["test_success"][0].points] == [100, 200, 210]
 
@@ -185,7 +187,7 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents
     )
     assert re.search(f"mlp is {verdict} +plain: +paired difference", first_line(report))
     assert "difference between agents may be due to the seeds" in first_line(report)
-    alone = first_line(make_agent_report({"one": [agents[0]]}, distractor_seeds=1, episodes=0))
+    alone = first_line(report_of({"one": [agents[0]]}, distractor_seeds=1, episodes=0))
     assert "difference" not in alone
     assert "One seed: another seed may give another figure." in alone
 
@@ -211,14 +213,14 @@ def test_bars_of_contributions_fill_the_width_at_the_largest_sum():
 def test_it_follows_its_schema_and_is_the_same_each_time(agents, report):
     jsonschema.Draft202012Validator.check_schema(schema_of(AgentsView, "urn:x", "x"))
     jsonschema.validate(as_values(report.view), schema_of(AgentsView, "urn:x", "x"))
-    again = make_agent_report(group_agents(agents), distractor_seeds=2)
+    again = report_of(group_agents(agents), distractor_seeds=2)
     assert again.view == report.view
     assert render(again) == render(report)
 
 
 def test_the_page_is_whole_needs_no_network_and_escapes_names(agents):
     odd = replace(agents[0], name="<b>odd & name</b>")
-    page = render(make_agent_report({odd.name: [odd]}, distractor_seeds=1, episodes=1))
+    page = render(report_of({odd.name: [odd]}, distractor_seeds=1, episodes=1))
     assert (Page(page).faults, Page(page).open) == ([], [])
     assert len(re.findall("<script", page)) == 1
     assert "://" not in page.replace("http://www.w3.org", "")
@@ -236,7 +238,7 @@ def test_agents_of_another_split_or_depth_cannot_be_compared(agents):
         (deeper, ConfigError, "plays with depth 2"),
     ):
         with pytest.raises(error, match=why):
-            make_agent_report({"a": [agents[0]], "b": [other]})
+            report_of({"a": [agents[0]], "b": [other]})
 
 
 def test_an_agent_is_compared_with_the_scores_that_it_saw_and_the_page_says_how(tmp_path):
@@ -246,7 +248,7 @@ def test_an_agent_is_compared_with_the_scores_that_it_saw_and_the_page_says_how(
     agents = trained(
         tmp_path, {name: (policy, TRAINER) for name, policy in policies.items()}, str(model)
     )
-    report = make_agent_report(group_agents(agents), part="train", distractor_seeds=1)
+    report = report_of(group_agents(agents), part="train", distractor_seeds=1)
     world = World(agents[0].opened, TASKS.environment("train"))
     assert [entry.cross_fitted for entry in report.view.agents] == [3, 0]
     html = render(report)

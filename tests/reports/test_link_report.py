@@ -17,6 +17,7 @@ import pandas as pd
 import pytest
 import torch
 from html_page import Page, text_of
+from link_reports import link_report
 from refusals import refuses
 
 from wordcraft_kg.base.errors import OutputExistsError, SplitError
@@ -50,7 +51,6 @@ from wordcraft_kg.models.scorers.ranking import (
     triple_groups,
 )
 from wordcraft_kg.reports.glossary import GLOSSARY
-from wordcraft_kg.reports.link_report import make_link_report
 from wordcraft_kg.reports.pages import render, write_report
 
 
@@ -63,7 +63,7 @@ def summary_of(report):
 
 
 def made(model, **more):
-    return make_link_report(model.scorer, model.opened, **more)
+    return link_report(model.scorer, model.opened, **more)
 
 
 def with_view(report, **changes):
@@ -114,7 +114,7 @@ def ranks(kitchen_model, graph, split):
 @pytest.fixture(scope="module")
 def whole_report(kitchen_model, opened):
     """Of the model of all train recipes, without its folds."""
-    return make_link_report(kitchen_model.scorer.whole, opened)
+    return link_report(kitchen_model.scorer.whole, opened)
 
 
 def triple_of(graph, row):
@@ -126,7 +126,7 @@ def table_scorer(graph, scores):
 
 
 def of_frequency(opened):
-    return make_link_report(FrequencyScorer(opened.graph, opened.split.partial), opened)
+    return link_report(FrequencyScorer(opened.graph, opened.split.partial), opened)
 
 
 def checks(values, key="passed"):
@@ -243,7 +243,7 @@ def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, 
 def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(
     opened, make, verdict, baseline
 ):
-    report = make_link_report(make(opened.graph, opened.split), opened)
+    report = link_report(make(opened.graph, opened.split), opened)
     best = report.view.comparisons[0]
     assert (best.verdict, best.baseline) == (verdict, baseline or best.baseline)
     assert (
@@ -348,7 +348,7 @@ def test_self_edges_are_never_listed_as_missing(opened, graph):
     scores = torch.zeros(2, graph.num_entities, graph.num_entities)
     scores[COMBINES_WITH].fill_diagonal_(1.0)
     scores[COMBINES_WITH, 0, 1] = 2.0
-    values = values_of(make_link_report(table_scorer(graph, scores), opened))
+    values = values_of(link_report(table_scorer(graph, scores), opened))
     assert {row["relation"] for row in values["perhaps_missing"]} == set(RELATIONS)
     assert all(row["head"] != row["tail"] for row in values["perhaps_missing"])
 
@@ -394,7 +394,7 @@ def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model, split, monkeypa
 def test_a_scorer_of_another_graph_fails_the_graph_check(kitchen_model, opened, graph):
     scores = torch.stack([kitchen_model.scorer.table(relation) for relation in RELATIONS])
     foreign = TableScorer(scores, graph.entities, "0" * 64)
-    assert not checks(values_of(make_link_report(foreign, opened)))["graph"]
+    assert not checks(values_of(link_report(foreign, opened)))["graph"]
 
 
 def test_entities_that_training_lacks_fail_the_coverage_check(graph):
@@ -424,8 +424,8 @@ def test_fewer_than_thirty_unseen_triples_are_an_error_that_suggests_another_rat
 def test_a_graph_without_a_split_has_nothing_to_report_but_memory(graph):
     opened = OpenedGraph(graph, make_split(graph, SplitConfig(kind="none")), "unsplit")
     with pytest.raises(SplitError, match="only 0 unseen"):
-        make_link_report(FrequencyScorer(graph, graph.triples), opened)
-    values = values_of(make_link_report(SymbolicScorer(graph, graph.triples), opened, kg="full"))
+        link_report(FrequencyScorer(graph, graph.triples), opened)
+    values = values_of(link_report(SymbolicScorer(graph, graph.triples), opened, kg="full"))
     SCHEMA.validate(values)
     assert values["metrics"]["all"]["mrr"] == 1
 
@@ -587,7 +587,7 @@ def test_labels_are_escaped_wherever_they_are_shown(awkward_graph, tmp_path):
     graph = awkward_graph.graph
     scorer = FrequencyScorer(graph, awkward_graph.split.partial)
     name = '</title><script>alert("1")</script>'
-    report = make_link_report(scorer, awkward_graph, name=name, provenance={"trained by": name})
+    report = link_report(scorer, awkward_graph, name=name, provenance={"trained by": name})
     write_report(report, tmp_path / "report")
     html = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
     page = Page(html)

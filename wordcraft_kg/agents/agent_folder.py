@@ -107,9 +107,10 @@ class OpenedAgent(AgentRun):
 
     @cached_property
     def made_by_other_books(self) -> frozenset[str] | None:
-        """Labels that another book in the scorer's training makes; None without, or if the scorer's folder is gone.
+        """Labels that another book in the scorer's training makes.
 
-        A folder that has changed gives a warning.
+        None without another book, or if the scorer's folder is gone. A folder that has changed
+        gives a warning.
         """
         weights = self.run.inputs.get("scorer")
         if self.config.scorer is None or weights is None or not Path(self.config.scorer).is_dir():

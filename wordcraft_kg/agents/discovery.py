@@ -24,18 +24,20 @@ Pair = tuple[int, int]
 Floats = NDArray[np.floating]
 
 HUMAN_CURVE = {1: 5.0, 10: 9.95, 20: 14.05, 50: 23.47, 100: 35.96, 200: 55.0, 300: 74.0, 500: 110.0}
-"""Mean number of entities known after n attempts at Little Alchemy 2 (720 entities, 4 at the start).
+"""Mean number of entities known after n attempts at Little Alchemy 2.
 
-The mean is over people who are still playing: 9 % of them after 500 attempts, the most persistent."""
+It has 720 entities, 4 at the start. The mean is over people who are still playing: 9 % of them
+after 500 attempts, the most persistent.
+"""
 HUMAN_SOURCE = (
     "12,100 players of Little Alchemy 2 (720 entities, 4 at the start), those still playing; "
     "Brändle et al. 2023"
 )
-"""Source for the curve: "Empowerment contributes to exploration behaviour in a creative video game", Nature Human
-Behaviour 7, 1481-1489."""
+"""Source for the curve: "Empowerment contributes to exploration behaviour in a creative video
+game", Nature Human Behaviour 7, 1481-1489."""
 
 CANDIDATES = 16
-"""Number of results per pair that a player with a scorer considers; the remaining results are improbable."""
+"""Number of results per pair that a player with a scorer considers; others are improbable."""
 MARKS = (1, 10, 20, 50, 100)
 """Numbers of attempts at which a summary reports known entities."""
 LATER_MARKS = (200, 300, 400, 500)
@@ -49,7 +51,10 @@ _MAX_SCORE = 50.0  # standard deviations; exp of larger numbers would overflow
 
 
 class Discoverer(ABC):
-    """Base class of open-ended players, with known ids in discovery order and the run's random generator."""
+    """Base class of open-ended players.
+
+    A player has the known ids in discovery order, and the run's random generator.
+    """
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:
         """Start a run with the known ids ``base``."""
@@ -80,7 +85,7 @@ class Discoverer(ABC):
 class RandomDiscoverer(Discoverer):
     """A player that samples both entities uniformly; a pair may repeat."""
 
-    def choose(self) -> Pair:  # noqa: D102 - inherited
+    def choose(self) -> Pair:  # noqa: D102
         one, other = self.rng.integers(len(self.known), size=2).tolist()
         return self.known[one], self.known[other]
 
@@ -88,24 +93,24 @@ class RandomDiscoverer(Discoverer):
 class NoRepeatDiscoverer(RandomDiscoverer):
     """A player that samples uniformly among untried pairs."""
 
-    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         super().begin(base, rng)
         self._tried: set[Pair] = set()
 
-    def choose(self) -> Pair:  # noqa: D102 - inherited
+    def choose(self) -> Pair:  # noqa: D102
         # Terminates: after all known pairs, everything reachable is known and the run is over.
         while True:
             one, other = super().choose()
             if (min(one, other), max(one, other)) not in self._tried:
                 return one, other
 
-    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102 - inherited
+    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         super().observe(pair, new)
         self._tried.add((min(pair), max(pair)))
 
 
 class WordsDiscoverer(Discoverer):
-    """A player that tries the untried pair with the most similar labels by GloVe cosine, without learning."""
+    """A player of the untried pair with the most similar labels by GloVe cosine; learns nothing."""
 
     def __init__(self, graph: RecipeGraph):
         """Read the words in the labels; labels without a word vector have cosine 0 with others."""
@@ -113,56 +118,63 @@ class WordsDiscoverer(Discoverer):
 
         self._unit = glove_features(graph.entities).unit_vectors
 
-    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self._untried: dict[Pair, float] = {}
         super().begin(base, rng)
 
-    def learn(self, entity: int) -> None:  # noqa: D102 - inherited
+    def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
         cosines = (self._unit[self.known] @ self._unit[entity]).tolist()
-        self._untried |= {
-            (entity, other): value for other, value in zip(self.known, cosines, strict=True)
-        }
+        for other, value in zip(self.known, cosines, strict=True):
+            self._untried[entity, other] = value
+        # Also for a label without a word vector, whose cosine with itself is 0.
         self._untried[entity, entity] = 1.0
 
-    def choose(self) -> Pair:  # noqa: D102 - inherited
-        return list(self._untried)[self.draw_best(np.array(list(self._untried.values())))]
+    def choose(self) -> Pair:  # noqa: D102
+        values = np.array(list(self._untried.values()))
+        return list(self._untried)[self.draw_best(values)]
 
-    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102 - inherited
+    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         del self._untried[pair]
         super().observe(pair, new)
 
 
 class OracleDiscoverer(Discoverer):
-    """Base class of players that know all recipes and choose the pair with the highest summed worth of new results."""
+    """Base class of players that know all recipes.
+
+    They choose the pair with the highest summed worth of new results.
+    """
 
     def __init__(self, graph: RecipeGraph):
         self.graph = graph
 
-    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self.is_known = np.zeros(self.graph.num_entities, dtype=bool)
         # Recipes with known ingredients, kept because a large book has a million recipes.
         self._open = np.empty(0, dtype=np.int64)
         super().begin(base, rng)
 
-    def learn(self, entity: int) -> None:  # noqa: D102 - inherited
+    def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
         self.is_known[entity] = True
         uses = self.graph.uses_of(entity)
-        self._open = np.union1d(
-            self._open, uses[self.is_known[self.graph.recipes[uses, :2]].all(axis=1)]
-        )
+        is_open = self.is_known[self.graph.recipes[uses, :2]].all(axis=1)
+        self._open = np.union1d(self._open, uses[is_open])
 
     @abstractmethod
     def worth(self, entities: Ids) -> Floats:
         """Return how useful it is to make each unknown entity, given ids: positive numbers."""
 
-    def choose(self) -> Pair:  # noqa: D102 - inherited
+    def choose(self) -> Pair:  # noqa: D102
         graph = self.graph
+        # A recipe whose result has become known gains nothing any more.
         self._open = self._open[~self.is_known[graph.recipes[self._open, 2]]]
         pairs, index = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
-        gains = np.bincount(index, self.worth(graph.recipes[self._open, 2])).astype(np.float64)
-        first = int(graph.pair_starts[pairs[self.draw_best(gains)]])
+        # A pair with several results makes all of them.
+        worth = self.worth(graph.recipes[self._open, 2])
+        gains = np.bincount(index, worth).astype(np.float64)
+        best = pairs[self.draw_best(gains)]
+        first = int(graph.pair_starts[best])
         one, other, _ = graph.recipes[first].tolist()
         return one, other
 
@@ -174,41 +186,47 @@ class GreedyDiscoverer(OracleDiscoverer):
         super().__init__(graph)
         self._worth = 1.0 + graph.use_counts
 
-    def worth(self, entities: Ids) -> Floats:  # noqa: D102 - inherited
+    def worth(self, entities: Ids) -> Floats:  # noqa: D102
         return self._worth[entities]
 
 
 class EmpowermentDiscoverer(OracleDiscoverer):
     """The oracle of empowerment: worth counts the new entities that an entity makes possible.
 
-    ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: c plus the distinct new entities within reach.
+    ``worth(c) = 1 + #{d not known : {c, x} makes d for some known x}``: c plus the distinct new
+    entities within reach.
 
-    Source: Brändle et al. 2023, who count all entities made with c. Here only new entities with a known second
-    ingredient count, so worth falls as exploration proceeds.
+    Source: Brändle et al. 2023, who count all entities made with c. Here only new entities with a
+    known second ingredient count, so worth falls as exploration proceeds.
     """
 
-    def worth(self, entities: Ids) -> Floats:  # noqa: D102 - inherited
+    def worth(self, entities: Ids) -> Floats:  # noqa: D102
         wanted, position = np.unique(entities, return_inverse=True)
         uses = [self.graph.uses_of(entity) for entity in wanted.tolist()]
+        # The recipes of all wanted entities in one array; index tells whose recipe each one is.
         index = np.repeat(np.arange(len(wanted)), [len(rows) for rows in uses])
         a, b, result = self.graph.recipes[np.concatenate(uses)].T
+        # a + b minus the wanted entity is the other ingredient, whichever of the two it is.
         counts = self.is_known[a + b - wanted[index]] & ~self.is_known[result]
         size = self.graph.num_entities
+        # A pair (entity, result) as one number: several recipes for a result count once.
         made = np.unique(index[counts] * size + result[counts])
         return (1.0 + np.bincount(made // size, minlength=len(wanted)))[position]
 
 
 class ScorerDiscoverer(Discoverer):
-    """A player that maximises the empowerment expected from a link predictor, without knowing the recipes.
+    """A player that maximises the empowerment that a link predictor expects, without the recipes.
 
-    ``z_r`` are the scores for relation r, standardised over pairs of different entities (combinesWith symmetrised):
+    ``z_r`` are the scores for relation r, standardised over pairs of different entities
+    (combinesWith symmetrised):
 
-    ``value(a, b) = odds(a, b) * sum_c P(c | a, b) * [c not known] * (1 + sum_{x known} odds(c, x))``
+    ``value(a, b) = odds(a, b) * sum_c P(c | a, b) * [c not known] * (1 + sum_{x known} odds(c,
+    x))``
 
-    ``odds(a, b) = exp(z_combinesWith(a, b))`` is the plausibility that a and b combine;
-    ``P(c | a, b) = softmax_c(z_componentOf(a, c) + z_componentOf(b, c))``, truncated to the :data:`CANDIDATES` best
-    results. The last factor is the empowerment of c: 1 plus the plausibilities of known partners. Only untried pairs
-    are considered.
+    ``odds(a, b) = exp(z_combinesWith(a, b))`` is the plausibility that a and b combine; ``P(c | a,
+    b) = softmax_c(z_componentOf(a, c) + z_componentOf(b, c))``, truncated to the :data:`CANDIDATES`
+    best results. The last factor is the empowerment of c: 1 plus the plausibilities of known
+    partners. Only untried pairs are considered.
 
     Source: expected empowerment in Brändle et al. 2023, with probabilities from word vectors.
     """
@@ -216,27 +234,31 @@ class ScorerDiscoverer(Discoverer):
     def __init__(self, graph: RecipeGraph, scorer: TripleScorer):
         """Standardise the scorer's tables for combinesWith and componentOf, shape (E, E) each.
 
-        GraphMismatchError if the scorer belongs to another graph; ConfigError if the tables would exceed
-        :data:`MOST_BYTES`, before anything is computed.
+        Raises:
+            GraphMismatchError: if the scorer belongs to another graph.
+            ConfigError: if the tables would exceed :data:`MOST_BYTES`; nothing is computed then.
         """
         check_scorer(scorer, graph)
         needed = graph.num_entities**2 * PAIR_BYTES
         if needed > MOST_BYTES:
             raise ConfigError(
-                f"`scorer`: scores for all pairs of {graph.num_entities:,} entities in {graph.name} would take about "
-                f"{needed / 2**30:.1f} GiB; expected at most {MOST_BYTES / 2**30:.1f} GiB. Omit the scorer and "
-                "'empowerment-scorer'."
+                f"`scorer`: scores for all pairs of {graph.num_entities:,} entities in "
+                f"{graph.name} would take about {needed / 2**30:.1f} GiB; expected at most "
+                f"{MOST_BYTES / 2**30:.1f} GiB. Omit the scorer and 'empowerment-scorer'."
             )
-        links, parts = (
-            scorer.table(relation).cpu().double().numpy()
-            for relation in (COMBINES_WITH, COMPONENT_OF)
-        )
-        self._odds = np.exp(np.minimum(standardised((links + links.T) / 2), _MAX_SCORE))
+        links = scorer.table(COMBINES_WITH).cpu().double().numpy()
+        parts = scorer.table(COMPONENT_OF).cpu().double().numpy()
+        # combinesWith is one fact for both directions: the mean of both scores.
+        symmetric = standardised((links + links.T) / 2)
+        self._odds = np.exp(np.minimum(symmetric, _MAX_SCORE))
         self._parts = standardised(parts)
         self._guesses: dict[int, tuple[NDArray[np.int64], Floats]] = {}
 
-    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
-        size, width = len(self._odds), min(CANDIDATES, len(self._odds))
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
+        size = len(self._odds)
+        width = min(CANDIDATES, size)
+        # Rows of the next three arrays belong together: an untried pair, its likely results, and
+        # odds(a, b) P(c | a, b) of each result.
         self._worth = np.ones(size)
         self._is_new = np.ones(size, dtype=bool)
         self._pairs = np.empty((0, 2), dtype=np.int64)
@@ -244,7 +266,7 @@ class ScorerDiscoverer(Discoverer):
         self._chances = np.empty((0, width))
         super().begin(base, rng)
 
-    def learn(self, entity: int) -> None:  # noqa: D102 - inherited
+    def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
         self._worth += self._odds[entity]
         self._is_new[entity] = False
@@ -255,28 +277,32 @@ class ScorerDiscoverer(Discoverer):
         chances = self._odds[entity, self.known, None] * probabilities[self.known]
         self._chances = np.concatenate([self._chances, chances])
 
-    def choose(self) -> Pair:  # noqa: D102 - inherited
-        values = (self._chances * (self._worth * self._is_new)[self._results]).sum(axis=1)
+    def choose(self) -> Pair:  # noqa: D102
+        worth = self._worth * self._is_new
+        values = (self._chances * worth[self._results]).sum(axis=1)
         self._chosen = self.draw_best(values)
         one, other = self._pairs[self._chosen].tolist()
         return one, other
 
-    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102 - inherited
+    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         for name in ("_pairs", "_results", "_chances"):
             setattr(self, name, np.delete(getattr(self, name), self._chosen, axis=0))
         super().observe(pair, new)
 
     def _guessed(self, entity: int) -> tuple[NDArray[np.int64], Floats]:
-        """Return the likeliest results with each partner and their probabilities, shape (E, CANDIDATES) each."""
+        """Return the likeliest results with each partner, and their probabilities.
+
+        Both have shape (E, CANDIDATES).
+        """
         if entity not in self._guesses:
             fit = self._parts[entity] + self._parts
-            likely = np.argpartition(-fit, self._results.shape[1] - 1, axis=1)[
-                :, : self._results.shape[1]
-            ]
+            width = self._results.shape[1]
+            likely = np.argpartition(-fit, width - 1, axis=1)[:, :width]
+            # The softmax is over all results, of which the likely ones are kept: truncated, and not
+            # normalised again.
             weights = np.exp(fit - fit.max(axis=1, keepdims=True))
-            shares = np.take_along_axis(weights, likely, axis=1) / weights.sum(
-                axis=1, keepdims=True
-            )
+            totals = weights.sum(axis=1, keepdims=True)
+            shares = np.take_along_axis(weights, likely, axis=1) / totals
             self._guesses[entity] = likely, shares
         return self._guesses[entity]
 
@@ -287,8 +313,13 @@ DISCOVERERS = {
     "nearest-words": "untried pair with the most similar labels",
     "greedy": "knows the graph: results with the most uses",
     "empowerment": "knows the graph: results that make the most new entities",
-    "empowerment-scorer": "guided by a link predictor: results expected to make the most new entities",
-    "recipe-learner": "guided by a recipe scorer of any book: likely and useful new results; learns from its attempts",
+    "empowerment-scorer": (
+        "guided by a link predictor: results expected to make the most new entities"
+    ),
+    "recipe-learner": (
+        "guided by a recipe scorer of any book: likely and useful new results; "
+        "learns from its attempts"
+    ),
 }
 """Short descriptions of the players, by name."""
 GUIDED = ("empowerment-scorer", "recipe-learner")
@@ -301,10 +332,21 @@ def make_discoverers(
     scorer: TripleScorer | None = None,
     learner: Discoverer | None = None,
 ) -> dict[str, Discoverer]:
-    """Make players for the open-ended environment, from names in :data:`DISCOVERERS`.
+    """Make players for open-ended play.
 
-    ``scorer`` guides ``empowerment-scorer``; ``learner`` is the player ``recipe-learner``. GraphMismatchError if the
-    scorer belongs to another graph; ConfigError for an unknown name, a missing scorer, or too many entities.
+    Args:
+        names: names in :data:`DISCOVERERS`.
+        graph: the graph to explore.
+        scorer: guide of ``empowerment-scorer``; None without this player.
+        learner: the player ``recipe-learner``; None without it.
+
+    Returns:
+        The players by name, in the order of ``names``.
+
+    Raises:
+        GraphMismatchError: if the scorer belongs to another graph.
+        ConfigError: for an unknown name, a missing scorer, or too many entities for the scorer's
+            tables.
     """
     makers: dict[str, Callable[[], Discoverer]] = {
         "random": RandomDiscoverer,
@@ -321,11 +363,9 @@ def make_discoverers(
     for name in names:
         one_of("players", name, tuple(DISCOVERERS))
         if name not in makers:
-            needed = (
-                "from `wordcraft-kg train-recipes`, of any book"
-                if name == "recipe-learner"
-                else "of this graph"
-            )
+            needed = "of this graph"
+            if name == "recipe-learner":
+                needed = "from `wordcraft-kg train-recipes`, of any book"
             raise ConfigError(f"player '{name}' needs a `scorer` {needed}: a trained model folder.")
         players[name] = makers[name]()
     return players
@@ -341,12 +381,24 @@ def discovery_curves(
 ) -> "pd.DataFrame":
     """Let players discover entities and count the known entities after each attempt.
 
-    Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses ``np.random.default_rng([seed,
-    i])``, so curves do not depend on the choice of players.
+    Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses
+    ``np.random.default_rng([seed, i])``, so curves do not depend on the choice of players. A run
+    stops when all reachable entities are known; its further attempts keep the last count.
 
-    Returns a table with a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the number of known
-    entities, and ``repeated``, whether the pair was tried earlier in the run. Runs stop when all reachable entities are
-    known. ConfigError for numbers out of range, or a base without any recipe.
+    Args:
+        graph: the graph to explore.
+        players: players by name.
+        attempts: attempts of each run.
+        runs: number of runs of each player.
+        seed: root seed of all random choices.
+        base: entities known at the start; None for the graph's base.
+
+    Returns:
+        A table with a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the
+        number of known entities, and ``repeated``, whether the pair was tried earlier in the run.
+
+    Raises:
+        ConfigError: for numbers out of range, or a base without any recipe.
     """
     import pandas as pd
 
@@ -357,7 +409,8 @@ def discovery_curves(
     check_memory("runs", runs, f"their curves of {attempts:,} attempts", rows * _BYTES_PER_ROW)
     game = Discovery(graph, base)
     shape = (len(players), runs, attempts + 1)
-    known, repeated = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=bool)
+    known = np.zeros(shape, dtype=np.int64)
+    repeated = np.zeros(shape, dtype=bool)
     for number, (name, player) in enumerate(players.items()):
         for run in steps(f"playing {name}", range(runs)):
             game.restart()
@@ -367,6 +420,7 @@ def discovery_curves(
                 pair = player.choose()
                 new, repeated[number, run, attempt] = game.combine(*pair)
                 player.observe(pair, new)
+                # To the end, so that a run that stops early keeps its count.
                 known[number, run, attempt:] = len(game.known)
                 if game.is_complete:
                     break
@@ -383,19 +437,19 @@ def summarise_curves(
 ) -> "pd.DataFrame":
     """Average the number of known entities over runs, after some numbers of attempts.
 
-    ``curves`` come from :func:`discovery_curves`; ``marks`` are limited to the curves, and the last attempt is always
-    included.
+    Args:
+        curves: by :func:`discovery_curves`.
+        marks: numbers of attempts, limited to the curves; the last attempt is always included.
 
     Returns:
-        a table with a row per player and number of attempts, in the order of ``curves``: ``mean`` over runs, ``low``
-        and ``high`` of the 95 % interval (normal approximation; NaN for a single run), and ``repeated``, the share of
-        attempts that repeat a pair.
+        A table with a row per player and number of attempts, in the order of ``curves``: ``mean``
+        over runs, ``low`` and ``high`` of the 95 % interval (normal approximation; NaN for a single
+        run), and ``repeated``, the share of attempts that repeat a pair.
     """
     last = int(curves["attempt"].max())
-    at = sorted({*(mark for mark in marks if mark <= last), last})
-    curves = curves.assign(
-        repeated=curves.groupby(["player", "run"], sort=False)["repeated"].cumsum()
-    )
+    at = sorted({last, *(mark for mark in marks if mark <= last)})
+    so_far = curves.groupby(["player", "run"], sort=False)["repeated"].cumsum()
+    curves = curves.assign(repeated=so_far)
     groups = curves[curves["attempt"].isin(at)].groupby(["player", "attempt"], sort=False)
     table = groups.agg(
         mean=("known", "mean"), error=("known", "sem"), repeated=("repeated", "mean")
@@ -403,5 +457,6 @@ def summarise_curves(
     margin = 1.96 * table.pop("error")
     table.insert(3, "low", table["mean"] - margin)
     table.insert(4, "high", table["mean"] + margin)
+    # The start has no attempt, and no repeated one.
     table["repeated"] /= table["attempt"].clip(lower=1)
     return table

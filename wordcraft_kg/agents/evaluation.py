@@ -1,7 +1,8 @@
-"""Evaluation of policies and players on all tasks in a part of the split, with fixed tables and frozen weights."""
+"""Evaluation of policies and players on all tasks in a part of the split, on fixed tables."""
 
 import logging
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -27,11 +28,15 @@ from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.policies.policy import Policy
 
+# An odd factor of a 64-bit linear congruential generator: a product with it loses no bits.
 _HASH_FACTOR = 6_364_136_223_846_793_005
 
 
 class PolicyPlayer:
-    """A player that takes the best action under a policy's current weights; ties go to the first slot."""
+    """A player that takes the best action under a policy's current weights.
+
+    Ties go to the first slot.
+    """
 
     def __init__(self, policy: Policy):
         self.policy = policy
@@ -40,7 +45,9 @@ class PolicyPlayer:
     def __call__(self, state: State, rng: np.random.Generator) -> Any:
         """Return the best slot in each of N environments, shape (N,)."""
         bind_tasks([self.policy], state.world)
-        states, weights = states_of(state), self.policy.weights()
+        states = states_of(state)
+        # The same for all states, and costly: vectors of all entities.
+        weights = self.policy.weights()
         device = next(self.policy.parameters()).device
         batches = [
             states.rows(start, start + ROWS, device) for start in range(0, state.num_envs, ROWS)
@@ -50,11 +57,16 @@ class PolicyPlayer:
 
 
 def player_of(policy: Policy, kind: str) -> Player:
-    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only`` (ConfigError without a scorer)."""
+    """Return the player ``trained``, ``random``, ``oracle`` or ``kg-only``.
+
+    Raises:
+        ConfigError: for ``kg-only`` and a policy without a scorer.
+    """
     if kind == "kg-only":
         if not policy.sources:
             raise ConfigError(
-                "`agent` 'kg-only' plays by the run's scorer, but this run was trained without a scorer."
+                "`agent` 'kg-only' plays by the run's scorer, but this run was trained without a "
+                "scorer."
             )
         return knowledge_player(list(policy.sources.values()))
     players: dict[str, Player] = {
@@ -77,7 +89,8 @@ class Evaluation:
         actions: shape (N, D), int64: episode length in actions.
         terminations: shape (N, D), int8: index into :data:`TERMINATION_REASONS`.
         last: shape (N, D, 2), int64: ids of the last pair, in order of actions.
-        decisions: shape (N, D), int64: hash of the attempted pairs, in order of attempts but not of actions.
+        decisions: shape (N, D), int64: hash of the attempted pairs, in order of attempts but not of
+            actions.
     """
 
     tasks: Ids
@@ -90,13 +103,18 @@ class Evaluation:
     decisions: Ids
 
     def figures(self) -> Success:
-        """Return the mean success with a 95 % interval over groups of tasks, and the sample sizes."""
-        mean, by_plan, actions = (
-            float(values.mean()) for values in (self.success, self.by_plan, self.actions)
-        )
+        """Return the mean success with a 95 % interval over groups of tasks, and sample sizes."""
         low, high = task_bootstrap(self.success, self.groups)
         tasks, distractor_seeds = self.success.shape
-        return Success(mean, low, high, tasks, distractor_seeds, by_plan, actions)
+        return Success(
+            float(self.success.mean()),
+            low,
+            high,
+            tasks,
+            distractor_seeds,
+            float(self.by_plan.mean()),
+            float(self.actions.mean()),
+        )
 
     def shares(self) -> dict[TerminationReason, Share]:
         """Return the share of episodes for each termination reason."""
@@ -139,11 +157,11 @@ class Evaluator:
         )
         self.engine = BatchEngine(world, len(self.tasks))
         # The ingredients in the last recipes of a task's plans, shape (N, P), padded with -1.
-        pair, plans = world.graph.recipes[:, :2].tolist(), world.tasks.plans
-        parts = [
-            sorted({part for plan in plans[task] for part in pair[plan[-1]]})
-            for task in self.tasks.tolist()
-        ]
+        pairs = world.graph.recipes[:, :2].tolist()
+        parts = []
+        for task in self.tasks.tolist():
+            last_pairs = [pairs[plan[-1]] for plan in world.tasks.plans[task]]
+            parts.append(sorted(set(chain.from_iterable(last_pairs))))
         self._parts = padded(parts, -1)
 
     def __call__(self, player: Player) -> Evaluation:
@@ -153,30 +171,36 @@ class Evaluator:
         :mod:`wordcraft_kg.agents.players`.
         """
         shape = (len(self.tasks), self.distractor_seeds)
-        success, by_plan = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
-        actions, terminations = np.zeros(shape, dtype=np.int64), np.zeros(shape, dtype=np.int8)
-        last, decisions = np.zeros((*shape, 2), dtype=np.int64), np.zeros(shape, dtype=np.int64)
-        engine, rows = self.engine, np.arange(len(self.tasks))
+        success = np.zeros(shape, dtype=bool)
+        by_plan = np.zeros(shape, dtype=bool)
+        actions = np.zeros(shape, dtype=np.int64)
+        terminations = np.zeros(shape, dtype=np.int8)
+        last = np.zeros((*shape, 2), dtype=np.int64)
+        decisions = np.zeros(shape, dtype=np.int64)
+        engine = self.engine
+        rows = np.arange(len(self.tasks))
         for distractor_seed in steps("playing", range(self.distractor_seeds)):
             state = engine.pose(self.tasks, distractor_seed, seed=EVALUATION_SEED)
             rng = np.random.default_rng([EVALUATION_SEED, distractor_seed])
             while (running := state.attempts_left > 0).any():
                 slots = player(state, rng)
-                selection, action = state.selection, state.table[rows, slots]
+                # Read before the step, which clears the selection at the end of an attempt.
+                selection = state.selection
+                action = state.table[rows, slots]
                 state, step = engine.step_once(state, slots)
                 actions[running, distractor_seed] += 1
                 success[:, distractor_seed] |= step.outcome == GOAL
                 by_plan[:, distractor_seed] |= step.by_plan
                 is_attempt = running & (selection != engine.nothing)
-                pair = np.minimum(selection, action) * engine.nothing + np.maximum(
-                    selection, action
-                )
+                # The pair as one number, equal for both orders.
+                first = np.minimum(selection, action)
+                pair = first * engine.nothing + np.maximum(selection, action)
+                # A polynomial of the pairs in turn, so the order of attempts counts.
                 decisions[is_attempt, distractor_seed] *= _HASH_FACTOR
                 decisions[is_attempt, distractor_seed] += 1 + pair[is_attempt]
-                ended = self._termination(selection, action)
-                terminations[step.over, distractor_seed] = np.where(step.outcome == GOAL, 0, ended)[
-                    step.over
-                ]
+                failed = self._termination(selection, action)
+                ended = np.where(step.outcome == GOAL, 0, failed)
+                terminations[step.over, distractor_seed] = ended[step.over]
                 last[step.over, distractor_seed] = np.column_stack([selection, action])[step.over]
         groups = engine.world.groups[self.tasks]
         return Evaluation(
@@ -198,20 +222,27 @@ def evaluate(
     distractor_seeds: int | None = None,
     **settings: Any,
 ) -> Evaluation:
-    """Evaluate a policy or player on all tasks in a part of the split (a sample if there are very many).
+    """Evaluate a policy or player on all tasks in a part of the split (a sample if there are many).
 
     Args:
-        player: policy for the graph, or function from a batched state and a random generator to slots.
-        graph: graph folder, book file or name, recipe graph, opened graph, or world (then without ``settings``).
-        distractor_seeds: tables per task, equal for all players; by default 5, or 1 if there are very many tasks.
+        player: policy for the graph, or function from a batched state and a random generator to
+            slots.
+        graph: graph folder, book file or name, recipe graph, opened graph, or world (then without
+            ``settings``).
+        distractor_seeds: tables per task, equal for all players; by default 5, or 1 if there are
+            very many tasks.
         settings: task settings, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
+
+    Returns:
+        The outcomes; ``figures()`` has the success rate.
 
     Raises:
         ConfigError: for an unknown setting or a value out of range.
         TaskError: if the graph has no task for these settings.
 
     Example:
-        >>> result = evaluate(load_policy("runs/kitchen"), "kitchen", num_distractors=2, distractor_seeds=1)
+        >>> settings = {"num_distractors": 2, "distractor_seeds": 1}
+        >>> result = evaluate(load_policy("runs/kitchen"), "kitchen", **settings)
         >>> result.success.shape, 0 <= result.figures().mean <= 1
         ((63, 1), True)
     """

@@ -1,7 +1,8 @@
-"""Explanations for an agent's actions: the logit for each slot, split into contributions by sources."""
+"""Explanations for an agent's actions: a slot's logit, split into contributions by sources."""
 
 import copy
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from typing import Annotated, Literal, NamedTuple, get_args
 
 import msgspec
@@ -38,11 +39,20 @@ MOST_ON_TABLE = 64
 Model = Literal[
     "no_scorer", "no_recipes", "all_recipes", "train_recipes", "without_a_fold", "no_knowledge"
 ]
-"""Model behind the scores, by training recipes; ``no_knowledge``: all models were trained on recipes in the plan."""
+"""Model behind the scores, by training recipes.
+
+``no_knowledge``: all models were trained on recipes in the plan.
+"""
 
 
 class ExpectedAttempt(Record):
-    """An attempt in a plan: the pair, its expected result, and this result's probability."""
+    """An attempt in a plan.
+
+    Attributes:
+        ingredient_a, ingredient_b: the pair.
+        result: the expected result.
+        probability: probability that the pair makes this result.
+    """
 
     ingredient_a: str
     ingredient_b: str
@@ -63,9 +73,10 @@ class SlotEvidence(Record):
     Attributes:
         source: source of the recipe score.
         partner: the selection, or without selection the best partner on the table.
-        because: supporting recipes, those that make the goal itself (with a plan, the expected result) first, then by
-            share; a cross-fitted scorer excludes the recipes for the task.
-        outside: evidence from outside the train recipes for slot, partner and this result, strongest first.
+        because: supporting recipes, those that make the goal itself (with a plan, the expected
+            result) first, then by share; a cross-fitted scorer excludes the recipes for the task.
+        outside: evidence from outside the train recipes for slot, partner and this result,
+            strongest first.
         plan: expected attempts, for sources that look ahead.
     """
 
@@ -77,7 +88,17 @@ class SlotEvidence(Record):
 
 
 class ExplainedSlot(Record):
-    """A slot's entity, whether a plan needs it, logit β, probability π, and scores and contributions by source."""
+    """A slot's entity with the terms of its logit.
+
+    Attributes:
+        entity: label of the entity.
+        is_part: whether a plan's last recipe needs the entity.
+        sources: score by source.
+        contributions: mixing weight times score, by source; the sum is `logit`.
+        logit: β, unnormalised, nats.
+        probability: π, the softmax of the logits over the slots.
+        evidence: train recipes that support the slot; None if no source gives any.
+    """
 
     entity: str
     is_part: bool
@@ -91,8 +112,13 @@ class ExplainedSlot(Record):
 class ExplainedStep(Record):
     """An action with the scores behind the choice.
 
-    ``selection`` is the selected entity before the action, ``value`` the state value, ``made`` the results, and
-    ``lambdas`` the mixing weight λ by source (empty without mixing).
+    Attributes:
+        selection: selected entity before the action; None for the first action of an attempt.
+        value: state value.
+        lambdas: mixing weight λ by source; empty without mixing.
+        action: label of the chosen entity.
+        made: new results of the attempt.
+        slots: the filled slots before the action, in slot order.
     """
 
     selection: str | None
@@ -103,20 +129,31 @@ class ExplainedStep(Record):
     slots: Annotated[tuple[ExplainedSlot, ...], msgspec.Meta(min_length=1)]
 
     def best_evidence(self, limit: int = _MAX_PAIRS) -> list[tuple[str, SlotEvidence]]:
-        """Return up to ``limit`` entities with the highest logits, each with evidence; no entity-partner pair twice."""
+        """Return the entities with the highest logits, each with evidence.
+
+        At most ``limit``, and no pair of entity and partner twice.
+        """
         pairs: dict[frozenset[str], tuple[str, SlotEvidence]] = {}
         for slot in sorted(self.slots, key=lambda slot: -slot.logit):
-            if slot.evidence is not None and (
-                slot.evidence.because or slot.evidence.outside or slot.evidence.plan
-            ):
-                pairs.setdefault(
-                    frozenset((slot.entity, slot.evidence.partner)), (slot.entity, slot.evidence)
-                )
+            evidence = slot.evidence
+            if evidence is None or not (evidence.because or evidence.outside or evidence.plan):
+                continue
+            # The same pair supports both of its slots; the slot with the higher logit comes first.
+            pair = frozenset((slot.entity, evidence.partner))
+            pairs.setdefault(pair, (slot.entity, evidence))
         return list(pairs.values())[:limit]
 
 
 class ExplainedEpisode(Record):
-    """An episode, explained action by action; plans are lists of texts, such as "a + b -> c"."""
+    """An episode, explained action by action.
+
+    Attributes:
+        goal: label of the goal.
+        start: starting ingredients, or the whole table if this is no task.
+        plans: plans as texts, such as "a + b -> c".
+        outcome: goal reached, out of attempts, or in progress if not played to the end.
+        steps: the actions.
+    """
 
     goal: str
     start: tuple[str, ...]
@@ -126,7 +163,14 @@ class ExplainedEpisode(Record):
 
 
 class TableRecipe(Record):
-    """A recipe in a plan from a table, with its split part; in sample if the table's model was trained on it."""
+    """A recipe in a plan from a table.
+
+    Attributes:
+        ingredient_a, ingredient_b: labels of the ingredients.
+        result: label of the result.
+        part: split part of the recipe.
+        is_in_sample: whether the model that gave the scores was trained on the recipe.
+    """
 
     ingredient_a: str
     ingredient_b: str
@@ -155,9 +199,8 @@ class ExplainedTable(Record):
     @property
     def in_sample(self) -> tuple[TableRecipe, ...]:
         """Recipes of the plans that are training data of the model that gave the scores."""
-        return tuple(
-            dict.fromkeys(recipe for way in self.ways for recipe in way if recipe.is_in_sample)
-        )
+        recipes = dict.fromkeys(chain.from_iterable(self.ways))
+        return tuple(recipe for recipe in recipes if recipe.is_in_sample)
 
     @property
     def is_known(self) -> bool:
@@ -178,15 +221,16 @@ class _Query(NamedTuple):
 
 
 class Explainer:
-    """Explains a policy's actions by splitting logits into contributions by attention and scores; thread-safe.
+    """Explains a policy's actions by splitting logits into contributions of sources; thread-safe.
 
-    Explanations use double precision, so contributions add up to the logit, and probabilities to 1, within 1e-9.
-    The policy is copied, so other tasks may be set in the original.
+    Explanations use double precision, so contributions add up to the logit, and probabilities to 1,
+    within 1e-9. The policy is copied, so other tasks may be set in the original.
 
     Example:
         >>> agent = open_agent("runs/kitchen")
-        >>> explainer = Explainer(agent.policy, World(agent.opened, agent.config.tasks.environment("test")))
-        >>> explainer.table("bread", ["flour", "water", "fire"]).episode.steps[0].action in ("flour", "water", "fire")
+        >>> world = World(agent.opened, agent.config.tasks.environment("test"))
+        >>> explained = Explainer(agent.policy, world).table("bread", ["flour", "water", "fire"])
+        >>> explained.episode.steps[0].action in ("flour", "water", "fire")
         True
     """
 
@@ -200,38 +244,51 @@ class Explainer:
         max_actions: int | None = None,
         outside: OutsideEvidenceFinder | None = None,
     ):
-        """Copy a policy; LeakError if a model would score tasks with recipes from its training data.
+        """Copy a policy.
 
-        ``kg`` names the recipes that the scorer was trained on: ``partial`` (train recipes) or ``full``.
-        ``trained_on``, shape (num_recipes,), bool, marks those that it saw with the correct result; by default all.
-        ``max_actions`` limits the explained actions; None plays to the end. ``outside`` finds evidence from outside the
-        train recipes.
+        Args:
+            policy: the policy.
+            world: the world with the tasks.
+            kg: recipes that the scorer was trained on: ``partial`` (train recipes), ``full`` or
+                ``none``.
+            trained_on: shape (num_recipes,), bool: recipes that the scorer saw with the correct
+                result; None for all of ``kg``.
+            max_actions: most actions to explain; None plays to the end.
+            outside: finder for evidence from outside the train recipes; None without such
+                knowledge.
+
+        Raises:
+            LeakError: if a model would score tasks with recipes from its training data.
         """
         self.world = world
-        self._kg, self._trained_on, self._max_actions, self._outside = (
-            kg,
-            trained_on,
-            max_actions,
-            outside,
-        )
+        self._kg = kg
+        self._trained_on = trained_on
+        self._max_actions = max_actions
+        self._outside = outside
         self._policy = _own(policy)
         if has_train_recipes(world):
             self._policy.bind(world.tasks)
-        self._exact = copy.deepcopy(
-            self._policy, {id(self._policy.sources): nn.ModuleDict()}
-        ).double()
+        # A copy in double precision without the sources, whose tables may take gigabytes; both
+        # policies share them.
+        without_sources = {id(self._policy.sources): nn.ModuleDict()}
+        self._exact = copy.deepcopy(self._policy, without_sources).double()
         self._exact.sources = self._policy.sources
         self._names = [label.name for label in self._exact.labels]
         with torch.no_grad():
-            self._weights, self._exact_weights = self._policy.weights(), self._exact.weights()
+            self._weights = self._policy.weights()
+            self._exact_weights = self._exact.weights()
         self._tables = EvaluationTables(world)
 
     def episode(self, task: int, distractor_seed: int = 0) -> ExplainedEpisode:
-        """Play and explain a task (index) on an evaluation table; ConfigError for a missing task or other slots."""
+        """Play and explain a task (index) on an evaluation table.
+
+        Raises:
+            ConfigError: if there is no such task or table, or the policy has other slots.
+        """
         return self._played(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def task(self, task: int, distractor_seed: int = 0) -> ExplainedTable:
-        """Return an :meth:`episode`'s explanation with the plans at its table and the model behind its scores."""
+        """Return an :meth:`episode` with the plans at its table and the model behind its scores."""
         return self._explained(self._of_task(task, self.drawn(task, distractor_seed)))
 
     def table(
@@ -242,17 +299,30 @@ class Explainer:
         *,
         like: int | None = None,
     ) -> ExplainedTable:
-        """Explain the actions for a goal at any table; entities are labels or ids, the table in slot order.
+        """Explain the actions for a goal at any table.
 
-        If all recipes for the goal are in one fold, a cross-fitted scorer uses the model without this fold, otherwise
-        the model of all train recipes. If goal and starting ingredients agree with task ``like`` (index), the model for
-        this task gives the scores.
+        If all recipes for the goal are in one fold, a cross-fitted scorer uses the model without
+        this fold, otherwise the model of all train recipes.
 
-        UnknownEntityError for an entity outside the graph; ConfigError if the table is empty, too large or has
-        duplicates, ``selection`` is absent from the table, or task ``like`` does not exist.
+        Args:
+            goal: label or id of the goal.
+            table: labels or ids, in slot order.
+            selection: label or id of the entity that is selected at the start; None for nothing.
+            like: index of a task. If goal and starting ingredients agree, the model for this task
+                gives the scores. None for a table of no task.
+
+        Returns:
+            The explained actions, the plans at the table and the model behind the scores.
+
+        Raises:
+            UnknownEntityError: for an entity outside the graph.
+            ConfigError: if the table is empty, too large or has duplicates, ``selection`` is absent
+                from the table, or task ``like`` does not exist.
         """
-        graph, tasks = self.world.graph, self.world.tasks
-        ids, target = [graph.id_of(entity) for entity in table], graph.id_of(goal)
+        graph = self.world.graph
+        tasks = self.world.tasks
+        ids = [graph.id_of(entity) for entity in table]
+        target = graph.id_of(goal)
         if not 1 <= len(ids) <= MOST_ON_TABLE:
             raise ConfigError(f"`table` of {len(ids)} entities: expected 1 to {MOST_ON_TABLE}.")
         if len(set(ids)) < len(ids):
@@ -263,14 +333,14 @@ class Explainer:
         selected = None if selection is None else graph.id_of(selection)
         if selected is not None and selected not in ids:
             raise ConfigError(
-                f"`selection` '{graph.entities[selected]}' is not on the table: add the entity, or select nothing."
+                f"`selection` '{graph.entities[selected]}' is not on the table: add the entity, or "
+                "select nothing."
             )
         if like is not None:
             whole("like", like, 0, len(tasks) - 1)
-            if tasks.goals[like] == target and {*tasks.starts[like].tolist()} <= {
-                *ids,
-                self.world.nothing,
-            }:
+            # Starting ingredients are padded with empty slots.
+            start = {*tasks.starts[like].tolist()} - {self.world.nothing}
+            if tasks.goals[like] == target and start <= {*ids}:
                 return self._explained(self._of_task(like, ids)._replace(selection=selected))
         return self._explained(self._of_table(target, ids)._replace(selection=selected))
 
@@ -287,17 +357,18 @@ class Explainer:
         return _Query(self._policy, number, start, tasks.plans[task], int(tasks.goals[task]), table)
 
     def _of_table(self, goal: int, table: list[int]) -> _Query:
-        plans, folds = self._ways(goal, table), self._folds()
+        plans = self._ways(goal, table)
+        folds = self._folds()
         query = _Query(self._policy, None, self.world.graph.labels(table), plans, goal, table)
         if folds is None or not plans:
             return query
-        start = np.array([sorted(table)])
+        # A task of one's own from this table, so that its model is chosen as for the world's tasks.
         posed = TaskSet(
             self.world.graph,
             self.world.config.depth,
             "all",
             np.array([goal]),
-            start,
+            np.array([sorted(table)]),
             (plans,),
             False,
             0,
@@ -310,65 +381,67 @@ class Explainer:
         return query._replace(policy=policy, task=0)
 
     def _ways(self, goal: int, table: Iterable[int]) -> tuple[Rows, ...]:
-        world, have = self.world, frozenset(table) - {goal}
-        ways = world.search.shortest_ways(
-            goal, have, min(world.config.attempts, world.config.depth)
-        )
+        world = self.world
+        # A goal on the table may still have to be made, so it is no ingredient of its own plan.
+        have = frozenset(table) - {goal}
+        attempts = min(world.config.attempts, world.config.depth)
+        ways = world.search.shortest_ways(goal, have, attempts)
         return tuple(world.search.ordered(ways, goal, have))
 
     def _folds(self) -> Ids | None:
         for source in self._policy.sources.values():
-            if (
-                isinstance(source, FoldedSource)
-                and source.reads_task
-                and len(source.fold_of_recipe)
-            ):
+            if not isinstance(source, FoldedSource) or not source.reads_task:
+                continue
+            if len(source.fold_of_recipe):
                 return np.asarray(source.fold_of_recipe.cpu().numpy())
         return None
 
     def _explained(self, query: _Query) -> ExplainedTable:
-        graph, split = self.world.graph, self.world.split
         model, fold, is_seen = self._answering(query)
-        ways = tuple(
-            tuple(
-                TableRecipe(
-                    *recipe, part=get_args(Part)[split.parts[row]], is_in_sample=bool(is_seen[row])
-                )
-                for row, recipe in zip(
-                    way, graph.recipe_labels(graph.recipes[list(way)]), strict=True
-                )
-            )
-            for way in self._ways(query.goal, query.table)
+        ways = self._ways(query.goal, query.table)
+        return ExplainedTable(
+            table=self.world.graph.labels(query.table),
+            ways=tuple(self._table_recipes(way, is_seen) for way in ways),
+            model=model,
+            fold=fold,
+            episode=self._played(query),
         )
-        return ExplainedTable(graph.labels(query.table), ways, model, fold, self._played(query))
+
+    def _table_recipes(self, way: Rows, is_seen: NDArray[np.bool_]) -> tuple[TableRecipe, ...]:
+        graph = self.world.graph
+        names = get_args(Part)
+        recipes = []
+        labels = graph.recipe_labels(graph.recipes[list(way)])
+        for row, (a, b, result) in zip(way, labels, strict=True):
+            part = names[self.world.split.parts[row]]
+            recipes.append(TableRecipe(a, b, result, part, is_in_sample=bool(is_seen[row])))
+        return tuple(recipes)
 
     def _answering(self, query: _Query) -> tuple[Model, int | None, NDArray[np.bool_]]:
-        is_train, folds = self.world.split.is_in("train"), self._folds()
+        """Return the model that gives the scores, the fold it has not seen, and its recipes."""
+        is_train = self.world.split.is_in("train")
+        folds = self._folds()
         if not self._policy.sources:
             return "no_scorer", None, np.zeros_like(is_train)
         if self._kg == "none":
             return "no_recipes", None, np.zeros_like(is_train)
         if folds is None:
-            is_all = self._kg == "full"
-            return (
-                "all_recipes" if is_all else "train_recipes",
-                None,
-                self._known(is_train | is_all, 0),
-            )
-        seen, model = seen_by_models(folds), 0
+            if self._kg == "full":
+                return "all_recipes", None, self._known(np.ones_like(is_train), 0)
+            return "train_recipes", None, self._known(is_train, 0)
+        seen = seen_by_models(folds)
+        # Model 0 is that of all train recipes, model i + 1 lacks fold i, the last one is no model.
+        model = 0
         if query.task is not None:
-            source = next(
-                source
-                for source in query.policy.sources.values()
-                if isinstance(source, FoldedSource)
-            )
+            sources = query.policy.sources.values()
+            source = next(source for source in sources if isinstance(source, FoldedSource))
             model = int(source.model_of_task[query.task])
         if model == len(seen) - 1:
             return "no_knowledge", None, seen[model]
         is_known = self._known(seen[model], model)
-        return (
-            ("without_a_fold", model - 1, is_known) if model else ("train_recipes", None, is_known)
-        )
+        if model == 0:
+            return "train_recipes", None, is_known
+        return "without_a_fold", model - 1, is_known
 
     def _known(self, is_seen: NDArray[np.bool_], model: int) -> NDArray[np.bool_]:
         if self._trained_on is not None:
@@ -380,20 +453,22 @@ class Explainer:
         return is_seen
 
     def _played(self, query: _Query) -> ExplainedEpisode:
-        world, graph, nothing = self.world, self.world.graph, self.world.nothing
+        world = self.world
+        graph = world.graph
+        nothing = world.nothing
         plans, parts = self._plan_labels(query.plans)
+        # Slots for the results of all attempts; at least as many as an MLP was trained with.
         room = max(world.num_slots, len(query.table) + world.max_results * world.config.attempts)
-        table, selection, attempts, is_made = (
-            list(query.table),
-            query.selection,
-            world.config.attempts,
-            False,
-        )
+        table = list(query.table)
+        selection = query.selection
+        attempts = world.config.attempts
+        is_made = False
         task = None if query.task is None else torch.tensor([query.task])
         steps: list[ExplainedStep] = []
         tried: list[tuple[int, int]] = []
         while attempts and not is_made and len(steps) != self._max_actions:
             padded = torch.tensor([[*table, *[nothing] * (room - len(table))]])
+            # A batch of one state. Without a tried pair, an empty one keeps the shape (1, n, 2).
             state = States(
                 torch.tensor([query.goal]),
                 torch.tensor([nothing if selection is None else selection]),
@@ -402,61 +477,84 @@ class Explainer:
                 Attempts(torch.tensor([attempts]), torch.tensor([tried or [(nothing, nothing)]])),
             )
             action, output = self._decide(query.policy, state)
-            slots = _slots(
-                self._names, output, graph.labels(table), parts, self._evidence(query.policy, state)
-            )
-            entity, made = table[action], []
+            evidence = self._evidence(query.policy, state)
+            slots = _slots(self._names, output, graph.labels(table), parts, evidence)
+            entity = table[action]
+            made: list[int] = []
             if selection is not None:
-                results = world.outcomes.get((min(selection, entity), max(selection, entity)), ())
+                pair = (min(selection, entity), max(selection, entity))
+                results = world.outcomes.get(pair, ())
                 tried.append((selection, entity))
                 made = [result for result in results if result not in table]
                 table += made
-                is_made, attempts = query.goal in results, attempts - 1
+                is_made = query.goal in results
+                attempts -= 1
             selected = None if selection is None else graph.entities[selection]
-            lambdas = (
-                {}
-                if output.lambdas is None
-                else dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
+            lambdas: dict[str, float] = {}
+            if output.lambdas is not None:
+                lambdas = dict(zip(self._names, output.lambdas[0].tolist(), strict=True))
+            steps.append(
+                ExplainedStep(
+                    selection=selected,
+                    value=float(output.value[0]),
+                    lambdas=lambdas,
+                    action=graph.entities[entity],
+                    made=graph.labels(made),
+                    slots=slots,
+                )
             )
-            value, label = float(output.value[0]), graph.entities[entity]
-            steps.append(ExplainedStep(selected, value, lambdas, label, graph.labels(made), slots))
+            # The first action of an attempt selects, the second combines and clears the selection.
             selection = entity if selection is None else None
-        outcome = OUTCOMES[GOAL if is_made else IN_PROGRESS if attempts else OUT_OF_ATTEMPTS]
+        outcome = GOAL if is_made else OUT_OF_ATTEMPTS
+        if attempts and not is_made:
+            outcome = IN_PROGRESS
         return ExplainedEpisode(
-            graph.entities[query.goal], query.start, plans, outcome, tuple(steps)
+            graph.entities[query.goal], query.start, plans, OUTCOMES[outcome], tuple(steps)
         )
 
     def _evidence(self, policy: Policy, state: States) -> list[SlotEvidence | None]:
-        entities, goal, find = self.world.graph.entities, int(state.goal), self._outside
+        """Return each slot's evidence: a plan if a source has one, else the first source's."""
+        entities = self.world.graph.entities
         result: list[SlotEvidence | None] = [None] * state.table.shape[1]
         for name, source in policy.sources.items():
             assert isinstance(source, Source)
             for slot, evidence in enumerate(source.evidence(state)):
-                if evidence is not None and (result[slot] is None or evidence.plan):
-                    because = tuple(Witness.of(recipe, entities) for recipe in evidence.supporting)
-                    expected = evidence.plan[0][2] if evidence.plan else goal
-                    outside = (
-                        find.of_recipe(int(state.table[0, slot]), evidence.partner, expected)
-                        if find
-                        else ()
-                    )
-                    plan = tuple(
-                        ExpectedAttempt(entities[a], entities[b], entities[made], probability)
-                        for a, b, made, probability in evidence.plan
-                    )
-                    result[slot] = SlotEvidence(
-                        name, entities[evidence.partner], because, outside, plan
-                    )
+                if evidence is None or (result[slot] is not None and not evidence.plan):
+                    continue
+                # A plan's first attempt need not make the goal: evidence is for its own result.
+                expected = evidence.plan[0][2] if evidence.plan else int(state.goal)
+                outside: tuple[OutsideEvidence, ...] = ()
+                if self._outside:
+                    entity = int(state.table[0, slot])
+                    outside = self._outside.of_recipe(entity, evidence.partner, expected)
+                plan = []
+                for a, b, made, probability in evidence.plan:
+                    labels = (entities[a], entities[b], entities[made])
+                    plan.append(ExpectedAttempt(*labels, probability))
+                result[slot] = SlotEvidence(
+                    source=name,
+                    partner=entities[evidence.partner],
+                    because=tuple(Witness.of(recipe, entities) for recipe in evidence.supporting),
+                    outside=outside,
+                    plan=tuple(plan),
+                )
         return result
 
     def _plan_labels(self, plans: tuple[Rows, ...]) -> tuple[tuple[tuple[str, ...], ...], set[str]]:
+        """Return plans as texts, and the ingredients of their last recipes."""
         graph = self.world.graph
-        labels = [graph.recipe_labels(graph.recipes[list(plan)]) for plan in plans]
-        texts = tuple(tuple(f"{a} + {b} -> {result}" for a, b, result in plan) for plan in labels)
-        return texts, {label for plan in labels for label in plan[-1][:2]}
+        texts = []
+        parts: set[str] = set()
+        for plan in plans:
+            recipes = graph.recipe_labels(graph.recipes[list(plan)])
+            texts.append(tuple(f"{a} + {b} -> {result}" for a, b, result in recipes))
+            parts.update(recipes[-1][:2])
+        return tuple(texts), parts
 
     @torch.no_grad()
     def _decide(self, policy: Policy, state: States) -> tuple[int, PolicyOutput]:
+        # The action is that of the policy in single precision, as in play: in double precision a
+        # tie could fall the other way. Only the shown numbers are exact.
         external_scores = policy.external_scores(state)
         action = int(self._policy(state, self._weights, external_scores).logits.argmax(1))
         exact = None if external_scores is None else external_scores.double()
@@ -464,6 +562,7 @@ class Explainer:
 
 
 def _own(policy: Policy) -> Policy:
+    # Buffers are shared, because they never change and may take gigabytes; weights are copied.
     return copy.deepcopy(policy, {id(tensor): tensor for tensor in policy.buffers()}).eval()
 
 
@@ -476,29 +575,38 @@ def explain_episodes(
     outside: OutsideEvidenceFinder | None = None,
     task: int | None = None,
 ) -> tuple[ExplainedEpisode, ...]:
-    """Play tasks greedily on the fixed evaluation tables and explain each action; see :class:`Explainer`.
+    """Play tasks greedily on the fixed evaluation tables and explain each action.
 
-    Plays the task with index ``task``, or else tasks with this ``goal``, or else evenly spaced tasks; if necessary,
-    tasks repeat with different distractors until there are ``episodes``. UnknownEntityError if the goal does not exist,
-    TaskError if the world has no task with the goal, ConfigError if the task does not exist.
+    Args:
+        policy: the policy, see :class:`Explainer`.
+        world: the world with the tasks.
+        goal: label of the goal of all tasks; None for evenly spaced tasks.
+        episodes: number of episodes; if necessary, tasks repeat with different distractors.
+        outside: finder for evidence from outside the train recipes; None without such knowledge.
+        task: index of the only task to play; None for tasks by ``goal``.
+
+    Returns:
+        The episodes.
+
+    Raises:
+        UnknownEntityError: if the goal does not exist.
+        TaskError: if the world has no task with the goal.
+        ConfigError: if the task does not exist.
     """
     explainer = Explainer(policy, world, outside=outside)
     if task is not None:
         whole("task", task, 0, len(world.tasks) - 1)
-        return tuple(
-            explainer.episode(task, distractor_seed) for distractor_seed in range(episodes)
-        )
+        return tuple(explainer.episode(task, number) for number in range(episodes))
     tasks, distractor_seeds = _choose_tasks(world, goal, episodes)
     chosen = list(zip(tasks.tolist(), distractor_seeds.tolist(), strict=True))
-    return tuple(
-        explainer.episode(task, distractor_seed)
-        for task, distractor_seed in steps("explaining", chosen)
-    )
+    return tuple(explainer.episode(*task_and_seed) for task_and_seed in steps("explaining", chosen))
 
 
 def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, Ids]:
-    graph, tasks, config = world.graph, world.tasks, world.config
+    graph = world.graph
+    tasks = world.tasks
     if goal is None:
+        # Evenly spaced, because neighbouring tasks have the same goal.
         rows = np.linspace(0, len(tasks) - 1, min(episodes, len(tasks))).astype(np.int64)
         return rows, np.zeros_like(rows)
     if goal not in graph.entities:
@@ -508,8 +616,10 @@ def _choose_tasks(world: World, goal: str | None, episodes: int) -> tuple[Ids, I
     rows = np.flatnonzero(tasks.goals == graph.entities.index(goal))
     if not len(rows):
         raise TaskError(
-            f"no {config.part} task of depth {config.depth} has the goal '{goal}'. Choose another goal, or `part` all."
+            f"no {world.config.part} task of depth {world.config.depth} has the goal '{goal}'. "
+            "Choose another goal, or `part` all."
         )
+    # All tasks with the first table, then all with the second one.
     numbers = np.arange(episodes)
     return rows[numbers % len(rows)], numbers // len(rows)
 
@@ -521,15 +631,16 @@ def _slots(
     parts: set[str],
     evidence: Sequence[SlotEvidence | None],
 ) -> tuple[ExplainedSlot, ...]:
-    logits, probabilities = (
-        output.logits[0].tolist(),
-        torch.softmax(output.logits[0], dim=0).tolist(),
-    )
-    values, lambdas = output.logits, [1.0]
+    logits = output.logits[0].tolist()
+    probabilities = torch.softmax(output.logits[0], dim=0).tolist()
     if output.sources is None or output.lambdas is None:
+        # Without mixing, the logits are those of attention alone.
         names = [ALPHA.name]
+        values = output.logits
+        lambdas = [1.0]
     else:
-        values, lambdas = output.sources[0], output.lambdas[0].tolist()
+        values = output.sources[0]
+        lambdas = output.lambdas[0].tolist()
     rows = []
     for i, label in enumerate(labels):
         sources = dict(zip(names, values[:, i].tolist(), strict=True))
@@ -537,13 +648,13 @@ def _slots(
         contributions = dict(zip(names, terms, strict=True))
         rows.append(
             ExplainedSlot(
-                label,
-                label in parts,
-                sources,
-                contributions,
-                logits[i],
-                probabilities[i],
-                evidence[i],
+                entity=label,
+                is_part=label in parts,
+                sources=sources,
+                contributions=contributions,
+                logit=logits[i],
+                probability=probabilities[i],
+                evidence=evidence[i],
             )
         )
     return tuple(rows)

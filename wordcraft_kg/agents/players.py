@@ -1,7 +1,7 @@
 """Scripted players (chance, symbolic knowledge graphs, scorers, an oracle) and their success rates.
 
-A player is a function ``(state, rng) -> slots``: from a batched state and a random generator to the chosen slot in each
-environment, shape (N,).
+A player is a function ``(state, rng) -> slots``: from a batched state and a random generator to the
+chosen slot in each environment, shape (N,).
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -69,12 +69,15 @@ def random_distinct(state: State, rng: np.random.Generator) -> Ids:
 
 def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
     """Choose the ingredients in the task's first plan, recipe by recipe."""
-    tasks, recipes = state.world.tasks, state.world.search.rows
+    tasks = state.world.tasks
+    recipes = state.world.search.rows
     slots = np.zeros(state.num_envs, dtype=np.int64)
     for i in range(state.num_envs):
         if not state.attempts_left[i]:
             continue
         table = state.table[i].tolist()
+        # The next recipe of the plan is the first whose result is not on the table; after the last
+        # one, for an episode that goes on, the last is repeated.
         plan = [recipes[row] for row in tasks.plans[state.task[i]][0]]
         a, b, _ = next((recipe for recipe in plan if recipe[2] not in table), plan[-1])
         slots[i] = table.index(b if state.selection[i] == a else a)
@@ -82,7 +85,10 @@ def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
 
 
 def knowledge_player(sources: Sequence[SlotScores]) -> Player:
-    """Return a player of the slot with the highest summed score, as in Jiang et al. 2020; ties at random."""
+    """Return a player of the slot with the highest summed score, as in Jiang et al. 2020.
+
+    Ties are broken at random.
+    """
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
         bind_tasks(sources, state.world)
@@ -97,14 +103,28 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
 
 
 def pair_player(score_recipes: RecipeFunction) -> Player:
-    """Return a player of the pair with the highest recipe score for the goal; ties favour different entities."""
+    """Return a player of the pair with the highest recipe score for the goal.
+
+    Ties favour different entities, and are then broken at random.
+    """
 
     def of_pairs(a: Tensor, b: Tensor, goal: Tensor, nothing: int) -> Tensor:
-        """Return pair scores by broadcasting, float64, -inf where b is nothing."""
+        """Return pair scores by broadcasting, float64.
+
+        Args:
+            a: id of the first entity; may be empty slots, whose scores are not used.
+            b: id of the second entity.
+            goal: id of the goal.
+            nothing: id of an empty slot, one above the last entity.
+
+        Returns:
+            The scores, -inf where ``b`` is an empty slot.
+        """
+        # Empty slots get a valid id for the scorer, and their scores are replaced below.
         last = nothing - 1
-        scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double() - 1e-6 * (
-            a == b
-        )
+        scores = score_recipes(a.clamp(max=last), b.clamp(max=last), goal).double()
+        # float64, because in float32 so small a difference vanishes beside a score of 100.
+        scores = scores - 1e-6 * (a == b)
         return scores.masked_fill(b == nothing, -torch.inf)
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
@@ -125,10 +145,12 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
 
 
 def nearest_words(graph: RecipeGraph) -> Player:
-    """Return a player of the two labels nearest to the goal's label by GloVe cosine, which knows no recipe."""
-    unit = np.pad(
-        glove_features(graph.entities).unit_vectors, ((0, 1), (0, 0))
-    )  # the last row is for empty slots
+    """Return a player of the two labels nearest to the goal's label by GloVe cosine.
+
+    The player knows no recipe.
+    """
+    # The last row is for empty slots.
+    unit = np.pad(glove_features(graph.entities).unit_vectors, ((0, 1), (0, 0)))
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
         is_selected = state.table == state.selection[:, None]
@@ -140,10 +162,11 @@ def nearest_words(graph: RecipeGraph) -> Player:
 
 
 def fewest_uses(split: Split) -> Player:
-    """Return a player of the two entities with the fewest train recipes as an ingredient; ties at random.
+    """Return a player of the two entities with the fewest train recipes as an ingredient.
 
-    The player knows neither goal nor meaning. Distractors are drawn by train uses, a task's ingredients are not, so
-    rare entities on a table are more often ingredients than distractors. A method must beat this shortcut, too.
+    Ties are broken at random. The player knows neither goal nor meaning. Distractors are drawn by
+    train uses, a task's ingredients are not, so rare entities on a table are more often ingredients
+    than distractors. A method must beat this shortcut, too.
     """
     uses = np.append(split.train_uses, 0)  # the last is for empty slots, which are never chosen
 
@@ -158,20 +181,31 @@ def fewest_uses(split: Split) -> Player:
 
 
 def scorer_alone(sources: Mapping[str, SlotScores]) -> dict[str, Player]:
-    """Return players that follow an agent's score sources without learned weights: all summed, w alone, and p alone."""
-    players = {", ".join(sources): knowledge_player(list(sources.values()))} if sources else {}
-    return players | {
-        name: knowledge_player([sources[name]]) for name in ("w", "p") if name in sources
-    }
+    """Return players that follow an agent's score sources without learned weights.
+
+    All sources are summed; w alone and p alone follow, if the agent has them, in this order.
+    """
+    players = {}
+    if sources:
+        players[", ".join(sources)] = knowledge_player(list(sources.values()))
+    for name in ("w", "p"):
+        if name in sources:
+            players[name] = knowledge_player([sources[name]])
+    return players
 
 
 def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
-    """Return the sources u and v for known triples, shape (T, 3): a score is 1 for a known triple, else 0."""
-    facts, nothing = SymbolicScorer(graph, triples), graph.num_entities
+    """Return the sources u and v for known triples, shape (T, 3).
+
+    A score is 1 for a known triple, else 0.
+    """
+    facts = SymbolicScorer(graph, triples)
+    nothing = graph.num_entities
 
     def linked(relation: int, key: Tensor, table: Tensor) -> Tensor:
         scores = torch.zeros(table.shape)
         keys = key[:, None].expand_as(table)
+        # Without a selection, u knows nothing: all slots have score 0.
         known = (table != nothing) & (keys != nothing)
         scores[known] = facts.score(table[known], relation, keys[known])
         return scores
@@ -183,7 +217,10 @@ def fact_sources(graph: RecipeGraph, triples: Ids) -> dict[str, SlotScores]:
 
 
 def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
-    """Return a function that scores recipes ``a + b -> c``: the number of known triples between a, b and c, 0 to 3."""
+    """Return a function that scores recipes ``a + b -> c`` by known triples.
+
+    The score is the number of known triples between a, b and c, 0 to 3.
+    """
     facts = SymbolicScorer(graph, triples)
 
     def score(a: Tensor, b: Tensor, c: Tensor) -> Tensor:
@@ -197,22 +234,22 @@ def fact_recipes(graph: RecipeGraph, triples: Ids) -> RecipeFunction:
 
 
 def knowledge_players(split: Split) -> dict[str, Player]:
-    """Return scripted players by name: chance, shortcuts without a graph, triples as facts, votes and an oracle.
+    """Return scripted players by name.
 
-    Players in :data:`PLAYERS` are among them.
+    They are chance, shortcuts without a graph, triples as facts, votes, the players in
+    :data:`PLAYERS`, and an oracle, which comes last.
     """
     graph = split.graph
-    some, everything = fact_sources(graph, split.partial), fact_sources(graph, graph.triples)
+    some = fact_sources(graph, split.partial)
+    everything = fact_sources(graph, graph.triples)
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
     no_self = fact_sources(graph, graph.triples[~loops])
     train = split.recipes("train")
     planner = {}
+    # The planner needs a dense table of pairs, which a large book does not fit into memory.
     if dense_bytes(graph.num_entities) <= memory():
-        planner = {
-            "partial KG, planner": knowledge_player(
-                [BestPlan.of_recipes(graph.num_entities, train)]
-            )
-        }
+        plans = BestPlan.of_recipes(graph.num_entities, train)
+        planner["partial KG, planner"] = knowledge_player([plans])
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
@@ -240,14 +277,26 @@ def scorer_players(
     *,
     plans: bool = False,
 ) -> dict[str, Player]:
-    """Return players that act by a scorer's standardised scores: v, u, and u+v with three settings for self edges.
+    """Return players that act by a scorer's standardised scores, by name.
 
-    The source u scores a slot with the selection, v with the goal; self edges are scores for an entity with itself.
-    Recipe scorers add ``w, best pair``, which plays the pair with the highest recipe score, and with ``plans``, if the
-    scorer can plan, ``planner``, which plays the first pair of the most probable plan.
+    The source u scores a slot with the selection, v with the goal; self edges are scores for an
+    entity with itself. There are v, u, and u + v with three settings for self edges. Recipe scorers
+    add :data:`BEST_PAIR`, the pair with the highest recipe score.
 
-    ``observed`` are the scorer's training triples, shape (T, 3). Cross-fitted scorers need the ``tasks`` to play if
-    these are train tasks. GraphMismatchError if the scorer belongs to another graph.
+    Args:
+        graph: the graph.
+        scorer: a scorer of the graph.
+        observed: the scorer's training triples, shape (T, 3).
+        tasks: the tasks to play, if they are train tasks: a cross-fitted scorer then answers by the
+            model that has not seen a task's recipes. None for other tasks.
+        plans: add :data:`PLANNER`, the first pair of the most probable plan, if the scorer can
+            plan.
+
+    Returns:
+        The players.
+
+    Raises:
+        GraphMismatchError: if the scorer belongs to another graph.
     """
     check_scorer(scorer, graph)
 
@@ -263,8 +312,11 @@ def scorer_players(
         "u+v, self edges dropped": of("u", "v", self_edges="drop"),
     }
     # The sources w and p refuse train tasks, where scores would be in-sample.
-    players |= {BEST_PAIR: of("w")} if BestRecipe.serves(scorer) else {}
-    return players | ({PLANNER: of("p")} if plans and BestPlan.serves(scorer) else {})
+    if BestRecipe.serves(scorer):
+        players[BEST_PAIR] = of("w")
+    if plans and BestPlan.serves(scorer):
+        players[PLANNER] = of("p")
+    return players
 
 
 class PlayerSuccess(Record):
@@ -312,10 +364,11 @@ def play_all(
         distractor_seeds: tables per task, equal for all players; None as for
             :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
         seed: draws distractors and players' choices.
-        groups: masks over the world's tasks by name, each of shape (tasks,). Groups without tasks have no row.
+        groups: masks over the world's tasks by name, each of shape (tasks,). Groups without tasks
+            have no row.
 
     Returns:
-        For each number of distractors and player a record of all tasks, then a record of each group.
+        For each number of distractors and player a record of all tasks, then one of each group.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)
@@ -325,41 +378,42 @@ def play_all(
         tasks = np.arange(len(world.tasks))
         engine = BatchEngine(world.variant(num_distractors=amount), len(tasks))
         for name, player in players.items():
-            success, by_plan = (
-                np.zeros((len(tasks), distractor_seeds), dtype=bool) for _ in range(2)
-            )
+            success = np.zeros((len(tasks), distractor_seeds), dtype=bool)
+            by_plan = np.zeros_like(success)
+            # A generator for each player: results do not depend on the other players.
             rng = np.random.default_rng([seed, amount])
             for distractor_seed in range(distractor_seeds):
                 state = engine.pose(tasks, distractor_seed, seed=seed)
-                table = f"{counted(amount, 'distractor')}, table {distractor_seed + 1} of {distractor_seeds}"
-                for _ in steps(
-                    f"playing {name}, {table}, action", range(2 * int(state.attempts_left.max()))
-                ):
+                number = f"table {distractor_seed + 1} of {distractor_seeds}"
+                stage = f"playing {name}, {counted(amount, 'distractor')}, {number}, action"
+                # An attempt takes two actions.
+                for _ in steps(stage, range(2 * int(state.attempts_left.max()))):
                     if not (state.attempts_left > 0).any():
                         break
                     state, step = engine.step_once(state, player(state, rng))
                     success[:, distractor_seed] |= step.outcome == GOAL
                     by_plan[:, distractor_seed] |= step.by_plan
-            everything = {"": np.ones(len(tasks), dtype=bool)}
-            for group, mask in {**everything, **(groups or {})}.items():
+            masks = {"": np.ones(len(tasks), dtype=bool), **(groups or {})}
+            for group, mask in masks.items():
                 if mask.any():
                     of_group = success[mask]
                     low, high = task_bootstrap(of_group, world.groups[mask])
                     rows.append(
                         PlayerSuccess(
-                            name,
-                            amount,
-                            of_group.size,
-                            float(of_group.mean()),
-                            low,
-                            high,
-                            float(by_plan[mask].mean()),
-                            group,
+                            player=name,
+                            distractors=amount,
+                            episodes=of_group.size,
+                            success=float(of_group.mean()),
+                            low=low,
+                            high=high,
+                            by_plan=float(by_plan[mask].mean()),
+                            goals=group,
                         )
                     )
     return tuple(rows)
 
 
 def _best(scores: NDArray[np.float64], rng: np.random.Generator) -> Ids:
+    # Ties at random: the first slot would favour starting ingredients or distractors by position.
     is_best = scores == scores.max(axis=1, keepdims=True)
     return np.asarray(np.where(is_best, rng.random(scores.shape), -1.0).argmax(axis=1))

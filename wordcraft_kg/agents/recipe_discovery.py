@@ -21,12 +21,15 @@ PRIOR = {
 }
 """Mean and variance of each feature's weight before the first attempt.
 
-Means come from pairs of ``everyday`` with a scorer of Little Alchemy 2, variances from exploring ``everyday``.
+Means come from pairs of ``everyday`` with a scorer of Little Alchemy 2, variances from exploring
+``everyday``.
+
+The feature ``uses`` counts a + a twice.
 
 | feature | meaning |
 |---|---|
 | results | log Σ_c exp(score of a + b -> c) over candidate results c that are not known |
-| uses | log(1 + recipes that use a) + log(1 + recipes that use b), in the scorer's book; a + a counts twice |
+| uses | log(1 + recipes that use a) + log(1 + recipes that use b), in the scorer's book |
 | strange | number of ingredients outside the scorer's book |
 | words | word cosine of a and b |
 | recorded | 1 if the scorer's book has a recipe of a + b |
@@ -35,33 +38,37 @@ Means come from pairs of ``everyday`` with a scorer of Little Alchemy 2, varianc
 FREE = 5
 """Number of random attempts at the start of a run."""
 COVER = 5
-"""Every how many attempts the player uses an entity that it has tried least: everything may depend on one entity."""
-_LIKELY = (
-    64  # results by componentOf scores, of which the CANDIDATES best by recipe scores are kept
-)
+"""Every how many attempts the player uses an entity that it has tried least.
+
+Everything may depend on one entity.
+"""
+# Results by componentOf scores, of which the CANDIDATES best by recipe scores are kept.
+_LIKELY = 64
 _NONE = -12.0  # score of a candidate that is known already
 _STEPS = 3  # of Newton's method after each attempt; the weights change little
 _STEP = 1.0  # largest change of a weight in a step
 
 
 class RecipeDiscoverer(Discoverer):
-    """A player that tries pairs that probably make something new and useful, and learns from its attempts.
+    """A player of pairs that probably make something new and useful; it learns from its attempts.
 
-    A pair with features x (:data:`PRIOR`) makes something new with probability ``p = σ(w · x)``. After each attempt, w
-    is the most probable value given the outcomes so far, success or failure, and normal priors (Bayesian logistic
-    regression). The player tries the untried pair with the largest
+    A pair with features x (:data:`PRIOR`) makes something new with probability ``p = σ(w · x)``.
+    After each attempt, w is the most probable value given the outcomes so far, success or failure,
+    and normal priors (Bayesian logistic regression). The player tries the untried pair with the
+    largest
 
     ``p(a, b) (1 + Σ_c P(c | a, b) log(1 + uses(c)))``.
 
-    c runs over likely results that are not known, P is the softmax of their scores, and uses(c) counts recipes in the
-    scorer's book that use c. The first :data:`FREE` attempts are random. Every :data:`COVER` attempts, only pairs with
-    an entity in the fewest attempts count.
+    c runs over likely results that are not known, P is the softmax of their scores, and uses(c)
+    counts recipes in the scorer's book that use c. The first :data:`FREE` attempts are random.
+    Every :data:`COVER` attempts, only pairs with an entity in the fewest attempts count.
 
-    The player knows the labels of known entities only. Candidate results come from the scorer's book alone.
+    The player knows the labels of known entities only. Candidate results come from the scorer's
+    book alone.
     """
 
     def __init__(self, labelled: LabelledScorer):
-        """Read the tables of a recipe scorer that describes the labels of all entities which may become known."""
+        """Read the tables of a recipe scorer that describes the labels of all entities."""
         self._scorer, self._own, self._rows = labelled
         knowledge = self._scorer.knowledge
         self._parts = knowledge.parts[0, :-1, : self._own, 1].float()
@@ -72,30 +79,34 @@ class RecipeDiscoverer(Discoverer):
         self._scored: dict[Pair, tuple[NDArray[np.int64], Floats]] = {}
         self._mean, self._variance = np.array(list(PRIOR.values())).T
 
-    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102 - inherited
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self._pairs = np.empty((0, 2), dtype=np.int64)
         self._results = np.empty((0, self._width), dtype=np.int64)
         self._scores = np.empty((0, self._width))
         self._fixed = np.empty((0, len(PRIOR) - 1))
         self._is_known = np.zeros(self._own, dtype=bool)
         self._attempts = np.zeros(len(self._rows), dtype=np.int64)
-        self._seen, self._made = np.empty((0, len(PRIOR))), np.empty(0)
+        # Features and outcome of each attempt so far.
+        self._seen = np.empty((0, len(PRIOR)))
+        self._made = np.empty(0)
         self._weights = self._mean.copy()
         super().begin(base, rng)
 
-    def learn(self, entity: int) -> None:  # noqa: D102 - inherited
+    def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
-        row, partners = self._rows[entity], self._rows[self.known]
+        row = self._rows[entity]
+        partners = self._rows[self.known]
+        # Entities outside the scorer's book are never candidate results.
         if row < self._own:
             self._is_known[row] = True
         self._score(row, partners)
-        results, scores = zip(
-            *(self._scored[_ordered(row, partner)] for partner in partners.tolist()), strict=True
-        )
+        kept = [self._scored[_ordered(row, partner)] for partner in partners.tolist()]
+        results = [of_pair for of_pair, _ in kept]
+        scores = [of_pair for _, of_pair in kept]
         fixed = [
             np.ones(len(partners)),
             self._uses[row] + self._uses[partners],
-            (row >= self._own) * 1.0 + (partners >= self._own),
+            float(row >= self._own) + (partners >= self._own),
             self._words[row, partners],
             self._recorded[row, partners],
             partners == row,
@@ -106,18 +117,19 @@ class RecipeDiscoverer(Discoverer):
         self._scores = np.concatenate([self._scores, scores])
         self._fixed = np.concatenate([self._fixed, np.column_stack(fixed)])
 
-    def choose(self) -> Pair:  # noqa: D102 - inherited
+    def choose(self) -> Pair:  # noqa: D102
+        # A known result is nothing new; -inf would make a pair without other candidates undefined.
         scores = np.where(self._is_known[self._results], _NONE, self._scores)
         features = np.insert(self._fixed, 1, logsumexp(scores, axis=1), axis=1)
         if len(self._made) < FREE:
             self._chosen = int(self.rng.integers(len(features)))
         else:
-            worth = 1 + (np.exp(log_softmax(scores, axis=1)) * self._uses[self._results]).sum(
-                axis=1
-            )
+            shares = np.exp(log_softmax(scores, axis=1))
+            worth = 1 + (shares * self._uses[self._results]).sum(axis=1)
             values = expit(features @ self._weights) * worth
             if (len(self._made) + 1) % COVER == 0:
                 attempts = self._attempts[self._pairs].min(axis=1)
+                # Below all values, which are positive.
                 values[attempts > attempts.min()] = -1
             self._chosen = self.draw_best(values)
         self._seen = np.concatenate([self._seen, features[self._chosen, None]])
@@ -125,7 +137,7 @@ class RecipeDiscoverer(Discoverer):
         self._attempts[[one, other]] += 1
         return one, other
 
-    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102 - inherited
+    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         for name in ("_pairs", "_results", "_scores", "_fixed"):
             setattr(self, name, np.delete(getattr(self, name), self._chosen, axis=0))
         self._made = np.append(self._made, len(new) > 0)
@@ -133,19 +145,15 @@ class RecipeDiscoverer(Discoverer):
         super().observe(pair, new)
 
     def _score(self, row: int, partners: NDArray[np.int64]) -> None:
-        """Keep likely results with each partner and their scores; equal in all runs, so computed once."""
-        wanted = [
-            partner
-            for partner in dict.fromkeys(partners.tolist())
-            if _ordered(row, partner) not in self._scored
-        ]
+        """Keep likely results with each partner and their scores, which are equal in all runs."""
+        different = dict.fromkeys(partners.tolist())
+        wanted = [other for other in different if _ordered(row, other) not in self._scored]
         if wanted:
             others = torch.tensor(wanted)[:, None]
             fit = self._parts[row] + self._parts[others[:, 0]]
             likely = fit.topk(min(_LIKELY, self._own), dim=1).indices
-            scores, best = self._scorer.score_recipes(torch.tensor(row), others, likely).topk(
-                self._width, dim=1
-            )
+            scored = self._scorer.score_recipes(torch.tensor(row), others, likely)
+            scores, best = scored.topk(self._width, dim=1)
             results = likely.gather(1, best).numpy()
             for partner, *kept in zip(wanted, results, scores.numpy(), strict=True):
                 self._scored[_ordered(row, partner)] = kept[0], kept[1]
@@ -154,11 +162,11 @@ class RecipeDiscoverer(Discoverer):
         weights = self._weights
         for _ in range(_STEPS):
             chances = expit(self._seen @ weights)
+            # Gradient and Hessian of the negative log posterior: data, then the normal prior.
             slope = self._seen.T @ (chances - self._made) + (weights - self._mean) / self._variance
-            curvature = (self._seen.T * (chances * (1 - chances))) @ self._seen + np.diag(
-                1 / self._variance
-            )
-            step = np.linalg.solve(curvature, slope)
+            of_data = (self._seen.T * (chances * (1 - chances))) @ self._seen
+            step = np.linalg.solve(of_data + np.diag(1 / self._variance), slope)
+            # Newton's method overshoots where outcomes are all equal, so steps are limited.
             weights = weights - step / max(1.0, np.abs(step).max() / _STEP)
         self._weights = weights
 

@@ -3,7 +3,7 @@
 As with logging, no argument has to be passed down, and without a listener the work is silent::
 
     with listening(lambda stage, done, total: print(f"{stage}: {done} of {total}")):
-        make_link_report(scorer, opened)
+        view_links(rank_links(scorer, opened))
 """
 
 from collections.abc import Callable, Collection, Iterator

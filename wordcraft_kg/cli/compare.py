@@ -119,7 +119,7 @@ def _compare_agents(
 ) -> None:
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.base.artefacts import check_output
-    from wordcraft_kg.evaluation.agents import group_agents, summarise_agents
+    from wordcraft_kg.evaluation.agents import group_agents, summarise_agents, view_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.pages import write_report
 
@@ -131,17 +131,17 @@ def _compare_agents(
     source = next(iter(groups.values()))[0].opened.source
     folder = out or Path("reports") / "-and-".join(groups)
     check_output(folder, force=force)
-    report = make_agent_report(
+    view = view_agents(
         groups,
         part=options.part,
         distractors=amounts,
         distractor_seeds=options.distractor_seeds,
         episodes=options.episodes,
     )
-    write_report(report, folder, force=force)
+    write_report(make_agent_report(view), folder, force=force)
     page = folder / "index.html"
-    text = [*_agents_text(report.view, source), f"wrote {folder}/   open {page}"]
-    output.result(summarise_agents(report.view, str(page)), text)
+    text = [*_agents_text(view, source), f"wrote {folder}/   open {page}"]
+    output.result(summarise_agents(view, str(page)), text)
 
 
 def _agents_text(view: "AgentsView", graph: str) -> Iterator[str]:

@@ -11,7 +11,7 @@ from wordcraft_kg.cli.console import Output, aligned, check_file, split_labels, 
 from wordcraft_kg.cli.options import Force, Graph, Words
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.discovery import DiscoveryView, Known
+    from wordcraft_kg.evaluation.discovery import DiscoveryView, KnownEntities
 
 EXAMPLES = (
     "wordcraft-kg discover everyday --players random,greedy --runs 20",
@@ -76,7 +76,7 @@ def discover(
 
 
 def _text(view: "DiscoveryView") -> Iterator[str]:
-    def cell(known: "Known") -> str:
+    def cell(known: "KnownEntities") -> str:
         # A player without chance does the same in each run: there is nothing between the ends.
         if known.low is None or known.high is None or known.low >= known.high:
             return f"{known.mean:.1f}"

@@ -35,7 +35,8 @@ def evaluate_links(
         out: folder to write. Default: report/ in the model folder.
     """
     from wordcraft_kg.base.artefacts import check_output
-    from wordcraft_kg.evaluation.links import summarise_links
+    from wordcraft_kg.evaluation.links import summarise_links, view_links
+    from wordcraft_kg.evaluation.ranked_links import rank_links
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.reports.link_report import make_link_report
     from wordcraft_kg.reports.pages import write_report
@@ -43,23 +44,19 @@ def evaluate_links(
     folder = out or model / "report"
     trained = open_model(model, graph)
     check_output(folder, force=force)
-    report = make_link_report(
+    links = rank_links(
         trained.scorer,
         trained.opened,
-        kg=trained.kg,
+        trained.kg,
         train_sample=trained.train_sample,
         made_by_other_books=trained.made_by_other_books,
-        name=model.name,
-        provenance=trained.provenance,
-        trace=trained.trace,
         max_queries=max_queries,
     )
-    write_report(report, folder, force=force)
-    output.result(
-        summarise_links(report.view, str(folder / "index.html")), _text(report.view, folder)
-    )
+    view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
+    write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
+    output.result(summarise_links(view, str(folder / "index.html")), _text(view, folder))
     # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no figure is valid.
-    failed = [check for check in report.view.checks if not check.passed and check.id != "coverage"]
+    failed = [check for check in view.checks if not check.passed and check.id != "coverage"]
     for check in failed:
         print(f"CHECK FAILED: {check.name} ({check.detail})", file=sys.stderr)
     return 1 if failed else 0

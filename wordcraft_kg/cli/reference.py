@@ -22,7 +22,7 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.reference import OpenPlay, ReferenceRow, TaskPlay
-    from wordcraft_kg.studies.references import ReferenceTable
+    from wordcraft_kg.evaluation.reference_table import ReferenceTable
 
 EXAMPLES = (
     "wordcraft-kg reference everyday --distractors 1,2,8",
@@ -68,8 +68,8 @@ def reference(
     check_file(out, force=force)  # before minutes of play
     from wordcraft_kg.envs.config import WordCraftConfig
     from wordcraft_kg.evaluation.reference import TaskPlay
+    from wordcraft_kg.evaluation.reference_table import DISTRACTORS, open_play, view_references
     from wordcraft_kg.graphs.folder import open_graph
-    from wordcraft_kg.studies.references import DISTRACTORS, open_play, view_references
 
     if open_ended:
         if distractors or (part, depth, attempts) != ("test", 1, None):
@@ -92,7 +92,7 @@ def reference(
         play = TaskPlay(part, depth, config.attempts)
         view = view_references(open_graph(graph), play, amounts, external_results or ())
     if out is not None:
-        from wordcraft_kg.studies.references import reference_page
+        from wordcraft_kg.reports.reference_page import reference_page
 
         write_file(out, reference_page(view), force=force)
         view = replace(view, out=str(out))

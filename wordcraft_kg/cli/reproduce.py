@@ -266,7 +266,7 @@ def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) ->
     return 1 if failed else 0
 
 
-def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "State":
+def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyProgress":
     """Run a study's tasks in parallel processes on this machine."""
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
     from wordcraft_kg.studies.engine import run_plan

@@ -292,15 +292,15 @@ def _recipe_rows(trained: "TrainedRecipes") -> Rows:
 
 def _write_agent_report(trained: "TrainedAgent", config: "AgentConfig") -> None:
     from wordcraft_kg.agents.agent_folder import open_agent
-    from wordcraft_kg.evaluation.agents import group_agents
+    from wordcraft_kg.evaluation.agents import group_agents, view_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
     from wordcraft_kg.reports.pages import write_report
 
     assert trained.summary is not None
     # A split may have no test tasks at this depth.
     part: TaskPart = "test" if "test" in trained.summary.success else "train"
-    report = make_agent_report(group_agents([open_agent(trained.folder, config.graph)]), part=part)
-    write_report(report, trained.folder / "report", force=True)
+    view = view_agents(group_agents([open_agent(trained.folder, config.graph)]), part=part)
+    write_report(make_agent_report(view), trained.folder / "report", force=True)
 
 
 def _agent_values(trained: "TrainedAgent") -> Values:

@@ -1,9 +1,22 @@
 """Evaluation of scorers (models that rate triples or recipes), of agents, and of scripted players.
 
-Results are views: a view is a frozen :class:`~wordcraft_kg.base.records.Record` with all numbers from an evaluation.
-``--json`` prints the view, and reports and the explorer show the same numbers. The JSON Schema of ``report.json`` is
-derived from the view's type and checked when the file is written::
+Read :mod:`~wordcraft_kg.evaluation.links` first: it has all habits of this room. Results are
+views: a view is a frozen :class:`~wordcraft_kg.base.records.Record` with all numbers from an
+evaluation. ``--json`` prints the view, and reports and the explorer show the same numbers. The JSON
+Schema of ``report.json`` is derived from the view's type and checked when the file is written::
 
     view = view_links(rank_links(scorer, opened), name="mine")
     view.metrics["all"].mrr
+
+- Links: ``ranked_links`` ranks, ``links`` and ``link_sections`` make the view, ``link_comparison``
+  compares models, ``probabilities`` checks calibration.
+- Single scores: ``queries`` parses, ``scores`` and ``recipe_scores`` answer.
+- Play: ``agents``, ``agent_figures`` and ``training_curves`` for trained agents, ``players`` for
+  one agent or scripted players, ``discovery`` for open-ended play, ``tasks`` for examples.
+- Other results to compare with: ``reference`` reads the files in ``references/``,
+  ``result_readers`` reads the user's results, ``reference_table`` puts both into one table.
+- ``books`` and ``graphs``: views of recipe books and graphs. ``bins``, ``goal_groups``: helpers.
+
+Helpers may change at will. A view's fields are read by programs: add fields with defaults, and keep
+the names. A new kind of results is a ``ResultReader`` in the app that writes them.
 """

@@ -1,4 +1,4 @@
-"""Metrics of evaluated agents: success rates with intervals, termination reasons, and task groups."""
+"""Metrics of evaluated agents: success rates with intervals, outcomes, and groups of tasks."""
 
 from collections.abc import Collection, Mapping, Sequence
 from typing import Annotated, Literal
@@ -17,6 +17,7 @@ from wordcraft_kg.evaluation.goal_groups import goal_groups
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.tasks import TaskSet
 
+# Narrow bins for few train recipes, wide ones for many, because few goals have many.
 _TRAIN_RECIPES = ((0, 0), (1, 1), (2, 2), (3, 4), (5, 8), (9, OPEN_END))
 _LAYERS = ((0, 3), (4, 6), (7, 9), (10, OPEN_END))
 NEVER = "never"
@@ -29,11 +30,12 @@ class AgainstScorer(Record):
     """An agent's decisions and success beside its scorer alone, on the same tables.
 
     Attributes:
-        scorer: sources that the scorer alone follows, such as ``w``.
+        scorer: sources that the scorer alone follows, such as `w`.
         differs: share of episodes in which the agent combines other pairs than the scorer alone.
-        success, scorer_success: success rate of agent and scorer in these episodes; None without such episodes.
+        success, scorer_success: success rate of agent and scorer in these episodes; None without
+            such episodes.
         gain: success rate of the agent minus that of the scorer, over all episodes.
-        gain_ci: 95 % interval for ``gain``, by resampling groups of tasks.
+        gain_ci: 95 % interval for `gain`, by resampling groups of tasks.
     """
 
     scorer: str
@@ -45,12 +47,21 @@ class AgainstScorer(Record):
 
 
 class AgentSuccess(Record):
-    """An agent's success rate with a distractor count; intervals are 95 %, by bootstrap except ``seed_ci``.
+    """An agent's success rate with one distractor count; the intervals are at 95 %.
 
-    ``mean`` has intervals over training seeds (by Student's t; None for a single run) and over tasks; ``seeds`` has
-    each run's rate. ``by_plan`` is the share of episodes that make the goal by one of the task's plans, ``actions`` the
-    mean per episode. ``difference`` to the first agent: by resampling groups of tasks, None for the first agent.
-    ``against_scorer`` is None for an agent without a scorer.
+    Attributes:
+        mean: success rate, the mean over the agent's runs.
+        seed_ci: interval over training seeds by Student's t; None for a single run.
+        task_ci: interval over tasks, by bootstrap of the groups that the split holds out together.
+        seeds: success rate of each run.
+        by_plan: share of episodes that make the goal by one of the task's plans.
+        actions: mean number of chosen slots in an episode.
+        difference: success rate minus that of the first agent on the same tasks; None for the first
+            agent.
+        difference_ci: interval for `difference`, by resampling groups of tasks in pairs; None for
+            the first agent.
+        against_scorer: comparison with the agent's scorer alone; None for an agent without a
+            scorer.
     """
 
     mean: Share
@@ -65,7 +76,14 @@ class AgentSuccess(Record):
 
 
 class SliceSuccess(Record):
-    """Success rate on a named group of tasks (a slice), with the 95 % interval by resampling groups of tasks."""
+    """Success rate on a named group of tasks (a slice).
+
+    Attributes:
+        slice: the group's name.
+        tasks: number of tasks in the group.
+        success: share of successful episodes, over all runs and tables.
+        ci: 95 % interval, by resampling groups of tasks.
+    """
 
     slice: str
     tasks: Annotated[int, msgspec.Meta(ge=1)]
@@ -74,21 +92,39 @@ class SliceSuccess(Record):
 
 
 def _successes(results: Sequence[Evaluation]) -> NDArray[np.bool_]:
+    # Runs side by side, shape (tasks, runs × tables): a resampled task keeps all its episodes.
     return np.concatenate([result.success for result in results], axis=1)
 
 
 def compare_with_scorer(
     results: Sequence[Evaluation], scorer: str, alone: Evaluation
 ) -> AgainstScorer:
-    """Compare an agent's evaluated runs with its scorer alone, which follows the sources ``scorer``."""
+    """Compare an agent's evaluated runs with the agent's scorer alone.
+
+    Args:
+        results: an evaluation of each run, on the same tables.
+        scorer: the sources that the scorer alone follows, such as `w`.
+        alone: the evaluation of the scorer alone on these tables.
+
+    Returns:
+        The comparison over all runs.
+    """
     differs = np.concatenate([result.decisions != alone.decisions for result in results], axis=1)
-    success, of_scorer = _successes(results), _successes([alone] * len(results))
+    success = _successes(results)
+    # The scorer has no training seeds, so its one evaluation stands beside each run.
+    of_scorer = _successes([alone] * len(results))
+    # All episodes count for the gain: where decisions are equal the difference is 0, and leaving
+    # these episodes out would choose tasks by the outcome.
     gain, low, high = paired_difference(success, of_scorer, alone.groups)
-    agent_there, scorer_there = (
-        float(values[differs].mean()) if differs.any() else None for values in (success, of_scorer)
-    )
+    # Without a single other decision, a success rate in these episodes has no meaning.
+    any_differs = bool(differs.any())
     return AgainstScorer(
-        scorer, float(differs.mean()), agent_there, scorer_there, gain, (low, high)
+        scorer=scorer,
+        differs=float(differs.mean()),
+        success=float(success[differs].mean()) if any_differs else None,
+        scorer_success=float(of_scorer[differs].mean()) if any_differs else None,
+        gain=gain,
+        gain_ci=(low, high),
     )
 
 
@@ -97,7 +133,17 @@ def success_of(
     reference: Sequence[Evaluation] | None,
     against_scorer: AgainstScorer | None = None,
 ) -> AgentSuccess:
-    """Return the success rate over an agent's evaluated runs, compared with a reference agent's runs if given."""
+    """Return the success rate over an agent's evaluated runs.
+
+    Args:
+        results: an evaluation of each run, on the same tables.
+        reference: evaluations of the first agent's runs, to compare with; None for no comparison.
+        against_scorer: the comparison with the agent's scorer alone; None without a scorer.
+
+    Returns:
+        The rates and their intervals.
+    """
+    # Seeds and tasks are two separate sources of chance, so each has an interval of its own.
     means = [float(result.success.mean()) for result in results]
     success = AgentSuccess(
         mean=float(np.mean(means)),
@@ -110,6 +156,7 @@ def success_of(
     )
     if reference is None:
         return success
+    # Both agents have played the same tables: pairs take the tasks' difficulty out of the interval.
     groups = results[0].groups
     difference, low, high = paired_difference(_successes(results), _successes(reference), groups)
     return msgspec.structs.replace(success, difference=difference, difference_ci=(low, high))
@@ -117,11 +164,11 @@ def success_of(
 
 def outcomes_of(results: Sequence[Evaluation]) -> dict[TerminationReason, Share]:
     """Return the episode share for each termination reason, averaged over runs."""
-    shares = [result.shares() for result in results]
-    return {
-        termination: float(np.mean([share[termination] for share in shares]))
-        for termination in TERMINATION_REASONS
-    }
+    of_runs = [result.shares() for result in results]
+    shares: dict[TerminationReason, Share] = {}
+    for termination in TERMINATION_REASONS:
+        shares[termination] = float(np.mean([run[termination] for run in of_runs]))
+    return shares
 
 
 def slices_of(
@@ -136,42 +183,55 @@ def slices_of(
         agent: a run of the agent; its split counts the train recipes for a goal.
         tasks: the tasks, of which the results have played all or a sample.
         results: the evaluations of the agent's runs, on the same tasks.
-        made_by_other_books: labels that other books in the training of scorers make; None without such a scorer.
+        made_by_other_books: labels that other books in the training of scorers make; None without
+            such a scorer.
 
     Returns:
-        Success by train recipes for the goal, by crafting rounds to the goal, and on the goals that other books make
-        and all other goals; no empty groups.
+        Success by train recipes for the goal, by crafting rounds to the goal, and on the goals that
+        other books make and all other goals; no empty groups.
     """
     if not results:
         return {}
-    played = results[0].tasks
-    graph, split, goals = agent.opened.graph, agent.opened.split, tasks.goals[played]
-    made = np.bincount(graph.recipes[split.is_in("train"), 2], minlength=graph.num_entities)[goals]
+    graph = agent.opened.graph
+    split = agent.opened.split
+    # The evaluator may have played a sample, so goals follow the order of the played tasks.
+    goals = tasks.goals[results[0].tasks]
+    train_results = graph.recipes[split.is_in("train"), 2]
+    num_made = np.bincount(train_results, minlength=graph.num_entities)
+    made = num_made[goals]
     layer = layers(graph)[goals]
     groups: dict[Slice, list[tuple[str, NDArray[np.bool_]]]] = {
         "train_recipes": list(binned(made, _TRAIN_RECIPES)),
+        # Layer -1 marks goals that cannot be made from the base.
         "layer": [(NEVER, layer < 0), *binned(layer, _LAYERS)],
         "other_book": list(goal_groups(graph, goals, made_by_other_books).items()),
     }
-    rows = {name: slice_successes(dict(masks), results) for name, masks in groups.items()}
-    return {name: slices for name, slices in rows.items() if slices}
+    slices = {}
+    for name, masks in groups.items():
+        rows = slice_successes(dict(masks), results)
+        if rows:
+            slices[name] = rows
+    return slices
 
 
 def slice_successes(
     groups: Mapping[str, NDArray[np.bool_]], results: Sequence[Evaluation]
 ) -> tuple[SliceSuccess, ...]:
-    """Return the success rate over all results on each group of the played tasks, without empty groups.
+    """Return the success rate on each group of the played tasks, over all results.
 
-    ``groups`` are masks over the tasks of the results, each of shape (tasks,).
+    ``groups`` are masks over the tasks of the results, each of shape (tasks,). Empty groups are
+    left out.
     """
     success = _successes(results)
-    return tuple(
-        SliceSuccess(
-            name,
-            int(mask.sum()),
-            float(success[mask].mean()),
-            task_bootstrap(success[mask], results[0].groups[mask]),
-        )
-        for name, mask in groups.items()
-        if mask.any()
-    )
+    rows = []
+    for name, mask in groups.items():
+        if mask.any():
+            interval = task_bootstrap(success[mask], results[0].groups[mask])
+            row = SliceSuccess(
+                slice=name,
+                tasks=int(mask.sum()),
+                success=float(success[mask].mean()),
+                ci=interval,
+            )
+            rows.append(row)
+    return tuple(rows)

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -23,15 +24,24 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Task settings that must be equal in all compared agents."""
+# Enumerated tasks are equal for all agents, sampled ones only if they are sampled in the same way.
 _DRAWN_BY = ("task_weighting",)
 """Further settings if tasks are sampled instead of enumerated."""
+# The fewest and the most distractors of the paper.
 DISTRACTORS = (1, 8)
 _SCRIPTED = ("random", players.FEWEST_USES, players.NEAREST_WORDS, "recipe oracle")
 """Players that need no training, at the same tables as the agents."""
 
 
 class SharedGraph(Record):
-    """The recipe graph that all compared agents were trained on: name, content hash and size."""
+    """The recipe graph that all compared agents were trained on.
+
+    Attributes:
+        name: the graph's name.
+        hash: the graph's content hash.
+        entities: number of entities.
+        recipes: number of recipes.
+    """
 
     name: str
     hash: Hash
@@ -40,9 +50,14 @@ class SharedGraph(Record):
 
 
 class SharedSplit(Record):
-    """The recipe split (train, valid, test) that all compared agents share: kind, seed and content hash.
+    """The recipe split (train, valid, test) that all compared agents share.
 
-    ``unit`` names what the split holds out together, and intervals resample: recipes, goals, slots or kinds.
+    Attributes:
+        kind: kind of the split.
+        seed: seed of the split.
+        hash: content hash of the split.
+        unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
+            resample them.
     """
 
     kind: str
@@ -55,11 +70,28 @@ class AgentEntry(Record):
     """An agent's metrics; an agent is a group of training runs that differ only in the seed.
 
     Attributes:
-        settings: training settings that differ from the defaults.
-        kg: training graph for the agent's scorer (full or partial); None for an agent without a scorer.
-        cross_fitted: number of cross-fitting folds of the scorer; 0 if train tasks have in-sample scores.
-        success, outcomes: by distractor count; ``slices`` are for the report's ``headline`` count.
+        name: the agent's name: that of the runs without the seed, or of the first run.
+        runs: names of the run folders.
+        seeds: training seed of each run.
+        checkpoints: checkpoint of each run that was evaluated, such as the last one.
+        settings: training settings that differ from the defaults, without graph and seed.
+        kg: training graph of the agent's scorer (full or partial); None for an agent without a
+            scorer.
+        cross_fitted: number of cross-fitting folds of the scorer; 0 if train tasks have in-sample
+            scores.
+        trained_with: number of distractors in training.
+        steps: environment steps of each run's training.
+        seconds: duration of each run's training in seconds; None if a run has no metrics.
+        steps_per_second: environment steps per second of each training; None if a run is
+            unfinished.
+        success: success rate by distractor count.
+        outcomes: share of episodes by termination reason, by distractor count.
+        slices: success on groups of tasks with the report's `headline` count; empty if the agent
+            cannot play with it.
         curves: success during training, by task part (train or test).
+        lambdas: mixing weights of the score sources during training.
+        training: logged statistics of each run's training.
+        provenance: facts about each run, such as command and versions, by the run's name.
     """
 
     name: str
@@ -83,7 +115,14 @@ class AgentEntry(Record):
 
 
 class BaselineSuccess(Record):
-    """Success by distractor count for random, fewest uses, nearest words, the recipe oracle or a scorer alone."""
+    """Success of a scripted player, or of a scorer alone, at the agents' tables.
+
+    Attributes:
+        name: the player's name.
+        success: success rate by distractor count.
+        by_plan: share of episodes that make the goal by one of the task's plans, by distractor
+            count.
+    """
 
     name: str
     success: dict[str, Share]
@@ -91,7 +130,13 @@ class BaselineSuccess(Record):
 
 
 class AgentEpisodes(Record):
-    """Example episodes from an agent's first run, with the scores and logits for each action."""
+    """Example episodes of an agent, with the scores and logits for each action.
+
+    Attributes:
+        agent: the agent's name.
+        run: the run that played, the agent's first.
+        episodes: the episodes.
+    """
 
     agent: str
     run: str
@@ -99,7 +144,25 @@ class AgentEpisodes(Record):
 
 
 class AgentsView(Record):
-    """All numbers in an agent report; the first agent is the reference; without a sample, ``sampled_from`` is None."""
+    """All numbers in a report on agents (``report.json``).
+
+    Attributes:
+        format: name and version of the format.
+        graph: graph that all agents were trained on.
+        split: split that all agents share.
+        part: split part with the tasks.
+        depth: fewest attempts that solve a task.
+        distractors: distractor counts that were played.
+        headline: distractor count of the report's main results.
+        distractor_seeds: tables per task, with different random distractors.
+        tasks: number of played tasks.
+        sampled_from: number of tasks that the played ones are a sample of; None if all were played.
+        agents: the agents; the first is the reference of all differences.
+        baselines: scripted players, and the agents' scorers alone.
+        episodes: example episodes of each agent.
+        references: published results under these conditions; empty without any for this graph and
+            split.
+    """
 
     format: Literal["wordcraft-kg agent report 1"]
     graph: SharedGraph
@@ -121,21 +184,25 @@ Groups = dict[str, list[OpenedAgent]]
 """Training runs by agent name; the runs of an agent differ only in the seed."""
 _Results = dict[int, list[Evaluation]]
 _ScorersAlone = dict[tuple[object, ...], tuple[str, dict[str, dict[int, Evaluation]]]]
-"""By scorer and settings: an agent's name, and evaluations of the scorer alone by sources and distractor count."""
+"""By scorer and settings: an agent, and evaluations of the scorer alone by sources and count."""
 
 
 def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
-    """Group runs that differ only in the seed (equal runs are a ConfigError), and name the groups (agents)."""
+    """Group runs that differ only in the seed into agents, in the order of the first runs.
+
+    An agent has its runs' name without the seed at the end, if the runs share this name, and else
+    the first run's name. A prime marks a name that is taken.
+
+    Raises:
+        ConfigError: if two runs have the same settings and seed, as when a run is given twice.
+    """
     by_settings: dict[Any, list[OpenedAgent]] = {}
     for agent in agents:
         inputs = tuple(agent.run.inputs.get(name) for name in ("graph", "split", "scorer"))
         config = agent.config
-        key = (
-            inputs,
-            config.tasks,
-            config.policy,
-            replace(config.trainer, seed=0, device="cpu", threads=1),
-        )
+        # Device and threads change the speed, so runs on two machines are seeds of one agent.
+        trainer = replace(config.trainer, seed=0, device="cpu", threads=1)
+        key = (inputs, config.tasks, config.policy, trainer)
         by_settings.setdefault(key, []).append(agent)
     groups: Groups = {}
     for members in by_settings.values():
@@ -145,10 +212,12 @@ def group_agents(agents: Sequence[OpenedAgent]) -> Groups:
             raise ConfigError(
                 f"{names}: two of these runs have the same settings and seed; remove the duplicate."
             )
+        # Without the seed at the end, such as "-seed-3", "_s3" or "3"; a bare seed stays.
         stems = {
             re.sub(r"[-_.]?(seed|s)?[-_]?\d+$", "", agent.name) or agent.name for agent in members
         }
-        name = stems.pop() if len(members) > 1 and len(stems) == 1 else members[0].name
+        has_shared_stem = len(members) > 1 and len(stems) == 1
+        name = stems.pop() if has_shared_stem else members[0].name
         while name in groups:
             name += "′"
         groups[name] = members
@@ -163,11 +232,22 @@ def view_agents(
     distractor_seeds: int | None = None,
     episodes: int = 2,
 ) -> AgentsView:
-    """Evaluate agents greedily on all tasks of a split part (such as test), with the same tables for all agents.
+    """Evaluate agents greedily on all tasks of a split part, with the same tables for all agents.
 
-    The first group is the reference; the default of ``distractors`` is 1, 8 and the number in training.
-    GraphMismatchError for agents trained on different graphs or splits, ConfigError for agents with different task
-    settings, or if no agent can play with these distractors.
+    Args:
+        groups: runs by agent, see :func:`group_agents`; the first agent is the reference of
+            differences.
+        part: split part with the tasks.
+        distractors: distractor counts; None for 1, 8 and the numbers in the agents' training.
+        distractor_seeds: tables per task, see :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
+        episodes: number of example episodes for each agent.
+
+    Returns:
+        All numbers of the report.
+
+    Raises:
+        GraphMismatchError: if the agents were trained on different graphs or splits.
+        ConfigError: if their task settings differ, or if no agent can play with these distractors.
     """
     everyone = [agent for members in groups.values() for agent in members]
     first = everyone[0]
@@ -177,13 +257,10 @@ def view_agents(
         amount: Evaluator(world.variant(num_distractors=amount), distractor_seeds=distractor_seeds)
         for amount in played
     }
-    plays = [
-        (name, amount)
-        for name, members in groups.items()
-        for amount in played
-        if can_play(members[0], amount)
-    ]
     results: dict[str, _Results] = {name: {} for name in groups}
+    # Listed before playing, so that the progress has a total.
+    pairs = product(groups, played)
+    plays = [(name, amount) for name, amount in pairs if can_play(groups[name][0], amount)]
     for name, amount in steps("evaluating agents", plays):
         results[name][amount] = [
             evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]
@@ -191,11 +268,23 @@ def view_agents(
     alone = _scorers_alone(groups, evaluators)
     made = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
-    graph, split, tasks = first.opened.graph, first.opened.split, len(evaluators[headline].tasks)
+    graph = first.opened.graph
+    split = first.opened.split
+    tasks = len(evaluators[headline].tasks)
     return AgentsView(
         format="wordcraft-kg agent report 1",
-        graph=SharedGraph(graph.name, graph.hash, graph.num_entities, graph.num_recipes),
-        split=SharedSplit(split.config.kind, split.config.seed, split.hash, split.unit),
+        graph=SharedGraph(
+            name=graph.name,
+            hash=graph.hash,
+            entities=graph.num_entities,
+            recipes=graph.num_recipes,
+        ),
+        split=SharedSplit(
+            kind=split.config.kind,
+            seed=split.config.seed,
+            hash=split.hash,
+            unit=split.unit,
+        ),
         part=part,
         depth=first.config.tasks.depth,
         distractors=tuple(played),
@@ -209,6 +298,7 @@ def view_agents(
                 members,
                 world,
                 results[name],
+                # The first agent has no difference to itself.
                 {} if results[name] is reference else reference,
                 alone,
                 made,
@@ -240,7 +330,8 @@ def summarise_agents(view: AgentsView, report: str) -> dict[str, Any]:
 
 
 def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None:
-    """Return the labels that other books of any scorer make: all agents are shown on the same groups of goals."""
+    """Return the labels that other books of any scorer make; None if no scorer has another book."""
+    # One set for all agents: success is compared on the same groups of goals.
     made = [agent.made_by_other_books for agent in agents]
     known = [labels for labels in made if labels is not None]
     return frozenset().union(*known) if known else None
@@ -248,7 +339,9 @@ def _made_by_other_books(agents: Sequence[OpenedAgent]) -> frozenset[str] | None
 
 def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _ScorersAlone:
     played: _ScorersAlone = {}
-    for name, (agent, *_) in groups.items():
+    for name, members in groups.items():
+        # Runs of an agent share the scorer, and so may agents: each scorer plays once.
+        agent = members[0]
         if agent.policy.sources and _scores_of(agent) not in played:
             alone = players.scorer_alone(agent.policy.sources)
             results = {sources: _play(player, evaluators) for sources, player in alone.items()}
@@ -257,7 +350,8 @@ def _scorers_alone(groups: Groups, evaluators: dict[int, Evaluator]) -> _Scorers
 
 
 def _scores_of(agent: OpenedAgent) -> tuple[object, ...]:
-    policy, scorer = agent.config.policy, agent.run.inputs.get("scorer")
+    policy = agent.config.policy
+    scorer = agent.run.inputs.get("scorer")
     return scorer, policy.use, policy.scale, policy.self_edges, policy.plan_width, policy.in_sample
 
 
@@ -275,17 +369,13 @@ def _baselines(
         players.NEAREST_WORDS: _play(players.nearest_words(first.opened.graph), evaluators),
     }
     for agent, alone in scorers.values():
-        results |= {
-            f"scorer of {agent} alone, {sources}": played for sources, played in alone.items()
-        }
-    for name, played in {
-        **results,
-        "recipe oracle": _play(players.recipe_oracle, evaluators),
-    }.items():
-        success, by_plan = (
-            {str(amount): float(getattr(result, share).mean()) for amount, result in played.items()}
-            for share in ("success", "by_plan")
-        )
+        for sources, played in alone.items():
+            results[f"scorer of {agent} alone, {sources}"] = played
+    # Last, as the upper bound.
+    results["recipe oracle"] = _play(players.recipe_oracle, evaluators)
+    for name, played in results.items():
+        success = {str(amount): float(result.success.mean()) for amount, result in played.items()}
+        by_plan = {str(amount): float(result.by_plan.mean()) for amount, result in played.items()}
         yield BaselineSuccess(name, success, by_plan)
 
 
@@ -296,6 +386,7 @@ def _references(
     pack = pack_of(agent.opened.graph.hash, agent.opened.split.hash)
     if play is None or pack is None:
         return ()
+    # Scripted players are measured on the agents' own tables and would stand in the report twice.
     return tuple(row for row in pack.rows_of(play, played) if row.player not in _SCRIPTED)
 
 
@@ -309,14 +400,18 @@ def _conditions(
     if not world.tasks.is_complete:
         _check_alike(agents, _DRAWN_BY)
     if distractors is None:
+        # A small graph may have too few entities for eight distractors.
         usual = (amount for amount in DISTRACTORS if amount <= world.max_distractors)
         distractors = sorted({*usual, *(agent.config.tasks.distractors for agent in agents)})
     played = [amount for amount in distractors if any(can_play(agent, amount) for agent in agents)]
     if not played:
         raise ConfigError(
-            f"`distractors` {list(distractors)}: an mlp plays with as many as in training, {headline}."
+            f"`distractors` {list(distractors)}: an mlp plays with as many as in training, "
+            f"{headline}."
         )
-    return world if headline in played else world.variant(num_distractors=played[-1]), played
+    if headline not in played:
+        world = world.variant(num_distractors=played[-1])
+    return world, played
 
 
 def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
@@ -324,20 +419,25 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
     for agent in agents[1:]:
         if agent.opened.split.hash != first.opened.split.hash:
             raise GraphMismatchError(
-                f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: their tasks differ, "
-                "so their figures cannot be compared. Train all runs on the same graph folder."
+                f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: "
+                "their tasks differ, so their figures cannot be compared. Train all runs on the "
+                "same graph folder."
             )
         for rule in rules:
-            value, expected = getattr(agent.config.tasks, rule), getattr(first.config.tasks, rule)
+            value = getattr(agent.config.tasks, rule)
+            expected = getattr(first.config.tasks, rule)
             if value != expected:
                 raise ConfigError(
-                    f"'{agent.name}' plays with {rule} {value} and '{first.name}' with {expected}: their figures "
-                    "cannot be compared."
+                    f"'{agent.name}' plays with {rule} {value} and '{first.name}' with "
+                    f"{expected}: their figures cannot be compared."
                 )
 
 
 def can_play(agent: OpenedAgent, distractors: int) -> bool:
-    """Return whether an agent can play with this distractor count; an MLP needs the number from training."""
+    """Return whether an agent can play with this distractor count.
+
+    An MLP reads slots in fixed places, so it needs the number of slots from training.
+    """
     return agent.config.policy.policy != "mlp" or distractors == agent.config.tasks.distractors
 
 
@@ -355,6 +455,7 @@ def _entry(
     against_scorer: dict[int, agent_figures.AgainstScorer] = {}
     if members[0].policy.sources:
         _, alone = scorers[_scores_of(members[0])]
+        # The last one is p alone if the agent has it, else w alone, else all sources.
         sources, played = list(alone.items())[-1]
         against_scorer = {
             amount: agent_figures.compare_with_scorer(runs, sources, played[amount])
@@ -395,5 +496,6 @@ def _entry(
 
 def _episodes(agent: OpenedAgent, world: World, episodes: int) -> tuple[ExplainedEpisode, ...]:
     if agent.config.policy.policy == "mlp":
+        # The headline count may be another than that of training.
         world = world.variant(num_distractors=agent.config.tasks.distractors)
     return explain_episodes(agent.policy, world, episodes=episodes, outside=agent.outside)

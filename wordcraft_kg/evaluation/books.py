@@ -20,7 +20,15 @@ MAX_COUNTED = 8 * 2**20
 
 
 class ListedBook(Record):
-    """A known recipe book; ``entities`` and ``recipes`` are None if the file is missing, unreadable or very large."""
+    """A known recipe book.
+
+    Attributes:
+        name: name for the command line.
+        origin: built in, cache, data folder or to fetch.
+        path: the file; None before the download.
+        note: how to fetch the book, or empty.
+        entities, recipes: number of these; None if the file is missing, unreadable or very large.
+    """
 
     name: str
     origin: str
@@ -31,7 +39,13 @@ class ListedBook(Record):
 
 
 class BookList(Record):
-    """All known recipe books, and the folders that are searched for books."""
+    """All known recipe books.
+
+    Attributes:
+        books: the books.
+        cache: folder for fetched books.
+        data_folder: folder of the user's own books; None if not set.
+    """
 
     books: tuple[ListedBook, ...]
     cache: str
@@ -39,7 +53,15 @@ class BookList(Record):
 
 
 class CheckedBook(Record):
-    """The result of checking a recipe book, problems first; ``figures`` are empty without a readable recipe."""
+    """The result of checking a recipe book.
+
+    Attributes:
+        book: the book as the user named it.
+        path: the checked file.
+        passed: whether the check found no problem.
+        figures: counts; empty if no recipe could be read.
+        findings: problems first, then notes.
+    """
 
     book: str
     path: str
@@ -50,20 +72,24 @@ class CheckedBook(Record):
 
 def view_books() -> BookList:
     """List the known recipe books with their sizes."""
-    books = tuple(
-        ListedBook(
-            name=book.name,
-            origin=book.origin,
-            path=None if book.path is None else str(book.path),
-            note=FETCHABLE[book.name].note if book.name in FETCHABLE else "",
-            entities=size[0] if size else None,
-            recipes=size[1] if size else None,
-        )
-        for book in known_books()
-        for size in [_size(book)]
-    )
     folder = data_folder()
-    return BookList(books, str(cache_folder()), None if folder is None else str(folder))
+    return BookList(
+        books=tuple(_listed(book) for book in known_books()),
+        cache=str(cache_folder()),
+        data_folder=None if folder is None else str(folder),
+    )
+
+
+def _listed(book: KnownBook) -> ListedBook:
+    size = _size(book)
+    return ListedBook(
+        name=book.name,
+        origin=book.origin,
+        path=None if book.path is None else str(book.path),
+        note=FETCHABLE[book.name].note if book.name in FETCHABLE else "",
+        entities=size[0] if size else None,
+        recipes=size[1] if size else None,
+    )
 
 
 def _size(book: KnownBook) -> tuple[int, int] | None:
@@ -72,6 +98,7 @@ def _size(book: KnownBook) -> tuple[int, int] | None:
     try:
         content = open_book(book.name)
     except RecipeFileError:
+        # A damaged file in the data folder must not hide all other books.
         return None
     return len(content.entities), len(content.recipes)
 
@@ -79,9 +106,22 @@ def _size(book: KnownBook) -> tuple[int, int] | None:
 def view_check(
     book: str, base: list[str] | None, against: str | None, *, single_ingredient: str | None = None
 ) -> CheckedBook:
-    """Check a book, its words without vectors, and its overlap with another book; without ``base``, infer the base."""
+    """Check a book, its words without vectors, and its overlap with another book.
+
+    Args:
+        book: file, folder or known name.
+        base: labels of the base entities; None for the book's own, or else inferred ones.
+        against: another book to compare with; None for no comparison.
+        single_ingredient: treatment of rows with one ingredient, see
+            :func:`~wordcraft_kg.graphs.book_files.read_book`.
+
+    Returns:
+        Counts and findings.
+    """
     located = locate_book(book)
-    path = located.path / "graph.json" if (located.path / "graph.json").is_file() else located.path
+    in_folder = located.path / "graph.json"
+    path = in_folder if in_folder.is_file() else located.path
+    # Opened before the check, which may take seconds: a wrong name fails at once.
     other = None if against is None else open_book(against)
     check = check_book(
         path, base or located.base, located.name, single_ingredient=single_ingredient
@@ -91,18 +131,19 @@ def view_check(
         check = _with_words(check, graph)
     if graph is not None and other is not None:
         shared = len(set(graph.recipe_labels()) & set(other.recipes))
-        check = check.adding(
-            (), against=other.name, shared_recipes=shared, shared=shared / graph.num_recipes
-        )
+        share = shared / graph.num_recipes
+        check = check.adding((), against=other.name, shared_recipes=shared, shared=share)
     return CheckedBook(book, str(path), check.passed, check.figures or {}, check.findings)
 
 
 def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
+    # Imported late: the list of books needs neither torch nor word vectors.
     from wordcraft_kg.models.scorers.features import glove_features
     from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes
 
     features = glove_features(graph.entities)
-    words, missing = features.words, features.missing_words
+    words = features.words
+    missing = features.missing_words
     message = f"{len(missing)} of {len(words)} words have no word vector: {listed(missing)}"
     findings = [Finding("vector", "note", (), message)] if missing else []
     check = check.adding(

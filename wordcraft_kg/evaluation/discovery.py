@@ -1,5 +1,6 @@
 """Entities that players discover in open-ended play (crafting without a goal)."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -25,7 +26,14 @@ if TYPE_CHECKING:
 
 
 class Guides(NamedTuple):
-    """A model folder's scorers for players, None where it has none; whether it knows recipes of the explored book."""
+    """A model folder's scorers, which guide players in open-ended play.
+
+    Attributes:
+        name: name of the folder.
+        links: scorer of the graph's triples; None if the folder's scorer belongs to another graph.
+        recipes: scorer of recipes for the graph's labels; None if the folder scores triples only.
+        knows_recipes: whether the scorer has seen recipes of the explored graph in training.
+    """
 
     name: str
     links: "Scorer | None"
@@ -35,13 +43,23 @@ class Guides(NamedTuple):
     @property
     def players(self) -> tuple[str, ...]:
         """Names of the players that this knowledge guides."""
-        return ("empowerment-scorer",) * (self.links is not None) + ("recipe-learner",) * (
-            self.recipes is not None
-        )
+        names = []
+        if self.links is not None:
+            names.append("empowerment-scorer")
+        if self.recipes is not None:
+            names.append("recipe-learner")
+        return tuple(names)
 
 
 def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
-    """Load a model folder for players on a graph; GraphMismatchError unless it fits or is a recipe scorer."""
+    """Load a model folder for players on a graph.
+
+    A recipe scorer compares words, so it also guides on graphs that it was not trained on.
+
+    Raises:
+        GraphMismatchError: if a scorer of triples belongs to another graph.
+    """
+    # Imported late: scripted players need no torch.
     from wordcraft_kg.models.recipes.inductive import for_labels
     from wordcraft_kg.models.scorers.cross_fitting import whole_of
     from wordcraft_kg.models.scorers.folder import load_scorer
@@ -49,21 +67,27 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
     scorer = load_scorer(folder)
+    # Scores of triples are bound to the ids of one graph; recipe scores compare words.
     if not isinstance(whole_of(scorer), RecipeScorer):
         check_scorer(scorer, graph)
         return Guides(Path(folder).name, scorer, None, knows_recipes=True)
-    links, recipes = (
-        scorer if scorer.graph_hash == graph.hash else None,
-        for_labels(folder, scorer, graph.entities),
-    )
+    links = scorer if scorer.graph_hash == graph.hash else None
+    recipes = for_labels(folder, scorer, graph.entities)
     own = recipes.rows[graph.recipes]
+    # Ingredients in the order of ids of the scorer, as its own recipes have them.
     own[:, :2].sort(axis=1)
     known = is_in(own, recipes.scorer.recipes.numpy(), len(recipes.scorer.entities))
     return Guides(Path(folder).name, links, recipes, bool(known.any()))
 
 
-class Known(Record):
-    """Mean number of known entities after attempts, with 95 % bounds over runs, and the share of repeated pairs."""
+class KnownEntities(Record):
+    """Number of entities that a player knows after some attempts.
+
+    Attributes:
+        mean: mean over runs.
+        low, high: 95 % interval over runs; None for a single run.
+        repeated: share of the attempts so far that repeated a pair.
+    """
 
     mean: float
     low: float | None
@@ -72,7 +96,27 @@ class Known(Record):
 
 
 class DiscoveryView(Record, omit_defaults=True):
-    """Known entities of players, and of people in another game, by attempt count in open-ended play."""
+    """Results of open-ended play, crafting without a goal.
+
+    Attributes:
+        graph: name of the explored graph.
+        hash: content hash of the graph.
+        entities: number of entities.
+        base: labels known at the start.
+        reachable: number of entities that can be made from the base.
+        attempts: attempts of each run.
+        runs: number of runs of each player.
+        seed: root seed of all random choices.
+        scorer: name of the model folder that guides players; None without one.
+        marks: attempt counts with reported results.
+        players: known entities by player and attempt count.
+        people: entities that people know in another game, by attempt count.
+        people_source: publication of these numbers.
+        references: published results from the same base and the literature, of players that are not
+            in `players`.
+        out: the written page; None without a page.
+        knows_recipes: whether the guiding scorer has seen recipes of this graph in training.
+    """
 
     graph: str
     hash: Hash
@@ -84,7 +128,7 @@ class DiscoveryView(Record, omit_defaults=True):
     seed: int
     scorer: str | None
     marks: tuple[int, ...]
-    players: dict[str, dict[str, Known]]
+    players: dict[str, dict[str, KnownEntities]]
     people: dict[str, float]
     people_source: str
     references: tuple[ReferenceRow, ...] = ()
@@ -102,7 +146,24 @@ def view_discovery(
     base: Sequence[str] | None = None,
     scorer: Guides | None = None,
 ) -> tuple[DiscoveryView, "pd.DataFrame"]:
-    """Let players craft from ``base`` (default: the graph's) without a goal; return results and curves."""
+    """Let players craft without a goal.
+
+    Args:
+        graph: graph to explore.
+        players: names of the players, see :data:`~wordcraft_kg.agents.discovery.DISCOVERERS`.
+        attempts: attempts of each run.
+        runs: number of runs of each player.
+        seed: root seed of all random choices.
+        base: labels known at the start; None for the graph's base.
+        scorer: scorers that guide players; None if no player needs any.
+
+    Returns:
+        The results, and the curves that they summarise.
+
+    Raises:
+        ConfigError: if a player is unknown or lacks its scorer, or if the base makes nothing.
+    """
+    # Checks the base before any player is prepared.
     start = Discovery(graph, base)
     learner = None
     if scorer is not None and scorer.recipes is not None:
@@ -140,23 +201,26 @@ def _references(
     pack = pack_of(graph.hash, None)
     ours = pack.rows_of(OpenPlay(base)) if pack else ()
     others = literature(["entities known", "new combinations"])
+    # The people's curve is a part of every view, so the same numbers as a row would stand twice.
     shown = {str(attempt): known for attempt, known in HUMAN_CURVE.items()}
-    return (
-        *(row for row in ours if row.player not in players),
-        *(
-            row
-            for row in others
-            if {at: figure.value for at, figure in row.figures.items()} != shown
-        ),
-    )
+    further = [row for row in ours if row.player not in players]
+    for row in others:
+        values = {at: figure.value for at, figure in row.figures.items()}
+        if values != shown:
+            further.append(row)
+    return tuple(further)
 
 
-def _known(table: "pd.DataFrame") -> dict[str, Known]:
-    columns = (table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated"))
-    # NaN differs from itself.
-    return {
-        str(attempt): Known(
-            mean, low if low == low else None, high if high == high else None, repeated
+def _known(table: "pd.DataFrame") -> dict[str, KnownEntities]:
+    known = {}
+    columns = [table[name].tolist() for name in ("attempt", "mean", "low", "high", "repeated")]
+    for attempt, mean, low, high, repeated in zip(*columns, strict=True):
+        # A single run has NaN for an interval, and JSON has no NaN.
+        has_interval = not math.isnan(low)
+        known[str(attempt)] = KnownEntities(
+            mean=mean,
+            low=low if has_interval else None,
+            high=high if has_interval else None,
+            repeated=repeated,
         )
-        for attempt, mean, low, high, repeated in zip(*columns, strict=True)
-    }
+    return known

@@ -1,7 +1,7 @@
-"""Groups of goals for a scorer that learned from another book: goals that this book makes, and all other goals.
+"""Groups of goals for a scorer that learned from another book, by whether this book makes them.
 
-A goal without a train recipe is unseen in its own book, but the other book may make it. Success on such goals says
-nothing about goals that no book makes, so figures show both groups.
+A goal without a train recipe is unseen in its own book, but the other book may make it. Success on
+such goals says nothing about goals that no book makes, so metrics show both groups.
 """
 
 from collections.abc import Collection
@@ -25,12 +25,15 @@ def goal_groups(
         graph: the recipe graph.
         goals: ids of the goals, shape (N,); a goal may occur several times.
         made: labels that the other book makes, see
-            :attr:`~wordcraft_kg.models.model.History.made_by_other_books`; None without another book.
+            :attr:`~wordcraft_kg.models.model.History.made_by_other_books`; None without another
+            book.
 
     Returns:
-        A mask over ``goals`` for each group, shape (N,), by the group's name; empty if ``made`` is None.
+        A mask over ``goals`` for each group, shape (N,), by the group's name; empty if ``made`` is
+        None.
     """
     if made is None:
         return {}
+    # By label: the other book has ids of its own, and entities that this graph lacks.
     is_made = np.array([label in made for label in graph.labels(goals)], dtype=bool)
     return {MADE: is_made, NOT_MADE: ~is_made}

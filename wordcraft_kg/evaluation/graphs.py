@@ -11,7 +11,25 @@ from wordcraft_kg.graphs.recipes import Recipe
 
 
 class BuiltGraph(Record, omit_defaults=True, kw_only=True):
-    """The main counts of a new recipe graph, its triples and its split, and the path to the graph folder."""
+    """The main counts of a new recipe graph, its triples and its split.
+
+    Attributes:
+        entities: number of entities.
+        recipes: number of recipes.
+        pairs: number of different ingredient pairs.
+        base: labels of the base entities.
+        base_is_inferred: whether the base is inferred: entities that no recipe makes.
+        reachable: number of entities that can be made from the base, the base included.
+        rounds: crafting rounds until no further entity can be made.
+        dropped_self_results: number of dropped recipes that make one of their ingredients; None
+            without a source book.
+        merged_duplicates: number of rows in the book that repeat a recipe; None without a source
+            book.
+        triples: number of triples in each knowledge graph.
+        split: size of the split's parts.
+        hash: content hash of the graph.
+        out: the graph folder.
+    """
 
     entities: Count
     recipes: Count
@@ -29,14 +47,28 @@ class BuiltGraph(Record, omit_defaults=True, kw_only=True):
 
 
 class CheapestDerivation(Record):
-    """Recipes that make an entity from the base entities; ``cost`` counts an intermediate once for every use."""
+    """Recipes that make an entity from the base entities.
+
+    Attributes:
+        cost: number of combinations; an intermediate counts once for every use.
+        steps: the recipes, in an order in which they can be crafted.
+    """
 
     cost: Count
     steps: tuple[Recipe, ...]
 
 
 class EntityView(Record):
-    """An entity, the recipes that make it, and its uses; layer and derivation are None if it is unreachable."""
+    """An entity, the recipes that make it, and its uses.
+
+    Attributes:
+        entity: the label.
+        base: whether the entity is a base entity.
+        layer: crafting round that can first make the entity; None if it is unreachable.
+        recipes: recipes that make the entity.
+        uses: recipes that use the entity.
+        derivation: the cheapest derivation; None if the entity is unreachable.
+    """
 
     entity: str
     base: bool
@@ -48,21 +80,27 @@ class EntityView(Record):
 
 def view_build(audit: Audit, folder: Path) -> BuiltGraph:
     """Return a new graph's main counts from its audit."""
+    # Most fields stand in the audit under the same names.
     same = {
         name: getattr(audit, name) for name in BuiltGraph.__struct_fields__ if hasattr(audit, name)
     }
-    reachable, rounds = audit.reachability.reachable, audit.reachability.rounds
-    return BuiltGraph(**same, reachable=reachable, rounds=rounds, out=str(folder))
+    reached = audit.reachability
+    return BuiltGraph(**same, reachable=reached.reachable, rounds=reached.rounds, out=str(folder))
 
 
 def view_entity(graph: RecipeGraph, label: str) -> EntityView:
-    """Return an entity's recipes, and the cheapest way to make it; an unknown label is an UnknownEntityError."""
+    """Return an entity's recipes and the cheapest way to make it.
+
+    Raises:
+        UnknownEntityError: if the graph has no such label.
+    """
     entity = graph.id_of(label)
     layer = int(layers(graph)[entity])
     try:
         cheapest = Planner(graph).derivation(entity)
         derivation = CheapestDerivation(cheapest.cost, tuple(cheapest.steps))
     except GraphError:
+        # The base does not reach the entity, which is no error for a reader of its recipes.
         derivation = None
     return EntityView(
         entity=label,

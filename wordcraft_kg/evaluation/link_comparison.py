@@ -24,9 +24,16 @@ class ComparedModel(ranking.RankingMetrics, kw_only=True):
     """A model's metrics on the shared queries, averaged over seeds.
 
     Attributes:
+        name: the model's name.
+        has_seen_the_test_recipes: whether the full graph was used in training, so that the queries
+            are no test.
+        seeds: training seeds; empty for a model without a recorded seed.
+        mrr_of_seeds: MRR with each seed.
         difference: MRR difference to the first model; None for the first model.
-        difference_ci: interval with 95 % joint confidence over all model pairs.
-        probability_better: share of resamples with a higher MRR than the first model; ties count half.
+        difference_ci: interval of the difference; the intervals of all model pairs hold together
+            with 95 % confidence.
+        probability_better: share of resamples with a higher MRR than the first model; ties count
+            half.
     """
 
     name: str
@@ -42,11 +49,24 @@ class LinkComparison(Record, omit_defaults=True):
     """Models compared on the same queries; differences are to the first model.
 
     Attributes:
-        unit: what the split holds out together, and intervals resample: recipes, goals, slots or kinds.
+        graph: name of the graph.
+        hash: content hash of the graph.
+        split: content hash of the split.
+        unit: recipes, goals, slots or kinds: the split holds these out together, and intervals
+            resample them.
         triples: number of ranked unseen triples, that is, test triples outside the training data.
-        sampled_from: total unseen triple count if a uniform sample is ranked.
-        best: model with the highest MRR among models that have not seen the test recipes.
-        not_told_apart: models that do not differ from ``best``: the difference interval contains 0.
+        queries: number of queries, two for each triple.
+        resamples: number of bootstrap resamples.
+        pairs: number of model pairs, for which the intervals of differences are corrected
+            (Bonferroni).
+        models: the models in the order given.
+        sampled_from: number of unseen triples if a uniform sample is ranked; None if all are
+            ranked.
+        best: model with the highest MRR among models that have not seen the test recipes; None
+            without such models.
+        not_told_apart: models that do not differ from `best`: the interval of the difference
+            contains 0.
+        out: the written page; None without a page.
     """
 
     graph: str
@@ -66,7 +86,12 @@ class LinkComparison(Record, omit_defaults=True):
 
 @dataclass(frozen=True)
 class Contender:
-    """A model to compare, with a training run for each seed."""
+    """A model to compare.
+
+    Attributes:
+        name: the model's name.
+        runs: a trained model for each seed, with equal settings.
+    """
 
     name: str
     runs: Sequence[Model]
@@ -75,27 +100,46 @@ class Contender:
 def compare(
     contenders: Sequence[Contender], *, resamples: int = RESAMPLES, seed: int = 0
 ) -> LinkComparison:
-    """Compare models by MRR on test triples outside training (a sample if very many), with bootstrap intervals.
+    """Compare models by MRR on test triples outside training, with bootstrap intervals.
 
-    All models share the resamples of what the split holds out together, such as recipes or goals: a paired difference
-    is more precise than two separate intervals. Reciprocal ranks are averaged over a model's seeds. ConfigError for a
-    setting out of range, or different training settings between a model's seeds, GraphMismatchError for models with
-    different graphs or splits, SplitError for too few unseen triples.
+    All models share the resamples of the groups that the split holds out together, such as recipes
+    or goals: a difference on the same queries is far more precise than two separate intervals.
+    Reciprocal ranks of a query are averaged over a model's seeds. Intervals cover the choice of
+    recipes and say nothing about further seeds.
+
+    Args:
+        contenders: two or more models; the first is the reference. Very many triples are sampled.
+        resamples: number of bootstrap resamples.
+        seed: seed of the bootstrap and of the sample.
+
+    Returns:
+        Metrics, differences to the first model, and the best model.
+
+    Raises:
+        ConfigError: if a setting is out of range, or the seeds of a model were trained with
+            different settings.
+        GraphMismatchError: if the models were trained on different graphs or splits.
+        SplitError: if the split leaves too few unseen triples.
     """
     whole("resamples", resamples, 1, MAX_SIZE)
     whole("seed", seed, 0)
     for contender in contenders:
         _check_alike(contenders[0].runs[0], contender)
-    graph, split = contenders[0].runs[0].opened.graph, contenders[0].runs[0].opened.split
+    opened = contenders[0].runs[0].opened
+    graph = opened.graph
+    split = opened.split
     everything = split.held_out("test")
+    # Each triple gives two queries, one with an open tail and one with an open head.
     queries = ranking.sampled(everything, MAX_QUERIES // 2, seed)
     if len(queries) < ranking.MIN_TRIPLES:
         raise SplitError(
-            f"only {len(queries)} unseen test triples to compare on; {ranking.MIN_TRIPLES} are needed. Build the graph "
-            "with a split and a smaller `train_ratio`, such as 0.7."
+            f"only {len(queries)} unseen test triples to compare on; {ranking.MIN_TRIPLES} are "
+            "needed. Build the graph with a split and a smaller `train_ratio`, such as 0.7."
         )
+    # Tails come before heads, so the groups of the triples repeat.
     clusters = np.tile(ranking.triple_groups(split, split.is_in("test"), queries), 2)
     pairs = len(contenders) * (len(contenders) - 1) // 2
+    # Bonferroni: all intervals hold together at 95 %, whichever pair a reader picks.
     confidence = 1 - 0.05 / pairs
 
     def resampled(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -107,9 +151,17 @@ def compare(
         return cluster_interval(values, clusters, means, level=level)
 
     models = _with_intervals(ranked, resampled, bounds, confidence)
+    # A model that has seen the test recipes would win by memory.
     fair = [(model.name, values) for model, values in ranked if not model.has_seen_the_test_recipes]
     best = max(fair, key=lambda pair: float(pair[1].mean()), default=None)
-    leads = [(pair[0], best[1] - pair[1]) for pair in fair if best and pair is not best]
+    not_told_apart = []
+    for candidate in fair:
+        if best is None or candidate is best:
+            continue
+        lead = best[1] - candidate[1]
+        # The best model is ahead by its mean: only the lower end can include 0.
+        if bounds(lead, resampled(lead), confidence)[0] <= 0:
+            not_told_apart.append(candidate[0])
     return LinkComparison(
         graph=graph.name,
         hash=graph.hash,
@@ -121,10 +173,8 @@ def compare(
         pairs=pairs,
         sampled_from=len(everything) if len(everything) > len(queries) else None,
         models=tuple(models),
-        best=best and best[0],
-        not_told_apart=tuple(
-            name for name, lead in leads if bounds(lead, resampled(lead), confidence)[0] <= 0
-        ),
+        best=best[0] if best else None,
+        not_told_apart=tuple(not_told_apart),
     )
 
 
@@ -139,18 +189,21 @@ def _with_intervals(
         for model, values in ranked
     ]
     for i in range(1, len(models)):
+        # The same queries in the same order, so reciprocal ranks subtract query by query.
         gain = ranked[i][1] - ranked[0][1]
         means = resampled(gain)
         models[i] = msgspec.structs.replace(
             models[i],
             difference=float(gain.mean()),
             difference_ci=bounds(gain, means, confidence),
+            # A tie says nothing about either model: half for each.
             probability_better=float(np.mean(means > 0) + np.mean(means == 0) / 2),
         )
     return models
 
 
 def _from_zero(ends: Bounds) -> Bounds:
+    # Student's t over few groups may reach below 0, where no MRR lies.
     return max(ends[0], 0.0), ends[1]
 
 
@@ -162,24 +215,29 @@ def _check_alike(reference: Model, contender: Contender) -> None:
         ):
             if left != right:
                 raise GraphMismatchError(
-                    f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different {input_name} "
-                    f"({left[:12]}, {right[:12]}); their figures cannot be compared. Train all on the same graph."
+                    f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different "
+                    f"{input_name} ({left[:12]}, {right[:12]}); their figures cannot be compared. "
+                    "Train all on the same graph."
                 )
         if run.comparable_settings != contender.runs[0].comparable_settings:
             raise ConfigError(
-                f"the seeds of '{contender.name}' were trained with different settings; give each folder as a model."
+                f"the seeds of '{contender.name}' were trained with different settings; give each "
+                "folder as a model."
             )
 
 
 def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[np.float64]]:
+    # Filtered ranks: other true answers of a query do not compete, whichever part they are in.
     known = contender.runs[0].opened.graph.triples
     ranks = [ranking.rank_triples(run.scorer, queries, known) for run in contender.runs]
     metrics = [ranking.ranking_metrics(frame) for frame in ranks]
+    # Means over seeds of each metric, and no metric of mean ranks, which would favour many seeds.
     averaged = ("mrr", "hits_at_1", "hits_at_3", "hits_at_10", "mean_rank", "amri")
-    means: dict[str, Any] = {
-        name: float(np.mean([getattr(seed_metrics, name) for seed_metrics in metrics]))
-        for name in averaged
-    }
+    means: dict[str, Any] = {}
+    for name in averaged:
+        of_seeds = [getattr(seed_metrics, name) for seed_metrics in metrics]
+        means[name] = float(np.mean(of_seeds))
+    # MRR is None only without queries, which compare() refuses.
     model = ComparedModel(
         queries=metrics[0].queries,
         **means,
@@ -188,4 +246,5 @@ def _ranked(contender: Contender, queries: Ids) -> tuple[ComparedModel, NDArray[
         seeds=tuple(run.seed for run in contender.runs if run.seed is not None),
         mrr_of_seeds=tuple(seed_metrics.mrr or 0.0 for seed_metrics in metrics),
     )
-    return model, np.mean([1 / frame["rank"].to_numpy(dtype=float) for frame in ranks], axis=0)
+    reciprocal_ranks = [1 / frame["rank"].to_numpy(dtype=float) for frame in ranks]
+    return model, np.mean(reciprocal_ranks, axis=0)

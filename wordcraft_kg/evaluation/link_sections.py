@@ -1,10 +1,11 @@
-"""Sections of a link-prediction report: metrics for query groups, lists of triples, and play by the scores."""
+"""Sections of a link-prediction report: query groups, lists of triples, and play by the scores."""
 
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from wordcraft_kg.agents import players
@@ -27,7 +28,9 @@ from wordcraft_kg.models.scorers.ranking import (
     with_interval,
 )
 
+# Rows of each list of triples: what fits on a screen.
 LISTED = 8
+# Bounds double roughly: the counts of an entity's triples are spread over orders of magnitude.
 SEEN = ((0, 0), (1, 5), (6, 15), (16, 40), (41, 100), (101, OPEN_END))
 _LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
 NO_NEAR_SYNONYM = "no such train recipe"
@@ -35,8 +38,16 @@ LINKS_TO = "componentOf,"
 """Beginning of the names of componentOf queries by goal."""
 
 
-class Comparison(Record):
-    """A link predictor's MRR minus a baseline's, with the 95 % interval over groups of recipes, and a verdict."""
+class BaselineComparison(Record):
+    """A link predictor beside a baseline on the same queries.
+
+    Attributes:
+        baseline: the baseline's name.
+        difference: MRR of the link predictor minus that of the baseline.
+        ci: 95 % interval, by bootstrap over groups of recipes; both models answer the same
+            resampled queries.
+        verdict: `level with` if the interval contains 0.
+    """
 
     baseline: str
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
@@ -45,15 +56,26 @@ class Comparison(Record):
 
 
 class SliceMetrics(RankingMetrics, kw_only=True):
-    """Ranking metrics for a named group of queries (a slice)."""
+    """Ranking metrics for a named group of queries (a slice).
+
+    Attributes:
+        slice: the group's name.
+    """
 
     slice: str
 
 
 class DrillDown(Record):
-    """Metrics by training triples with the answer, by layer of the answer, and by near-synonyms; no empty groups.
+    """Ranking metrics for groups of queries; groups without queries are left out.
 
-    ``other_book`` are componentOf links to goals that another book in the training makes, and to all other goals.
+    Attributes:
+        seen_in_train: by the number of training triples with the answer.
+        layer: by the crafting rounds to the answer.
+        self_combination: combinesWith of an entity with itself, and with another entity.
+        near_synonyms: test recipes that repeat a train recipe with a near-synonym, and all others;
+            empty for a model trained on the full graph.
+        other_book: componentOf links to goals that another book in the training makes, and to all
+            other goals; empty without another book.
     """
 
     seen_in_train: tuple[SliceMetrics, ...]
@@ -64,7 +86,17 @@ class DrillDown(Record):
 
 
 class RankedTriple(Record):
-    """A query with the true entity's rank and score, and the best candidate ``top``; ``side`` is the open slot."""
+    """A query with the rank of the true entity.
+
+    Attributes:
+        head: the head.
+        relation: the relation.
+        tail: the tail.
+        side: the open slot, whose entity was ranked.
+        rank: filtered rank of the true entity, from 1; ties share their mean rank.
+        score: score of the true entity.
+        top: the best candidate.
+    """
 
     head: str
     relation: Relation
@@ -76,7 +108,14 @@ class RankedTriple(Record):
 
 
 class ScoredPair(Record):
-    """A triple outside the graph, with its score."""
+    """A triple outside the graph, with its score.
+
+    Attributes:
+        head: the head.
+        relation: the relation.
+        tail: the tail.
+        score: the score, on the scorer's own scale.
+    """
 
     head: str
     relation: Relation
@@ -84,13 +123,14 @@ class ScoredPair(Record):
     score: float
 
 
-def comparisons_of(links: RankedLinks, seed: int) -> tuple[Comparison, ...]:
-    """Compare a link predictor with each baseline by reciprocal ranks; ``seed`` is the bootstrap seed."""
-    reciprocal_ranks = 1 / links.ranks["rank"].to_numpy(dtype=float)
-    others = {
-        name: 1 / ranks["rank"].to_numpy(dtype=float)
-        for name, ranks in links.baseline_ranks.items()
-    }
+def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, ...]:
+    """Compare a link predictor with each baseline by reciprocal ranks, the best baseline first.
+
+    ``seed`` is the seed of the bootstrap.
+    """
+    reciprocal_ranks = _reciprocal(links.ranks)
+    others = {name: _reciprocal(ranks) for name, ranks in links.baseline_ranks.items()}
+    # The expectation over random orders, and not one order: its own luck would widen the interval.
     others["random"] = random_reciprocal_ranks(links.ranks)
     best_first = sorted(others, key=lambda name: -float(others[name].mean()))
     rows = []
@@ -98,20 +138,35 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[Comparison, ...]:
         difference = reciprocal_ranks - others[name]
         means = bootstrap(difference, links.clusters, seed=seed)
         low, high = cluster_interval(difference, links.clusters, means)
-        verdict: Literal["above", "level with", "below"] = (
-            "above" if low > 0 else "below" if high < 0 else "level with"
+        verdict: Literal["above", "level with", "below"] = "level with"
+        if low > 0:
+            verdict = "above"
+        elif high < 0:
+            verdict = "below"
+        row = BaselineComparison(
+            baseline=name,
+            difference=float(difference.mean()),
+            ci=(low, high),
+            verdict=verdict,
         )
-        rows.append(Comparison(name, float(difference.mean()), (low, high), verdict))
+        rows.append(row)
     return tuple(rows)
+
+
+def _reciprocal(ranks: pd.DataFrame) -> NDArray[np.float64]:
+    return np.asarray(1 / ranks["rank"].to_numpy(dtype=float))
 
 
 def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
     """Return ranking metrics for query groups; ``seed`` is the bootstrap seed."""
-    graph, ranks, trained_on = links.graph, links.ranks, links.trained_on
+    graph = links.graph
+    ranks = links.ranks
+    trained_on = links.trained_on
+    # The answer of each query is the entity in the open slot.
     target = np.where(ranks["side"] == "tail", ranks["tail"], ranks["head"]).astype(np.int64)
-    seen = np.bincount(
-        np.concatenate([trained_on[:, 0], trained_on[:, 2]]), minlength=graph.num_entities
-    )[target]
+    # A triple counts for both of its ends, and twice for an entity with itself.
+    ends = np.concatenate([trained_on[:, 0], trained_on[:, 2]])
+    seen = np.bincount(ends, minlength=graph.num_entities)[target]
     layer = layers(graph)[target]
     is_symmetric = (ranks["relation"] == COMBINES_WITH).to_numpy()
     is_self = (ranks["head"] == ranks["tail"]).to_numpy()
@@ -120,30 +175,32 @@ def drill_down_of(links: RankedLinks, seed: int) -> DrillDown:
         return binned(values, bounds, more=" or more")
 
     def slices(groups: Iterable[tuple[str, NDArray[np.bool_]]]) -> tuple[SliceMetrics, ...]:
-        rows = (
-            (name, with_interval(ranks[mask], links.clusters[mask], seed=seed))
-            for name, mask in groups
-            if mask.any()
-        )
-        return tuple(
-            SliceMetrics(**msgspec.structs.asdict(metrics), slice=name) for name, metrics in rows
-        )
+        rows = []
+        for name, mask in groups:
+            if mask.any():
+                metrics = with_interval(ranks[mask], links.clusters[mask], seed=seed)
+                rows.append(SliceMetrics(**msgspec.structs.asdict(metrics), slice=name))
+        return tuple(rows)
 
+    pairs = [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
     return DrillDown(
         seen_in_train=slices(between(seen, SEEN)),
         layer=slices([("not reachable", layer < 0), *between(layer, _LAYERS)]),
-        self_combination=slices(
-            [("with itself", is_symmetric & is_self), ("with another", is_symmetric & ~is_self)]
-        ),
+        self_combination=slices(pairs),
+        # With all recipes in training every test recipe repeats a train recipe: itself.
         near_synonyms=() if links.is_full else slices(_near_synonyms(links)),
         other_book=slices(_by_other_book(links)),
     )
 
 
 def _by_other_book(links: RankedLinks) -> Iterator[tuple[str, NDArray[np.bool_]]]:
-    """Yield componentOf queries whose goal, the tail, another book makes, and those whose goal it does not make."""
+    """Yield componentOf queries whose goal another book makes, and all other componentOf queries.
+
+    The goal is the tail.
+    """
     goals = links.ranks["tail"].to_numpy(dtype=np.int64)
     is_part = (links.ranks["relation"] != COMBINES_WITH).to_numpy()
+    # combinesWith says nothing about a goal, so only componentOf queries are grouped.
     groups = goal_groups(links.graph, goals, links.made_by_other_books)
     for name, mask in groups.items():
         yield f"{LINKS_TO} {name}", mask & is_part
@@ -152,6 +209,7 @@ def _by_other_book(links: RankedLinks) -> Iterator[tuple[str, NDArray[np.bool_]]
 def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
     graph = links.graph
     recipes = near_synonym_recipes(links.opened.split, glove_features(graph.entities))
+    # Both queries of a triple, tails before heads.
     repeats = np.tile(near_synonym_triples(graph, recipes, links.queries), 2)
     if not repeats.any():  # as in a split by goal, or without word vectors
         return []
@@ -159,45 +217,57 @@ def _near_synonyms(links: RankedLinks) -> list[tuple[str, NDArray[np.bool_]]]:
 
 
 def listed_triples(links: RankedLinks, *, ascending: bool) -> tuple[RankedTriple, ...]:
-    """Return the best-ranked (ascending) or worst-ranked queries, one for each fact: sides and mirrors count once."""
+    """Return the best-ranked (ascending) or worst-ranked queries, one for each fact.
+
+    A fact's queries for head and tail, and a combinesWith triple and its mirror, are one fact.
+    """
     order = links.ranks.sort_values(
         ["rank", "score"], ascending=[ascending, not ascending], kind="stable"
     )
-    ends, is_mirrored = order[["head", "tail"]].copy(), order["relation"] == COMBINES_WITH
+    ends = order[["head", "tail"]].copy()
+    is_mirrored = order["relation"] == COMBINES_WITH
+    # Sorted ends are equal for a triple and its mirror, so duplicates show.
     ends[is_mirrored] = np.sort(ends[is_mirrored], axis=1)
     order = order[~ends.assign(relation=order["relation"]).duplicated()]
-    shown = labelled(links.graph, order.head(LISTED))[list(RankedTriple.__struct_fields__)]
-    return tuple(
-        RankedTriple(*row) for row in zip(*(shown[name].tolist() for name in shown), strict=True)
-    )
+    fields = list(RankedTriple.__struct_fields__)
+    shown = labelled(links.graph, order.head(LISTED))[fields]
+    # Lists of plain numbers: a record of NumPy numbers has no JSON form.
+    columns = [shown[name].tolist() for name in shown]
+    return tuple(RankedTriple(*row) for row in zip(*columns, strict=True))
 
 
 def perhaps_missing_of(links: RankedLinks) -> tuple[ScoredPair, ...]:
-    """Return the best-scored triples outside the graph, perhaps missing recipes: equally many per relation."""
-    graph, pairs = links.graph, []
+    """Return the best-scored triples outside the graph, equally many for each relation.
+
+    Such a triple may be a recipe that the book lacks.
+    """
+    graph = links.graph
+    pairs = []
     for relation, name in enumerate(RELATIONS):
         scores = links.table[relation].copy()
         if relation == COMBINES_WITH:
-            scores = np.triu((scores + scores.T) / 2, k=1) + np.where(
-                np.tri(len(scores), dtype=bool), -np.inf, 0
-            )
+            # Both directions are one fact: their mean stands above the diagonal, nothing below.
+            both = (scores + scores.T) / 2
+            scores = np.where(np.tri(len(scores), dtype=bool), -np.inf, both)
         known = graph.triples[graph.triples[:, 1] == relation]
         scores[known[:, 0], known[:, 2]] = -np.inf
+        # An entity with itself: models without an idea of roles score these pairs highest.
         np.fill_diagonal(scores, -np.inf)
-        for flat in np.argsort(-scores, axis=None, kind="stable")[: LISTED // 2].tolist():
+        best_first = np.argsort(-scores, axis=None, kind="stable")
+        for flat in best_first[: LISTED // 2].tolist():
             head, tail = divmod(flat, len(scores))
-            pairs.append(
-                ScoredPair(
-                    graph.entities[head], name, graph.entities[tail], float(scores[head, tail])
-                )
-            )
-    return tuple(pair for pair in pairs if np.isfinite(pair.score))
+            score = float(scores[head, tail])
+            # A small graph may have fewer free pairs than rows in the list.
+            if np.isfinite(score):
+                pairs.append(ScoredPair(graph.entities[head], name, graph.entities[tail], score))
+    return tuple(pairs)
 
 
 def play_by_scores(links: RankedLinks, seed: int) -> tuple[players.PlayerSuccess, ...]:
-    """Evaluate players that choose by the scores alone, on test tasks of one recipe, with 1 and 8 distractors.
+    """Evaluate players that choose by the scores alone, on test tasks of one recipe.
 
-    Rows by goals of another book are those of the best pair and of nearest words, which knows no book.
+    Tables have 1 and 8 distractors. Rows by goals of another book are those of the best pair and of
+    nearest words, which knows no book.
     """
     try:
         playing = {
@@ -213,5 +283,6 @@ def play_by_scores(links: RankedLinks, seed: int) -> tuple[players.PlayerSuccess
         grouped = (players.BEST_PAIR, players.NEAREST_WORDS)
         return tuple(row for row in rows if not row.goals or row.player in grouped)
     except WordCraftKGError:
-        # Without test tasks, with too few entities for distractors, or with a scorer that fails the checks.
+        # Without test tasks, with too few entities for distractors, or with a scorer that fails the
+        # checks: the ranks are valid without play.
         return ()

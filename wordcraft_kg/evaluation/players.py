@@ -1,4 +1,4 @@
-"""Success of an agent or of scripted players on all tasks of a split part, and explained episodes."""
+"""Success of an agent or of scripted players on all tasks of a split part; explained episodes."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,10 +39,22 @@ if TYPE_CHECKING:
 
 
 class AgentEvaluation(Record):
-    """Success by distractor count of a trained agent, and its scorer alone, or of a player on its tasks.
+    """Success of a trained agent or of another player on the agent's tasks.
 
-    ``by_goal`` is the success on goals that another book in the scorer's training makes, and on all other goals; None
-    if the scorer learned from no other book.
+    Attributes:
+        run: folder of the run with the tasks.
+        agent: name of the player.
+        checkpoint: checkpoint of the trained agent's weights; None for other players.
+        scores: how the scores are standardised if the scorer plays alone; None for other players.
+        part: split part with the tasks.
+        depth: fewest attempts that solve a task.
+        distractor_policy: where distractors are drawn from.
+        success: success rate by distractor count.
+        outcomes: share of episodes by termination reason, by distractor count.
+        against_scorer: comparison of the trained agent with its scorer alone, by distractor count;
+            None for other players and without a scorer.
+        by_goal: success on goals that another book in the scorer's training makes, and on all other
+            goals, by distractor count; None if the scorer learned from no other book.
     """
 
     run: str
@@ -59,7 +71,14 @@ class AgentEvaluation(Record):
 
 
 class Explanation(Record):
-    """Episodes with a trained agent, with all scores and logits for each action."""
+    """Episodes of a trained agent, with all scores and logits for each action.
+
+    Attributes:
+        run: folder of the run.
+        checkpoint: checkpoint of the agent's weights.
+        part: split part with the tasks.
+        episodes: the explained episodes.
+    """
 
     run: str
     checkpoint: str
@@ -76,46 +95,53 @@ def view_evaluation(
     distractor_seeds: int | None,
     distractor_policy: DistractorPolicy | None = None,
 ) -> AgentEvaluation:
-    """Evaluate a player (a name for :func:`player_of`) on an agent's tasks by distractor count."""
-    player, tasks, policy = (
-        player_of(trained.policy, agent),
-        trained.config.tasks,
-        trained.config.policy,
-    )
+    """Evaluate a player on an agent's tasks.
+
+    Args:
+        run: folder of ``trained``.
+        trained: the agent whose tasks are played.
+        agent: name of the player, see :func:`~wordcraft_kg.agents.evaluation.player_of`.
+        part: split part with the tasks.
+        distractors: distractor counts.
+        distractor_seeds: tables per task, see :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
+        distractor_policy: where distractors are drawn from; None for the agent's setting in
+            training.
+
+    Returns:
+        Success and outcomes by distractor count.
+    """
+    player = player_of(trained.policy, agent)
+    tasks = trained.config.tasks
+    policy = trained.config.policy
     config = tasks.environment(part, distractors[0])
-    world = World(
-        trained.opened,
-        config.variant(distractor_policy=distractor_policy or config.distractor_policy),
-    )
-    evaluators = {
-        str(amount): Evaluator(
-            world.variant(num_distractors=amount), distractor_seeds=distractor_seeds
-        )
-        for amount in distractors
-    }
+    if distractor_policy is not None:
+        config = config.variant(distractor_policy=distractor_policy)
+    world = World(trained.opened, config)
+    # Variants share the world's tasks, so each count has the same tasks in the same order.
+    evaluators = {}
+    for amount in distractors:
+        variant = world.variant(num_distractors=amount)
+        evaluators[str(amount)] = Evaluator(variant, distractor_seeds=distractor_seeds)
     results = {amount: evaluator(player) for amount, evaluator in evaluators.items()}
     against_scorer = None
     if agent == "trained" and trained.policy.sources:
-        *_, (name, alone) = scorer_alone(trained.policy.sources).items()
+        # The last one is p alone if the agent has it, else w alone, else all sources.
+        name, alone = list(scorer_alone(trained.policy.sources).items())[-1]
         against_scorer = {
             amount: compare_with_scorer([results[amount]], name, evaluator(alone))
             for amount, evaluator in evaluators.items()
         }
     by_goal = None
     if trained.made_by_other_books is not None:
-        goals = world.tasks.goals
-        by_goal = {
-            amount: slice_successes(
-                goal_groups(trained.opened.graph, goals[result.tasks], trained.made_by_other_books),
-                [result],
-            )
-            for amount, result in results.items()
-        }
-    scores = (
-        f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}"
-        if agent == "kg-only"
-        else None
-    )
+        by_goal = {}
+        for count, result in results.items():
+            # The evaluator may have played a sample of the tasks.
+            goals = world.tasks.goals[result.tasks]
+            groups = goal_groups(trained.opened.graph, goals, trained.made_by_other_books)
+            by_goal[count] = slice_successes(groups, [result])
+    scores = None
+    if agent == "kg-only":
+        scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}"
     return AgentEvaluation(
         run=str(run),
         agent=agent,
@@ -141,7 +167,21 @@ def view_explanation(
     *,
     task: int | None = None,
 ) -> Explanation:
-    """Play episodes and explain each action, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`."""
+    """Play episodes and explain each action.
+
+    Args:
+        run: folder of ``agent``.
+        agent: the trained agent.
+        part: split part with the tasks.
+        distractors: distractors on each table; None for the number in training.
+        goal: label of the goal; None for any goal.
+        episodes: number of episodes.
+        task: index of the only task to play; None for tasks in turn.
+
+    Returns:
+        The episodes, see :func:`~wordcraft_kg.agents.explanation.explain_episodes`.
+    """
+    # Without a number, tables are as in training.
     world = World(agent.opened, agent.config.tasks.environment(part, distractors))
     explained = explain_episodes(
         agent.policy, world, goal=goal, episodes=episodes, outside=agent.outside, task=task
@@ -150,10 +190,22 @@ def view_explanation(
 
 
 class Baselines(Record):
-    """Success rates for scripted players, with a row for each player and distractor count.
+    """Success rates of scripted players.
 
-    For a model that learned from another book, its players by w and by plans and the player by nearest words have two
-    further rows: goals that the other book makes, and all other goals. ``shares`` are the shares of the tasks.
+    For a model that learned from another book, its players by w and by plans and the player by
+    nearest words have two further rows: goals that the other book makes, and all other goals.
+
+    Attributes:
+        graph: the graph as the user named it.
+        part: split part with the tasks.
+        depth: fewest attempts that solve a task.
+        distractor_policy: where distractors are drawn from.
+        tasks: number of tasks.
+        distractor_seeds: tables per task.
+        seed: seed of distractors and of the players' choices.
+        intervals: level and method of the intervals, in words.
+        rows: a row for each player and distractor count.
+        shares: share of the tasks in each group of goals; empty without another book.
     """
 
     graph: str
@@ -177,21 +229,37 @@ def view_baselines(
     distractor_seeds: int | None = None,
     seed: int = 0,
 ) -> Baselines:
-    """Evaluate scripted players and, if a model is given with its name, players that follow the model's scores."""
+    """Evaluate scripted players and, if a model is given, players that follow the model's scores.
+
+    Args:
+        opened: graph and split.
+        graph: the graph as the user named it.
+        config: settings of the tasks.
+        distractors: distractor counts.
+        model: name of a model, and the model; None for scripted players only.
+        distractor_seeds: tables per task, see :func:`~wordcraft_kg.agents.players.play_all`.
+        seed: seed of distractors and of the players' choices.
+
+    Returns:
+        A row for each player and distractor count.
+    """
     players = knowledge_players(opened.split)
     world = World(opened, config)
+    # Only players that may have learned from another book, or know none, tell its goals apart.
     groups: dict[str, NDArray[np.bool_]] = {}
     grouped = {NEAREST_WORDS}
     if model is not None:
         name, trained = model
+        # A cross-fitted scorer needs the tasks that it may have been trained on, to answer by the
+        # model of the fold that has not seen them.
         tasks = world.tasks if config.part in ("train", "all") else None
         groups = goal_groups(opened.graph, world.tasks.goals, trained.made_by_other_books)
         named = scorer_players(opened.graph, trained.scorer, trained.triples, tasks, plans=True)
         grouped |= {f"{name}, {kind}" for kind in (BEST_PAIR, PLANNER)}
+        # The oracle stays last, as the upper bound.
         oracle = players.pop("recipe oracle")
-        players |= {f"{name}, {kind}": player for kind, player in named.items()} | {
-            "recipe oracle": oracle
-        }
+        players |= {f"{name}, {kind}": player for kind, player in named.items()}
+        players["recipe oracle"] = oracle
     rows = play_all(
         world, players, distractors, distractor_seeds=distractor_seeds, seed=seed, groups=groups
     )

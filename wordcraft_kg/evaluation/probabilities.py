@@ -1,4 +1,4 @@
-"""Calibration of a cross-fitted scorer's triple probabilities, on recipes outside the training data."""
+"""Calibration of a cross-fitted scorer's triple probabilities, outside the training data."""
 
 from typing import Literal
 
@@ -19,7 +19,14 @@ _LEAST = 5.0
 
 
 class ReliabilityBin(Record):
-    """A group of triples with similar probability: mean probability, and share of true triples with 95 % interval."""
+    """A group of triples with similar probability.
+
+    Attributes:
+        probability: mean predicted probability.
+        observed: share of true triples.
+        low, high: 95 % interval of `observed` (Wilson).
+        triples: number of triples.
+    """
 
     probability: Share
     observed: Share
@@ -29,13 +36,21 @@ class ReliabilityBin(Record):
 
 
 class Reliability(Record):
-    """Predicted and observed numbers of true triples of a relation, among all triples outside training.
+    """Predicted and observed numbers of true triples of a relation, outside the training triples.
 
     combinesWith counts a single direction.
 
     Attributes:
+        relation: the relation.
+        pairs: two different entities, or an entity with itself.
+        triples: number of triples.
+        expected: number of true triples by the probabilities.
+        observed: number of true triples: recipes outside train give them.
         base_rate: constant probability that ignores the scores.
-        log_loss: mean ``-log(probability of the observed outcome)``, nats; ``base_log_loss`` is for the base rate.
+        ece: expected calibration error over `bins`: mean distance of predicted and observed, by
+            triples.
+        log_loss: mean ``-log(probability of the observed outcome)``, nats.
+        base_log_loss: the same for the base rate.
         reason: why all triples have the base rate as probability, or empty.
         bins: groups of triples by probability, with about equal expected numbers of true triples.
     """
@@ -56,11 +71,21 @@ class Reliability(Record):
 def view_probabilities(
     scorer: CrossFitted, graph: RecipeGraph, trained_on: Ids
 ) -> tuple[Reliability, ...]:
-    """Compare predicted probabilities with true triples outside training; empty for a scorer without probabilities."""
+    """Compare predicted probabilities with true triples outside training.
+
+    Args:
+        scorer: a cross-fitted scorer.
+        graph: the graph, whose triples are true.
+        trained_on: training triples, shape (T, 3).
+
+    Returns:
+        A record for each relation and kind of pair; empty for a scorer without probabilities.
+    """
     if scorer.probabilities is None:
         return ()
     size = graph.num_entities
-    known, given = (_cells(triples, size) for triples in (trained_on, graph.triples))
+    known = _cells(trained_on, size)
+    given = _cells(graph.triples, size)
     everything = torch.arange(size)
     itself = np.eye(size, dtype=bool)
     rows = []
@@ -68,19 +93,24 @@ def view_probabilities(
         chances = (
             scorer.probability(everything[:, None], relation, everything[None, :]).cpu().numpy()
         )
+        # Triples in training are no test: the scorer has seen that they are true.
         candidates = ~known[relation]
         if relation == COMBINES_WITH:  # both directions are the same fact
             candidates &= np.tri(size, dtype=bool)
         curves = scorer.probabilities.relations[relation]
+        # Entities with themselves have a calibration of their own: they are true at another rate.
         for pairs, mask, curve in (
             ("distinct", ~itself, curves.distinct),
             ("itself", itself, curves.itself),
         ):
             chosen = candidates & mask
-            predicted, is_true = chances[chosen].astype(np.float64), given[relation][chosen]
+            # float64, because the sum of millions of small probabilities loses digits in float32.
+            predicted = chances[chosen].astype(np.float64)
+            is_true = given[relation][chosen]
             if not len(predicted):
                 continue
             bins = _bins(predicted, is_true)
+            errors = sum(row.triples * abs(row.probability - row.observed) for row in bins)
             rows.append(
                 Reliability(
                     relation=name,
@@ -89,8 +119,7 @@ def view_probabilities(
                     expected=float(predicted.sum()),
                     observed=int(is_true.sum()),
                     base_rate=curve.rate,
-                    ece=sum(row.triples * abs(row.probability - row.observed) for row in bins)
-                    / len(predicted),
+                    ece=errors / len(predicted),
                     log_loss=_log_loss(predicted, is_true),
                     base_log_loss=_log_loss(np.full(len(predicted), curve.rate), is_true),
                     reason=curve.reason,
@@ -101,24 +130,31 @@ def view_probabilities(
 
 
 def _cells(triples: Ids, size: int) -> NDArray[np.bool_]:
+    # A dense table (R, E, E), so that candidates are a mask; only small graphs come here.
     cells = np.zeros((len(RELATIONS), size, size), dtype=bool)
     cells[triples[:, 1], triples[:, 0], triples[:, 2]] = True
     return cells
 
 
 def _bins(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> tuple[ReliabilityBin, ...]:
+    # Bins of equal expected true triples, not of equal width or size: nearly all triples are very
+    # improbable, and a bin without true triples says nothing about its share.
     order = np.argsort(predicted, kind="stable")
     count = int(np.clip(predicted.sum() / _LEAST, 1, _BINS))
+    # A triple's bin is given by the expected true triples before it.
     before = np.cumsum(predicted[order]) - predicted[order]
     number = np.minimum((before / predicted.sum() * count).astype(np.int64), count - 1)
     rows = []
     for group in np.split(order, np.flatnonzero(np.diff(number)) + 1):
         true = int(is_true[group].sum())
-        mean, bounds = float(predicted[group].mean()), wilson_interval(true, len(group))
+        mean = float(predicted[group].mean())
+        # Wilson's interval is valid for shares near 0, where the normal one reaches below 0.
+        bounds = wilson_interval(true, len(group))
         rows.append(ReliabilityBin(mean, true / len(group), *bounds, len(group)))
     return tuple(rows)
 
 
 def _log_loss(predicted: NDArray[np.float64], is_true: NDArray[np.bool_]) -> float:
+    # A probability of exactly 0 or 1 that is wrong would make the mean infinite.
     chance = np.clip(predicted, 1e-12, 1 - 1e-7)
     return float(-np.mean(np.where(is_true, np.log(chance), np.log1p(-chance))))

@@ -228,6 +228,7 @@ def read_queries(path: Path, entities: Collection[str]) -> list[Query] | list[Re
     has_recipes = header == _RECIPE_HEADER
     kind = RecipeQuery if has_recipes else Query
     columns = _RECIPE_HEADER if has_recipes else HEADER
+    # An entity may be called "head": only a whole row of these words is a header.
     if header is not None:
         del rows[0]
     queries: list[Any] = []

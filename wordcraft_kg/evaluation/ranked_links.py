@@ -21,14 +21,26 @@ from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import MIN_TRIPLES, rank_triples, sampled, triple_groups
 
 MAP_LIMIT = 3_000
-"""Largest entity count for which all entity pairs are scored, for example by the neighbour baseline."""
+"""Largest entity count for which all entity pairs are scored, as by the neighbour baseline.
+
+Above it, two tables of float32 scores need more than 72 MB, and sorting them takes seconds.
+"""
 
 
 @dataclass(frozen=True)
 class RankedLinks:
-    """A scorer's ranks, a row for each of T queries (T, 3), and the recipes that it was trained on.
+    """A scorer's ranks on the evaluation triples of a graph.
 
-    ``made_by_other_books`` are labels that another book in the training makes; None without another book.
+    Attributes:
+        scorer: the scorer.
+        opened: graph and split.
+        kg: training graph of the scorer: full, partial or none.
+        population: number of evaluation triples, of which the queries may be a sample.
+        queries: ranked triples, shape (T, 3).
+        ranks: a row for each of 2 T queries: tails of all triples, then heads.
+        train_sample: the recipes that the scorer was trained on, and their triples.
+        made_by_other_books: labels that other books in the training make; None without another
+            book.
     """
 
     scorer: TripleScorer
@@ -47,7 +59,7 @@ class RankedLinks:
 
     @property
     def is_full(self) -> bool:
-        """Whether the scorer was trained on the full graph and has therefore seen all evaluation triples."""
+        """Whether the full graph was used in training, so that all evaluation triples are seen."""
         return self.kg == "full"
 
     @property
@@ -63,26 +75,35 @@ class RankedLinks:
     @cached_property
     def table(self) -> NDArray[np.float32]:
         """Scores of all entity pairs, shape (2, E, E): relation, head, tail."""
-        return (
-            torch.stack([self.scorer.table(relation) for relation in range(len(RELATIONS))])
-            .cpu()
-            .numpy()
-        )
+        tables = [self.scorer.table(relation) for relation in range(len(RELATIONS))]
+        return torch.stack(tables).cpu().numpy()
+
+    @property
+    def labelled_ranks(self) -> pd.DataFrame:
+        """The rank table with labels in place of entity and relation ids, for readers and files."""
+        return labelled(self.graph, self.ranks)
 
     @cached_property
     def clusters(self) -> Ids:
         """Each query's resampling group, see :func:`triple_groups`; shape (2 T,)."""
         split = self.opened.split
-        sources = (
-            np.ones(self.graph.num_recipes, dtype=bool) if self.is_full else split.is_in("test")
-        )
+        # A triple belongs to the group of a recipe that gives it: a test recipe, unless training
+        # has all recipes and all triples are ranked.
+        sources = split.is_in("test")
+        if self.is_full:
+            sources = np.ones(self.graph.num_recipes, dtype=bool)
+        # Tails come before heads, so the groups of the triples repeat.
         return np.tile(triple_groups(split, sources, self.queries), 2)
 
     @cached_property
     def baseline_ranks(self) -> dict[str, pd.DataFrame]:
-        """Rank tables of the baselines, which know the scorer's training triples (untrained: train recipes)."""
+        """Rank tables of the baselines, which know the scorer's training triples.
+
+        Beside an untrained scorer, baselines know the train recipes.
+        """
         known = self.opened.train_sample("partial") if self.kg == "none" else self.train_sample
         scorers: dict[str, TripleScorer] = {"frequency": FrequencyScorer(self.graph, known.triples)}
+        # These two need the scores of all pairs.
         if self.has_table:
             scorers["votes"] = VoteScorer(self.graph, known.recipes)
             scorers["neighbours"] = NeighbourScorer(self.graph, known.triples)
@@ -104,14 +125,31 @@ def rank_links(
 ) -> RankedLinks:
     """Rank the evaluation triples in a graph by a scorer.
 
-    For a scorer trained on the partial graph, evaluation triples are the test triples outside training. For a scorer
-    trained on the full graph, evaluation triples are all triples, which measures memory. Neither depends on a
-    ``train_sample`` of the recipes of ``kg``. At most ``max_queries`` are ranked, two per triple in a uniform sample; 0
-    ranks all. ConfigError if ``max_queries`` is too small for a meaningful figure, SplitError if fewer than 30 triples
-    remain.
+    For a scorer trained on the partial graph, evaluation triples are the test triples outside
+    training. For a scorer trained on the full graph, they are all triples, which measures memory.
+
+    Args:
+        scorer: a scorer of the graph.
+        opened: graph and split.
+        kg: training graph of the scorer: full, partial or none.
+        train_sample: the recipes of ``kg`` that the scorer was trained on; None for all of them.
+            The evaluation triples do not depend on this sample, so that models of several samples
+            are comparable.
+        made_by_other_books: labels that other books in the training make; None without another
+            book.
+        max_queries: most queries to rank, two for each triple of a uniform sample; 0 for all.
+        seed: seed of the sample.
+
+    Returns:
+        The ranks, with a row for each query.
+
+    Raises:
+        ConfigError: if ``max_queries`` is too small for meaningful metrics.
+        SplitError: if fewer than 30 triples remain.
     """
     if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
         raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")
+    # Test triples that training contains by way of other recipes are leaks, and left out.
     everything = opened.graph.triples if kg == "full" else opened.split.held_out("test")
     queries = sampled(everything, max_queries // 2, seed) if max_queries else everything
     if len(queries) < MIN_TRIPLES:
@@ -132,22 +170,23 @@ def rank_links(
 def _too_few(count: int, opened: OpenedGraph, kg: TrainedOn) -> str:
     needed = f"a meaningful figure needs at least {MIN_TRIPLES}."
     if kg == "full":
-        return f"only {count} triples in the whole graph; {needed} Use a recipe book with more recipes."
-    ratio = (
-        "such as 0.7"
-        if opened.split.config.train_ratio > 0.7
-        else "or use a recipe book with more recipes"
-    )
-    return f"only {count} unseen test triples; {needed} Build the graph with a smaller `train_ratio`, {ratio}."
+        more = "Use a recipe book with more recipes."
+        return f"only {count} triples in the whole graph; {needed} {more}"
+    # A smaller ratio helps only if the ratio is not small yet.
+    ratio = "or use a recipe book with more recipes"
+    if opened.split.config.train_ratio > 0.7:
+        ratio = "such as 0.7"
+    remedy = f"Build the graph with a smaller `train_ratio`, {ratio}."
+    return f"only {count} unseen test triples; {needed} {remedy}"
 
 
 def labelled(graph: RecipeGraph, ranks: pd.DataFrame) -> pd.DataFrame:
     """Return a rank table with labels in place of entity and relation ids."""
+    # Objects: an array of fixed-width strings would copy the longest label's width for each row.
     names = np.array(graph.entities, dtype=object)
+    relations = np.array(RELATIONS, dtype=object)
     frame = ranks.copy()
     for column in ("head", "tail", "top"):
         frame[column] = names[frame[column].to_numpy(dtype=np.int64)]
-    frame["relation"] = np.array(RELATIONS, dtype=object)[
-        frame["relation"].to_numpy(dtype=np.int64)
-    ]
+    frame["relation"] = relations[frame["relation"].to_numpy(dtype=np.int64)]
     return frame

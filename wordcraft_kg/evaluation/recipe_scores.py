@@ -1,4 +1,4 @@
-"""Recipe scores: the best results for a pair, the best partners for an ingredient, and supporting train recipes."""
+"""Recipe scores: best results of a pair, best partners of an ingredient, and supporting recipes."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,13 +22,24 @@ from wordcraft_kg.models.scorers.pair_features import LEAST_SHARE
 from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
 
 _Key = tuple[int, int, int]
+# Supporting recipes are sorted by share; more would push the results off the screen.
 _SUPPORT = 3
 
 
 class ScoredRecipe(Record):
-    """A recipe with score (higher: more plausible), split part or ``new``, and supporting train recipes.
+    """A recipe with its score.
 
-    Supporting recipes that make the result itself come first.
+    Attributes:
+        ingredient_a, ingredient_b: labels of the ingredients.
+        result: label of the result.
+        score: higher is more plausible, on the scorer's own scale.
+        known: split part with the recipe, or `new` if the book lacks it; None without the graph.
+        in_sample: whether the scorer was trained on the recipe, so that its score says nothing
+            about other recipes.
+        because: supporting train recipes; recipes that make the result itself come first.
+        probability: probability of the result if the pair makes something, where results of a pair
+            are listed; None elsewhere and without a calibration.
+        outside: evidence from outside the train recipes.
     """
 
     ingredient_a: str
@@ -43,7 +54,15 @@ class ScoredRecipe(Record):
 
 
 class RankedRecipe(ScoredRecipe):
-    """A recipe with its score, and the rank of each entity in its slot among all entities (known recipes count)."""
+    """A recipe with its score, and the rank of each entity in its slot among all entities.
+
+    Known recipes compete: the ranks are unfiltered.
+
+    Attributes:
+        rank_as_result: rank of the result, from 1.
+        rank_as_ingredient_a, rank_as_ingredient_b: rank of each ingredient, from 1.
+        trained_on: training graph of the scorer; None if not recorded.
+    """
 
     rank_as_result: Count
     rank_as_ingredient_a: Count
@@ -52,7 +71,14 @@ class RankedRecipe(ScoredRecipe):
 
 
 class OpenRecipe(Record):
-    """The best entities for the open slot in a recipe (an ingredient or the result); None marks the open slot."""
+    """The best entities for the open slot in a recipe.
+
+    Attributes:
+        ingredient_a, ingredient_b: labels of the ingredients; None for the open slot.
+        result: label of the result; None for the open slot.
+        top: the completed recipes, best first.
+        trained_on: training graph of the scorer; None if not recorded.
+    """
 
     ingredient_a: str | None
     ingredient_b: str | None
@@ -62,7 +88,17 @@ class OpenRecipe(Record):
 
 
 class ScoredRecipeRow(Record):
-    """A row in a file of recipe scores; ``rank`` is the rank in the list for an open slot, None for a full recipe."""
+    """A row in a file of recipe scores.
+
+    Attributes:
+        line: line of the query in the queries' file, from 1.
+        ingredient_a, ingredient_b: labels of the ingredients.
+        result: label of the result.
+        score: higher is more plausible, on the scorer's own scale.
+        rank: rank in the list for an open slot, from 1; None for a full recipe.
+        known: split part with the recipe, or `new`; None without the graph.
+        in_sample: whether the scorer was trained on the recipe.
+    """
 
     line: int
     ingredient_a: str
@@ -76,7 +112,14 @@ class ScoredRecipeRow(Record):
 
 @dataclass(frozen=True)
 class RecipeScoring:
-    """A recipe scorer (whole, if cross-fitted), its training recipes, and known recipes by split part."""
+    """A recipe scorer, and the recipes that it and its book know.
+
+    Attributes:
+        model: the opened model.
+        scorer: its recipe scorer; of a cross-fitted one that of all train recipes.
+        parts: split part by recipe; empty without the graph.
+        seen: recipes that the scorer was trained on.
+    """
 
     model: ScoringModel
     scorer: RecipeScores
@@ -85,42 +128,55 @@ class RecipeScoring:
 
     @classmethod
     def of(cls, model: ScoringModel) -> "RecipeScoring":
-        """Return a model's recipe scorer; ConfigError for a model that scores links (triples), not recipes."""
-        scorer, split = whole_of(model.scorer), model.split
+        """Return a model's recipe scorer.
+
+        Raises:
+            ConfigError: if the model scores links (triples), not recipes.
+        """
+        # The model of all train recipes answers: queries are about new recipes.
+        scorer = whole_of(model.scorer)
+        split = model.split
         if not isinstance(scorer, RecipeScores):
             raise ConfigError(
-                f"{model.scorer.name} scores links, not recipes. Give a link, such as flour combinesWith water, "
-                "or train a recipe scorer with `wordcraft-kg train-recipes`."
+                f"{model.scorer.name} scores links, not recipes. Give a link, such as flour "
+                "combinesWith water, or train a recipe scorer with `wordcraft-kg train-recipes`."
             )
         parts: dict[_Key, Known] = {}
         if split is not None:
             for part in get_args(Part):
                 parts |= dict.fromkeys(_keys(split.recipes(part)), part)
-        return cls(model, scorer, parts, frozenset(_keys(scorer.recipes.cpu().numpy())))
+        seen = frozenset(_keys(scorer.recipes.cpu().numpy()))
+        return cls(model, scorer, parts, seen)
 
     @cached_property
     def _has_self_results(self) -> bool:
         return any(result in pair for *pair, result in self.seen.union(self.parts))
 
     def rows(self, query: RecipeQuery) -> Ids:
-        """Return a query's recipes, ids of shape (n, 3): one recipe, or a recipe per entity in the open slot."""
+        """Return a query's recipes as ids, shape (n, 3).
+
+        That is one recipe, or a recipe for each entity in the open slot.
+        """
         everything = np.arange(len(self.scorer.entities))
-        ids = (
+        ids = [
             everything if slot is None else [self.scorer.entities.index(slot)]
             for slot in query.slots
-        )
+        ]
+        # Named entities broadcast along the open slot.
         return np.stack(np.broadcast_arrays(*ids), axis=1).astype(np.int64)
 
     def scores(self, rows: Ids) -> torch.Tensor:
-        """Score recipes, given as ids of shape (n, 3): two ingredients and a result. Return shape (n,)."""
+        """Return scores, shape (n,), of recipes as ids (ingredients and result), shape (n, 3)."""
         return self.scorer.score_recipes(*torch.from_numpy(rows.copy()).T).cpu()
 
     def known(self, rows: Ids) -> list[Known | None]:
-        """Return the split part of each recipe, ids of shape (n, 3): ``new`` if unknown, None without the graph."""
-        return [
-            self.parts.get(key, "new") if self.model.split is not None else None
-            for key in _keys(rows)
-        ]
+        """Return the split part of each recipe, ids of shape (n, 3).
+
+        The part is ``new`` for a recipe that the book lacks, and None without the graph.
+        """
+        if self.model.split is None:
+            return [None] * len(rows)
+        return [self.parts.get(key, "new") for key in _keys(rows)]
 
     def in_sample(self, rows: Ids) -> list[bool]:
         """Return whether the scorer was trained on each recipe, ids of shape (n, 3)."""
@@ -129,30 +185,51 @@ class RecipeScoring:
     def best(
         self, query: RecipeQuery, top: int, *, new_only: bool = False
     ) -> tuple[Ids, list[float]]:
-        """Return the ``top`` recipes for a query's open slot with their scores, best first.
+        """Return the best recipes for a query's open slot, best first; equal scores in id order.
 
-        ``new_only`` omits known recipes. Recipes that make an ingredient are omitted if the book has none, because
-        recipe books drop such recipes by default.
+        Recipes that make an ingredient are omitted if the book has none, because recipe books drop
+        such recipes by default.
+
+        Args:
+            query: a query with an open slot.
+            top: most recipes to return.
+            new_only: omit known recipes.
+
+        Returns:
+            Recipes as ids, shape (n, 3), and their scores.
         """
         rows = self.rows(query)
         if not self._has_self_results:
             rows = rows[(rows[:, :2] != rows[:, 2:]).all(axis=1)]
         scores = self.scores(rows)
+        # Stable: equal scores keep the order of ids on every device.
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
         if new_only:
-            order = order[[part == "new" for part in self.known(rows[order])]]
-        return rows[order[:top]], scores[order[:top].copy()].tolist()
+            is_new = [part == "new" for part in self.known(rows[order])]
+            order = order[is_new]
+        best = order[:top].copy()
+        return rows[best], scores[best].tolist()
 
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
         """Yield scored recipes, ids of shape (n, 3), with their split parts and evidence."""
         finder = self.model.outside
-        for row, score, known, in_sample in zip(
-            rows, scores, self.known(rows), self.in_sample(rows), strict=True
-        ):
-            a, b, result = self.labels(row)
+        known = self.known(rows)
+        in_sample = self.in_sample(rows)
+        for i, score in enumerate(scores):
+            a, b, result = self.labels(rows[i])
             because = tuple(self.scorer.supporting_recipes(a, b, result, limit=_SUPPORT))
             outside = finder.of_recipe(a, b, result) if finder else ()
-            yield ScoredRecipe(a, b, result, score, known, in_sample, because, None, outside)
+            yield ScoredRecipe(
+                ingredient_a=a,
+                ingredient_b=b,
+                result=result,
+                score=score,
+                known=known[i],
+                in_sample=in_sample[i],
+                because=because,
+                probability=None,
+                outside=outside,
+            )
 
     def labels(self, row: Ids) -> tuple[str, str, str]:
         """Return recipe labels, shape (3,)."""
@@ -161,6 +238,7 @@ class RecipeScoring:
 
 
 def _keys(rows: Ids) -> list[_Key]:
+    # a + b and b + a are one recipe.
     return [(min(a, b), max(a, b), result) for a, b, result in rows.tolist()]
 
 
@@ -170,10 +248,11 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
     (recipe,) = scoring.recipes(row, scoring.scores(row).tolist())
 
     def rank(slot: int) -> int:
-        a, b, result = (
-            None if number == slot else label for number, label in enumerate(query.slots)
-        )
-        scores = scoring.scores(scoring.rows(RecipeQuery(a, b, result)))
+        labels = list(query.slots)
+        labels[slot] = None
+        opened = RecipeQuery(labels[0], labels[1], labels[2])
+        scores = scoring.scores(scoring.rows(opened))
+        # Optimistic for ties: entities with equal scores share the best rank.
         return 1 + int((scores > scores[row[0, slot]]).sum())
 
     return RankedRecipe(
@@ -188,10 +267,21 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
 def view_open_recipe(
     scoring: RecipeScoring, query: RecipeQuery, top: int, *, new_only: bool = False
 ) -> OpenRecipe:
-    """List the ``top`` entities for the open slot in a recipe; ``new_only`` omits known recipes."""
+    """List the best entities for the open slot in a recipe.
+
+    Args:
+        scoring: the recipe scorer.
+        query: a query with an open slot.
+        top: most entities to list.
+        new_only: omit known recipes.
+
+    Returns:
+        The completed recipes; results of a pair have probabilities if the scorer is calibrated.
+    """
     rows, scores = scoring.best(query, top, new_only=new_only)
     best = tuple(scoring.recipes(rows, scores))
     folds = folds_of(scoring.model.scorer)
+    # Calibrated for results of a pair only: partners of an ingredient compete in another way.
     if query.result is None and folds is not None and folds.probabilities is not None:
         shares = folds.result_probabilities(*query.labels)[rows[:, 2]].tolist()
         best = tuple(
@@ -204,7 +294,18 @@ def view_open_recipe(
 def score_recipe_queries(
     scoring: RecipeScoring, queries: Sequence[RecipeQuery], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRecipeRow]:
-    """Yield scores in the query order: a row for a full recipe, up to ``top`` rows for a query with an open slot."""
+    """Score queries in their order.
+
+    Args:
+        scoring: the recipe scorer.
+        queries: recipes with or without an open slot.
+        top: most rows for a query with an open slot.
+        new_only: omit known recipes.
+
+    Yields:
+        A row for a full recipe, up to ``top`` rows for a query with an open slot.
+    """
+    # Full recipes are scored in one batch, which is much faster than one by one.
     recipes = [scoring.rows(query) for query in queries if not query.is_open]
     scores = iter(scoring.scores(np.concatenate(recipes)).tolist() if recipes else ())
     for query in queries:
@@ -212,14 +313,16 @@ def score_recipe_queries(
             rows, values = scoring.best(query, top, new_only=new_only)
             ranks: Sequence[int | None] = range(1, len(rows) + 1)
         else:
-            rows, values, ranks = scoring.rows(query), [next(scores)], [None]
-        for row, score, rank, known, in_sample in zip(
-            rows, values, ranks, scoring.known(rows), scoring.in_sample(rows), strict=True
-        ):
-            if not new_only or known == "new":
-                yield ScoredRecipeRow(
-                    query.line or 0, *scoring.labels(row), score, rank, known, in_sample
-                )
+            rows = scoring.rows(query)
+            values = [next(scores)]
+            ranks = [None]
+        known = scoring.known(rows)
+        in_sample = scoring.in_sample(rows)
+        line = query.line or 0
+        for i, row in enumerate(rows):
+            if not new_only or known[i] == "new":
+                labels = scoring.labels(row)
+                yield ScoredRecipeRow(line, *labels, values[i], ranks[i], known[i], in_sample[i])
 
 
 def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:
@@ -228,9 +331,12 @@ def main_support(witnesses: Sequence[Witness]) -> Sequence[Witness]:
 
 
 def because(witnesses: Sequence[Witness]) -> str:
-    """Format supporting recipes with similarity and evidence share, as ``river + wood -> driftwood 0.41 (80 %)``."""
-    return ", ".join(
-        f"{witness.recipe} {'< 0.01' if witness.weight < 0.01 else format(witness.weight, '.2g')} "
-        f"({100 * witness.share:.0f} %)"
-        for witness in main_support(witnesses)
-    )
+    """Format supporting recipes, as ``river + wood -> driftwood 0.41 (80 %)``.
+
+    The number is the similarity of the recipe, the percentage its share of the evidence.
+    """
+    parts = []
+    for witness in main_support(witnesses):
+        weight = "< 0.01" if witness.weight < 0.01 else format(witness.weight, ".2g")
+        parts.append(f"{witness.recipe} {weight} ({100 * witness.share:.0f} %)")
+    return ", ".join(parts)

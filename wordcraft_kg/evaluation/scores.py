@@ -1,4 +1,4 @@
-"""Triple scores, also for words outside the graph, and the best entities for a query's open slot."""
+"""Triple scores, also for words outside the graph, and best entities for a query's open slot."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -25,11 +25,26 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 
 Known = Literal["train", "valid", "test", "new"]
-"""The split part with a recipe that gives a triple (train takes precedence), or ``new`` without such a recipe."""
+"""The split part with a recipe that gives a triple (train takes precedence), or ``new``."""
 
 
 class ScoredTriple(Record):
-    """A triple with score, ranks among all tails and all heads, split part, and the scorer's training recipes."""
+    """A triple with its score.
+
+    A raw score means little by itself; the unfiltered ranks among all tails and all heads say more.
+
+    Attributes:
+        head: the head.
+        relation: the relation.
+        tail: the tail.
+        score: higher is more plausible, on the scorer's own scale.
+        known: split part with the triple, see :data:`Known`; None without the graph.
+        rank_as_tail, rank_as_head: rank of tail and head among all entities, from 1.
+        trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
+        probability: calibrated probability; None for a train triple and without a calibration.
+        by_words: entities outside the graph, scored by their words alone.
+        outside: evidence from outside the train recipes.
+    """
 
     head: str
     relation: str
@@ -45,7 +60,15 @@ class ScoredTriple(Record):
 
 
 class ScoredEntity(Record):
-    """A candidate entity for a query's open slot, with score and outside evidence of the resulting triple."""
+    """A candidate entity for a query's open slot.
+
+    Attributes:
+        entity: the entity.
+        score: score of the completed triple.
+        known: split part with this triple, see :data:`Known`; None without the graph.
+        probability: calibrated probability; None for a train triple and without a calibration.
+        outside: evidence from outside the train recipes for this triple.
+    """
 
     entity: str
     score: float
@@ -55,7 +78,16 @@ class ScoredEntity(Record):
 
 
 class OpenSlot(Record):
-    """The best entities for a query's open slot (None); see :class:`ScoredTriple`."""
+    """The best entities for a query's open slot.
+
+    Attributes:
+        head: the head; None if open.
+        relation: the relation.
+        tail: the tail; None if open.
+        top: the entities, best first.
+        trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
+        by_words: entities outside the graph, scored by their words alone.
+    """
 
     head: str | None
     relation: str
@@ -66,7 +98,18 @@ class OpenSlot(Record):
 
 
 class ScoredRow(Record):
-    """A row in a file of triple scores: query line, triple, and rank in the list for an open slot (else None)."""
+    """A row in a file of triple scores.
+
+    Attributes:
+        line: line of the query in the queries' file, from 1; 0 for a query from arguments.
+        head: the head.
+        relation: the relation.
+        tail: the tail.
+        score: higher is more plausible, on the scorer's own scale.
+        rank: rank in the list for an open slot, from 1; None for a full triple.
+        known: split part with the triple, see :data:`Known`; None without the graph.
+        probability: calibrated probability; None for a train triple and without a calibration.
+    """
 
     line: int
     head: str
@@ -79,7 +122,16 @@ class ScoredRow(Record):
 
 
 class ScoredFile(Record, omit_defaults=True):
-    """Scores for all queries in a file; ``rows`` is empty if the scores were written to the file ``out``."""
+    """Scores for all queries in a file.
+
+    Attributes:
+        queries: number of queries.
+        scored: number of rows.
+        trained_on: training graph of the scorer, `full` or `partial`; None if not recorded.
+        by_words: entities outside the graph, scored by their words alone.
+        rows: the scores; empty if they were written to a file.
+        out: the written file; None without one.
+    """
 
     queries: Count
     scored: Count
@@ -94,9 +146,14 @@ class ScoringModel:
     """A scorer and, if the scorer's graph is available, the recipe split.
 
     Attributes:
+        scorer: the scorer.
+        split: split of the scorer's graph; None without the graph.
         kg: recipes that the scorer was trained on, ``full`` or ``partial``; None if not recorded.
-        by_words: labels for entities outside the graph, the scorer's last entities, see :func:`with_new_words`.
-        outside: finder for evidence from outside the train recipes; None without such knowledge or without the graph.
+        missing: why the graph is not available, or empty.
+        by_words: labels for entities outside the graph, the scorer's last entities, see
+            :func:`with_new_words`.
+        outside: finder for evidence from outside the train recipes; None without such knowledge or
+            without the graph.
     """
 
     scorer: Scorer
@@ -110,20 +167,39 @@ class ScoringModel:
     def open(
         cls, folder: Path, graph: str | None = None, *, needs_graph: bool = False
     ) -> "ScoringModel":
-        """Open a model folder; a missing graph is an ArtefactError if ``graph`` or ``needs_graph`` is given."""
+        """Open a model folder, without its graph if that is missing and not needed.
+
+        Args:
+            folder: the model folder.
+            graph: the graph, if it has moved; None for the recorded one.
+            needs_graph: whether a missing graph is an error.
+
+        Returns:
+            The scorer, with the split if the graph is available.
+
+        Raises:
+            ArtefactError: if there is no scorer, or if the graph is missing and ``graph`` or
+                ``needs_graph`` is given.
+        """
         try:
             model = open_model(folder, graph)
         except ArtefactError as error:
             if graph is not None or needs_graph:
                 raise
+            # Scores need no graph; only parts of the split are missing then.
             return cls(load_scorer(folder), None, None, str(error))
+        # Only a model that was trained with outside knowledge has evidence from there.
         outside = OutsideEvidenceFinder.open(folder, model.opened)
         return cls(model.scorer, model.opened.split, model.kg, outside=outside)
 
     def known(self, triples: Ids) -> list[Known | None]:
-        """Return the split part of each triple, ids of shape (T, 3): see :data:`Known`; None without the graph."""
+        """Return the split part of each triple, ids of shape (T, 3), see :data:`Known`.
+
+        Without the graph, all parts are None.
+        """
         if self.split is None:
             return [None] * len(triples)
+        # In the order of the split's part numbers.
         names: tuple[Known, ...] = (*PARTS, "new")  # type: ignore[assignment]
         # New entities are in no recipe: index -1 is "new".
         is_in_graph = (triples < self.split.graph.num_entities).all(axis=1)
@@ -132,59 +208,76 @@ class ScoringModel:
         return [names[number] for number in part.tolist()]
 
     def probabilities(self, triples: Ids, known: Sequence[Known | None]) -> list[float | None]:
-        """Return calibrated probabilities for triples, ids of shape (T, 3); None for triples ``known`` from train."""
+        """Return calibrated probabilities for triples, ids of shape (T, 3).
+
+        A triple that is ``known`` from train has none: it is true, and calibration is for new ones.
+        """
         folds = folds_of(self.scorer)
         if folds is None or folds.probabilities is None:
             return [None] * len(triples)
         values = folds.probability(*torch.from_numpy(triples.copy()).T).tolist()
-        return [
-            None if part == "train" else value for value, part in zip(values, known, strict=True)
-        ]
+        pairs = zip(values, known, strict=True)
+        return [None if part == "train" else value for value, part in pairs]
 
     def answers(self, query: Query, top: int, *, new_only: bool = False) -> list[ScoredEntity]:
-        """Return the ``top`` entities for a query's open slot, best first; ``new_only`` omits known triples."""
+        """List the best entities for a query's open slot.
+
+        Args:
+            query: a query with an open slot.
+            top: most entities to list.
+            new_only: omit known triples.
+
+        Returns:
+            The entities, best first; equal scores in id order.
+        """
         everything = torch.arange(len(self.scorer.entities))
-        head, tail = (everything if slot is None else slot for slot in (query.head, query.tail))
+        head = everything if query.head is None else query.head
+        tail = everything if query.tail is None else query.tail
         scores = self.scorer.score(head, query.relation, tail).cpu()
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
+        # Without a filter the first ones are the answer, and parts of all others need no look-up.
         if not new_only:
             order = order[:top]
-        heads, tails = (
-            order if slot is None else int(self.scorer.entity_ids(slot))
-            for slot in (query.head, query.tail)
-        )
+        heads = order if query.head is None else int(self.scorer.entity_ids(query.head))
+        tails = order if query.tail is None else int(self.scorer.entity_ids(query.tail))
         triples = _triples(heads, RELATIONS.index(query.relation), tails)
         known = self.known(triples)
-        rows = zip(order.tolist(), known, self.probabilities(triples, known), strict=True)
-        kept = [(entity, *rest) for entity, *rest in rows if not new_only or rest[0] == "new"][:top]
-        return [
-            ScoredEntity(self.scorer.entities[entity], float(scores[entity]), *rest)
-            for entity, *rest in kept
-        ]
+        chances = self.probabilities(triples, known)
+        kept = [i for i in range(len(order)) if not new_only or known[i] == "new"]
+        best = []
+        for i in kept[:top]:
+            entity = int(order[i])
+            candidate = ScoredEntity(
+                entity=self.scorer.entities[entity],
+                score=float(scores[entity]),
+                known=known[i],
+                probability=chances[i],
+            )
+            best.append(candidate)
+        return best
 
 
 def _triples(heads: Ids | int, relation: int | Ids, tails: Ids | int) -> Ids:
-    return np.stack(np.broadcast_arrays(np.atleast_1d(heads), relation, tails), axis=1).astype(
-        np.int64
-    )
+    columns = np.broadcast_arrays(np.atleast_1d(heads), relation, tails)
+    return np.stack(columns, axis=1).astype(np.int64)
 
 
 def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
     """Score a triple, and rank its head and its tail among all entities."""
-    scorer, (head, relation, tail) = model.scorer, _labels(query)
+    scorer = model.scorer
+    head, relation, tail = _labels(query)
     ((_, known, probability),) = _scores(model, [(head, relation, tail)])
-    tails, heads = (
-        scorer.top(head, relation, None, limit=None),
-        scorer.top(None, relation, tail, limit=None),
-    )
+    # Whole lists: the rank is the place, known triples included.
+    tails = [name for name, _ in scorer.top(head, relation, None, limit=None)]
+    heads = [name for name, _ in scorer.top(None, relation, tail, limit=None)]
     return ScoredTriple(
         head=head,
         relation=relation,
         tail=tail,
         score=float(scorer.score(head, relation, tail)),
         known=known,
-        rank_as_tail=1 + [name for name, _ in tails].index(tail),
-        rank_as_head=1 + [name for name, _ in heads].index(head),
+        rank_as_tail=1 + tails.index(tail),
+        rank_as_head=1 + heads.index(head),
         trained_on=model.kg,
         probability=probability,
         by_words=model.by_words,
@@ -195,37 +288,62 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
 def view_open_slot(
     model: ScoringModel, query: Query, top: int, *, new_only: bool = False
 ) -> OpenSlot:
-    """List the ``top`` entities for a query's open slot; ``new_only`` omits known triples."""
-    best = tuple(model.answers(query, top, new_only=new_only))
-    if finder := model.outside:
-        links = [
-            (query.head or one.entity, query.relation, query.tail or one.entity) for one in best
-        ]
-        best = tuple(
-            msgspec.structs.replace(one, outside=finder.of_link(*link))
-            for one, link in zip(best, links, strict=True)
-        )
-    return OpenSlot(query.head, query.relation, query.tail, best, model.kg, model.by_words)
+    """List the best entities for a query's open slot, with evidence from outside the train recipes.
+
+    Args:
+        model: the model.
+        query: a query with an open slot.
+        top: most entities to list.
+        new_only: omit known triples.
+
+    Returns:
+        The entities, best first.
+    """
+    best = model.answers(query, top, new_only=new_only)
+    # Evidence only for the listed entities: looking it up is slow beside scoring.
+    if model.outside:
+        for i, one in enumerate(best):
+            head = query.head or one.entity
+            tail = query.tail or one.entity
+            outside = model.outside.of_link(head, query.relation, tail)
+            best[i] = msgspec.structs.replace(one, outside=outside)
+    return OpenSlot(query.head, query.relation, query.tail, tuple(best), model.kg, model.by_words)
 
 
 def score_queries(
     model: ScoringModel, queries: Sequence[Query], top: int, *, new_only: bool = False
 ) -> Iterator[ScoredRow]:
-    """Yield scores in the query order: a row for a full triple, up to ``top`` rows for a query with an open slot."""
+    """Score queries in their order.
+
+    Args:
+        model: the model.
+        queries: triples with or without an open slot.
+        top: most rows for a query with an open slot.
+        new_only: omit known triples.
+
+    Yields:
+        A row for a full triple, up to ``top`` rows for a query with an open slot.
+    """
+    # Full triples are scored in one batch, which is much faster than one by one.
     scores = iter(_scores(model, [_labels(query) for query in queries if not query.is_open]))
     for query in queries:
         line = query.line or 0
         if not query.is_open:
             score, part, chance = next(scores)
             if not new_only or part == "new":
-                yield ScoredRow(line, *_labels(query), score, None, part, chance)
+                head, relation, tail = _labels(query)
+                yield ScoredRow(line, head, relation, tail, score, None, part, chance)
             continue
         for rank, best in enumerate(model.answers(query, top, new_only=new_only), start=1):
-            head, tail = (
-                best.entity if slot is None else slot for slot in (query.head, query.tail)
-            )
             yield ScoredRow(
-                line, head, query.relation, tail, best.score, rank, best.known, best.probability
+                line=line,
+                head=query.head or best.entity,
+                relation=query.relation,
+                tail=query.tail or best.entity,
+                score=best.score,
+                rank=rank,
+                known=best.known,
+                probability=best.probability,
             )
 
 
@@ -235,12 +353,14 @@ def _scores(
     if not triples:
         return []
     head, relation, tail = zip(*triples, strict=True)
-    heads, tails = model.scorer.entity_ids(head), model.scorer.entity_ids(tail)
+    heads = model.scorer.entity_ids(head)
+    tails = model.scorer.entity_ids(tail)
     relations = torch.tensor([RELATIONS.index(label) for label in relation])
     ids = _triples(heads.cpu().numpy(), relations.numpy(), tails.cpu().numpy())
     known = model.known(ids)
+    chances = model.probabilities(ids, known)
     scores = model.scorer.score(heads, relations, tails).tolist()
-    return list(zip(scores, known, model.probabilities(ids, known), strict=True))
+    return list(zip(scores, known, chances, strict=True))
 
 
 def view_file(
@@ -249,7 +369,17 @@ def view_file(
     rows: Sequence[Record],
     out: Path | None = None,
 ) -> ScoredFile:
-    """Return the scores for a query file as a record, or with the path ``out`` in place of the scores."""
+    """Return the scores for a file of queries as a record.
+
+    Args:
+        model: the model.
+        queries: the queries.
+        rows: the scores.
+        out: the file with the scores, named in place of the rows; None to return the rows.
+
+    Returns:
+        The record to show.
+    """
     # Recipe scores always use words.
     by_words = model.by_words if any(isinstance(query, Query) for query in queries) else ()
     view = ScoredFile(len(queries), len(rows), model.kg, by_words, tuple(rows))
@@ -268,7 +398,22 @@ def with_new_words(
     queries: Sequence[Query | RecipeQuery],
     file: Path | None = None,
 ) -> ScoringModel:
-    """Extend a model by new entities; UnknownEntityError without vectors, QueryFileError with a line of ``file``."""
+    """Extend a model by the queries' entities that its graph lacks, described by their words alone.
+
+    Args:
+        model: the model.
+        folder: the model folder.
+        queries: the queries.
+        file: file of the queries; None for arguments.
+
+    Returns:
+        The extended model, or ``model`` itself if the graph has all entities.
+
+    Raises:
+        UnknownEntityError: if a word of an entity has no vector.
+        QueryFileError: the same for queries of a file, with the line of the first such entity.
+    """
+    # In the order of the queries, with the line where each new entity first stands.
     lines: dict[str, int | None] = {}
     known = frozenset(model.scorer.entities)
     for query in queries:
@@ -284,24 +429,28 @@ def with_new_words(
     try:
         scorer = with_words(folder, model.scorer, tuple(lines), where=where)
     except UnknownEntityError as error:
+        # An error in a file is an error of the file, with its line.
         if file is None:
             raise
         raise QueryFileError(str(error)) from None
     return replace(model, scorer=scorer, by_words=tuple(lines))
 
 
+# A file of queries may name thousands of new entities; a few show what happened.
 _LISTED = 5
 
 
 def note_of_words(model: ScoringModel) -> list[str]:
-    """Return a note on new entities in queries, which are scored by their words; empty without any."""
+    """Return a note on new entities in queries, scored by their words; empty without any."""
     words = model.by_words
     if not words:
         return []
-    if len(words) == 1:  # a misspelt word may have a vector, too
+    # A single new entity may be a misspelling that has a vector, too: the nearest label helps then.
+    if len(words) == 1:
         known = model.scorer.entities[: -len(words)]
         return [
-            f"'{words[0]}' is not in the graph: scored by its words alone.{nearest(words[0], known)}"
+            f"'{words[0]}' is not in the graph: scored by its words alone."
+            f"{nearest(words[0], known)}"
         ]
     listed = ", ".join(f"'{label}'" for label in words[:_LISTED])
     more = f" and {len(words) - _LISTED:,} more" if len(words) > _LISTED else ""

@@ -9,7 +9,15 @@ from wordcraft_kg.graphs.tasks import TaskPart
 
 
 class ShownTask(Record):
-    """An example task: the goal, a table (starting ingredients and distractors), and all plans for the goal."""
+    """An example task.
+
+    Attributes:
+        goal: label of the goal.
+        start: starting ingredients.
+        distractors: other entities on the table.
+        table: the table, slot by slot.
+        plans: all ways to make the goal, each as recipes in turn.
+    """
 
     goal: str
     start: tuple[str, ...]
@@ -19,7 +27,17 @@ class ShownTask(Record):
 
 
 class TaskListing(Record):
-    """The tasks in a split part, all or a random sample, with examples; ``mixed`` tasks use several parts."""
+    """The tasks in a split part, with examples.
+
+    Attributes:
+        graph: name of the graph.
+        depth: fewest attempts that solve a task.
+        part: the split part.
+        tasks: number of tasks.
+        complete: whether these are all tasks of the part, and not a random sample.
+        mixed: number of tasks that use recipes of several parts and belong to none.
+        shown: the examples.
+    """
 
     graph: str
     depth: int
@@ -31,7 +49,16 @@ class TaskListing(Record):
 
 
 def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
-    """Count an environment's tasks, and return up to ``limit`` example tasks, chosen at random by ``seed``."""
+    """Count an environment's tasks and show examples.
+
+    Args:
+        env: the environment.
+        limit: most examples to return.
+        seed: seed of the choice and of the distractors.
+
+    Returns:
+        Counts, and the examples in random order.
+    """
     # Seeding only the first episode, as in training, gives different distractors to each table.
     env.reset(seed=seed)
     order = np.random.default_rng(seed).permutation(len(env.tasks))[:limit].tolist()
@@ -48,13 +75,13 @@ def view_tasks(env: WordCraftEnv, limit: int, seed: int) -> TaskListing:
 
 def _shown(env: WordCraftEnv, index: int) -> ShownTask:
     observation, _ = env.reset(options={"task": index})
-    task, table = (
-        env.task,
-        env.world.graph.labels(observation["table"][observation["action_mask"] == 1]),
-    )
+    task = env.task
+    # Slots without an entity have no label.
+    table = env.world.graph.labels(observation["table"][observation["action_mask"] == 1])
     return ShownTask(
         goal=task.goal,
         start=tuple(task.start),
+        # Sorted, because the table's order is random and tells nothing.
         distractors=tuple(sorted(set(table) - set(task.start))),
         table=table,
         plans=tuple(map(tuple, task.plans)),

@@ -1,4 +1,4 @@
-"""Training curves of agents: success, logged statistics and mixing weights λ; also for unfinished runs."""
+"""Training curves of agents, also of unfinished runs: success, statistics and mixing weights λ."""
 
 from collections.abc import Sequence
 from typing import Literal, get_args
@@ -19,7 +19,13 @@ FIGURES: tuple[Figure, ...] = get_args(Figure)
 
 
 class CurvePoint(Record, array_like=True):
-    """Mean success over seeds after a number of environment steps, with the 95 % interval over seeds."""
+    """Mean success over seeds at a point of the training.
+
+    Attributes:
+        step: environment steps so far.
+        success: mean success rate.
+        low, high: 95 % interval over seeds; None for a single seed.
+    """
 
     step: int
     success: float
@@ -28,7 +34,13 @@ class CurvePoint(Record, array_like=True):
 
 
 class LambdaCurve(Record):
-    """Mean mixing weight λ of a source for the first or second action; points are (environment step, λ)."""
+    """Mean mixing weight λ of a source during training.
+
+    Attributes:
+        source: name of the score source.
+        action: first or second action of an attempt.
+        points: (environment step, λ).
+    """
 
     source: str
     action: Literal["first", "second"]
@@ -36,57 +48,72 @@ class LambdaCurve(Record):
 
 
 class SeedCurve(Record):
-    """A logged training statistic of one run; ``points`` are (environment step, value)."""
+    """A logged training statistic of one run.
+
+    Attributes:
+        seed: training seed of the run.
+        points: (environment step, value).
+    """
 
     seed: int
     points: tuple[tuple[int, float], ...]
 
 
 def success_curves(members: Sequence[AgentRun]) -> dict[str, tuple[CurvePoint, ...]]:
-    """Return the mean success curve of an agent's runs by split part (test, train), with intervals over seeds."""
+    """Return mean success curves by split part (test, train), with intervals over seeds."""
     curves = {}
     for part in ("test", "train"):
         rows = _shared_rows(members, f"{part}_success")
-        points = [
-            CurvePoint(step, float(np.mean(seeds)), *(student_interval(seeds) or (None, None)))
-            for step, seeds in rows
-        ]
+        points = []
+        for step, seeds in rows:
+            low, high = student_interval(seeds) or (None, None)
+            points.append(CurvePoint(step, float(np.mean(seeds)), low, high))
         if points:
             curves[part] = tuple(points)
     return curves
 
 
 def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
-    """Return mean mixing weights λ over seeds by score source and action, in about :data:`_CURVE_POINTS` points."""
+    """Return mean mixing weights λ over seeds, by score source and action.
+
+    A curve has about :data:`_CURVE_POINTS` points.
+    """
     curves = []
     actions: tuple[Literal["first", "second"], ...] = ("first", "second")
+    # A source that the agents do not have has no rows, and so no curve.
     for source in (ALPHA.name, *source_names()):
         for action in actions:
             rows = _shared_rows(members, f"lambda_{source}_{action}")
-            points = [
-                (step, float(np.mean(seeds)))
-                for step, seeds in rows[:: max(1, len(rows) // _CURVE_POINTS)]
-            ]
+            every = max(1, len(rows) // _CURVE_POINTS)
+            points = [(step, float(np.mean(seeds))) for step, seeds in rows[::every]]
             if points:
                 curves.append(LambdaCurve(source, action, tuple(points)))
     return curves
 
 
 def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurve, ...]]:
-    """Return each run's logged statistics as curves, without lines after a short interval, which are noise."""
+    """Return each run's logged statistics as curves, in about :data:`_CURVE_POINTS` points.
+
+    The trainer's statistics are means since the line before. Where a line shortly follows another,
+    as at a point of the learning curve, they cover a few updates and are mostly noise, so these
+    points are left out. The success on test tasks is measured at the line itself and stays.
+    """
     by_figure: dict[Figure, tuple[SeedCurve, ...]] = {}
     for figure in FIGURES:
         curves = []
         for agent in members:
+            # Steps since the line before, which a line's means cover.
             lengths = np.diff([0, *(row.step for row in agent.metrics)])
+            # A run that has just begun has no lines, and no median.
             is_long = lengths * 2 >= np.median(lengths) if len(lengths) else lengths
-            points = [
-                (row.step, row.figures[figure])
-                for row, long in zip(agent.metrics, is_long, strict=True)
-                if figure in row.figures and (long or figure == "test_success")
-            ]
+            points = []
+            for row, long in zip(agent.metrics, is_long, strict=True):
+                is_mean = figure != "test_success"
+                if figure in row.figures and (long or not is_mean):
+                    points.append((row.step, row.figures[figure]))
             # Every n-th point counted from the end, because the last point matters most.
-            thinned = points[:: -max(1, len(points) // _CURVE_POINTS)][::-1]
+            every = max(1, len(points) // _CURVE_POINTS)
+            thinned = points[::-every][::-1]
             if thinned:
                 curves.append(SeedCurve(agent.config.trainer.seed, tuple(thinned)))
         if curves:
@@ -95,10 +122,9 @@ def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurv
 
 
 def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[float]]]:
-    rows = [
-        {row.step: row.figures[key] for row in agent.metrics if key in row.figures}
-        for agent in members
-    ]
-    return [
-        (step, [row[step] for row in rows]) for step in sorted(set.intersection(*map(set, rows)))
-    ]
+    by_run = []
+    for agent in members:
+        by_run.append({row.step: row.figures[key] for row in agent.metrics if key in row.figures})
+    # Only steps that all runs have reached: a mean over fewer seeds would jump where a run ends.
+    shared = sorted(set.intersection(*map(set, by_run)))
+    return [(step, [values[step] for values in by_run]) for step in shared]

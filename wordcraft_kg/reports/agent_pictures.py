@@ -1,4 +1,4 @@
-"""Charts for agents: curves for success, training statistics and mixing weights, and bars for score sources."""
+"""Charts for agents: curves of success, statistics and mixing weights; bars of score sources."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -29,35 +29,38 @@ def source_colours() -> dict[str, int]:
 
 
 def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> Markup:
-    """Draw success curves on train and test tasks; ``curves`` has the points by agent name and task part."""
-    named = [
-        (f"{agent}, {part}", part, colour, points)
-        for colour, (agent, parts) in enumerate(curves.items())
-        for part, points in parts.items()
-    ]
+    """Draw success curves on train and test tasks, from the points by agent and task part."""
+    series: dict[str, list[charts.CurvePoint]] = {}
+    colours = {}
+    dashed = set()
+    for number, (agent, parts) in enumerate(curves.items()):
+        for part, points in parts.items():
+            name = f"{agent}, {part}"
+            series[name] = [(at.step, at.success, at.low, at.high) for at in points]
+            # Both curves of an agent share a colour, so the distance between them is easy to see.
+            colours[name] = number
+            if part == "train":
+                dashed.add(name)
     return charts.curves(
-        {
-            name: [(at.step, at.success, at.low, at.high) for at in points]
-            for name, _, _, points in named
-        },
+        series,
         "environment steps",
         "greedy success",
         "Success on train and test tasks over training",
         percent=True,
-        dashed={name for name, part, _, _ in named if part == "train"},
-        colours={name: colour for name, _, colour, _ in named},
+        dashed=dashed,
+        colours=colours,
     )
 
 
 def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
     """Draw an agent's mixing weights (λ for each score source) over training."""
     colours = source_colours()
+    series = {}
     curves = {f"{label_of(curve.source).coefficient} {curve.action}": curve for curve in lambdas}
+    for name, curve in curves.items():
+        series[name] = _without_interval(curve.points)
     return charts.curves(
-        {
-            name: [(step, value, None, None) for step, value in curve.points]
-            for name, curve in curves.items()
-        },
+        series,
         "environment steps",
         "mean mixing weight (λ) in the last batch",
         f"Mixing weights of {agent} over training",
@@ -66,35 +69,39 @@ def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
     )
 
 
+def _without_interval(points: Sequence[tuple[int, float]]) -> list[charts.CurvePoint]:
+    return [(step, value, None, None) for step, value in points]
+
+
 def pictures_of_figures(
     figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve]]],
 ) -> list[Markup]:
-    """Draw a chart for each logged statistic with a curve for each run, from the curves by agent and statistic."""
+    """Draw a chart for each logged statistic with a curve for each run.
+
+    ``figures`` has the curves by agent and statistic.
+    """
     pictures = []
     for figure, title in FIGURES.items():
-        runs = {
-            f"{agent}, seed {curve.seed}": (number, agent, curve)
-            for number, (agent, by_figure) in enumerate(figures.items())
-            for curve in by_figure.get(figure, ())
-        }
-        if runs:
+        series: dict[str, list[charts.CurvePoint]] = {}
+        colours: dict[str, int] = {}
+        labels = {}
+        for number, (agent, by_figure) in enumerate(figures.items()):
+            for curve in by_figure.get(figure, ()):
+                name = f"{agent}, seed {curve.seed}"
+                # The first seed's curve carries the agent's name.
+                if number not in colours.values():
+                    labels[name] = agent
+                series[name] = _without_interval(curve.points)
+                colours[name] = number
+        if series:
             picture = charts.curves(
-                {
-                    name: [(step, value, None, None) for step, value in run[2].points]
-                    for name, run in runs.items()
-                },
+                series,
                 "environment steps",
                 title,
                 f"{title} over training, a curve for each seed".capitalize(),
                 percent=figure == "test_success",
-                colours={name: number for name, (number, _, _) in runs.items()},
-                # The first seed's curve carries the agent's name.
-                labels={
-                    name: agent
-                    for agent, name in {
-                        run[1]: name for name, run in reversed(runs.items())
-                    }.items()
-                },
+                colours=colours,
+                labels=labels,
             )
             pictures.append(picture)
     return pictures
@@ -103,17 +110,32 @@ def pictures_of_figures(
 def contribution_bar(
     contributions: Mapping[str, float], scale: float, colours: Mapping[str, int]
 ) -> Markup:
-    """Draw terms by name as a bar from the middle, positive to the right; half the width is ``scale``."""
-    half, height = 70.0, 12
+    """Draw terms of a sum as a bar.
+
+    Positive terms are stacked to the right of the middle, negative terms to the left.
+
+    Args:
+        contributions: terms by name.
+        scale: value for half the width.
+        colours: colour number by name.
+
+    Returns:
+        The bar as SVG.
+    """
+    half = 70.0
+    height = 12
+    # The next term of each sign begins where the last one ended, at first in the middle.
     ends = {True: half, False: half}
     parts = [f'<svg class="bar" viewBox="0 0 {2 * half:g} {height}" aria-hidden="true">']
     for name, value in contributions.items():
+        # A scale of 0 means that all terms are 0.
         width = min(abs(value) / scale, 1) * half if scale else 0.0
         is_positive = value >= 0
         left = ends[is_positive] if is_positive else ends[is_positive] - width
         ends[is_positive] = left + width if is_positive else left
         parts.append(
-            f'<rect x="{left:.1f}" y="1" width="{width:.1f}" height="{height - 2}" class="series-{colours[name]}">'
+            f'<rect x="{left:.1f}" y="1" width="{width:.1f}" height="{height - 2}"'
+            f' class="series-{colours[name]}">'
             f"<title>{for_html(name)}: {value:.2f}</title></rect>"
         )
     parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/></svg>')
@@ -121,21 +143,22 @@ def contribution_bar(
 
 
 def column_labels(step: ExplainedStep) -> list[Label]:
-    """Return the labels for the score sources in an explained action, in the order of the score columns."""
+    """Return the labels of the score sources in an explained action, in the columns' order."""
     return [label_of(name) for name in step.slots[0].sources]
 
 
 def slot_rows(step: ExplainedStep) -> list[tuple[ExplainedSlot, Markup]]:
-    """Return an action's slots by descending logit, each with a bar for the score sources' shares in the logit."""
-    scale = max(
-        sum(abs(value) for value in slot.contributions.values() if (value > 0) is to_the_right)
-        for slot in step.slots
-        for to_the_right in (True, False)
-    )
+    """Return an action's slots by descending logit, each with a bar of its sources' shares."""
+    # One scale for all slots: the longest side of any bar fills half the width.
+    sides = []
+    for slot in step.slots:
+        values = slot.contributions.values()
+        sides.append(sum(value for value in values if value > 0))
+        sides.append(sum(-value for value in values if value <= 0))
+    scale = max(sides)
+    colours = source_colours()
     by_logit = sorted(step.slots, key=lambda slot: slot.logit, reverse=True)
-    return [
-        (slot, contribution_bar(slot.contributions, scale, source_colours())) for slot in by_logit
-    ]
+    return [(slot, contribution_bar(slot.contributions, scale, colours)) for slot in by_logit]
 
 
 ACTIONS: dict[str, Any] = {

@@ -1,18 +1,17 @@
 """The agent report: evaluation results for all agents, with charts."""
 
 import re
-from collections.abc import Sequence
 from typing import Any
 
 from markupsafe import Markup
 
 from wordcraft_kg.evaluation.agent_figures import NEVER, Slice
-from wordcraft_kg.evaluation.agents import AgentsView, Groups, view_agents
+from wordcraft_kg.evaluation.agents import AgentsView
 from wordcraft_kg.evaluation.goal_groups import MADE, NOT_MADE
-from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.reports import agent_pictures, charts
 from wordcraft_kg.reports.pages import Report
 
+# With fewer seeds, Student's interval over seeds is so wide that the page says so.
 _MIN_SEEDS = 5
 _SLICES: dict[Slice, tuple[str, str]] = {
     "train_recipes": ("By train recipes of the goal", "train recipes that make the goal"),
@@ -21,22 +20,11 @@ _SLICES: dict[Slice, tuple[str, str]] = {
 }
 
 
-def make_agent_report(
-    groups: Groups,
-    *,
-    part: TaskPart = "test",
-    distractors: Sequence[int] | None = None,
-    distractor_seeds: int | None = None,
-    episodes: int = 2,
-) -> Report[AgentsView]:
-    """Evaluate agents by :func:`~wordcraft_kg.evaluation.agents.view_agents`; return the report, ready to write."""
-    view = view_agents(
-        groups,
-        part=part,
-        distractors=distractors,
-        distractor_seeds=distractor_seeds,
-        episodes=episodes,
-    )
+def make_agent_report(view: AgentsView) -> Report[AgentsView]:
+    """Return the report on agents, ready to write.
+
+    ``view`` has the results, by :func:`~wordcraft_kg.evaluation.agents.view_agents`.
+    """
     return Report(
         view,
         "agent_report.html.j2",
@@ -66,18 +54,25 @@ def make_agent_report(
 def _place(label: str) -> int:
     """Return the place of a group of tasks in a chart: named groups, then groups by number."""
     named = (NEVER, MADE, NOT_MADE)
-    return named.index(label) - len(named) if label in named else int(re.split("[–+]", label)[0])
+    # Negative places come before all numbers, which begin at 0.
+    if label in named:
+        return named.index(label) - len(named)
+    return int(re.split("[–+]", label)[0])
 
 
 def _success(view: AgentsView) -> Markup:
     headline = str(view.headline)
-    rows: list[tuple[str, tuple[float, float | None, float | None]]] = [
-        (agent.name, (success.mean, *(success.seed_ci or success.task_ci)))
-        for agent in view.agents
-        if (success := agent.success.get(headline))
-    ]
+    rows: list[tuple[str, tuple[float, float | None, float | None]]] = []
+    for agent in view.agents:
+        # An MLP may be unable to play with this number of distractors.
+        success = agent.success.get(headline)
+        if success:
+            # A single run has no interval over seeds.
+            low, high = success.seed_ci or success.task_ci
+            rows.append((agent.name, (success.mean, low, high)))
+    baselines = [(player.name, (player.success[headline], None, None)) for player in view.baselines]
     return charts.intervals(
-        rows + [(player.name, (player.success[headline], None, None)) for player in view.baselines],
+        [*rows, *baselines],
         f"success on {view.part} tasks, with 95 % intervals",
         "Success of the agents and of scripted players",
         reference=rows[0][1][0] if rows else None,
@@ -88,15 +83,17 @@ def _success(view: AgentsView) -> Markup:
 def _pictures_of_slices(view: AgentsView) -> dict[Slice, tuple[str, Markup]]:
     pictures: dict[Slice, tuple[str, Markup]] = {}
     for key, (heading, axis) in _SLICES.items():
-        groups = {
-            agent.name: {row.slice: (row.success, *row.ci) for row in agent.slices.get(key, ())}
-            for agent in view.agents
-        }
-        if any(groups.values()):
-            labels = sorted({label for rows in groups.values() for label in rows}, key=_place)
-            cells: dict[str, Any] = {
-                name: [rows.get(label) for label in labels] for name, rows in groups.items()
-            }
+        groups = {}
+        found: set[str] = set()
+        for agent in view.agents:
+            rows = {row.slice: (row.success, *row.ci) for row in agent.slices.get(key, ())}
+            groups[agent.name] = rows
+            found.update(rows)
+        if found:
+            labels = sorted(found, key=_place)
+            cells: dict[str, Any] = {}
+            for name, rows in groups.items():
+                cells[name] = [rows.get(label) for label in labels]
             picture = charts.dots(
                 labels, cells, axis, f"success on {view.part} tasks", f"Success by {axis}"
             )

@@ -14,26 +14,35 @@ _PEOPLE = "people (another game)"
 
 
 def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
-    """Render results from open-ended play; ``curves`` are :func:`~wordcraft_kg.agents.discovery.discovery_curves`."""
+    """Render results of open-ended play as an HTML page.
+
+    Args:
+        view: the results.
+        curves: known entities after each attempt of each run, by
+            :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
+    """
+    # Every attempt, and not only the marks of the view: a curve needs all its points.
     table = summarise_curves(curves, range(view.attempts + 1))
     colours = {name: number for number, name in enumerate((*view.players, _PEOPLE))}
     known: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
     repeated: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
-    columns = (
-        table[name].tolist() for name in ("player", "attempt", "mean", "low", "high", "repeated")
-    )
-    for name, attempt, mean, low, high, repeat in zip(*columns, strict=True):
+    names = ("player", "attempt", "mean", "low", "high", "repeated")
+    columns = [table[name].tolist() for name in names]
+    for player, attempt, mean, low, high, share in zip(*columns, strict=True):
         # Bounds are equal if all runs agree, and NaN for a single run.
-        known[name].append((attempt, mean, *((low, high) if low < high else (None, None))))
-        repeated[name].append((attempt, repeat, None, None))
+        bounds = (low, high) if low < high else (None, None)
+        known[player].append((attempt, mean, *bounds))
+        repeated[player].append((attempt, share, None, None))
     known[_PEOPLE] = [
         (attempt, mean, None, None)
         for attempt, mean in HUMAN_CURVE.items()
         if attempt <= view.attempts
     ]
-    repeats = {
-        name: points for name, points in repeated.items() if any(point[1] for point in points)
-    }
+    # Players that never repeat a pair are named in the text: their curves would all lie at 0.
+    repeats = {}
+    for name, points in repeated.items():
+        if any(share for _, share, _, _ in points):
+            repeats[name] = points
     about = "Mean number of entities known after each attempt"
     pictures = {"known": charts.curves(known, "attempts", "entities known", about, colours=colours)}
     if repeats:

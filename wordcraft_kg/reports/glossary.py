@@ -1,4 +1,4 @@
-"""Term definitions for reports and pages from ``glossary.toml``, shown in tooltips and ``docs/terms.md``."""
+"""Terms for reports and pages from ``glossary.toml``, shown in tooltips and ``docs/terms.md``."""
 
 import tomllib
 from pathlib import Path
@@ -11,7 +11,14 @@ Topic = Literal["Graphs", "Links", "Play", "Agents"]
 
 
 class Term(Record):
-    """A glossary term: topic, name, definition in one to three sentences, and symbol in formulas."""
+    """A glossary term.
+
+    Attributes:
+        topic: section of the glossary.
+        name: the term.
+        meaning: definition in one to three sentences.
+        symbol: symbol in formulas, or empty.
+    """
 
     topic: Topic
     name: str
@@ -26,12 +33,16 @@ def _term(label: Label) -> Term:
 _TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(
     Path(__file__).with_suffix(".toml").read_text("utf-8")
 )
-GLOSSARY = {
-    **{label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())},
-    **{key: Term(topic, *term) for topic, terms in _TERMS.items() for key, term in terms.items()},
-}
+# Score sources define their own words, so that a term and a column never differ.
+GLOSSARY = {label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())}
+for _topic, _terms in _TERMS.items():
+    GLOSSARY |= {key: Term(_topic, *term) for key, term in _terms.items()}
 
 
 def find_term(key: str) -> Term:
-    """Return the term for a key, a glossary entry or a registered score source; KeyError if the key is unknown."""
+    """Return the term for a key: a glossary entry or a registered score source.
+
+    Raises:
+        KeyError: if the key is unknown.
+    """
     return GLOSSARY[key] if key in GLOSSARY else _term(label_of(key))

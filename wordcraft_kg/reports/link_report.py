@@ -1,6 +1,6 @@
 """The link-prediction report: evaluation results for a link predictor, with charts."""
 
-from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from markupsafe import Markup
 
@@ -10,18 +10,15 @@ from wordcraft_kg.evaluation.links import (
     FEW_TEST_RECIPES,
     LinkView,
     has_few_test_recipes,
-    view_links,
 )
-from wordcraft_kg.evaluation.ranked_links import labelled, rank_links
-from wordcraft_kg.graphs.folder import OpenedGraph, TrainedOn
-from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import RELATIONS
-from wordcraft_kg.models.links.records import TraceRow
-from wordcraft_kg.models.scorers.config import MAX_QUERIES
-from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.ranking import RankingMetrics
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.glossary import GLOSSARY
 from wordcraft_kg.reports.pages import Report, render_page
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PLAYERS = {
     "v": "ingredient scores alone (v)",
@@ -37,30 +34,18 @@ PLAYERS = {
 }
 
 
-def make_link_report(
-    scorer: TripleScorer,
-    opened: OpenedGraph,
-    *,
-    kg: TrainedOn = "partial",
-    train_sample: TrainSample | None = None,
-    made_by_other_books: frozenset[str] | None = None,
-    name: str = "scorer",
-    provenance: Mapping[str, str] | None = None,
-    trace: Sequence[TraceRow] = (),
-    max_queries: int = MAX_QUERIES,
-    seed: int = 0,
-) -> Report[LinkView]:
-    """Evaluate a link predictor; return the report. Arguments as ``rank_links`` and ``view_links``."""
-    links = rank_links(
-        scorer,
-        opened,
-        kg,
-        train_sample=train_sample,
-        made_by_other_books=made_by_other_books,
-        max_queries=max_queries,
-        seed=seed,
-    )
-    view = view_links(links, name=name, provenance=provenance, trace=trace, seed=seed)
+def make_link_report(view: LinkView, ranks: "pd.DataFrame | None" = None) -> Report[LinkView]:
+    """Return the report on a link predictor, ready to write.
+
+    Args:
+        view: the evaluation results, by :func:`~wordcraft_kg.evaluation.links.view_links`.
+        ranks: a row for each ranked query, by
+            :attr:`~wordcraft_kg.evaluation.ranked_links.RankedLinks.labelled_ranks`, which becomes
+            the report's ``ranks.csv``; None for a report without this file.
+
+    Returns:
+        The report, for :func:`~wordcraft_kg.reports.pages.write_report`.
+    """
     return Report(
         view,
         "link_report.html.j2",
@@ -75,21 +60,21 @@ def make_link_report(
             "few": FEW_TEST_RECIPES,
             "few_test_recipes": has_few_test_recipes(view),
         },
-        tables={"ranks.csv": labelled(links.graph, links.ranks)},
+        tables={} if ranks is None else {"ranks.csv": ranks},
     )
 
 
 def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
     if not view.probabilities:
         return {}
-    series = {
-        f"{row.relation}{', itself' if row.pairs == 'itself' else ''}": [
-            (estimate.probability, estimate.observed, estimate.low, estimate.high, estimate.triples)
-            for estimate in row.bins
-        ]
-        for row in view.probabilities
-        if not row.reason
-    }
+    series = {}
+    for row in view.probabilities:
+        # With a reason, all triples have one probability, which is a point and no curve.
+        if not row.reason:
+            name = f"{row.relation}, itself" if row.pairs == "itself" else row.relation
+            series[name] = [
+                (at.probability, at.observed, at.low, at.high, at.triples) for at in row.bins
+            ]
     return {
         "probabilities": charts.log_reliability(
             series, "Share of true triples against their probability"
@@ -98,22 +83,26 @@ def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
 
 
 def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
-    compared = [(view.model.name, view.metrics["all"])]
-    compared += [
-        (GLOSSARY[row.baseline].name, view.baselines[row.baseline]["all"])
-        for row in view.comparisons
-    ]
+    rows = [_interval_row(view.model.name, view.metrics["all"])]
+    # The order of the comparisons: the best baseline stands next to the model.
+    for row in view.comparisons:
+        name = GLOSSARY[row.baseline].name
+        rows.append(_interval_row(name, view.baselines[row.baseline]["all"]))
     return {
         "baselines": charts.intervals(
-            [
-                (name, (estimate.mrr or 0.0, *(estimate.mrr_ci or (None, None))))
-                for name, estimate in compared
-            ],
+            rows,
             "filtered MRR, with 95 % intervals",
             "Filtered MRR of the model and of each baseline",
             reference=view.metrics["all"].mrr,
         )
     }
+
+
+def _interval_row(
+    name: str, metrics: RankingMetrics
+) -> tuple[str, tuple[float, float | None, float | None]]:
+    low, high = metrics.mrr_ci or (None, None)
+    return name, (metrics.mrr or 0.0, low, high)
 
 
 def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
@@ -134,20 +123,19 @@ def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
 
 
 def comparison_page(view: LinkComparison) -> str:
-    """Render a comparison between link predictors as an HTML page: MRR, and differences to the first model."""
+    """Render a comparison of link predictors as an HTML page: MRR, and differences to the first."""
+    # The first model has no difference to itself and is drawn at 0, the line of the others.
+    differences_of = []
+    for model in view.models:
+        low, high = model.difference_ci or (None, None)
+        differences_of.append((model.name, (model.difference or 0.0, low, high)))
     mrr = charts.intervals(
-        [
-            (model.name, (model.mrr or 0.0, *(model.mrr_ci or (None, None))))
-            for model in view.models
-        ],
+        [_interval_row(model.name, model) for model in view.models],
         f"filtered MRR, 95 % over {view.unit}",
         "MRR of each model with its interval",
     )
     differences = charts.intervals(
-        [
-            (model.name, (model.difference or 0.0, *(model.difference_ci or (None, None))))
-            for model in view.models
-        ],
+        differences_of,
         f"difference of MRR to {view.models[0].name}, paired",
         f"Difference of each model's MRR to that of {view.models[0].name} with its interval",
         reference=0.0,

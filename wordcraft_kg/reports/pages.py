@@ -1,4 +1,4 @@
-"""HTML pages from the package's templates, readable offline, and reports: a page with files for numbers and tables."""
+"""HTML pages from the package's templates, readable offline, and reports: a page with files."""
 
 import base64
 import hashlib
@@ -29,15 +29,23 @@ if TYPE_CHECKING:
 
 
 class Outline:
-    """The section headings (titles by anchor, in order) and glossary terms in a page, collected during rendering."""
+    """The section headings and glossary terms of a page, collected while the page is rendered.
+
+    Attributes:
+        headings: titles by anchor, in order.
+        terms: explained terms by key.
+    """
 
     def __init__(self) -> None:
         self.headings: dict[str, str] = {}
         self.terms: dict[str, Term] = {}
 
     def heading(self, title: str, note: str = "") -> Markup:
-        """Record a section title; return the heading as HTML, with an anchor and an optional note."""
-        slug = anchor = re.sub(r"\W+", "-", title.lower()).strip("-") or "section"
+        """Record a section title; return the heading as HTML, with an anchor and perhaps a note."""
+        # A title without a letter, such as an emoji, needs an anchor, too.
+        slug = re.sub(r"\W+", "-", title.lower()).strip("-") or "section"
+        anchor = slug
+        # An anchor names one place, so equal titles get longer ones.
         while anchor in self.headings:
             anchor += f"-{slug}"
         self.headings[anchor] = title
@@ -47,17 +55,32 @@ class Outline:
         )
 
     def term(self, key: str, text: str | None = None) -> Markup:
-        """Record a glossary term (KeyError if unknown); return its name or ``text``, with the meaning as a tooltip."""
-        term = self.terms[key] = find_term(key)
-        shown = text or (f"{term.name} ({term.symbol})" if term.symbol else term.name)
+        """Record a glossary term; return its name or ``text``, with the meaning as a tooltip.
+
+        Raises:
+            KeyError: if the term is unknown.
+        """
+        term = find_term(key)
+        self.terms[key] = term
+        name = f"{term.name} ({term.symbol})" if term.symbol else term.name
+        shown = text or name
         return Markup('<abbr title="{}">{}</abbr>').format(term.meaning, shown)
 
 
 def render_page(template: str, *, data: Sequence[str] = (), **values: Any) -> str:
-    """Render a page from a template file that extends ``page.html.j2``; a missing value is an error.
+    """Render a page from a template file that extends ``page.html.j2``.
 
     In the template, ``heading(title)`` begins a section and ``term(key)`` explains a term in
-    :data:`~wordcraft_kg.reports.glossary.GLOSSARY`. ``data`` lists files in the same folder to link to.
+    :data:`~wordcraft_kg.reports.glossary.GLOSSARY`. Labels and names are escaped, and a missing
+    value is an error.
+
+    Args:
+        template: file name of the template; ``package/name`` for one in another package.
+        data: files in the page's folder to link to.
+        **values: values for the template.
+
+    Returns:
+        The page as HTML.
     """
     outline = Outline()
     shown = {"outline": outline, "heading": outline.heading, "term": outline.term, "data": data}
@@ -71,13 +94,20 @@ def chart_style() -> str:
 
 
 def make_environment(*packages: str) -> jinja2.Environment:
-    """Return a Jinja environment for the templates of Python packages (the first match counts), autoescaped, strict."""
+    """Return a Jinja environment for the templates of Python packages.
+
+    Text is escaped, so labels stay text, and an undefined name is an error.
+
+    Args:
+        *packages: packages with templates; the first package that has a template counts.
+    """
     environment = jinja2.Environment(
         loader=jinja2.ChoiceLoader([jinja2.PackageLoader(package) for package in packages]),
         autoescape=True,
         finalize=lambda value: for_html(value) if isinstance(value, str) else value,
         trim_blocks=True,
         lstrip_blocks=True,
+        # A misspelt name in a template is an error, and not an empty place on the page.
         undefined=jinja2.StrictUndefined,
     )
     environment.globals["palette"] = plot
@@ -87,7 +117,9 @@ def make_environment(*packages: str) -> jinja2.Environment:
 
 @cache
 def _environment(package: str) -> jinja2.Environment:
-    environment = make_environment(*([package] if package else []), "wordcraft_kg.reports")
+    # Templates of other packages extend the page of this one.
+    packages = [package] if package else []
+    environment = make_environment(*packages, "wordcraft_kg.reports")
     script = (files("wordcraft_kg.reports") / "templates" / "page.js").read_text(encoding="utf-8")
     environment.globals |= {
         "script": Markup(script),
@@ -102,7 +134,16 @@ V = TypeVar("V", bound=Record)
 
 @dataclass(frozen=True)
 class Report(Generic[V]):
-    """A report before writing: its numbers (``view``), page template, pictures, further template values, and files."""
+    """A report before writing.
+
+    Attributes:
+        view: the report's numbers, for ``report.json``.
+        template: file name of the page's template.
+        pictures: pictures by the template's names.
+        shown: further values by the template's names.
+        tables: further tables by file name.
+        files: further files by name, such as pictures.
+    """
 
     view: V
     template: str
@@ -122,7 +163,19 @@ def render(report: Report[Any]) -> str:
 
 @stage("writing the report")
 def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None:
-    """Write a report's files; ValueError before for a number out of bounds, OutputExistsError if it exists."""
+    """Write a report's page, numbers, tables and further files into a folder.
+
+    Args:
+        report: the report.
+        out: the folder. In a run folder, the run is locked while the report is written.
+        force: replace an existing folder.
+
+    Raises:
+        ValueError: if a number is not finite or out of bounds; nothing is written.
+        OutputExistsError: if ``out`` exists and ``force`` is False.
+    """
+    # In a run folder, a training or another report may be writing: its lock is taken, and what a
+    # stopped writer has left is removed. Elsewhere nothing is shared.
     in_run = (out.parent / RUN_FILE).is_file()
     with locked(out.parent, "used") if in_run else nullcontext():
         if in_run:
@@ -131,7 +184,9 @@ def write_report(report: Report[Any], out: Path, *, force: bool = False) -> None
 
 
 def _write(report: Report[Any], out: Path, *, force: bool) -> None:
+    # All or nothing: readers see the old report until the new one is complete.
     with staged_folder(out, force=force) as folder:
+        # Checked first: a number out of bounds stops the report before the page shows it.
         write_atomically(folder / "report.json", dump_json(checked_values(report.view)))
         write_atomically(folder / "index.html", render(report))
         for name, table in report.tables.items():

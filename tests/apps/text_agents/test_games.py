@@ -31,8 +31,8 @@ from wordcraft_kg.base.errors import (
     LeakError,
 )
 from wordcraft_kg.evaluation.reference import TaskPlay
+from wordcraft_kg.evaluation.result_readers import external_rows
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
-from wordcraft_kg.studies.result_readers import external_rows
 
 
 def play_all(games, distractor_seeds, player):

@@ -33,8 +33,8 @@ from wordcraft_kg.apps.text_agents.submission import verify
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, MissingExtraError
 from wordcraft_kg.envs.words import prompt_hash
 from wordcraft_kg.evaluation.reference import OpenPlay, TaskPlay
+from wordcraft_kg.evaluation.result_readers import external_rows
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer
-from wordcraft_kg.studies.result_readers import external_rows
 
 pytestmark = pytest.mark.filterwarnings(
     "ignore:The 'initial' parameter is deprecated:DeprecationWarning"

@@ -29,11 +29,12 @@ from wordcraft_kg.base.errors import (
     GraphMismatchError,
     OutputExistsError,
 )
+from wordcraft_kg.evaluation.links import view_links
+from wordcraft_kg.evaluation.ranked_links import rank_links
 from wordcraft_kg.graphs import write_graph_folder
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer, SymbolicScorer
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
-from wordcraft_kg.reports.link_report import make_link_report
 
 SHORT = ComplExConfig(dim=4, epochs=2, n3=0.1, folds=2)
 
@@ -175,10 +176,9 @@ def test_an_opened_folder_says_what_the_scorer_has_seen_and_that_it_was_not_trai
 def test_a_report_of_a_saved_scorer_has_the_figures_of_the_scorer_itself(opened_kitchen, tmp_path):
     mine = FrequencyScorer(opened_kitchen.graph, opened_kitchen.split.partial)
     model = open_model(save_scorer(tmp_path / "mine", mine, opened_kitchen, kg="partial"))
-    saved = make_link_report(
-        model.scorer, model.opened, kg=model.kg, provenance=model.provenance
-    ).view
-    direct = make_link_report(mine, opened_kitchen).view
+    links = rank_links(model.scorer, model.opened, model.kg)
+    saved = view_links(links, provenance=model.provenance)
+    direct = view_links(rank_links(mine, opened_kitchen))
     assert saved.metrics == direct.metrics
     assert saved.metrics["all"].mrr == saved.baselines["frequency"]["all"].mrr
 

@@ -7,8 +7,8 @@ from wordcraft_kg.apps.people.study import STUDY_FILE, read_study
 from wordcraft_kg.apps.people.summary import view_people
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.evaluation.reference import Estimate, ReferenceRow, TaskPlay, figures_of
+from wordcraft_kg.evaluation.result_readers import ResultReader, TableGame, check_hash, check_tasks
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.studies.result_readers import ResultReader, TableGame, check_hash, check_tasks
 
 
 def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]) -> ReferenceRow:

@@ -33,14 +33,13 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.reference import (
     Estimate,
-    Figure,
+    MeasuredValue,
     OpenPlay,
     ReferenceRow,
     TaskPlay,
     figures_of,
 )
-from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.studies.result_readers import (
+from wordcraft_kg.evaluation.result_readers import (
     SEEN,
     ResultReader,
     TableGame,
@@ -49,6 +48,7 @@ from wordcraft_kg.studies.result_readers import (
     check_tasks,
     over,
 )
+from wordcraft_kg.graphs.folder import OpenedGraph
 
 _LOGS = (".eval", ".json")
 
@@ -212,7 +212,7 @@ def _row(
     path: Path,
     result: TextResult,
     play: TaskPlay | OpenPlay,
-    figures: dict[str, Figure],
+    figures: dict[str, MeasuredValue],
     **more: Any,
 ) -> ReferenceRow:
     """Return a row of the table.

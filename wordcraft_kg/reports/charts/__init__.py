@@ -1,7 +1,10 @@
-"""Small charts as SVG strings to place in pages; charts follow the page's light and dark colours without JavaScript.
+"""Small charts as SVG strings to place in pages.
 
-Colours (``series-0``, ``series-1``, ..., ``series-other``) and dashes (``dash-0`` to ``dash-3``, ``dashed``) are CSS
-classes that the page's style sheet defines from :mod:`~wordcraft_kg.reports.charts.plot`.
+Charts follow the page's light and dark colours without JavaScript.
+
+Colours (``series-0``, ``series-1``, ..., ``series-other``) and dashes (``dash-0`` to ``dash-3``,
+``dashed``) are CSS classes that the page's style sheet defines from
+:mod:`~wordcraft_kg.reports.charts.plot`.
 """
 
 from wordcraft_kg.reports.charts.layered import Made as Made

@@ -19,7 +19,7 @@ _LONGEST_PART = 11
 _BOX = 22
 """Height of a box in pixels."""
 _GAP = 46
-"""Least distance between the middles of two boxes of a layer: room for the ingredients and for arrows."""
+"""Least distance between the middles of two boxes of a layer: room for ingredients and arrows."""
 _BETWEEN = 20
 """Distance between two layers, for the arrows' curves."""
 _NARROWEST = 50
@@ -36,7 +36,8 @@ class Made:
     Attributes:
         label: the entity.
         href: address that its box links to, or empty.
-        layer: number of the layer, from 1; the ingredients lie in earlier layers or belong to the base.
+        layer: number of the layer, from 1; the ingredients lie in earlier layers or belong to the
+            base.
         of: labels of the ingredients.
         style: CSS class of the box, or empty.
         title: tooltip; empty for the label.
@@ -94,12 +95,14 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     width = lefts[-1] + widths[-1] + MARGIN
     height = round(bottom) + 18  # a line for the layers' numbers
     parts = [
-        f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" class="layered" role="group" '
+        f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
+        f' class="layered" role="group" '
         f'aria-label="{for_html(description)}">'
     ]
     for number, (left, wide) in enumerate(zip(lefts, widths, strict=True), start=first):
         parts.append(
-            f'<text x="{left + wide / 2:g}" y="{height - 6}" class="small middle">layer {number}</text>'
+            f'<text x="{left + wide / 2:g}" y="{height - 6}" class="small middle">'
+            f"layer {number}</text>"
         )
     parts += [
         f'<path d="{_curve(route, lefts, widths)}" class="arrow">{title}</path>'
@@ -112,7 +115,7 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
 
 
 def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
-    """Return the width of each layer in pixels: that of its longest label or list of ingredients."""
+    """Return each layer's width in pixels: that of its longest label or list of ingredients."""
     widths = [_NARROWEST] * columns
     for thing in things:
         of = " + ".join(shortened(part, _LONGEST_PART) for part in thing.of)
@@ -126,8 +129,8 @@ def _arrows(
 ) -> list[tuple[str, list[_Place]]]:
     """Link the places of ingredients and results, and return each arrow's tooltip and route.
 
-    An arrow over several layers crosses each layer between at a place of its own, so that boxes make room for it.
-    Arrows from the same entity share these places.
+    An arrow over several layers crosses each layer between at a place of its own, so that boxes
+    make room for it. Arrows from the same entity share these places.
     """
     passing: dict[tuple[str, int], _Place] = {}
     arrows = []
@@ -156,7 +159,8 @@ def _arrows(
 def _settle(layers: list[list[_Place]]) -> None:
     """Move nodes towards the mean of their neighbours, with gaps.
 
-    Source: the sweeps of Sugiyama et al. 1981, "Methods for visual understanding of hierarchical system structures".
+    Source: the sweeps of Sugiyama et al. 1981, "Methods for visual understanding of hierarchical
+    system structures".
     """
     for layer in layers:
         for number, place in enumerate(layer):
@@ -174,7 +178,10 @@ def _settle(layers: list[list[_Place]]) -> None:
 
 
 def _mean(place: _Place, from_left: bool, both: bool) -> float:
-    """Return the mean height of a node's neighbours on one side or on both; its own height without neighbours."""
+    """Return the mean height of a node's neighbours on one side or on both.
+
+    Without neighbours, it is the node's own height.
+    """
     if both:
         near = place.before + place.after
     else:
@@ -183,7 +190,7 @@ def _mean(place: _Place, from_left: bool, both: bool) -> float:
 
 
 def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
-    """Return the SVG path of an arrow: straight through the layers, curved between them, with a head."""
+    """Return an arrow's SVG path: straight through the layers, curved between them, with a head."""
     y = int(route[0].y)
     path = [f"M{lefts[route[0].column] + widths[route[0].column]} {y}"]
     for place in route[1:]:
@@ -208,7 +215,8 @@ def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> 
     label = for_html(shortened(thing.label, _LONGEST))
     inside = (
         f"<title>{for_html(thing.title or thing.label)}</title>"
-        f'<rect x="{left}" y="{y - _BOX // 2}" width="{width}" height="{_BOX}" rx="4" class="{thing.style}"/>'
+        f'<rect x="{left}" y="{y - _BOX // 2}" width="{width}" height="{_BOX}" rx="4"'
+        f' class="{thing.style}"/>'
         f'<text x="{middle:g}" y="{y + 4}" class="middle {thing.style}">{label}</text>'
     )
     return [

@@ -1,8 +1,9 @@
-"""Charts with linear axes: grid lines, curves, markers and labels as SVG elements, and the colours for data series.
+"""Charts with linear axes: grid lines, curves, markers and labels as SVG elements; colours.
 
-The first six colours are from Okabe and Ito 2008, "Color universal design", by contrast with a white page. The seventh
-is the text colour; the eighth is brown on a white page and yellow on a dark page. A test simulates deuteranopia and
-protanopia. Curves also differ in dashes, and markers in shape.
+The first six colours are from Okabe and Ito 2008, "Color universal design", by contrast with a
+white page. The seventh is the text colour; the eighth is brown on a white page and yellow on a dark
+page. A test simulates deuteranopia and protanopia. Curves also differ in dashes, and markers in
+shape.
 """
 
 import math
@@ -25,7 +26,7 @@ LEFT = 46
 _RIGHT = 12
 TOP = 12
 BOTTOM = 42
-"""Margins in pixels: the left one holds tick labels, the bottom one tick labels and the axis title."""
+"""Margins in pixels: the left one holds tick labels, the bottom one also the axis title."""
 _LINE_HEIGHT = 13
 LETTER = 6.3
 SMALL_LETTER = 5.5
@@ -42,19 +43,25 @@ _CORNERS = (
     ((0, -4.2), (4, 3), (-4, 3)),
     ((0, -4.6), (4.2, 0), (0, 4.6), (-4.2, 0)),
 )
-"""Corners of the markers' shapes around the point, in pixels: circle (none), square, triangle, diamond."""
+"""Corners of the markers' shapes around the point, in pixels.
+
+The shapes are circle (no corners), square, triangle and diamond.
+"""
 
 CurvePoint = tuple[float, float, float | None, float | None]
 """x, y, and interval bounds for y, or None for both bounds."""
 
 
 def style_of(number: int) -> str:
-    """Return the CSS colour class for a data series, given its number; colours repeat after the last."""
+    """Return the CSS colour class for a data series' number; colours repeat after the last."""
     return f"series-{number % COLOURS}"
 
 
 def colour_of(number: int) -> str:
-    """Return the CSS colour class for a group number; negative numbers and numbers beyond the palette are grey."""
+    """Return the CSS colour class for a group number.
+
+    Negative numbers and numbers beyond the palette are grey.
+    """
     return f"series-{number}" if 0 <= number < COLOURS else "series-other"
 
 
@@ -184,7 +191,8 @@ class Plot:
     def bands(self, points: Sequence[CurvePoint], number: int) -> None:
         """Fill the area between the bounds of consecutive points in colour ``number``.
 
-        A point without bounds interrupts the area; a point with bounds between two such points has a whisker.
+        A point without bounds interrupts the area; a point with bounds between two such points has
+        a whisker.
         """
         runs: list[list[tuple[float, float, float]]] = [[]]
         for x, _, low, high in points:
@@ -251,7 +259,8 @@ class Plot:
         if y[1] is not None and y[2] is not None:
             at = self.x(x[0])
             self.parts.append(
-                f'<line x1="{at}" x2="{at}" y1="{self.y(y[1])}" y2="{self.y(y[2])}" class="{style}"/>'
+                f'<line x1="{at}" x2="{at}" y1="{self.y(y[1])}" y2="{self.y(y[2])}"'
+                f' class="{style}"/>'
             )
 
     def marker(self, x: float, y: float, number: int, title: str) -> None:
@@ -274,7 +283,10 @@ class Plot:
         self.parts.append(part)
 
     def end_labels(self, ends: Sequence[tuple[float, float, str, str]]) -> None:
-        """Label curves at their right ends (x, y, name, style), with a thin line to a moved label."""
+        """Label curves at their right ends (x, y, name, style).
+
+        A thin line leads to a label that had to move.
+        """
         heights = [self.y(y_value) for _, y_value, _, _ in ends]
         # Labels keep a line's height from each other, so some of them move away from their curve.
         places = spread(heights, _LINE_HEIGHT, self.top, self.height - BOTTOM)
@@ -283,16 +295,21 @@ class Plot:
             x = self.x(x_value)
             if abs(place - y) > 2 or edge - x > 2:
                 self.parts.append(
-                    f'<line x1="{x + 2:.1f}" x2="{edge + 10}" y1="{y}" y2="{place:.1f}" class="leader"/>'
+                    f'<line x1="{x + 2:.1f}" x2="{edge + 10}" y1="{y}" y2="{place:.1f}"'
+                    ' class="leader"/>'
                 )
             self.text(edge + 13, place + 4, short(name), style, name=name)
 
     def done(self, legend: Sequence[str] = ()) -> Markup:
-        """Return the chart as SVG, with a legend that names the data series in the order of their colours."""
+        """Return the chart as SVG.
+
+        ``legend`` names the data series in the order of their colours.
+        """
         x = float(self.left)
         for i, name in enumerate(legend):
             self.parts.append(f'<rect x="{x:g}" y="6" width="11" height="11" class="series-{i}"/>')
             self.text(x + 16, 16, name)
             x += 32 + LETTER * len(name)
-        opening = f'<svg viewBox="0 0 {WIDTH} {self.height}" role="img" aria-label="{for_html(self.description)}">'
+        label = for_html(self.description)
+        opening = f'<svg viewBox="0 0 {WIDTH} {self.height}" role="img" aria-label="{label}">'
         return Markup("".join([opening, *self.parts, "</svg>"]))

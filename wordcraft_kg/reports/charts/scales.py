@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 
 Estimate = tuple[float, float | None, float | None]
-"""A value with the lower and the upper bound of its interval; both bounds are None without an interval."""
+"""A value with the lower and the upper bound of its interval; None for both without an interval."""
 _UNITS = ((1e9, "B"), (1e6, "M"), (1e3, "k"), (1, ""))
 """Sizes and letters of the units of large numbers, largest first."""
 _ROUNDING = 1e-9
@@ -52,9 +52,10 @@ def shortened(text: str, letters: int) -> str:
 
 
 def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
-    """Return positions that keep a distance from each other and are closest to the wanted positions.
+    """Return the positions closest to the wanted ones that keep a distance from each other.
 
-    The positions have the order of the wanted ones and the least sum of squared moves, by pooling adjacent violators.
+    The positions have the order of the wanted ones and the least sum of squared moves, by pooling
+    adjacent violators.
 
     Args:
         wanted: N positions, in any order; ties keep their order.
@@ -71,8 +72,8 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
         return []
     gap = min(gap, (high - low) / max(len(wanted) - 1, 1))
     order = sorted(range(len(wanted)), key=wanted.__getitem__)
-    # Without the gaps of the lower ranks (rank * gap), places only must not decrease: isotonic regression.
-    # Pools of equal places are kept as (sum, number).
+    # Without the gaps of the lower ranks (rank * gap), places only must not decrease: isotonic
+    # regression. Pools of equal places are kept as (sum, number).
     pools: list[tuple[float, int]] = []
     for rank, i in enumerate(order):
         total = wanted[i] - rank * gap
@@ -94,7 +95,7 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
 
 
 class Labels:
-    """The space already taken by texts in a chart, so that later texts do not overlap earlier texts.
+    """The space taken by texts in a chart, so that later texts do not overlap earlier ones.
 
     Args:
         line: height of a line of text, in pixels.

@@ -52,7 +52,8 @@ def curves(
 ) -> Markup:
     """Draw curves with uncertainty bands and a label at the right end; the x-axis includes 0.
 
-    An isolated point with bounds has a whisker, and a single-point curve is a dot. An empty curve keeps its colour.
+    An isolated point with bounds has a whisker, and a single-point curve is a dot. An empty curve
+    keeps its colour.
 
     Args:
         series: points of each curve, by name.
@@ -62,8 +63,8 @@ def curves(
         percent: y is a share, on an axis from 0 to 100 %; otherwise the axis fits the data.
         dashed: names of the dashed curves; None gives each colour a pattern of its own.
         colours: colour numbers by name; None takes the position in ``series``.
-        labels: end labels by name, for thin curves from several seeds of which one has the label; None labels each
-            curve with its name.
+        labels: end labels by name, for thin curves from several seeds of which one has the label;
+            None labels each curve with its name.
     """
     texts = labels if labels is not None else {name: name for name in series}
     drawn = {name: points for name, points in series.items() if points}
@@ -118,8 +119,8 @@ def dots(
 
     Args:
         labels: names of the categories.
-        series: a share for each category, or None, by the series' name. A series without shares is not drawn, but
-            keeps its colour and place.
+        series: a share for each category, or None, by the series' name. A series without shares is
+            not drawn, but keeps its colour and place.
         x_title: title of the x-axis.
         y_title: title of the y-axis.
         description: text alternative for people who do not see the chart.
@@ -162,7 +163,8 @@ def scatter(
     """Draw points with whiskers in x and y, and each series' name to the right of its last point.
 
     Args:
-        series: points (label, x, y) by the series' name; y is a share. A label is shown once, where it fits.
+        series: points (label, x, y) by the series' name; y is a share. A label is shown once, where
+            it fits.
         x_title: title of the x-axis.
         y_title: title of the y-axis.
         description: text alternative for people who do not see the chart.
@@ -196,7 +198,8 @@ def scatter(
         for label, x, y in points:
             title = f"{name}, {label}: {estimate(y, True)} at {estimate(x, False)}"
             plot.marker(plot.x(x[0]), plot.y(y[0]), number, title)
-            # Labels of every second series lie below the points, so that those of two series overlap less.
+            # Labels of every second series lie below the points, so that those of two series
+            # overlap less.
             _label_point(plot, taken, named, label, x[0], y, below=number % 2 == 1)
         ends += [(x[0], y[0], name, style_of(number)) for _, x, y in points[-1:]]
     plot.end_labels(ends)
@@ -212,7 +215,10 @@ def _values(estimates: Iterable[Sequence[float | None]]) -> list[float]:
 def _label_point(
     plot: Plot, taken: Labels, named: set[str], label: str, x: float, y: Estimate, *, below: bool
 ) -> None:
-    """Write a point's label above or below its whiskers, unless it is already named or the space is taken."""
+    """Write a point's label above or below its whiskers.
+
+    A label that has been written, and a label without space, are left out.
+    """
     ends = [plot.y(value) for value in _values([y])]
     middle = plot.x(x)
     half = SMALL_LETTER * len(label) / 2
@@ -269,17 +275,20 @@ def intervals(
 def log_reliability(
     series: Mapping[str, Sequence[tuple[float, float, float, float, int]]], description: str
 ) -> Markup:
-    """Draw observed shares against probabilities on logarithmic axes, with a diagonal for perfect calibration.
+    """Draw observed shares against probabilities on logarithmic axes.
+
+    A diagonal shows perfect calibration.
 
     Args:
-        series: points (probability, observed share, lower bound, upper bound, number of triples) by the series' name.
-            A share of 0 is drawn at the lower end of the axis.
+        series: points (probability, observed share, lower bound, upper bound, number of triples) by
+            the series' name. A share of 0 is drawn at the lower end of the axis.
         description: text alternative for people who do not see the chart.
     """
     points = chain.from_iterable(series.values())
     coordinates = chain.from_iterable((x, y) for x, y, *_ in points)
     least = min((value for value in coordinates if value > 0), default=0.1)
-    # The axis has a decade at least, and ends at a millionth: below, a share from some thousand triples means nothing.
+    # The axis has a decade at least, and ends at a millionth: below, a share from some thousand
+    # triples means nothing.
     lowest = min(math.floor(math.log10(max(least, 1e-6))), -1)
 
     def place(value: float) -> float:
@@ -295,7 +304,8 @@ def log_reliability(
         plot.polyline([(place(x), place(y)) for x, y, *_ in values], f"line {style_of(number)}")
         for x, y, low, high, count in values:
             plot.whiskers((place(x), None, None), (place(y), place(low), place(high)), number)
-            title = f"{name}: probability {x:.2g}, true {y:.2g} [{low:.2g}, {high:.2g}], {count:,} triples"
+            true = f"true {y:.2g} [{low:.2g}, {high:.2g}]"
+            title = f"{name}: probability {x:.2g}, {true}, {count:,} triples"
             plot.marker(plot.x(place(x)), plot.y(place(y)), number, title)
     plot.titles("probability")
     return plot.done(list(series))

@@ -19,7 +19,7 @@ _PANEL = 460
 MARGIN = 16
 HEAD = 40
 _CAPTION = 22
-"""In pixels: width of a chart, space around charts, height of the title and of a chart's caption."""
+"""In pixels: width of a chart, space around charts, height of the title and of a caption."""
 _HOVERED = re.compile(r'<circle [^>]*class="hit">.*?</circle>')
 """Invisible points that carry a tooltip."""
 
@@ -54,7 +54,8 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
             parts.append(_HOVERED.sub("", str(chart)).replace("<svg ", f"<svg {place}", 1))
         top += _CAPTION + height + MARGIN
     head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {top}" width="{width}" height="{top}" '
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {top}"'
+        f' width="{width}" height="{top}" '
         f'role="img" aria-label="{for_html(title)}" font-family="{_FONTS}">'
     )
     page = f'<rect width="{width}" height="{top}" fill="{_INK["page"]}"/>'
@@ -76,14 +77,17 @@ def _height(chart: str) -> int:
 
 
 def resolved(style: str) -> str:
-    """Replace ``var()`` and ``color-mix()`` in CSS rules, unknown to SVG renderers, by colours for a white page."""
+    """Replace ``var()`` and ``color-mix()`` in CSS rules by colours for a white page.
+
+    Renderers of SVG files do not know these functions.
+    """
     values = _INK | {f"s{number}": colour for number, colour in enumerate(LIGHT)}
     plain = re.sub(r"var\(--(\w+)\)", lambda match: values[match[1]], style)
     return re.sub(r"color-mix\(in srgb, (#\w{6}) (\d+)%, (#\w{6})\)", _mixed, plain)
 
 
 def _mixed(match: re.Match[str]) -> str:
-    """Return the colour that ``color-mix(in srgb, #one SHARE%, #other)`` gives, channel by channel."""
+    """Return the colour of ``color-mix(in srgb, #one SHARE%, #other)``, channel by channel."""
     share = int(match[2]) / 100
     channels = zip(bytes.fromhex(match[1][1:]), bytes.fromhex(match[3][1:]), strict=True)
     mixed = [round(share * one + (1 - share) * other) for one, other in channels]

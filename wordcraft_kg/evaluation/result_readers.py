@@ -1,10 +1,12 @@
-"""Readers for external results (results from the user) in comparison tables, and the reader for agent runs.
+"""Readers for external results (results from the user), and the reader for agent runs.
 
-An app registers a :class:`ResultReader` by an entry point in the group ``wordcraft_kg.result_readers``.
+An app registers a :class:`ResultReader` by an entry point in the group
+``wordcraft_kg.result_readers``.
 """
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from wordcraft_kg.agents.agent_folder import OpenedAgent, open_agent
@@ -21,7 +23,7 @@ from wordcraft_kg.evaluation.agents import Groups, can_play, group_agents
 from wordcraft_kg.evaluation.reference import (
     TRAINED_WITH,
     Estimate,
-    Figure,
+    MeasuredValue,
     OpenPlay,
     Origin,
     ReferenceRow,
@@ -36,7 +38,7 @@ from wordcraft_kg.runs.record import RUN_FILE, run_folders
 
 
 def over(unit: str, *, seeds: int = 1) -> str:
-    """Return how the interval of success is made, in words; ``unit`` names the groups of tasks, such as goals."""
+    """Return how the interval of success is made; ``unit`` names the groups of tasks, as goals."""
     return f"95 %, over seeds and {unit}" if seeds > 1 else f"95 %, bootstrap over {unit}"
 
 
@@ -44,9 +46,14 @@ class TableGame(Record):
     """A player's recorded game on a crafting task, by labels.
 
     Attributes:
+        player: the player's name.
         kind: kind of the player, such as people or language model.
+        part: split part with the task.
+        depth: fewest attempts that solve the task.
+        goal: label of the goal.
         table: entities on the table at the start.
         pairs: combined pairs in turn; None for a lost attempt.
+        success: whether the player made the goal.
     """
 
     player: str
@@ -71,20 +78,21 @@ _NO_RESULT = (
     "checkpoint_every",
 )
 _SHOWN = ("steps", "distractors")
-"""Training settings that do not change the figures, and settings with a separate column or remark."""
+"""Settings with a column or remark of their own; those before do not change the results."""
 
 
 @dataclass(frozen=True)
 class ResultReader:
     """Functions that read external results in a certain file format.
 
-    The functions raise ConfigError for results on different tasks, GraphMismatchError for results on a different graph
-    or split, and ArtefactError for a damaged file.
+    The functions raise ConfigError for results on different tasks, GraphMismatchError for results
+    on a different graph or split, and ArtefactError for a damaged file.
 
     Attributes:
         expected: description of the format, for the error about an unknown path.
         knows: return whether a path, which need not exist, has this format.
-        task_rows: return success on crafting tasks from paths, graph and split, tasks, and distractor counts.
+        task_rows: return success on crafting tasks from paths, graph and split, tasks, and
+            distractor counts.
         open_rows: return known entities in open-ended play; None if not supported.
         games: return the games on tasks from a path; None if not supported.
     """
@@ -103,10 +111,27 @@ class ResultReader:
 def external_rows(
     opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int], paths: Sequence[Path]
 ) -> tuple[ReferenceRow, ...]:
-    """Return table rows for results of the user, by distractor count; ConfigError for an unknown path."""
+    """Return table rows for the user's results.
+
+    Args:
+        opened: graph and split.
+        play: crafting tasks or open-ended play.
+        columns: distractor counts.
+        paths: folders and files, each in the format of a registered reader.
+
+    Returns:
+        The rows, reader by reader.
+
+    Raises:
+        ConfigError: if a path has no known format, or results on other tasks.
+        GraphMismatchError: if a result is of another graph or split.
+    """
     readers = list(READERS.values())
+    # Without the others, the error for an unknown path lists formats that would be read.
     if isinstance(play, OpenPlay):
         readers = [reader for reader in readers if reader.open_rows]
+    # A reader gets all its paths at once, because several runs may be seeds of one agent. All
+    # formats are recognised before anything is read.
     of: dict[ResultReader, list[Path]] = {reader: [] for reader in readers}
     for path in paths:
         of[_reader_of(path, readers)].append(path)
@@ -128,9 +153,12 @@ def read_table_games(opened: OpenedGraph, path: Path) -> tuple[TableGame, ...]:
     games = tuple(reader.games(path, opened))
     if not games:
         raise ConfigError(f"'{path}' has no games on tasks.")
-    if unknown := {label for game in games for label in (game.goal, *game.table)}.difference(
-        opened.graph.entities
-    ):
+    # The hash in the file may be right and a label still wrong, if the file was edited.
+    labels: set[str] = set()
+    for game in games:
+        labels.update((game.goal, *game.table))
+    unknown = labels.difference(opened.graph.entities)
+    if unknown:
         raise ArtefactError(
             f"'{path}' is damaged: {opened.graph.name} has no entity '{min(unknown)}'."
         )
@@ -150,42 +178,79 @@ def begins_with(path: Path, form: str) -> bool:
     """Return whether a path is a file that names the format ``form`` in the first line."""
     if not path.is_file():
         return False
+    # Bounded: a file of another kind may be a single line of many gigabytes.
     with path.open("rb") as file:
         return form.encode() in file.readline(10_000)
 
 
 def check_hash(path: Path, name: str, has: str, wanted: str) -> None:
-    """Raise GraphMismatchError if the results in ``path`` are of another graph or split (``name``; hashes differ)."""
+    """Check that results are of the expected graph or split.
+
+    Args:
+        path: the results' path, for the error.
+        name: graph or split, in words.
+        has: hash in the results.
+        wanted: hash of the graph or split that the user gave.
+
+    Raises:
+        GraphMismatchError: if the hashes differ.
+    """
     if has != wanted:
         raise GraphMismatchError(
-            f"'{path}' was played on {name} {has[:12]}, but GRAPH has {wanted[:12]}. Use the graph of the result."
+            f"'{path}' was played on {name} {has[:12]}, but GRAPH has {wanted[:12]}. Use the graph "
+            "of the result."
         )
 
 
 def check_tasks(name: Path | str, its: TaskPlay, play: TaskPlay) -> None:
-    """Raise ConfigError if the tasks ``its`` of the results ``name`` differ from the tasks ``play`` of the table."""
+    """Check that results are on the tasks of a table.
+
+    Args:
+        name: the results' path or name, for the error.
+        its: the results' tasks.
+        play: the table's tasks.
+
+    Raises:
+        ConfigError: if the tasks differ; the message tells the options for the results' tasks.
+    """
     if its != play:
         attempts = f" --attempts {its.attempts}" if its.attempts != its.depth else ""
         raise ConfigError(
-            f"--external-results: '{name}' has {_in_words(its)}, but the table has {_in_words(play)}; add "
-            f"--part {its.part} --depth {its.depth}{attempts}, or remove '{name}'."
+            f"--external-results: '{name}' has {_in_words(its)}, but the table has "
+            f"{_in_words(play)}; add --part {its.part} --depth {its.depth}{attempts}, "
+            f"or remove '{name}'."
         )
 
 
 def agent_rows(
     groups: Groups, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], origin: Origin
 ) -> tuple[ReferenceRow, ...]:
-    """Return a table row for each agent, evaluated greedily; ConfigError for other tasks or counts."""
-    for agent in (agent for members in groups.values() for agent in members):
+    """Evaluate agents greedily, as ``compare`` does.
+
+    Args:
+        groups: runs by agent, on this graph and split.
+        opened: graph and split.
+        play: the tasks.
+        columns: distractor counts; an agent skips those that its policy cannot play with.
+        origin: origin of the rows.
+
+    Returns:
+        A row for each agent.
+
+    Raises:
+        ConfigError: if an agent plays other tasks, or with none of these distractor counts.
+    """
+    everyone = list(chain.from_iterable(groups.values()))
+    for agent in everyone:
         its = play_of(agent.config.tasks, play.part)
         if its is None:
             raise ConfigError(
-                f"--external-results: '{agent.name}' has different task settings than the table: {agent.config.tasks}."
+                f"--external-results: '{agent.name}' has different task settings than the table: "
+                f"{agent.config.tasks}."
             )
         check_tasks(agent.name, its, play)
-    world = World(
-        opened, next(iter(groups.values()))[0].config.tasks.environment(play.part, columns[0])
-    )
+    # All agents have the table's tasks, so the first one's settings make the world for all.
+    world = World(opened, everyone[0].config.tasks.environment(play.part, columns[0]))
     estimates: dict[str, dict[int, Estimate]] = {name: {} for name in groups}
     own: dict[str, dict[int, float]] = {name: {} for name in groups}
     for column in columns:
@@ -193,41 +258,36 @@ def agent_rows(
         for name, members in steps("evaluating agents", groups.items()):
             if can_play(members[0], column):
                 played = [evaluator(PolicyPlayer(agent.policy)) for agent in members]
+                # Rates by task: the interval resamples seeds and groups of tasks.
                 rates = [result.success.mean(axis=1) for result in played]
                 mean = sum(float(rate.mean()) for rate in rates) / len(rates)
-                own[name][column] = sum(float(result.by_plan.mean()) for result in played) / len(
-                    rates
-                )
+                by_plan = [float(result.by_plan.mean()) for result in played]
+                own[name][column] = sum(by_plan) / len(by_plan)
                 estimates[name][column] = (mean, *rate_interval(rates, played[0].groups))
     rows = []
     for name, members in groups.items():
         if not estimates[name]:
             raise ConfigError(
-                f"--external-results: '{name}' plays with {members[0].config.tasks.distractors} distractors only; "
-                f"add this number to --distractors {','.join(map(str, columns))}."
+                f"--external-results: '{name}' plays with {members[0].config.tasks.distractors} "
+                f"distractors only; add this number to --distractors {','.join(map(str, columns))}."
             )
-        rows.append(
-            _agent_row(
-                name, members, figures_of(estimates[name], own[name]), play, origin, evaluator
-            )
-        )
+        figures = figures_of(estimates[name], own[name])
+        rows.append(_agent_row(name, members, figures, play, origin, evaluator))
     return tuple(rows)
 
 
 def _agent_row(
     name: str,
     members: Sequence[OpenedAgent],
-    figures: dict[str, Figure],
+    figures: dict[str, MeasuredValue],
     play: TaskPlay,
     origin: Origin,
     evaluator: Evaluator,
 ) -> ReferenceRow:
     config = members[0].config
-    settings = {
-        key: str(value)
-        for key, value in config.differing().items()
-        if key not in _NO_RESULT + _SHOWN
-    }
+    hidden = (*_NO_RESULT, *_SHOWN)
+    settings = {key: str(value) for key, value in config.differing().items() if key not in hidden}
+    # Seeds of an agent may have been stopped at different steps.
     steps_done = sorted({agent.metrics[-1].step if agent.metrics else 0 for agent in members})
     trained = {
         "steps": ", ".join(f"{number:,}" for number in steps_done),
@@ -256,6 +316,7 @@ def _in_words(play: TaskPlay) -> str:
 
 def is_model(path: Path) -> bool:
     """Return whether a path is a model folder."""
+    # A model folder has a run record, too: the weights tell it from a run of an agent.
     return (path / WEIGHTS).is_file()
 
 
@@ -266,7 +327,9 @@ def _is_run(path: Path) -> bool:
 def _own_agents(
     paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> Sequence[ReferenceRow]:
-    agents = [open_agent(folder, opened) for path in paths for folder in run_folders(path)]
+    # A path may be a run, or a folder with a run for each seed.
+    folders = chain.from_iterable(run_folders(path) for path in paths)
+    agents = [open_agent(folder, opened) for folder in folders]
     return agent_rows(group_agents(agents), opened, play, columns, "external")
 
 

@@ -1,4 +1,4 @@
-"""Results for comparison: published results, scripted players measured now, and the user's results."""
+"""Tables of results: published ones, scripted players measured now, and the user's own."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,6 +14,7 @@ from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.evaluation.discovery import view_discovery
 from wordcraft_kg.evaluation.players import view_baselines
 from wordcraft_kg.evaluation.reference import (
+    Estimate,
     Kind,
     Measure,
     OpenPlay,
@@ -24,20 +25,29 @@ from wordcraft_kg.evaluation.reference import (
     literature,
     pack_of,
 )
+from wordcraft_kg.evaluation.result_readers import (
+    READERS,
+    SEEN,
+    ResultReader,
+    external_rows,
+    is_model,
+)
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.scorers.folder import MODEL
-from wordcraft_kg.reports.pages import render_page
-from wordcraft_kg.studies.result_readers import READERS, SEEN, ResultReader, external_rows, is_model
 
 DISTRACTORS = (1, 2, 8)
 """Distractor counts in the published results, as in the paper."""
-_SEED, RUNS = 0, 100
+_SEED = 0
+RUNS = 100
 """Seed and run count for scripted players, the defaults in ``evaluate-agent`` and ``discover``."""
 _CHANCE = ("random", "random, distinct", "random-no-repeat", FEWEST_USES)
+# Players that know all recipes, those of the test tasks too.
 _ORACLES = ("recipe oracle", "greedy", "empowerment")
+# Players that need no model.
 _OPEN_PLAYERS = ("random", "random-no-repeat", "greedy", "empowerment")
+# The order of the rows: from chance to agents and people.
 _KINDS: tuple[Kind, ...] = get_args(Kind)
 _ALONE = ("u+v, self edges dropped", "w, best pair")
 """A scorer's players in the table, see :func:`~wordcraft_kg.agents.players.scorer_players`."""
@@ -46,9 +56,16 @@ _ALONE = ("u+v, self edges dropped", "w, best pair")
 class ReferenceTable(Record, frozen=True):
     """A table that compares players under one condition, with results from the literature.
 
-    ``columns`` are distractor counts, or attempt counts in open-ended play; ``measured`` columns lack published results
-    (``pack`` is their title), so scripted players were measured now. ``rows`` are on this graph and split, by player
-    kind; ``literature`` is from different environments, not directly comparable.
+    Attributes:
+        graph: graph and split of `rows`.
+        play: crafting tasks or open-ended play.
+        measure: unit of the results in `rows`.
+        columns: distractor counts, or attempt counts in open-ended play.
+        pack: title of the reference pack with this graph and split; None without one.
+        measured: columns without published results, for which scripted players were measured now.
+        rows: results on this graph and split, by player kind.
+        literature: results from different environments, not directly comparable.
+        out: the written page; None without a page.
     """
 
     graph: PlayedGraph
@@ -68,19 +85,39 @@ def view_references(
     columns: Sequence[int] = DISTRACTORS,
     external: Sequence[Path] = (),
 ) -> ReferenceTable:
-    """Return a table with published results, scripted players for missing columns, and the user's results.
+    """Return a table of published results, the user's results, and scripted players.
 
-    Open-ended play ignores the split, and uses the attempt counts in ``discover`` as columns. For ``external`` and its
-    errors see :func:`~wordcraft_kg.studies.result_readers.external_rows`; without such tasks it is a TaskError.
+    Scripted players are measured now for columns without published results.
+
+    Args:
+        opened: graph and split; open-ended play ignores the split.
+        play: crafting tasks or open-ended play.
+        columns: distractor counts; open-ended play has the attempt counts of ``discover`` instead.
+        external: folders and files with the user's results.
+
+    Returns:
+        The table.
+
+    Raises:
+        ConfigError: if a path has no known format or results on other tasks.
+        GraphMismatchError: if a result is of another graph or split.
+        TaskError: if the split has no such tasks.
     """
     measures: list[Measure] = ["success"]
     split: str | None = opened.split.hash
     if isinstance(play, OpenPlay):
-        columns, measures, split = MARKS, ["entities known", "new combinations"], None
+        # All recipes take part, so results do not depend on the split.
+        split = None
+        columns = MARKS
+        measures = ["entities known", "new combinations"]
     pack = pack_of(opened.graph.hash, split)
     known = pack.rows_of(play, columns) if pack else ()
+    # The user's paths come first, because a wrong one should fail before minutes of play.
     own = external_rows(opened, play, columns, external)
-    missing = [column for column in columns if not any(str(column) in row.figures for row in known)]
+    published: set[str] = set()
+    for row in known:
+        published |= row.figures.keys()
+    missing = [column for column in columns if str(column) not in published]
     now = scripted_rows(opened, play, missing) if missing else ()
     return ReferenceTable(
         graph=PlayedGraph.of(opened),
@@ -95,25 +132,51 @@ def view_references(
 
 
 def open_play(opened: OpenedGraph, base: Sequence[str] | None = None) -> OpenPlay:
-    """Return open-ended play from base entities (default: the graph's); ConfigError if the base makes nothing."""
+    """Return open-ended play from base entities.
+
+    Args:
+        opened: the graph.
+        base: labels known at the start; None for the graph's base.
+
+    Raises:
+        ConfigError: if the base makes nothing.
+    """
     return OpenPlay(opened.graph.labels(Discovery(opened.graph, base).base))
 
 
 def scripted_rows(
     opened: OpenedGraph, play: TaskPlay | OpenPlay, columns: Sequence[int]
 ) -> tuple[ReferenceRow, ...]:
-    """Evaluate scripted players on tasks with these distractor counts, or in open-ended play; return a row for each."""
-    return tuple(
-        _task_rows(opened, play, columns)
-        if isinstance(play, TaskPlay)
-        else _open_rows(opened, play)
-    )
+    """Evaluate scripted players now.
+
+    Args:
+        opened: graph and split.
+        play: crafting tasks or open-ended play.
+        columns: distractor counts; open-ended play always has the attempt counts of ``discover``.
+
+    Returns:
+        A row for each player.
+    """
+    if isinstance(play, TaskPlay):
+        return tuple(_task_rows(opened, play, columns))
+    return tuple(_open_rows(opened, play))
 
 
 def scorer_rows(
     opened: OpenedGraph, play: TaskPlay, columns: Sequence[int], name: str, model: Model
 ) -> tuple[ReferenceRow, ...]:
-    """Evaluate a scorer alone, by u + v and by w if the scorer has recipe scores; return rows named ``name, w`` etc."""
+    """Evaluate a scorer alone, by u + v and, if the scorer has recipe scores, by w.
+
+    Args:
+        opened: graph and split.
+        play: the tasks.
+        columns: distractor counts.
+        name: the model's name, with which the rows' names begin, such as ``name, w, best pair``.
+        model: the model with the scorer.
+
+    Returns:
+        A row for each way to play.
+    """
     rows = _task_rows(opened, play, columns, (name, model))
     notes = {"full": SEEN, "none": "learned no recipe of this graph"}.get(model.kg, "")
     players = [f"{name}, {player}" for player in _ALONE]
@@ -124,10 +187,13 @@ def _own_scorers(
     paths: Sequence[Path], opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
 ) -> Sequence[ReferenceRow]:
     models = [(path.name, open_model(path, opened.source)) for path in paths]
-    rows = (row for named in models for row in scorer_rows(opened, play, columns, *named))
+    rows: list[ReferenceRow] = []
+    for name, model in models:
+        rows += scorer_rows(opened, play, columns, name, model)
     return [msgspec.structs.replace(row, origin="external") for row in rows]
 
 
+# Here and not beside the reader of agents, because scripted players measure a scorer.
 READERS["scorers"] = ResultReader(MODEL, is_model, _own_scorers)
 
 
@@ -141,24 +207,28 @@ def _task_rows(
         part=play.part,
         depth=play.depth,
         max_attempts=play.attempts,
+        # The largest table: a graph that is too small for it fails before anything is played.
         num_distractors=max(columns, default=0),
     )
     view = view_baselines(opened, opened.graph.name, config, columns, model, seed=_SEED)
-    options = f"--part {play.part} --depth {play.depth} --distractors {','.join(map(str, columns))}"
+    listed = ",".join(map(str, columns))
+    options = f"--part {play.part} --depth {play.depth} --distractors {listed}"
     if model:
         options += f" --scorer {model[0]}"
-    played = [row for row in view.rows if not row.goals]
-    of = {(row.player, row.distractors): (row.success, row.low, row.high) for row in played}
-    own = {(row.player, row.distractors): row.by_plan for row in played}
-    for player in dict.fromkeys(row.player for row in played):
+    # Rows of a group of goals have no place in a table with one result for each count.
+    estimates: dict[str, dict[int, Estimate]] = {}
+    by_plan: dict[str, dict[int, float]] = {}
+    for row in view.rows:
+        if not row.goals:
+            estimate = (row.success, row.low, row.high)
+            estimates.setdefault(row.player, {})[row.distractors] = estimate
+            by_plan.setdefault(row.player, {})[row.distractors] = row.by_plan
+    for player, values in estimates.items():
         yield ReferenceRow(
             player=player,
             kind=_kind(player),
             measure="success",
-            figures=figures_of(
-                {column: of[player, column] for column in columns},
-                {column: own[player, column] for column in columns},
-            ),
+            figures=figures_of(values, by_plan[player]),
             origin="ours",
             source=f"wordcraft-kg evaluate-agent {opened.graph.name} {options}",
             play=play,
@@ -174,13 +244,14 @@ def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
         opened.graph, _OPEN_PLAYERS, attempts=MARKS[-1], runs=RUNS, seed=_SEED, base=play.base
     )
     for player, known in view.players.items():
+        values: dict[int, Estimate] = {
+            int(mark): (at.mean, at.low, at.high) for mark, at in known.items()
+        }
         yield ReferenceRow(
             player=player,
             kind=_kind(player),
             measure="entities known",
-            figures=figures_of(
-                {int(mark): (at.mean, at.low, at.high) for mark, at in known.items()}
-            ),
+            figures=figures_of(values),
             origin="ours",
             source=f"wordcraft-kg discover {opened.graph.name} --base '{','.join(play.base)}'",
             play=play,
@@ -201,7 +272,9 @@ def _merged(
     more = {row.player: row for row in now}
     rows = []
     for row in known:
-        figures = row.figures | (more.pop(row.player).figures if row.player in more else {})
+        # A player with published results keeps its row, and gets the columns measured now.
+        measured = more.pop(row.player).figures if row.player in more else {}
+        figures = row.figures | measured
         rows.append(msgspec.structs.replace(row, figures=figures).at(columns))
     return rows + list(more.values())
 
@@ -211,8 +284,3 @@ def _kind(player: str) -> Kind:
     if player.endswith(_ALONE):
         return "scorer"
     return kinds.get(player, "oracle" if player in _ORACLES else "knowledge graph")
-
-
-def reference_page(view: ReferenceTable) -> str:
-    """Render a comparison table as an HTML page."""
-    return render_page("wordcraft_kg.studies/reference_page.html.j2", report=view)

@@ -20,6 +20,7 @@ from wordcraft_kg.agents.discovery import HUMAN_CURVE
 from wordcraft_kg.agents.players import play_all, random_distinct
 from wordcraft_kg.base import registry
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, GraphMismatchError
+from wordcraft_kg.evaluation import result_readers
 from wordcraft_kg.evaluation.discovery import view_discovery
 from wordcraft_kg.evaluation.reference import (
     PACK,
@@ -32,9 +33,8 @@ from wordcraft_kg.evaluation.reference import (
     read_pack,
     read_packs,
 )
-from wordcraft_kg.studies import result_readers
-from wordcraft_kg.studies.references import scorer_rows
-from wordcraft_kg.studies.result_readers import ResultReader, external_rows
+from wordcraft_kg.evaluation.reference_table import scorer_rows
+from wordcraft_kg.evaluation.result_readers import ResultReader, external_rows
 
 DEPTH_1 = TaskPlay("test", 1, 1)
 

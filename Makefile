@@ -14,11 +14,11 @@ TORCH ?=
 INSTALL_TORCH := -m pip install --quiet $(or $(TORCH),--constraint constraints.txt) $(shell grep -o '^torch==[0-9.]*' constraints.txt)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test slow browser lint format docs notebooks results site check-site pictures dist lock release clean
+.PHONY: help install demo test test-core test-apps slow browser lint format docs notebooks results site check-site pictures dist lock release clean
 
 help:
 	@echo "make demo     set up, then book -> graph -> scorers -> agents -> reports, on the book everyday"
-	@echo "make test     set up, then the tests, in minutes"
+	@echo "make test     set up, then the tests, in minutes: of the core (make test-core) and of the apps (make test-apps)"
 	@echo "make install  set up .venv only; CPU build of torch with TORCH='--index-url URL', see docs/installation.md"
 	@echo "make slow     thorough and long tests; of some rooms with ROOMS='tests/runs tests/models'"
 	@echo "make browser  the tests of pages in Chromium"
@@ -59,8 +59,15 @@ demo: install
 		--out $(DEMO)/reports/agents --force
 	$(BIN)/wordcraft-kg explain $(DEMO)/runs/recipes --episodes 1
 
-test: install
-	$(BIN)/python -m pytest -m "not slow and not browser" --numprocesses auto --dist loadfile
+# The core first: a fault there shows before the apps are tested.
+test: test-core test-apps
+
+FAST := -m "not slow and not browser" --numprocesses auto --dist loadfile
+test-core: install
+	$(BIN)/python -m pytest $(FAST) --ignore tests/apps
+
+test-apps: install
+	$(BIN)/python -m pytest $(FAST) tests/apps
 
 # 5: none of these rooms has a slow test. A slow test runs the notebooks, which needs the extra docs.
 slow: .venv/installed-docs

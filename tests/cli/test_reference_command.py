@@ -7,7 +7,7 @@ from graph_folders import write_graph
 
 from wordcraft_kg import TaskConfig, WordCraftConfig, World, open_graph
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.study import Study, kept_answers
+from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
 from wordcraft_kg.apps.text_agents import result_reader
 from wordcraft_kg.apps.text_agents.records import (
     GAMES_FILE,
@@ -76,7 +76,7 @@ def pack(monkeypatch):
 
 def person(path, *, right, wrong, graph="kitchen", distractors=4):
     """Write the study of a person who makes some goals of test tasks and then fails at some."""
-    study = Study(graph, StudyConfig(tasks=right + wrong, distractors=(distractors,), forms=1))
+    study = HumanStudy(graph, StudyConfig(tasks=right + wrong, distractors=(distractors,), forms=1))
     with kept_answers(path, study) as answers:
         person = answers.begin("somebody", study.cells)
         for number, task in enumerate(study.tasks(person.cell)):

@@ -57,9 +57,9 @@ def make_home(home):
 def _make_study(home):
     """Make a study that two people have begun."""
     from wordcraft_kg.apps.people.config import StudyConfig
-    from wordcraft_kg.apps.people.study import Study, kept_answers
+    from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
 
-    study = Study(home / "graph", StudyConfig(tasks=3, distractors=(1, 2), forms=2))
+    study = HumanStudy(home / "graph", StudyConfig(tasks=3, distractors=(1, 2), forms=2))
     with kept_answers(home / "study", study) as answers:
         for person in [answers.begin(str(number), study.cells) for number in range(2)]:
             for task in study.tasks(person.cell)[: 2 + 4 * person.number]:

@@ -53,7 +53,7 @@ def observation_space(
 
 
 @dataclass
-class State:
+class EnvState:
     """The state of an episode, in ids.
 
     Attributes:
@@ -167,7 +167,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         self._intermediates = self._unpadded(self.tasks.intermediates)
         self._makeable = self._unpadded(self.world.makeable)
         self._last_pairs = self._pairs_by_task()
-        self.state = State(-1, self._nothing, [], self._nothing, 0, "not_begun")
+        self.state = EnvState(-1, self._nothing, [], self._nothing, 0, "not_begun")
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -198,7 +198,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         else:
             table = [*self._starts[task], *self._draw_distractors(task)]
             self._shuffle(table)
-        self.state = State(
+        self.state = EnvState(
             task,
             self._goals[task],
             table,

@@ -12,7 +12,7 @@ from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.apps.explorer.pages.episode import EpisodeState
 from wordcraft_kg.apps.explorer.pages.games import GamesState
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.study import Study, kept_answers, read_study
+from wordcraft_kg.apps.people.study import HumanStudy, kept_answers, read_study
 from wordcraft_kg.apps.text_agents.conversation import Play
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.records import PlayedSettings
@@ -28,7 +28,7 @@ from wordcraft_kg.evaluation.result_readers import read_table_games
 def played(kitchen_folder, agents, tmp_path_factory):
     """The kitchen with two agents, and two people and a program at four tables each."""
     home, opened = tmp_path_factory.mktemp("games"), open_graph(kitchen_folder)
-    study = Study(opened, StudyConfig(tasks=2, distractors=(8,), forms=1))
+    study = HumanStudy(opened, StudyConfig(tasks=2, distractors=(8,), forms=1))
     with kept_answers(home / "study", study) as answers:
         for name in ("one", "other"):
             go_on(answers, study, answers.begin(name, study.cells), 4)

@@ -26,7 +26,7 @@ from wordcraft_kg.apps.people.answers_database import (
 from wordcraft_kg.apps.people.config import MOST_CONDITIONS, MOST_FORMS, MOST_TASKS, StudyConfig
 from wordcraft_kg.apps.people.protocol import HumanProtocol
 from wordcraft_kg.apps.people.study import (
-    Study,
+    HumanStudy,
     check_study_folder,
     kept_answers,
     read_study,
@@ -47,7 +47,7 @@ FILES = [ANSWERS_FILE, "study.json"]
 
 @pytest.fixture(scope="module")
 def study(kitchen):
-    return Study(kitchen, SMALL)
+    return HumanStudy(kitchen, SMALL)
 
 
 @pytest.fixture
@@ -133,9 +133,9 @@ def test_the_tasks_of_a_form_and_condition_are_those_of_the_protocol_with_its_se
 
 
 def test_several_threads_get_the_same_tasks(kitchen):
-    fresh, found = Study(kitchen, SMALL), []
+    fresh, found = HumanStudy(kitchen, SMALL), []
     at_once(lambda: found.append(fresh.tasks(fresh.cells[0])), 8)
-    assert set(found) == {Study(kitchen, SMALL).tasks(fresh.cells[0])}
+    assert set(found) == {HumanStudy(kitchen, SMALL).tasks(fresh.cells[0])}
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ def test_several_threads_get_the_same_tasks(kitchen):
 )
 def test_settings_that_cannot_be_are_refused(kitchen, changes, setting):
     with refuses(setting):
-        Study(kitchen, replace(SMALL, **changes))
+        HumanStudy(kitchen, replace(SMALL, **changes))
 
 
 def test_people_are_assigned_to_the_cell_that_fewest_have_begun(study, answers):
@@ -376,7 +376,7 @@ def test_a_study_that_begins_on_a_full_disk_leaves_nothing(study, tmp_path, monk
 )
 def test_a_study_with_other_settings_is_refused(kitchen, folder, changes, message):
     with unchanged(folder), pytest.raises(ConfigError, match=message):
-        check_study_folder(folder, Study(kitchen, replace(SMALL, **changes)).record)
+        check_study_folder(folder, HumanStudy(kitchen, replace(SMALL, **changes)).record)
 
 
 def test_a_study_with_other_page_texts_is_refused(study, folder):
@@ -387,12 +387,12 @@ def test_a_study_with_other_page_texts_is_refused(study, folder):
 def test_a_study_of_another_graph_or_split_is_refused(kitchen, folder):
     for other in ("everyday", other_world(kitchen, "split")):
         with pytest.raises(GraphMismatchError):
-            check_study_folder(folder, Study(other, SMALL).record)
+            check_study_folder(folder, HumanStudy(other, SMALL).record)
 
 
 def test_the_same_study_under_another_name_of_its_graph_goes_on(kitchen, folder):
     renamed = RecipeGraph(kitchen.entities, kitchen.recipes, kitchen.base_ids, "cuisine")
-    assert check_study_folder(folder, Study(renamed, SMALL).record)
+    assert check_study_folder(folder, HumanStudy(renamed, SMALL).record)
 
 
 def test_what_is_no_study_is_refused_and_an_empty_folder_is_not(study, tmp_path):

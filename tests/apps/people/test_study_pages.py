@@ -12,7 +12,7 @@ from starlette.testclient import TestClient
 from tests.apps.explorer.shown import HOSTILE
 from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.study import Study, kept_answers
+from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
 from wordcraft_kg.apps.people.web_app import code_hash, make_study_app, steady_clock
 from wordcraft_kg.apps.web.guard import HEADERS, LONGEST_BODY
 from wordcraft_kg.graphs import RecipeGraph
@@ -87,7 +87,7 @@ def browsing(study, folder):
 
 @pytest.fixture(scope="module")
 def study(kitchen):
-    return Study(kitchen, StudyConfig(tasks=2, distractors=(8,), forms=2, consent=CONSENT))
+    return HumanStudy(kitchen, StudyConfig(tasks=2, distractors=(8,), forms=2, consent=CONSENT))
 
 
 @pytest.fixture
@@ -473,7 +473,7 @@ def test_a_half_sent_form_is_refused_when_the_server_stops(browser, caplog):
 def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(
     kitchen, tmp_path, caplog
 ):
-    study = Study(kitchen, StudyConfig(tasks=40, forms=1))
+    study = HumanStudy(kitchen, StudyConfig(tasks=40, forms=1))
     with browsing(study, tmp_path / "study") as browser:
         connection, code = browser.answers._connection, browser.begin()
         (pages,) = connection.execute("PRAGMA page_count").fetchone()
@@ -503,7 +503,7 @@ def test_labels_stay_text(tmp_path):
     graph = RecipeGraph.from_recipes(
         [*rows, *rows[:1], ("water", "earth", "mud"), ("mud", "water", "clay")]
     )
-    study = Study(graph, StudyConfig(tasks=12, distractors=(4,), forms=1))
+    study = HumanStudy(graph, StudyConfig(tasks=12, distractors=(4,), forms=1))
     with browsing(study, tmp_path / "study") as browser:
         code = browser.begin()
         plain = browser.get(f"/s/{code}/task").count("<")

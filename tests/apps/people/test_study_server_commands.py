@@ -18,7 +18,7 @@ import pytest
 
 from tests.apps.people.stored import go_on, refused, unchanged
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.study import Study, kept_answers, read_study
+from wordcraft_kg.apps.people.study import HumanStudy, kept_answers, read_study
 
 CLIENT = httpx2.Client(follow_redirects=True, timeout=30)
 ROOT = Path(__file__).parents[3]
@@ -154,7 +154,7 @@ def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path):
 def begun(tmp_path_factory):
     """A study whose four people have answered 4, 3, 2 and 1 of 4 tasks; every other answer is right."""
     folder = tmp_path_factory.mktemp("studies") / "begun"
-    study = Study("kitchen", StudyConfig(tasks=2, distractors=(1, 8), forms=2))
+    study = HumanStudy("kitchen", StudyConfig(tasks=2, distractors=(1, 8), forms=2))
     with kept_answers(folder, study) as answers:
         for person in [answers.begin(str(number), study.cells) for number in range(4)]:
             go_on(answers, study, person, 5 - person.number)
@@ -245,7 +245,7 @@ def test_the_summary_of_a_study_is_by_condition_with_its_people(summary, begun):
 
 
 def test_several_studies_are_summed_up_together(summary, begun, tmp_path):
-    study = Study("kitchen", StudyConfig(tasks=2, distractors=(8,), seed=3))
+    study = HumanStudy("kitchen", StudyConfig(tasks=2, distractors=(8,), seed=3))
     with kept_answers(tmp_path / "other", study) as answers:
         answers.begin("nobody", study.cells)
         assert summary(tmp_path / "other").out.count("no answers") == 2

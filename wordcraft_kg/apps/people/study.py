@@ -97,7 +97,7 @@ def texts_hash() -> str:
     return hashlib.sha256(json.dumps(texts, sort_keys=True).encode()).hexdigest()
 
 
-class Study:
+class HumanStudy:
     """A study's tasks for each cell: a form (sampled task list) with a number of distractors.
 
     Attributes:
@@ -154,7 +154,7 @@ class Study:
 
 
 @contextmanager
-def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
+def kept_answers(folder: Path, study: HumanStudy) -> Iterator[AnswersDatabase]:
     """Yield the answers of a new or begun study folder, for one server.
 
     On errors the folder is unchanged.
@@ -189,7 +189,7 @@ def kept_answers(folder: Path, study: Study) -> Iterator[AnswersDatabase]:
             yield answers
 
 
-def _check_tasks(folder: Path, study: Study) -> None:
+def _check_tasks(folder: Path, study: HumanStudy) -> None:
     """Check that this version poses the tasks that people have answered."""
     kept = read_study(folder)
     for person in kept.people:

@@ -21,7 +21,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from wordcraft_kg.apps.people.answers_database import AnswersDatabase, Participant
 from wordcraft_kg.apps.people.protocol import HUMAN_PARTS, PosedTask
-from wordcraft_kg.apps.people.study import Study
+from wordcraft_kg.apps.people.study import HumanStudy
 from wordcraft_kg.apps.web.files import file_endpoint
 from wordcraft_kg.apps.web.guard import Guard
 from wordcraft_kg.reports.pages import make_environment
@@ -46,7 +46,7 @@ Reply = Callable[[Request, Form, str, Participant], Response]
 
 
 def make_study_app(
-    study: Study,
+    study: HumanStudy,
     answers: AnswersDatabase,
     host: str = "127.0.0.1",
     more_hosts: Collection[str] = (),
@@ -117,7 +117,9 @@ def _grouped(letters: str) -> str:
 class _Server:
     """The endpoints. Each of them may be asked at any time: in a second tab, late, or again."""
 
-    def __init__(self, study: Study, answers: AnswersDatabase, clock: Callable[[], float]) -> None:
+    def __init__(
+        self, study: HumanStudy, answers: AnswersDatabase, clock: Callable[[], float]
+    ) -> None:
         self.study = study
         self.answers = answers
         self.clock = clock

@@ -8,7 +8,7 @@ import pytest
 from tests.apps.explorer.browser.conftest import served
 from tests.apps.people.stored import lines_of
 from wordcraft_kg.apps.people.config import StudyConfig
-from wordcraft_kg.apps.people.study import Study, kept_answers
+from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
 from wordcraft_kg.apps.people.web_app import make_study_app
 
 
@@ -25,7 +25,7 @@ class Served:
 
 @pytest.fixture
 def study(kitchen, tmp_path):
-    asked = Study(kitchen, StudyConfig(tasks=2, distractors=(8,), forms=1))
+    asked = HumanStudy(kitchen, StudyConfig(tasks=2, distractors=(8,), forms=1))
     folder = tmp_path / "study"
     with kept_answers(folder, asked) as answers, served(make_study_app(asked, answers)) as address:
         yield Served(address, folder)

@@ -60,7 +60,7 @@ def people_serve(
             proxy. May be given several times.
         no_browser: do not open the browser.
     """
-    from wordcraft_kg.apps.people.study import Study, kept_answers
+    from wordcraft_kg.apps.people.study import HumanStudy, kept_answers
     from wordcraft_kg.base.extras import check_extra
 
     check_extra("explore")
@@ -72,7 +72,7 @@ def people_serve(
     # Before anything is written: a port in use must not leave a begun study.
     listening = listen(host, port)
     try:
-        study = Study(graph, config)
+        study = HumanStudy(graph, config)
         with kept_answers(out, study) as answers:
 
             def started(address: str) -> None:

@@ -61,7 +61,7 @@ def make_study_app(
         Route("/s/{code}", server.of_person(server.introduction)),
         Route("/s/{code}/task", server.of_person(server.task)),
         Route("/s/{code}/answer", server.of_person(server.answer), methods=["POST"]),
-        Route("/s/{code}/feedback/{number:int}", server.of_person(server.feedback)),
+        Route("/s/{code}/feedback/{number}", server.of_person(server.feedback)),
         Route("/s/{code}/end", server.of_person(server.end)),
         Route("/s/{code}/withdraw", server.of_person(server.withdraw), methods=["POST"]),
         Route("/withdrawn", server.text("withdrawn")),
@@ -181,9 +181,9 @@ class _Server:
     def answer(self, _: Request, form: Form, code: str, person: Participant) -> Response:
         now = self.clock()
         tasks, place = self.study.tasks(person.cell), len(self.answers.answers_of(person))
-        number = (
-            int(form["task"]) if form.get("task", "").isdecimal() and len(form["task"]) < 6 else -1
-        )
+        number = _number(form.get("task", ""))
+        if number is None:
+            number = -1
         if number < place:  # a repeated form
             return self._after(code, tasks, number) if number >= 0 else _to(f"/s/{code}/task")
         task = tasks[number] if number == place < len(tasks) else None
@@ -207,12 +207,12 @@ class _Server:
 
     def feedback(self, request: Request, _: Form, code: str, person: Participant) -> Response:
         tasks, given = self.study.tasks(person.cell), self.answers.answers_of(person)
-        place = request.path_params["number"] - 1
-        if not 0 <= place < min(len(given), self.study.record.tasks):
+        number = _number(request.path_params["number"])
+        if number is None or not 1 <= number <= min(len(given), self.study.record.tasks):
             return _to(f"/s/{code}/task")
-        task, answer = tasks[place], given[place]
+        task, answer = tasks[number - 1], given[number - 1]
         return self._page(
-            "feedback", code=code, task=task, answer=answer, place=place + 1, all=len(tasks)
+            "feedback", code=code, task=task, answer=answer, place=number, all=len(tasks)
         )
 
     def withdraw(self, _: Request, __: Form, ___: str, person: Participant) -> Response:
@@ -262,9 +262,16 @@ async def _form(request: Request) -> dict[str, str]:
 
 
 def _slot(text: str, task: PosedTask) -> int | None:
-    if text.isascii() and text.isdecimal() and len(text) < 6 and 1 <= int(text) <= len(task.table):
-        return int(text) - 1
-    return None
+    number = _number(text)
+    return number - 1 if number is not None and 1 <= number <= len(task.table) else None
+
+
+def _number(text: str) -> int | None:
+    """Return a number of at most five digits; None for another text.
+
+    Python raises a ValueError for a number of very many digits.
+    """
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 6 else None
 
 
 def _to(path: str) -> Response:

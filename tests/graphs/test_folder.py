@@ -146,6 +146,25 @@ EDITS = {
         '"name": {"a": 1}',
         r"its name is .'a': 1.; expected a text",
     ),
+    **{
+        f"name {name}": (
+            "graph.json",
+            '"name": "kitchen"',
+            f'"name": "{name}"',
+            "expected a name without folders and control characters",
+        )
+        for name in (
+            "../../x",
+            "/etc/x",
+            "a/b",
+            r"..\\..\\x",
+            "C:x",
+            "..",
+            "",
+            r"a\u001b[2Jb",
+            r"a\nb",
+        )
+    },
     "ratio": ("split.json", '"train_ratio": 0.8', '"train_ratio": 0.7', CHANGED),
 }
 

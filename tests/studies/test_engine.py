@@ -505,6 +505,10 @@ FORGERIES = {
     "end of the curve": (forged(curve=[[0, 0.0], [10, 0.9]]), "'curve' ends at 0.9"),
     "curve back": (forged(curve=[[10, 0.5], [0, 0.0]]), "steps out of order"),
     "curve above": (forged(curve=[[0, 7.0], [10, 0.5]]), "a success outside 0 to 1"),
+    "another kind of split": (forged(graph={"kind": "evil"}), "has results of a split 'evil'"),
+    "a reason of its own": (forged(terminations={"<b>": 0.0}), "'terminations' has '<b>'"),
+    "a negative duration": (forged(seconds=-5.0), "'seconds' is -5.0; expected 0.0 in a cell"),
+    "a speed": (forged(steps_per_second=10**9), "'steps_per_second' is 1000000000"),
     "another split": (forged(graph={"split": "0" * 64}), "has results of graph"),
 }
 

@@ -6,7 +6,7 @@ and the split's settings, so two people can compare their folders.
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PureWindowsPath
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -28,7 +28,7 @@ from wordcraft_kg.graphs.book_files import book_json, read_book, recipe_table
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, label_fault
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
 from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import triple_lines
@@ -239,12 +239,25 @@ def _read_graph(folder: Path) -> RecipeGraph:
     again = "Build the graph again with `wordcraft-kg build-graph`."
     if not isinstance(name, str):
         raise ArtefactError(f"{damaged}: its name is {name!r}; expected a text. {again}")
+    # Commands without `out` write to a folder of this name, which must not lead anywhere else.
+    if not _is_folder_name(name):
+        raise ArtefactError(
+            f"{damaged}: its name is {name[:100]!r}; expected a name without folders and "
+            f"control characters. {again}"
+        )
     graph = RecipeGraph.from_book(replace(book, name=name))
     origin = recorded.get("source")
     graph.base_is_inferred = isinstance(origin, dict) and origin.get("base_is_inferred") is True
     if recorded.get("hash") != graph.hash:
         raise ArtefactError(f"{damaged}: its content does not match its hash. {again}")
     return graph
+
+
+def _is_folder_name(name: str) -> bool:
+    """Return whether a text is the name of one folder, on every system."""
+    # Windows separates folders by both slashes, and has drives such as C:.
+    is_one_part = PureWindowsPath(name).name == name and name != ".."
+    return is_one_part and label_fault(name) is None
 
 
 def default_split(graph: RecipeGraph) -> Split:

@@ -102,6 +102,15 @@ def read_cell(
                 f"{where} is damaged or was changed: the hash or the settings do not fit."
             )
         figures = as_record(cell.figures, FIGURES[task.kind], where)
+        # `keep_cell` writes no durations, so others are forged: a page would add them up.
+        timed = [
+            name for name in _UNTIMED if getattr(figures, name, _UNTIMED[name]) != _UNTIMED[name]
+        ]
+        if timed:
+            raise ArtefactError(
+                f"{where} is damaged or was changed: '{timed[0]}' is {getattr(figures, timed[0])}; expected "
+                f"{_UNTIMED[timed[0]]} in a cell."
+            )
         if played is not None and isinstance(figures, RunFigures):
             played.check(figures, task.needs[0], task.settings["settings"], where)
         return figures

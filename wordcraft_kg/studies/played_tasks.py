@@ -63,6 +63,13 @@ class PlayedTasks:
                 f"{where} has results of graph {figures.graph.hash[:12]}, split {figures.graph.split[:12]}; expected "
                 f"graph {graph[:12]}, split {split[:12]}. Train again."
             )
+        # The split's hash is over its parts alone, and pages name the kind and the seed.
+        config = opened.split.config
+        if (figures.graph.kind, figures.graph.split_seed) != (config.kind, config.seed):
+            raise ArtefactError(
+                f"{where} has results of a split {figures.graph.kind!r}, seed {figures.graph.split_seed}; expected "
+                f"{config.kind!r}, seed {config.seed}. Train again."
+            )
         if len(figures.won) != tasks:
             raise ArtefactError(
                 f"{where} is damaged: 'won' has {len(figures.won):,} tasks; expected {tasks:,}, all test tasks. "

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
 from wordcraft_kg.base.artefacts import dump_json, read_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.records import Count, Record, Share, as_record, as_values
@@ -66,6 +67,11 @@ def check_played(figures: "RunResult | RunFigures") -> None:
     for name, value in claimed.items():
         if abs(value - rate) > _ROUNDING:
             raise ValueError(f"`{name}` is {value:g}, but `won` gives {rate:g}")
+    unknown = sorted(set(figures.terminations).difference(TERMINATION_REASONS))
+    if unknown:
+        raise ValueError(
+            f"`terminations` has {unknown[0]!r}; expected {', '.join(TERMINATION_REASONS)}"
+        )
     if figures.terminations and abs(sum(figures.terminations.values()) - 1) > 1e-5:
         raise ValueError("the shares of `terminations` do not add up to 1")
     if figures.by_plan.keys() != figures.success.keys():

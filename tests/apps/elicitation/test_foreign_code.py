@@ -95,6 +95,10 @@ MODELS = {
         lambda at: change(at / "config.json", num_hidden_layers=10**9),
         "num_hidden_layers is 1,000,000,000",
     ),
+    "many labels": (
+        lambda at: change(at / "config.json", num_labels=10**6),
+        "num_labels is 1,000,000",
+    ),
     "many words": (lambda at: change(at / "config.json", vocab_size=10**12), "is damaged: config"),
 }
 
@@ -138,6 +142,22 @@ def test_a_module_outside_its_folder_is_refused(evil, sentence_folder, path):
     folder = evil(sentence_folder)
     first_module(folder, path=path)
     with pytest.raises(ArtefactError, match="expected the name of a folder"):
+        encode_labels(["flour"], folder)
+
+
+def test_an_encoder_of_very_many_modules_is_refused(evil, sentence_folder):
+    folder = evil(sentence_folder)
+    modules = json.loads((folder / "modules.json").read_text())
+    (folder / "modules.json").write_text(json.dumps(modules * 9))
+    with pytest.raises(ArtefactError, match=f"names {9 * len(modules)} modules; expected at most"):
+        encode_labels(["flour"], folder)
+
+
+def test_a_prompt_of_very_many_characters_is_refused(evil, sentence_folder):
+    folder = evil(sentence_folder)
+    prompts = {"long": "x" * 10_001}
+    change(folder / "config_sentence_transformers.json", prompts=prompts)
+    with pytest.raises(ArtefactError, match="a prompt of more than 10,000 characters"):
         encode_labels(["flour"], folder)
 
 

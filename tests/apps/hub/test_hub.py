@@ -176,6 +176,24 @@ def test_a_file_that_is_none_of_ours_is_never_pulled(hub, run, parted_folder, na
     assert not Path("new").exists()
 
 
+@pytest.mark.parametrize(
+    ("folder", "name"),
+    [
+        ("parted_folder", "policy.safetensors"),
+        ("parted_folder", "run.json"),
+        ("recipes_folder", "metrics.jsonl"),
+    ],
+)
+def test_a_file_of_another_kind_of_folder_is_never_pulled(hub, run, request, folder, name):
+    shared = request.getfixturevalue(folder)
+    outcome = push_and_change(hub, run, shared, lambda files: files.update({name: b"x"}))
+    assert (outcome.kind, f"lists '{name}', which does not belong" in outcome.err) == (
+        "ArtefactError",
+        True,
+    )
+    assert not Path("new").exists()
+
+
 def without_last_line(text):
     return b"".join(text.splitlines(keepends=True)[:-1])
 

@@ -295,6 +295,7 @@ def test_another_player_does_not_reproduce_a_submission(submitted, tmp_path):
         ({"player": "me †"}, "player.*a text without"),
         ({"player": "mine \u202erekram"}, "player.*on one line"),
         ({"player": "hidden\u3164filler"}, "player.*invisible characters"),
+        ({"player": "mine\U000e0100"}, "player.*invisible characters"),
         ({"player": "e" + "\u0301" * 9}, "player.*at most two accents"),
         ({"kind": "a\nb"}, "kind.*on one line"),
         ({"training_data": "javascript:alert(1)"}, "training_data.*http or https only"),
@@ -335,8 +336,12 @@ def test_an_edited_figure_is_refused(copied, value):
     [
         (lambda lines: lines[:30], "30 of 100 games"),
         (lambda lines: [lines[1], lines[0], *lines[2:]], "line 1: game 1; expected game 0"),
-        (lambda lines: [*lines, lines[0]], "line 101: game 0; expected no more than 100 games"),
-        (lambda lines: [lines[0], *lines], "line 2: game 0; expected game 1"),
+        (lambda lines: [*lines, lines[0]], "line 101: 101 games; expected no more than 100 games"),
+        (lambda lines: [lines[0], lines[0], *lines[2:]], "line 2: game 0; expected game 1"),
+        (
+            lambda lines: [lines[0][:-2] + b', "invalid_actions": 1000001}\n', *lines[1:]],
+            "line 1: the game has 1,000,001 invalid answers; expected at most 1,000,000",
+        ),
         (
             lambda lines: [lines[0].replace(b'"success": false', b'"success": true'), *lines[1:]],
             "line 1: the replay",

@@ -31,6 +31,10 @@ _MODULE = re.compile(rf"sentence_transformers(\.[a-z_]+)*\.({'|'.join(_MODULES)}
 
 A path in the package alone is not enough: it also reaches the modules that the package imports.
 """
+_MOST_MODULES = 16
+"""Modules of a sentence encoder; usual are two to four, and each one loads its weights."""
+_LONGEST_PROMPT = 10_000
+"""Characters of a prompt in a folder, which precedes every label."""
 _FOLDER_NAME = re.compile(r"[\w-][\w.-]*|")
 _TOKENIZER = re.compile(r"(?!Auto)[A-Z]\w*(Tokenizer|TokenizerFast|Backend)")
 _ACTIVATION = re.compile(r"torch\.nn\.modules\.(activation|linear)\.\w+")
@@ -118,8 +122,13 @@ def _module_folders(folder: Path) -> list[Path]:
     if not os.path.lexists(file):
         return []
     content = read_json(file)
+    modules = content if isinstance(content, list) else [content]
+    if len(modules) > _MOST_MODULES:
+        raise ArtefactError(
+            f"'{file}' names {len(modules):,} modules; expected at most {_MOST_MODULES}. Give another model."
+        )
     folders = []
-    for module in content if isinstance(content, list) else [content]:
+    for module in modules:
         about = module if isinstance(module, dict) else {}
         kind = about.get("type")
         path = about.get("path")
@@ -182,6 +191,10 @@ def _check_weights(place: Path) -> None:
 def _check_item(file: Path, key: str, value: Any) -> None:
     """Refuse a name and value of a JSON file that change what a loader imports or trusts."""
     problem = ""
+    if key == "prompts" and any(len(text) > _LONGEST_PROMPT for text in _strings(value)):
+        raise ArtefactError(
+            f"'{file}' has a prompt of more than {_LONGEST_PROMPT:,} characters. Remove it, or give another model."
+        )
     if _LOADER_OPTIONS.fullmatch(key) and isinstance(value, Mapping):
         odd = sorted(set(value) - _HARMLESS_OPTIONS)
         problem = f"sets the loader's option '{odd[0]}'" if odd else ""

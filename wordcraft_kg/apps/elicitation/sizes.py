@@ -14,8 +14,11 @@ from wordcraft_kg.apps.elicitation.weights import weight_files
 from wordcraft_kg.base.artefacts import read_json
 from wordcraft_kg.base.errors import ArtefactError
 
-_COUNT = re.compile(r".*(layer|block|expert|group|depth|stage)(?!.*_size$).*")
-"""Names of numbers of parts, such as n_layer or depths; block_size is a length."""
+_COUNT = re.compile(r".*(layer|block|expert|group|depth|stage)(?!.*_size$).*|num_labels")
+"""Names of numbers of parts, such as num_hidden_layers, n_layer or depths; block_size is a length.
+
+transformers makes a text for each of the ``num_labels``, even for a model without classes.
+"""
 _MORE_PARTS = 1_024
 """Parts beyond the number of stored tensors: layers may share the tensors of one part."""
 _MORE_ELEMENTS = 2**26

@@ -108,9 +108,16 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
                     "written."
                 )
         try:
-            open_folder(folder)
+            opened = open_folder(folder)
         except WordCraftKGError as error:
             raise ArtefactError(str(error).replace(str(folder), repository)) from None
+        # A file of the other kinds of folders would come along unread, such as a policy in a graph.
+        unread = sorted(set(sums) - set(opened.files))
+        if unread:
+            raise ArtefactError(
+                f"{SUMS} in '{repository}' lists '{unread[0]}', which does not belong to the folder. Pull from "
+                "another repository, or ask its owner to push the folder again."
+            )
     return str(commit)
 
 

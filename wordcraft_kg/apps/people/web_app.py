@@ -72,7 +72,7 @@ def make_study_app(
         Route("/s/{code}", server.of_person(server.introduction)),
         Route("/s/{code}/task", server.of_person(server.task)),
         Route("/s/{code}/answer", server.of_person(server.answer), methods=["POST"]),
-        Route("/s/{code}/feedback/{number:int}", server.of_person(server.feedback)),
+        Route("/s/{code}/feedback/{number}", server.of_person(server.feedback)),
         Route("/s/{code}/end", server.of_person(server.end)),
         Route("/s/{code}/withdraw", server.of_person(server.withdraw), methods=["POST"]),
         Route("/withdrawn", server.text("withdrawn")),
@@ -248,7 +248,8 @@ class _Server:
         tasks = self.study.tasks(person.cell)
         given = self.answers.answers_of(person)
         # Train tasks come first, so their numbers are places. Only answered ones have a solution.
-        place = request.path_params["number"] - 1
+        number = _number(request.path_params["number"])
+        place = -1 if number is None else number - 1
         if not 0 <= place < min(len(given), self.study.record.tasks):
             return _to(f"/s/{code}/task")
         return self._page(

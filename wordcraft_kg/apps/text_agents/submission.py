@@ -51,6 +51,8 @@ _DIGITS = 6
 # Declared numbers are shown in tables: the limits keep nonsense out, and columns narrow.
 MOST_DOLLARS = 1_000_000
 MOST_TOKENS = 10**12
+MOST_INVALID = 1_000_000
+"""Invalid answers in a game. They cost nothing on an MCP server, so no rule of the game limits them."""
 _Amount = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
 _Dollars = Annotated[float, msgspec.Meta(ge=0, le=MOST_DOLLARS)]
 _Tokens = Annotated[int, msgspec.Meta(ge=0, le=MOST_TOKENS)]
@@ -83,6 +85,8 @@ _Date = Annotated[
 # A page or a viewer may turn an address into a link, and a link may run code or open a program.
 _SCHEME = re.compile(r"([a-z][a-z0-9+.-]*)\s*:\s*//", re.IGNORECASE)
 _CODE = re.compile(r"\b(?:javascript|vbscript)\s*:|\bdata\s*:\s*\w+/", re.IGNORECASE)
+_VARIATION = re.compile("[\u180b-\u180d\u180f\U000e0100-\U000e01ef]")
+"""Selectors of variants, which show nothing; the pattern of the schema has the others."""
 _STACKED = re.compile(r"[\u0300-\u036f\u0483-\u0489\u1ab0-\u1aff\u1dc0-\u1dff\u20d0-\u20ff]{3}")
 """Three accents in a row: they cover the lines above and below."""
 
@@ -282,6 +286,11 @@ def _check_counts(play: Play, played: Played) -> None:
         raise EpisodeError(
             f"{counted(lost, 'attempt')} were lost with {few}; expected {each} or more for each"
         )
+    if played.invalid_actions > MOST_INVALID:
+        raise EpisodeError(
+            f"the game has {counted(played.invalid_actions, 'invalid answer')}; "
+            f"expected at most {MOST_INVALID:,}"
+        )
 
 
 def figures_text(figures: TrackFigures) -> str:
@@ -454,7 +463,7 @@ def check_declared(name: str, text: str, most: int = LONGEST_TEXT) -> None:
         ConfigError: for another text.
     """
     one_line(name, text, most)
-    if not re.match(_PATTERN, text):
+    if not re.match(_PATTERN, text) or _VARIATION.search(text):
         raise refuse(name, text, r"a text without < > | ` \ @ and invisible characters")
     # Decomposed, a letter with an accent is two characters, so that all accents count.
     if _STACKED.search(unicodedata.normalize("NFD", text)):
@@ -531,7 +540,15 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
             the replay; the message names the first such line.
     """
     path = folder / GAMES_FILE
-    texts = read_submission_file(folder, GAMES_FILE).split(b"\n")
+    data = read_submission_file(folder, GAMES_FILE)
+    # Counted before they are split: a file of line breaks would take eight times its size.
+    given = data.count(b"\n")
+    if given > len(track):
+        raise ArtefactError(
+            f"{path}, line {len(track) + 1}: {given:,} games; expected no more than {len(track)} "
+            "games. Play the track again."
+        )
+    texts = data.split(b"\n")
     if texts.pop():  # what follows the last line break
         raise ArtefactError(f"{path}, line {len(texts) + 1}, has no end. Play the track again.")
     if len(texts) < len(track):
@@ -542,12 +559,9 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
     for number, text in enumerate(texts):
         where = f"{path}, line {number + 1}"
         line = parse_record(text, GameLine, f"{where},")
-        if line.number != number or number >= len(track):
-            expected = f"game {number}"
-            if number >= len(track):
-                expected = f"no more than {len(track)} games"
+        if line.number != number:
             raise ArtefactError(
-                f"{where}: game {line.number}; expected {expected}. Play the track again."
+                f"{where}: game {line.number}; expected game {number}. Play the track again."
             )
         try:
             again = replay(play, number, Played(line.pairs, line.look_ups, line.invalid_actions))

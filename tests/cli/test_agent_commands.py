@@ -112,6 +112,20 @@ def test_compare_agents_counts_runs_that_differ_in_the_seed_as_one_agent(
     assert alone["agents"].keys() == {"plain-seed-1"}
 
 
+def test_compare_prints_the_interval_over_tasks_beside_that_over_seeds(
+    printed, run, world, tmp_path
+):
+    command = ("compare", world / "plain", "--distractor-seeds", 1)
+    agents = printed(*command, "--out", tmp_path / "json")["agents"]
+    shown = run(*command, "--out", tmp_path / "text").out
+    for figures in agents["plain"]["success"].values():
+        (low, high), (lowest, highest) = figures["task_ci"], figures["seed_ci"]
+        assert (
+            f"{figures['mean']:.3f} [{lowest:.3f}, {highest:.3f}] over 2 seeds, "
+            f"[{low:.3f}, {high:.3f}] over recipes" in shown
+        )
+
+
 def test_a_report_that_was_not_written_any_more_is_written_by_the_same_command(world, tmp_path):
     shutil.copytree(
         world / "plain/seed-0", tmp_path / "run", ignore=shutil.ignore_patterns("report")

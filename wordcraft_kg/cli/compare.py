@@ -164,8 +164,13 @@ def _success(success: "AgentSuccess | None", unit: str) -> Iterator[str]:
     if success is None:
         yield "-"
         return
-    over = f"over {len(success.seeds)} seeds" if success.seed_ci else f"over {unit}, one seed"
-    yield f"{success.mean:.3f} {_interval(success.seed_ci or success.task_ci)} {over}"
+    tasks = _interval(success.task_ci)
+    if success.seed_ci is None:
+        yield f"{success.mean:.3f} {tasks} over {unit}, one seed"
+    else:
+        # Seeds may be alike by chance: their interval alone can be a point.
+        seeds = _interval(success.seed_ci)
+        yield f"{success.mean:.3f} {seeds} over {len(success.seeds)} seeds, {tasks} over {unit}"
     if success.difference is not None and success.difference_ci is not None:
         yield f"{success.difference:+.3f} {_interval(success.difference_ci, '+')} over {unit}"
 

@@ -19,6 +19,7 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.evaluation.agent_figures import AgentSuccess
 from wordcraft_kg.evaluation.agents import AgentsView, group_agents, view_agents
 from wordcraft_kg.graphs import SplitConfig, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
@@ -274,3 +275,18 @@ def test_an_agent_is_compared_with_the_scores_that_it_saw_and_the_page_says_how(
     )
     for note in (out_of_sample, r"On train tasks <b>whole</b> is scored\s+.*in-sample"):
         assert re.search(note, html)
+
+
+@pytest.mark.parametrize(
+    ("of_seeds", "of_tasks", "widest"),
+    [
+        (None, (0.4, 0.6), (0.4, 0.6)),
+        ((0.5, 0.5), (0.4, 0.6), (0.4, 0.6)),
+        ((0.3, 0.7), (0.4, 0.6), (0.3, 0.7)),
+    ],
+)
+def test_the_headline_has_the_wider_interval_as_seeds_may_be_alike(of_seeds, of_tasks, widest):
+    success = AgentSuccess(
+        mean=0.5, seed_ci=of_seeds, task_ci=of_tasks, seeds=(0.5,), by_plan=0.5, actions=2.0
+    )
+    assert success.widest_ci == widest

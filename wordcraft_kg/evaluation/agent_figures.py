@@ -74,6 +74,13 @@ class AgentSuccess(Record):
     difference_ci: Interval | None = None
     against_scorer: AgainstScorer | None = None
 
+    @property
+    def widest_ci(self) -> Interval:
+        """The wider interval, over seeds or over tasks: seeds may be alike by chance."""
+        if self.seed_ci is None:
+            return self.task_ci
+        return max(self.seed_ci, self.task_ci, key=lambda ends: ends[1] - ends[0])
+
 
 class SliceSuccess(Record):
     """Success rate on a named group of tasks (a slice).

@@ -67,8 +67,7 @@ def _success(view: AgentsView) -> Markup:
         # An MLP may be unable to play with this number of distractors.
         success = agent.success.get(headline)
         if success:
-            # A single run has no interval over seeds.
-            low, high = success.seed_ci or success.task_ci
+            low, high = success.widest_ci
             rows.append((agent.name, (success.mean, low, high)))
     baselines = [(player.name, (player.success[headline], None, None)) for player in view.baselines]
     return charts.intervals(

@@ -223,7 +223,7 @@ def test_leaked_triples_are_inflation_only_where_they_inflate(
     def changed(*arguments, **settings):
         return msgspec.structs.replace(view_links(*arguments, **settings), **changes)
 
-    monkeypatch.setattr("wordcraft_kg.reports.link_report.view_links", changed)
+    monkeypatch.setattr(links, "view_links", changed)
     text = run("evaluate-links", trained / "one", "--out", tmp_path / "report").out
     assert says in text
     assert "inflated" not in text

@@ -169,6 +169,14 @@ EDITS = {
 }
 
 
+def test_a_book_whose_name_is_no_folder_is_not_written(tmp_path):
+    book = RecipeBook.of("<b>kitchen</b>", [("water", "earth", "mud")])
+    split = make_split(RecipeGraph.from_book(book), SplitConfig("none"))
+    with pytest.raises(RecipeFileError, match="expected a name without folders"):
+        write_graph_folder(tmp_path / "graph", book, split)
+    assert not (tmp_path / "graph").exists()
+
+
 @pytest.mark.parametrize(("name", "old", "new", "says"), EDITS.values(), ids=EDITS)
 def test_an_edited_file_is_noticed(folder, name, old, new, says):
     text = (folder / name).read_text(encoding="utf-8")

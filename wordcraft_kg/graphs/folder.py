@@ -171,7 +171,13 @@ def write_graph_folder(
 
     Raises:
         OutputExistsError: if ``out`` exists and ``force`` is False.
+        RecipeFileError: if the book's name could not name a folder; no command would open it.
     """
+    if not _is_folder_name(book.name):
+        raise RecipeFileError(
+            f"the book's name is {book.name[:100]!r}; expected a name without folders and "
+            "control characters. Rename the book."
+        )
     graph = split.graph
     with staged_folder(out, force=force) as folder:
         source = {name: getattr(book, name) for name in ("sha256", *_DROPPED)}

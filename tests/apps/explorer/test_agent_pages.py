@@ -194,7 +194,7 @@ def explored_of(book, split, home, **tasks):
 @pytest.fixture(scope="module")
 def hostile_agents(tmp_path_factory):
     rows = [(label, HOSTILE[i - 2], HOSTILE[i - 1]) for i, label in enumerate(HOSTILE)]
-    book = RecipeBook.of("<b>hostile</b>", rows)
+    book = RecipeBook.of("<b>hostile", rows)
     return explored_of(book, SplitConfig("none"), tmp_path_factory.mktemp("hostile"), distractors=4)
 
 

@@ -172,7 +172,8 @@ class Split:
         """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
 
         Triples that train recipes give, too, are left out. For the test part, so are those of the
-        validation recipes, on which settings may have been chosen.
+        validation recipes, on which settings may have been chosen. So are triples of half-products
+        of chains, which are no facts of the game.
         """
         if part not in self._held_out:
             seen = self.partial
@@ -180,7 +181,8 @@ class Split:
                 seen = np.concatenate([seen, self.triples_of("valid")])
             triples = self.triples_of(part)
             is_seen = is_in(triples, seen, self.graph.num_entities)
-            self._held_out[part] = frozen(triples[~is_seen])
+            is_half = self.graph.is_half_product[triples[:, [0, 2]]].any(axis=1)
+            self._held_out[part] = frozen(triples[~is_seen & ~is_half])
         return self._held_out[part]
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:

@@ -1,4 +1,5 @@
 import json
+from itertools import pairwise
 
 import pytest
 from graph_strategies import books
@@ -363,7 +364,7 @@ def test_long_lists_are_cut_short_and_faults_of_one_cause_are_one_finding(check)
 def test_a_book_with_very_many_findings_is_read_to_its_end(check):
     # Once, reading stopped at the 10,000th finding, and the figures were those of half a book.
     names = ["fire", *(f"n{i}" for i in range(6_001))]
-    pairs = list(zip(names, names[1:], strict=False))
+    pairs = list(pairwise(names))
     rows = [f"water,{b},water\nwater,{a},{b}\n" for a, b in reversed(pairs)]
     found = check("# base: water, fire\n" + HEADER + "".join(rows))
     assert found.figures.recipes == len(pairs)

@@ -421,12 +421,10 @@ def _figures(graph: RecipeGraph) -> BookFigures:
     layer = layers(graph)
     whole = ~graph.is_half_product
     made = graph.recipe_counts[(graph.recipe_counts > 0) & whole]
-    # Results of each pair that are things of the game.
-    kept = ~graph.makes_half_product
-    results = np.bincount(graph.pair_of_recipe[kept], minlength=graph.num_pairs)
+    results = graph.num_results
     uses = np.where(whole, graph.use_counts, 0)
     most_used = int(np.argmax(uses))
-    num_recipes = int(np.sum(kept))
+    num_recipes = int(np.sum(~graph.makes_half_product))
     return BookFigures(
         entities=int(np.sum(whole)),
         recipes=num_recipes,

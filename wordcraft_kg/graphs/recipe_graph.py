@@ -174,6 +174,12 @@ class RecipeGraph:
         """Mark the recipes that make a half-product, shape (num_recipes,), bool."""
         return self.is_half_product[self.recipes[:, 2]]
 
+    @cached_property
+    def num_results(self) -> Ids:
+        """Number of results of each pair, without half-products, shape (num_pairs,)."""
+        kept = ~self.makes_half_product
+        return frozen(np.bincount(self.pair_of_recipe[kept], minlength=self.num_pairs))
+
     @property
     def num_half_products(self) -> int:
         """Number of half-products."""

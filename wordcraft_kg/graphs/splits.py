@@ -181,9 +181,19 @@ class Split:
                 seen = np.concatenate([seen, self.triples_of("valid")])
             triples = self.triples_of(part)
             is_seen = is_in(triples, seen, self.graph.num_entities)
-            is_half = self.graph.is_half_product[triples[:, [0, 2]]].any(axis=1)
-            self._held_out[part] = frozen(triples[~is_seen & ~is_half])
+            self._held_out[part] = frozen(triples[~is_seen & self.is_fact(triples)])
         return self._held_out[part]
+
+    def is_fact(self, triples: Ids) -> NDArray[np.bool_]:
+        """Mark triples without half-products of chains, which alone are facts of the game.
+
+        Args:
+            triples: shape (T, 3).
+
+        Returns:
+            Shape (T,), bool.
+        """
+        return ~self.graph.is_half_product[triples[:, [0, 2]]].any(axis=1)
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:
         """Return the part whose recipes give each triple.

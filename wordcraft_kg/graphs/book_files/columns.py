@@ -40,7 +40,7 @@ _INGREDIENT = words_of(
     "ingredient ingredients react reactant reactants reagent reagents input inputs component "
     "components parent parents material materials left right first second third fourth "
     "operand combine combines combination combinations zutat zutaten ingrediente ingredientes "
-    "ingrédient ingrédients requires"
+    "ingrédient ingrédients requires recipe recipes"
 )
 _WEAK_INGREDIENT = words_of("element item a b x y one two three part in with 1 2 3 4 5 6 7 8 9")
 _IGNORED = words_of(
@@ -48,6 +48,7 @@ _IGNORED = words_of(
     "discovered discoverer new note notes comment comments description tier level depth "
     "category group type source index no weight score probability rarity price version game"
 )
+_IDS = frozenset({"id", "ids"})
 _COUNT = words_of("count counts amount amounts quantity qty number num pieces")
 
 
@@ -85,7 +86,8 @@ def roles_of_header(names: Sequence[str]) -> Roles | None:
     named = [i for i in range(len(names)) if i != kind and i not in counts and words[i]]
     free = [i for i in named if not words[i] & _IGNORED]
     # Where all names hold "id", the ids are the labels.
-    found = _roles(words, free) or _roles(words, named)
+    or_ids = [i for i in named if not words[i] & (_IGNORED - _IDS)]
+    found = _roles(words, free) or _roles(words, or_ids)
     if found is None:
         return None
     return Roles(*found, kind, counts)

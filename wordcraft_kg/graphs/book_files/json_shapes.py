@@ -42,6 +42,7 @@ _WRAPPERS = words_of(
 )
 _KEY_JOINERS = (" + ", "+", ";", "|", "&", ",")
 _MAX_DEPTH = 3  # objects around the recipes
+_FEW = 3  # objects by which a common key is told from an ingredient
 _LOOKED_AT = 1_000  # entries by which a shape is judged
 
 
@@ -248,11 +249,13 @@ def _loads(path: Path, text: str) -> Any:
 def _shape_of(path: Path, content: Any, columns: Sequence[str] | None) -> _Found:
     value, where = content, ""
     for _ in range(_MAX_DEPTH):
-        for shape in SHAPES:
+        inner = _unwrapped(value)
+        # A key such as "elements" around a list is no result of its own.
+        is_wrapped = inner is not None and inner.lower() in _WRAPPERS
+        for shape in LAYOUTS if is_wrapped else (*LAYOUTS, *SHAPES):
             found = shape(path, value, where, columns)
             if found is not None:
                 return found
-        inner = _unwrapped(value)
         if inner is None:
             break
         value, where = value[inner], f"{where}.{inner}".lstrip(".")
@@ -606,6 +609,21 @@ def _of_results(items: Iterable[tuple[str, Any]], where: str) -> Iterator[_Raw |
             yield _Raw(f"{place}[{index}]", pair, pair, result)
 
 
+def _amounts(path: Path, value: Any, where: str, columns: Sequence[str] | None) -> _Found | None:
+    """An object of numbers of ingredients by result: ``{"torch": {"stick": 1, "coal": 1}}``."""
+    if not isinstance(value, dict) or not value:
+        return None
+    rows = list(value.values())
+    if not all(isinstance(row, dict) and row for row in rows):
+        return None
+    if not all(type(number) is int and number > 0 for row in rows for number in row.values()):
+        return None
+    # A key of all objects is a property of things, such as a price.
+    if len(rows) >= _FEW and set(rows[0]).intersection(*rows):
+        return None
+    return _Found("numbers of ingredients by result", _of_results(value.items(), where))
+
+
 def _nested(path: Path, value: Any, where: str, columns: Sequence[str] | None) -> _Found | None:
     """An object ``{a: {b: result}}``, with several results as a list, and null for none."""
     if not isinstance(value, dict) or not value:
@@ -676,19 +694,19 @@ def _parted_key(key: str, value: Any) -> bool:
     return any(len(key.split(joiner)) == 2 for joiner in _KEY_JOINERS)
 
 
-SHAPES: tuple[Callable[[Path, Any, str, Sequence[str] | None], _Found | None], ...] = (
-    _own,
-    _official,
-    _craft_items,
-    _craft_elements,
+_ShapeOf = Callable[[Path, Any, str, Sequence[str] | None], _Found | None]
+LAYOUTS: tuple[_ShapeOf, ...] = (_own, _official, _craft_items, _craft_elements)
+"""Layouts with keys of their own, which are tried first."""
+SHAPES: tuple[_ShapeOf, ...] = (
     _rows_of_three,
     _records,
     _named_records,
+    _amounts,
     _nested,
     _result_map,
     _key_sums,
 )
-"""Readable shapes, in the order in which they are tried."""
+"""Other readable shapes, in the order in which they are tried, also inside of a key such as data."""
 
 
 # --- values ----------------------------------------------------------------------------------------

@@ -104,7 +104,8 @@ def _dialect(lines: Sequence[str], delimiter: str) -> Dialect:
     is_framed = delimiter == "|" and all(line[0] == line[-1] == "|" for line in stripped)
     quote = '"'
     # A label may hold an apostrophe; quotes of a dialect begin and end every row.
-    if all(len(line) > 1 and line[0] == line[-1] == "'" for line in stripped):
+    inner = [line.strip(f"{delimiter} ") for line in stripped]
+    if all(len(line) > 1 and line[0] == line[-1] == "'" for line in inner):
         quote = "'"
     return Dialect(delimiter, quote, is_framed)
 

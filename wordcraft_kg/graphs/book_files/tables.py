@@ -151,7 +151,10 @@ class Table(RowSource):
         self._dialect = guess_dialect(self._path, lines, delimiter, usual)
         rows = [cells_of(line, self._dialect) for line in lines]
         names, *rows = [row for row in rows if not self._is_rule(row)]
-        self._width = max(map(len, [names, *rows]))
+        # A delimiter at the end of a header begins no column.
+        while len(names) > 1 and not names[-1]:
+            names = names[:-1]
+        self._width = max(len(_without_blanks(row)) for row in [names, *rows])
         self._names = names
         if columns is not None:
             self._take_columns(columns, names, rows)
@@ -202,8 +205,7 @@ class Table(RowSource):
         lines = [first, *self._following(_JUDGED_ROWS)]
         rows = [cells_of(line, self._dialect) for line in lines if line.strip()]
         rows = [row for row in rows if any(row) and not self._is_rule(row)]
-        while rows and all(len(row) > 2 and not row[-1] for row in rows):
-            rows = [row[:-1] for row in rows]
+        rows = [_without_blanks(row) for row in rows]
         first_row, *others = rows
         seen = ", ".join(repr(cell[:40]) for cell in first_row[:8])
         named = (
@@ -313,8 +315,7 @@ class Table(RowSource):
         self.columns = tuple(names[i] for i in used)
         others = [i for i in range(len(names)) if i not in self._roles.used]
         named = [names[i] or f"column {i + 1}" for i in others]
-        # A trailing delimiter is no column.
-        self.ignored = tuple(named[: len(self._names)] if len(self._names) < self._width else named)
+        self.ignored = tuple(named[: len(self._names)])
 
     # --- the rows ---------------------------------------------------------------------------------
 
@@ -428,6 +429,13 @@ class Table(RowSource):
             f"'{row}' has {count} ingredient{'s' * (count != 1)} and a result"
             f"{'' if count else ' missing'}; a recipe needs two and a result, in three columns.{hint}"
         )
+
+
+def _without_blanks(cells: list[str]) -> list[str]:
+    """Return cells without the blank ones at the end."""
+    while cells and not cells[-1]:
+        cells = cells[:-1]
+    return cells
 
 
 def _is_own(line: str, delimiter: str) -> bool:

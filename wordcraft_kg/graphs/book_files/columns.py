@@ -99,7 +99,10 @@ def _roles(
     results = [i for i in free if words[i] & _RESULT]
     others = [i for i in free if i not in results]
     ingredients = [i for i in others if words[i] & _INGREDIENT]
-    ingredients = ingredients or [i for i in others if words[i] & _WEAK_INGREDIENT]
+    # Words such as "a" or "item" may be labels of a first recipe, unless a result is named.
+    has_result = results or any("name" in words[i] for i in others)
+    if not ingredients and has_result:
+        ingredients = [i for i in others if words[i] & _WEAK_INGREDIENT]
     rest = [i for i in others if i not in ingredients]
     if not results and ingredients:
         # The only other column must be the result, or the only one that is called a name.

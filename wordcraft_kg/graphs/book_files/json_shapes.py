@@ -38,7 +38,7 @@ _RECIPE_KEYS = words_of(
 )
 _RESULT_KEYS = words_of("result results output outputs product products")
 _WRAPPERS = words_of(
-    "recipes data items elements combinations results entries content payload book pairs"
+    "recipes data items entities elements combinations results entries content payload book pairs"
 )
 _KEY_JOINERS = (" + ", "+", ";", "|", "&", ",")
 _MAX_DEPTH = 3  # objects around the recipes

@@ -110,7 +110,6 @@ class JsonRecipes(RowSource):
         self._found = found
         self.shape = f"{found.shape} (JSON lines)" if self._is_lines else found.shape
         self.columns, self.ignored = found.columns, found.ignored
-        self._outputs: set[str] = set()
         self._read_listed()
 
     def _read_listed(self) -> None:
@@ -135,11 +134,17 @@ class JsonRecipes(RowSource):
 
     def __iter__(self) -> Iterator[Entry]:
         """Yield recipes, invalid entries and rows left out, in file order."""
+        before: _Raw | None = None
+        is_counted = False
         for raw in self._found.raws:
             if isinstance(raw, (Fault, LeftOut)):
                 yield raw
-            else:
-                yield self._entry(raw)
+                continue
+            # Results of one entry follow each other; an entry counts once.
+            is_same = before is not None and before[:1] + before[2:3] == raw[:1] + raw[2:3]
+            self.several_outputs += is_same and not is_counted
+            before, is_counted = raw, is_same
+            yield self._entry(raw)
 
     def _entry(self, raw: _Raw) -> Entry:
         found = self._found

@@ -44,6 +44,7 @@ from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label, label_f
 
 CASES = ("keep", "fold")
 INGREDIENTS = ("two", "chain")
+_SELF_RESULT = "with an ingredient as the result"
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
 HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
 _JSON_ENDINGS = (".json", ".jsonl", ".ndjson", ".ic")
@@ -245,10 +246,14 @@ class BookRows:
             if fold:
                 labels = [label.lower() for label in labels]
             self.arities[len(labels) - 1] += 1
+            recipes: list[Recipe] | Fault | LeftOut
             if len(labels) == 3:
-                recipes: list[Recipe] | Fault = [Recipe.of(labels[0], labels[1], labels[2])]
+                recipes = [Recipe.of(labels[0], labels[1], labels[2])]
             else:
                 recipes = self._paired(place, labels)
+            if isinstance(recipes, LeftOut):
+                self.left_out[recipes.reason] += 1
+                continue
             if isinstance(recipes, Fault):
                 yield recipes
                 continue
@@ -256,8 +261,11 @@ class BookRows:
                 self.kinds[recipes[-1]] = kind
             yield place, recipes
 
-    def _paired(self, place: Place, labels: Sequence[str]) -> list[Recipe] | Fault:
-        """Return the recipes of two ingredients for a row of one, or of three and more."""
+    def _paired(self, place: Place, labels: Sequence[str]) -> list[Recipe] | Fault | LeftOut:
+        """Return the recipes of two ingredients for a row of one, or of three and more.
+
+        Half-products that earlier rows have made are left out, so that they are no repetition.
+        """
         *ingredients, result = labels
         where = f"{place}: " if isinstance(place, str) else ""
         single = self.options.single_ingredient
@@ -289,12 +297,15 @@ class BookRows:
             )
             return Fault(place, "label", message)
         recipes = chain(ingredients, result)
+        new = []
         for half in recipes[:-1]:
             known = self._halves.setdefault(half.result, half)
-            if known != half:
+            if known is half:
+                new.append(half)
+            elif known != half:
                 message = f"{where}'{half}' and '{known}' would be one half-product; rename a label with ' + '."
                 return Fault(place, "label", message)
-        return recipes
+        return [*new, recipes[-1]]
 
     def reading(self, merged: int, self_results: int, labels: Iterable[str]) -> Reading:
         """Return the record of how the file was read, after the iteration.
@@ -306,8 +317,8 @@ class BookRows:
         """
         source, file = self.file.source, self.file
         left_out = Counter(self.left_out)
-        left_out["that repeat a recipe"] = merged
-        left_out["with an ingredient as the result"] = self_results
+        left_out["that repeat a recipe"] += merged
+        left_out[_SELF_RESULT] += self_results
         reasons = {reason: number for reason, number in left_out.items() if number}
         html = [label for label in labels if "&" in label and HTML_ENTITY.search(label)]
         notes = [*source.notes]

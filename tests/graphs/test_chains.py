@@ -75,7 +75,7 @@ def test_a_chain_is_announced_with_arities_counts_and_outputs(chained):
     assert Recipe("wood", "wood", "plank") in chained.recipes
     assert Recipe("wood", "wood", "block") in chained.recipes
     halves = [label for label in chained.entities if is_half_product(label)]
-    assert halves == ["coal + plank" + HALF, "coal + plank + rope" + HALF]
+    assert halves == ["coal + plank + rope" + HALF, "coal + plank" + HALF]
 
 
 def test_recipes_of_three_are_refused_without_the_option_which_is_named(book_file):

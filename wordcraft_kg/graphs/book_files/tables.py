@@ -172,10 +172,31 @@ class Table(RowSource):
                 "table",
                 "Choose with `columns`: names take the line as header, numbers as recipe.",
             )
+        self._check_names(number, names, rows)
         self._roles = roles
         self._shift_row_names(names, rows)
         self._width = max(self._width, max((*self._roles.used, 0)) + 1)
         self._find_joiner(rows)
+
+    def _check_names(self, number: int, names: list[str], rows: Sequence[Sequence[str]]) -> None:
+        """Refuse a header of two rows: a column without a name, or names below names."""
+        # Row names, in the first column, have no header in R and pandas.
+        for i in range(1, len(names)):
+            if not names[i] and any(len(row) > i and row[i] for row in rows):
+                raise refusal(
+                    self._path,
+                    f"line {number} names no column {i + 1}, but it is filled below, as under merged cells",
+                    "table",
+                    "Give each column a name, or choose with `columns`.",
+                )
+        second = roles_of_header(rows[0]) if rows else None
+        if second is not None and len(second.ingredients) > 1:
+            raise refusal(
+                self._path,
+                f"the row below line {number} names the columns again: {', '.join(map(repr, rows[0][:4]))}",
+                "table",
+                "Keep one header line, or choose with `columns`.",
+            )
 
     def _following(self, limit: int) -> list[str]:
         number = 0 if self._first is None else self._first[0]

@@ -193,7 +193,7 @@ class Split:
         Returns:
             Shape (T,), bool.
         """
-        return ~self.graph.is_half_product[triples[:, [0, 2]]].any(axis=1)
+        return np.asarray(~self.graph.is_half_product[triples[:, [0, 2]]].any(axis=1))
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:
         """Return the part whose recipes give each triple.

@@ -1,9 +1,10 @@
 """The dialect of a table: its column delimiter and its quotes.
 
 Candidates are scored on the first rows: a header with known names decides, else rows with equally
-many cells. csv.Sniffer and clevercsv were judged on 480 variants of one book (delimiters, quotes,
-headers, columns): wrong for 56 and 6 of them in silence, at 2 and 90 ms a file; the scoring here
-was wrong for none.
+many cells. On 480 variants of books (delimiters, quotes, headers, orders, 3 to 60 rows), csv.Sniffer
+misread 1, clevercsv 0.8 none, and the scoring here none. It is kept because it tells when two
+delimiters fit, where the others choose one in silence, and needs no package in the light
+installation.
 """
 
 import csv

@@ -141,14 +141,27 @@ class JsonRecipes(RowSource):
                 yield raw
                 continue
             # Results of one entry follow each other; an entry counts once.
-            is_same = before is not None and before[:1] + before[2:3] == raw[:1] + raw[2:3]
+            is_same = (
+                before is not None
+                and before.where == raw.where
+                and before.ingredients == raw.ingredients
+            )
             self.several_outputs += is_same and not is_counted
             before, is_counted = raw, is_same
             yield self._entry(raw)
 
     def _entry(self, raw: _Raw) -> Entry:
         found = self._found
-        labels = [self._label(value) for value in (*raw.ingredients, raw.result)]
+        values = (*raw.ingredients, raw.result)
+        # The frequent case in our own layouts: known labels need no further look.
+        if found.known is not None and not raw.kind and len(values) > 1:
+            try:
+                is_known = found.known.issuperset(values)
+            except TypeError:  # an object or a list, which is not hashable
+                is_known = False
+            if is_known:
+                return raw.where, values
+        labels = [self._label(value) for value in values]
         if found.nothing and NOTHING in labels:
             is_result = labels[-1] == NOTHING
             return LeftOut(

@@ -3,13 +3,14 @@ r"""Comparison of labels by their spelling: the same label, another spelling, or
 A sign can be a part of the name: ``C`` and ``C-`` are an atom and an ion, ``7`` and ``-7`` two
 numbers. So hyphens, points, apostrophes and blanks make no difference only between letters, as in
 ``ice-cream`` and ``icecream``; beside a digit, at the end, or between two single letters, they
-count. Labels themselves are never changed; see :mod:`wordcraft_kg.base.labels` for answers in
-texts, which are read more leniently.
+count. Labels themselves are never changed: their keys are compared, and their words looked up, such
+as for vectors. Answers in texts are read more leniently, see :mod:`wordcraft_kg.base.labels`.
 """
 
 import re
 import unicodedata
 from collections.abc import Callable, Iterable
+from itertools import chain, pairwise
 
 _VARIATION_SELECTORS = re.compile("[\ufe00-\ufe0f\U000e0100-\U000e01ef]")
 """Characters that choose a picture of the character before them, such as the emoji form."""
@@ -25,6 +26,7 @@ _JOINER = re.compile(
     rf"|(?<={_LETTER})-(?={_LETTER}{_LETTER})"
 )
 _BESIDE_DIGIT = re.compile(rf"(?<={_LETTER}) (?=\d)|(?<=\d) (?={_LETTER})")
+_BETWEEN_WORDS = re.compile(r"(?<=\w)[-:/](?=\w)")
 _NUMBER = re.compile(r"[-+]?[\d.,]*\d[\d.,]*")
 SIGNS = "+-\u2212\u207a\u207b"
 """Plus, hyphen, minus, and the raised plus and minus."""
@@ -107,6 +109,32 @@ def signs_of(text: str) -> tuple[str, str]:
     ends = (first[0] if first else "", last[0] if last else "")
     before, after = (end.replace("\u2212", "-") for end in ends)
     return before, after
+
+
+def words_in(label: str) -> list[str]:
+    """Return the words in a label: between blanks, ``_``, ``-``, ``:``, ``/``, and capitals.
+
+    Signs count between words only, so that ``C-`` is not the word ``C``.
+
+    Example:
+        >>> words_in("minecraft:oak_log"), words_in("IronPlate"), words_in("O2-")
+        (['minecraft', 'oak', 'log'], ['Iron', 'Plate'], ['O2-'])
+    """
+    spaced = _BETWEEN_WORDS.sub(" ", label.replace("_", " ")).split()
+    return list(chain.from_iterable(map(_at_capitals, spaced)))
+
+
+def _at_capitals(word: str) -> list[str]:
+    """Return the parts of a word in camel case, such as HTTP and Server of HTTPServer."""
+    if word.islower() or word.isupper():
+        return [word]
+    starts = [0]
+    for place in range(1, len(word)):
+        follows_small = word[place - 1].islower()
+        begins_word = word[place - 1].isupper() and word[place + 1 : place + 2].islower()
+        if word[place].isupper() and (follows_small or begins_word):
+            starts.append(place)
+    return [word[start:end] for start, end in pairwise([*starts, len(word)])]
 
 
 def _in_usual_width(char: str) -> str:

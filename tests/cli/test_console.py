@@ -14,7 +14,7 @@ import pytest
 from graph_folders import write_graph
 
 from wordcraft_kg.cli import ALL, CORE, command_in, make_app, manual_of
-from wordcraft_kg.cli.console import aligned
+from wordcraft_kg.cli.console import aligned, lines_of
 from wordcraft_kg.cli.failures import OPTIONS, with_options
 from wordcraft_kg.cli.options import Force
 from wordcraft_kg.runs.record import end_run, start_run
@@ -810,3 +810,28 @@ def test_stdout_in_any_encoding_has_the_whole_result(tmp_path, encoding):
     code, out = printed("\u03bb.csv", "--json")
     assert code == 1
     assert "\u03bb.csv" in json.loads(out)["error"]["message"]
+
+
+def test_lists_of_labels_quote_those_with_commas():
+    values = {
+        "base": ["water", "salt, pepper"],
+        "most_used": [{"label": "a, b", "uses": 1_200}],
+        "path": "one, two",
+    }
+    assert lines_of(values) == [
+        "base       water, 'salt, pepper'",
+        "most used  'a, b': 1,200",
+        "path       one, two",
+    ]
+
+
+def test_the_warning_about_the_base_quotes_labels_with_commas(run, tmp_path, caplog):
+    book = tmp_path / "book.csv"
+    book.write_text(
+        '# base: "salt, pepper", fire\ningredient_a,ingredient_b,result\n'
+        '"salt, pepper",fire,smoke\n"x, y",fire,ash\nash,"x, y",dust\n'
+        "smoke,fire,soot\n",
+        encoding="utf-8",
+    )
+    run("build-graph", book, "--split", "none", "--out", tmp_path / "graph")
+    assert "cannot be made from the base (fire, 'salt, pepper'): ash, dust, 'x, y'" in caplog.text

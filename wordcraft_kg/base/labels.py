@@ -15,6 +15,7 @@ from functools import cached_property, lru_cache
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.spelling import SIGNS, signs_of, without_variation_selectors
+from wordcraft_kg.base.wording import quoted
 
 ANSWER_GRAMMAR = 2
 """Present version of the rules by which texts are read as items."""
@@ -88,10 +89,10 @@ def read_label(
         return meant[0]
     text = " ".join(written.split())
     if meant:
-        choices = [labels[place] for place in meant[:_MOST_CHOICES]]
+        choices = [quoted(labels[place]) for place in meant[:_MOST_CHOICES]]
         remedy = "Write more of the name"
         if by_number:
-            choices = [f"{labels[place]} ({place + 1})" for place in meant[:_MOST_CHOICES]]
+            choices = [f"{quoted(labels[place])} ({place + 1})" for place in meant[:_MOST_CHOICES]]
             remedy += ", or the number"
         shown = ", ".join(choices)
         others = len(meant) - _MOST_CHOICES

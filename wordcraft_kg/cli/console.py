@@ -20,6 +20,7 @@ from wordcraft_kg.base.artefacts import check_output_file, staged_file, write_at
 from wordcraft_kg.base.errors import ConfigError, StdoutError
 from wordcraft_kg.base.escaping import code_point, for_json, for_terminal
 from wordcraft_kg.base.progress import listening
+from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.cli.progress import Progress, Stages
 
 if TYPE_CHECKING:
@@ -281,7 +282,7 @@ def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
             yield from _rows(value, f"{indent}  ")
         elif isinstance(value, list):
             if value:
-                cells = [_cell(one) for one in value]
+                cells = [_cell(one, in_list=True) for one in value]
                 # A record counts the elements of a shortened list, such as `unreachable` for
                 # `unreachable_entities`.
                 count = _COUNTS.get(name) or name.rpartition("_")[0]
@@ -291,11 +292,13 @@ def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
             yield label, _cell(value)
 
 
-def _cell(value: Any) -> str:
+def _cell(value: Any, *, in_list: bool = False) -> str:
     if isinstance(value, dict):
-        return ": ".join(map(_cell, value.values()))
+        return ": ".join(_cell(one, in_list=in_list) for one in value.values())
     if isinstance(value, list):
-        return " ".join(map(_cell, value))
+        return " ".join(_cell(one, in_list=in_list) for one in value)
+    if isinstance(value, str):
+        return quoted(value) if in_list else value
     if isinstance(value, bool):  # before int: a bool is one
         return str(value).lower()
     if isinstance(value, int):

@@ -14,7 +14,7 @@ from refusals import refuses
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
 from wordcraft_kg.graphs.book_files import book_name, trimmed
-from wordcraft_kg.graphs.recipes import check_label
+from wordcraft_kg.graphs.recipes import alike_labels, case_variants, check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 
@@ -274,3 +274,13 @@ def test_entities_of_the_official_layout_that_no_recipe_mentions_are_idle(read):
     entry = {"a": {"recipes": []}, "b": {"recipes": [["a", "a"]]}, "lone": {"recipes": []}}
     book = read(json.dumps({"entities": entry}), "book.json")
     assert (book.idle, book.entities) == (("lone",), ("a", "b", "lone"))
+
+
+def test_case_variants_are_grouped_and_other_spellings_are_not():
+    labels = ("LAVA", "Lava", "ice cream", "ice-cream", "lava", "\u2764", "\u2764\ufe0f", "C", "C-")
+    assert case_variants(labels) == [("LAVA", "Lava", "lava"), ("\u2764", "\u2764\ufe0f")]
+    assert alike_labels(labels) == [
+        ("LAVA", "Lava", "lava"),
+        ("ice cream", "ice-cream"),
+        ("\u2764", "\u2764\ufe0f"),
+    ]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.cli.options import MovedGraph, Part
 
@@ -117,4 +118,4 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
             yield f"     plan: {', then '.join(map(str, evidence.plan))}"
         yield from (f"     {piece}" for piece in evidence.outside)
     if step.made:
-        yield f"  made {', '.join(step.made)}"
+        yield f"  made {', '.join(map(quoted, step.made))}"

@@ -4,7 +4,6 @@ A user's mistake has one style, whoever found it: the parser, a setting's check 
 A defect of the package keeps its traceback.
 """
 
-import json
 import os
 import re
 import traceback
@@ -24,9 +23,9 @@ from cyclopts import (
 )
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
-from wordcraft_kg.base.escaping import for_json, for_terminal
+from wordcraft_kg.base.escaping import for_terminal
 from wordcraft_kg.base.extras import missing_package
-from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.console import Output, json_line
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
 """Option names by Python setting name, where the two differ."""
@@ -104,7 +103,7 @@ class Failure:
 
         if output.json:
             error = {"kind": self.kind, "message": self.message}
-            print(for_json(json.dumps({"error": error}, ensure_ascii=False)))
+            print(json_line({"error": error}))
         if output.verbose:
             traceback.print_exc()
         # No markup: messages repeat what users and files say, such as [b] in a file name.

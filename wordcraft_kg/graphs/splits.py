@@ -8,7 +8,7 @@ the others away. Add a kind of split to :data:`SPLITS`, here or in your own code
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from operator import attrgetter
@@ -295,13 +295,41 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
         needed.append("valid")
     empty = [part for part in needed if not split.is_in(part).any()]
     if empty and config.kind != "none":
-        groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
-        recipes = counted(graph.num_recipes, "recipe")
-        raise SplitError(
-            f"the {empty[0]} part of a {config.kind} split of {recipes} in {groups} is empty; "
-            "choose another `train_ratio` or `valid_ratio`, or `kind` none for the full graph only."
-        )
+        raise SplitError(_why_empty(graph, config, needed, empty[0]))
     return split
+
+
+def _why_empty(
+    graph: RecipeGraph,
+    config: SplitConfig,
+    needed: Sequence[Part],
+    part: Part,
+) -> str:
+    """Return the message for an empty part, with its cause if it is the cover of all entities.
+
+    Args:
+        graph: the recipe graph.
+        config: settings of the split.
+        needed: parts that a split with these settings has.
+        part: the empty part.
+    """
+    groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
+    recipes = counted(graph.num_recipes, "recipe")
+    message = f"the {part} part of a {config.kind} split of {recipes} in {groups} is empty"
+    # The draw before any recipe moved, which is also the draw of by-recipe-plain.
+    drawn = by_groups(graph, config, np.random.default_rng(config.seed)).parts
+    sizes = {name: int(np.sum(drawn == PARTS.index(name))) for name in needed}
+    if config.kind == "by-recipe" and all(sizes.values()):
+        moved = counted(sizes[part], "recipe")
+        return (
+            f"{message}: the {moved} drawn for it moved to train, so that train covers every "
+            "entity. Choose `kind` by-recipe-plain, which moves none, or `kind` none for the full "
+            "graph only."
+        )
+    return (
+        f"{message}; choose another `train_ratio` or `valid_ratio`, or `kind` none for the full "
+        "graph only."
+    )
 
 
 def groups_of(graph: RecipeGraph, kind: str) -> Ids:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import TaskError
+from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
@@ -192,7 +193,7 @@ def replay(
         missing = {recipe.ingredient_a, recipe.ingredient_b} - at_hand
         results = graph.labels(graph.results(recipe.ingredient_a, recipe.ingredient_b))
         if missing:
-            raise TaskError(f"{recipe}: {', '.join(sorted(missing))} is not at hand.")
+            raise TaskError(f"{recipe}: {', '.join(map(quoted, sorted(missing)))} is not at hand.")
         if recipe.result not in results:
             raise TaskError(f"{recipe}: there is no such recipe.")
         at_hand.update(results)

@@ -3,6 +3,7 @@
 import json
 import os
 import shlex
+import subprocess
 import sys
 import time
 from contextlib import suppress
@@ -223,3 +224,20 @@ def test_the_examples_play(games, script, chat_server):
         for task in range(3):
             talk = let_play(player, games.begin(task))
             assert (talk.invalid_actions, talk.game.attempts_left) == (0, 0)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_the_example_asks_a_server_on_this_machine_without_the_proxy(chat_server, host):
+    path = Path(__file__).parents[3] / "examples" / "chat_player.py"
+    message = {"new": True, "text": "Goal: dough\nTable: 1 flour, 2 water"}
+    nobody = "http://127.0.0.1:9"
+    done = subprocess.run(
+        [sys.executable, str(path), "small", chat_server.replace("127.0.0.1", host)],
+        input=json.dumps(message) + "\n",
+        env=os.environ | dict.fromkeys(("http_proxy", "HTTP_PROXY"), nobody),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.count("\n") == 1

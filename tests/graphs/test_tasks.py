@@ -292,15 +292,39 @@ BRANCHED_SPLIT = Split(
 )
 
 
+RECIPES = BRANCHED.recipe_labels()
+
+
+def pairs_of_results(recipes):
+    """Return the pairs that make each result, without the recipes that keep an ingredient."""
+    pairs = {}
+    for a, b, result in recipes:
+        if result not in (a, b):
+            pairs.setdefault(result, []).append((a, b))
+    return pairs
+
+
+def accepted_draws(reached, depth, part):
+    """Return the draws that are tasks of the part, with their probabilities."""
+    accepted = {}
+    tasks = tasks_by_trying(BRANCHED, depth)
+    for (goal, start), probability in reached.items():
+        if (goal, start) in tasks:
+            plans = tuple(
+                tuple(BRANCHED.recipe_labels(BRANCHED.recipes[list(rows)]))
+                for rows in SolutionSearch(BRANCHED).plans(goal, start, depth)
+            )
+            if part in ("all", part_of(CraftingTask(goal, start, depth, plans), BRANCHED_SPLIT)):
+                accepted[goal, start] = probability
+    return accepted
+
+
 def drawn_distribution(depth, part, weighting):
     """Follow every choice of the draw with its probability; leave out what is no task of the part, and renormalise."""
-    makes = {}
-    last = {}
-    for a, b, result in BRANCHED.recipe_labels():
-        if result not in (a, b):
-            makes.setdefault(result, []).append((a, b))
-            if part != "train" or PART_OF_ROW.get((a, b, result), "train") == "train":
-                last.setdefault(result, []).append((a, b))
+    makes = pairs_of_results(RECIPES)
+    last = makes
+    if part == "train":
+        last = pairs_of_results(row for row in RECIPES if row not in PART_OF_ROW)
     reached = Counter()
 
     def replace_leaves(goal, made, leaves, left, probability):
@@ -323,16 +347,7 @@ def drawn_distribution(depth, part, weighting):
                 Fraction(1, num_last) if weighting == "task" else Fraction(1, len(last) * len(ends))
             )
             replace_leaves(goal, {goal}, set(pair), depth - 1, probability)
-    accepted = {}
-    tasks = tasks_by_trying(BRANCHED, depth)
-    for (goal, start), probability in reached.items():
-        if (goal, start) in tasks:
-            plans = tuple(
-                tuple(BRANCHED.recipe_labels(BRANCHED.recipes[list(rows)]))
-                for rows in SolutionSearch(BRANCHED).plans(goal, start, depth)
-            )
-            if part in ("all", part_of(CraftingTask(goal, start, depth, plans), BRANCHED_SPLIT)):
-                accepted[goal, start] = probability
+    accepted = accepted_draws(reached, depth, part)
     assert 0 < sum(accepted.values()) < 1  # some draws are refused
     return {
         key: float(probability / sum(accepted.values())) for key, probability in accepted.items()

@@ -30,7 +30,7 @@ EXPLAINED = 3
 """Number of answers that are shown with evidence."""
 
 
-def score(
+def score(  # noqa: PLR0913 - parameters are the command's options
     model: Path,
     head: str | None = None,
     relation: str | None = None,

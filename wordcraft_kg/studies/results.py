@@ -53,38 +53,54 @@ def check_played(figures: "RunResult | RunFigures") -> None:
     """
     won = figures.won
     tables = figures.distractor_seeds
-    part = _part_of(figures.success)
     if not tables or max(map(int, won)) > tables:
         raise ValueError(
             f"`won` has {max(won)} successes of a task; expected at most `distractor_seeds` {tables}"
         )
     # Each task has the same number of episodes, so the mean over tasks is that over episodes.
     rate = sum(map(int, won)) / (len(won) * tables)
-    goal = figures.terminations.get("goal", 0.0)
-    claimed = {f"success.{part}": figures.success[part]}
+    part = _part_of(figures.success)
+    _check_rate(f"success.{part}", figures.success[part], rate)
+    # Results may leave the reasons out, but not contradict `won` with them.
     if figures.terminations:
-        claimed["terminations.goal"] = goal
-    for name, value in claimed.items():
-        if abs(value - rate) > _ROUNDING:
-            raise ValueError(f"`{name}` is {value:g}, but `won` gives {rate:g}")
-    unknown = sorted(set(figures.terminations).difference(TERMINATION_REASONS))
+        _check_rate("terminations.goal", figures.terminations.get("goal", 0.0), rate)
+        _check_terminations(figures.terminations)
+    _check_by_plan(figures)
+    _check_curve(figures.curve, figures.steps)
+
+
+def _check_rate(name: str, claimed: float, rate: float) -> None:
+    if abs(claimed - rate) > _ROUNDING:
+        raise ValueError(f"`{name}` is {claimed:g}, but `won` gives {rate:g}")
+
+
+def _check_terminations(shares: Mapping[str, float]) -> None:
+    unknown = sorted(set(shares).difference(TERMINATION_REASONS))
     if unknown:
         raise ValueError(
             f"`terminations` has {unknown[0]!r}; expected {', '.join(TERMINATION_REASONS)}"
         )
-    if figures.terminations and abs(sum(figures.terminations.values()) - 1) > 1e-5:
+    # A sum of several shares, each rounded to six digits.
+    if abs(sum(shares.values()) - 1) > 1e-5:
         raise ValueError("the shares of `terminations` do not add up to 1")
+
+
+def _check_by_plan(figures: "RunResult | RunFigures") -> None:
     if figures.by_plan.keys() != figures.success.keys():
         raise ValueError("`by_plan` and `success` name different parts")
     for name, share in figures.by_plan.items():
         if share > figures.success[name] + _ROUNDING:
             raise ValueError(
-                f"`by_plan.{name}` is {share:g}; expected at most the success {figures.success[name]:g}"
+                f"`by_plan.{name}` is {share:g}; "
+                f"expected at most the success {figures.success[name]:g}"
             )
-    steps = [step for step, _ in figures.curve]
-    if steps != sorted(set(steps)) or any(not 0 <= step <= figures.steps for step in steps):
-        raise ValueError(f"`curve` has steps out of order, or beyond the {figures.steps:,} steps")
-    if not all(0 <= value <= 1 for _, value in figures.curve):
+
+
+def _check_curve(curve: Curve, last: int) -> None:
+    steps = [step for step, _ in curve]
+    if steps != sorted(set(steps)) or any(not 0 <= step <= last for step in steps):
+        raise ValueError(f"`curve` has steps out of order, or beyond the {last:,} steps")
+    if not all(0 <= value <= 1 for _, value in curve):
         raise ValueError("`curve` has a success outside 0 to 1")
 
 

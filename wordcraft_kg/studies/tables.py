@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.studies.claims import in_words
+from wordcraft_kg.studies.claims import ClaimVerdict, in_words
 from wordcraft_kg.studies.results import Origin
 from wordcraft_kg.studies.study import Metric
 from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures
@@ -213,20 +213,8 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
     for point in view.points:
         yield from _lines_of_point(point, metric)
     if metric == "success":
-        compared = ""
-        if view.comparisons:
-            of = "of the comparison"
-            if view.comparisons > 1:
-                of = f"of {view.comparisons} comparisons, corrected by Holm"
-            compared = f"; differences to {view.reference}; p {of}"
-        yield f"intervals: 95 % over seeds and tasks{compared}"
-    if metric == "success" and view.claims:
-        yield "claims"
-        width = max(len(claim.verdict) for claim in view.claims)
-        for claim in view.claims:
-            yield f"  {claim.verdict:<{width}}  {claim.text}"
-            for measured in claim.measured:
-                yield f"  {'':<{width}}  {title_of(measured.values)}: {in_words(claim, measured)}"
+        yield f"intervals: 95 % over seeds and tasks{_compared(view)}"
+        yield from _lines_of_claims(view.claims)
     for origin in view.origins:
         if origin.stored:
             versions = ", ".join(f"{name} {version}" for name, version in origin.versions.items())
@@ -235,6 +223,26 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
         first = view.missing[0]
         number = counted(len(view.missing), "training")
         yield f"{number} without figures; the first, {first.variant}, seed {first.seed}: {first.why}"
+
+
+def _compared(view: StudyView) -> str:
+    if not view.comparisons:
+        return ""
+    of = "of the comparison"
+    if view.comparisons > 1:
+        of = f"of {view.comparisons} comparisons, corrected by Holm"
+    return f"; differences to {view.reference}; p {of}"
+
+
+def _lines_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[str]:
+    if not claims:
+        return
+    yield "claims"
+    width = max(len(claim.verdict) for claim in claims)
+    for claim in claims:
+        yield f"  {claim.verdict:<{width}}  {claim.text}"
+        for measured in claim.measured:
+            yield f"  {'':<{width}}  {title_of(measured.values)}: {in_words(claim, measured)}"
 
 
 def _lines_of_point(point: PointFigures, metric: Metric) -> Iterator[str]:

@@ -21,7 +21,7 @@ EXAMPLES = (
 )
 
 
-def explore(
+def explore(  # noqa: PLR0913 - parameters are the command's options
     graph: Book,
     *,
     model: Paths = None,

@@ -23,7 +23,7 @@ EXAMPLES = (
 )
 
 
-def people_serve(
+def people_serve(  # noqa: PLR0913 - parameters are the command's options
     graph: Book,
     *,
     out: Path,

@@ -1,10 +1,11 @@
 """Measure agent success, and the evidence for the default settings.
 
-    python benchmarks/agent_quality.py choices BOOK    vary a single setting, evaluate on validation tasks
-    python benchmarks/agent_quality.py test BOOK       evaluate the documented agents on test tasks
+    python benchmarks/agent_quality.py choices BOOK    vary a single setting, evaluate on validation
+    tasks python benchmarks/agent_quality.py test BOOK       evaluate the documented agents on test
+    tasks
 
-The script prints each run's command and keeps runs in --out; existing runs are not repeated. Two runs share the
-machine, so speeds are not comparable: see train_speed.py.
+The script prints each run's command and keeps runs in --out; existing runs are not repeated. Two
+runs share the machine, so speeds are not comparable: see train_speed.py.
 """
 
 import argparse
@@ -145,7 +146,8 @@ def main() -> None:
         variants = {name: variants[name] for name in options.only.split(";")}
     part = "valid" if is_choice else "test"
     print(
-        f"success on {part} tasks after {options.steps:,} steps, {seeds} seeds: mean [range] [95 % interval over seeds]"
+        f"success on {part} tasks after {options.steps:,} steps, {seeds} seeds: mean [range] [95 % "
+        "interval over seeds]"
     )
     for distractors in map(int, options.distractors.split(",")):
         evaluators = {}

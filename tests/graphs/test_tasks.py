@@ -26,7 +26,8 @@ def outcomes(graph):
 
 
 def plans_by_trying(book, start, attempts):
-    """Try every pair at hand, again and again; return what first comes up after 1, 2, ... attempts, with the pairs.
+    """Try every pair at hand, again and again; return what first comes up after 1, 2, ... attempts,
+    with the pairs.
 
     No attempt in these sets is idle: without it the entity would have come up before.
     """
@@ -50,7 +51,8 @@ def plans_by_trying(book, start, attempts):
 
 
 def tasks_by_trying(graph, depth):
-    """Try every set of starting ingredients: the goals that come up in the last round, if some plan uses the set up."""
+    """Try every set of starting ingredients: the goals that come up in the last round, if some plan
+    uses the set up."""
     book = outcomes(graph)
     tasks = {}
     for size in range(1, depth + 2):
@@ -320,7 +322,8 @@ def accepted_draws(reached, depth, part):
 
 
 def drawn_distribution(depth, part, weighting):
-    """Follow every choice of the draw with its probability; leave out what is no task of the part, and renormalise."""
+    """Follow every choice of the draw with its probability; leave out what is no task of the part,
+    and renormalise."""
     makes = pairs_of_results(RECIPES)
     last = makes
     if part == "train":

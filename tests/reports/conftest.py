@@ -46,7 +46,8 @@ AWKWARD = "<i>&\"'</i>,"
 
 @pytest.fixture(scope="session")
 def awkward_graph():
-    """A graph whose labels would break a page, an attribute or a table that does not escape them."""
+    """A graph whose labels would break a page, an attribute or a table that does
+    not escape them."""
     import numpy as np
 
     rows = np.random.default_rng(0).integers(14, size=(110, 3))

@@ -1,4 +1,5 @@
-"""The agent report: numbers of the evaluation, a whole page, and no comparison of what cannot be compared."""
+"""The agent report: numbers of the evaluation, a whole page, and no comparison of what cannot be
+compared."""
 
 import re
 from dataclasses import replace

@@ -28,7 +28,9 @@ def check_book(
     all: Flag = False,
     output: Output = Output(),
 ) -> int:
-    """Check a recipe book: list problems and notes with line numbers, and count recipes and entities.
+    """Check a recipe book.
+
+    List problems and notes with line numbers, and count recipes and entities.
 
     The book is not changed. The exit code is 1 if there are problems; notes are not failures.
 

@@ -76,15 +76,17 @@ def compare(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Compare agents on the same tables, or link predictors on the same unseen triples, with a paired bootstrap.
+    """Compare agents on the same tables, or link predictors on the same unseen triples.
+
+    Differences are paired and resampled (bootstrap).
 
     Runs that differ only in the seed count as the same agent. Agents also get a report.
 
     Args:
-        runs: agents' run folders, or model folders, for the same graph and split; or folders written with --seeds. The
-            first is the reference.
-        out: report folder for agents (default: reports/<agents' names>), or HTML page for link predictors (.html is
-            added to another ending).
+        runs: agents' run folders, or model folders, for the same graph and split; or folders
+            written with --seeds. The first is the reference.
+        out: report folder for agents (default: reports/<agents' names>), or HTML page for link
+            predictors (.html is added to another ending).
     """
     from wordcraft_kg.runs.record import read_run, run_folders
 

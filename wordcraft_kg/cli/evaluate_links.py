@@ -31,7 +31,8 @@ def evaluate_links(
 
     Args:
         model: model folder.
-        max_queries: most queries to rank, two for each triple; above this, a uniform sample is ranked. 0 ranks all.
+        max_queries: most queries to rank, two for each triple; above this, a uniform sample is
+            ranked. 0 ranks all.
         out: folder to write. Default: report/ in the model folder.
     """
     from wordcraft_kg.base.artefacts import check_output
@@ -55,7 +56,8 @@ def evaluate_links(
     view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
     output.result(summarise_links(view, str(folder / "index.html")), _text(view, folder))
-    # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no figure is valid.
+    # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no
+    # figure is valid.
     failed = [check for check in view.checks if not check.passed and check.id != "coverage"]
     for check in failed:
         print(f"CHECK FAILED: {check.name} ({check.detail})", file=sys.stderr)
@@ -116,4 +118,7 @@ def _figures(metrics: "RankingMetrics") -> str:
     if not metrics.queries:
         return "no queries"
     interval = f" [{metrics.mrr_ci[0]:.3f}, {metrics.mrr_ci[1]:.3f}]" if metrics.mrr_ci else ""
-    return f"MRR {metrics.mrr:.3f}{interval}  hits@1 {metrics.hits_at_1:.3f}  hits@10 {metrics.hits_at_10:.3f}"
+    return (
+        f"MRR {metrics.mrr:.3f}{interval}  hits@1 {metrics.hits_at_1:.3f}  hits@10 "
+        f"{metrics.hits_at_10:.3f}"
+    )

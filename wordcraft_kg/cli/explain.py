@@ -30,16 +30,20 @@ def explain(
     graph: MovedGraph = None,
     output: Output = Output(),
 ) -> None:
-    """Explain an agent's actions: split each logit into contributions by attention and knowledge sources.
+    """Explain an agent's actions.
 
-    With recipe scores (w), show the best slots' partners, the supporting train recipes, and evidence from outside
-    knowledge. With plans (p), show the most probable plan, with the probability of each expected result.
+    Split each logit into contributions by attention and knowledge sources.
+
+    With recipe scores (w), show the best slots' partners, the supporting train recipes, and
+    evidence from outside knowledge. With plans (p), show the most probable plan, with the
+    probability of each expected result.
 
     Args:
         run: run folder.
         goal: entity to make. Default: tasks spread evenly over the part.
         task: number of the task, from 0.
-        episodes: episodes to play; several of a task have different distractors. Default: 3, or 1 with `task`.
+        episodes: episodes to play; several of a task have different distractors. Default: 3, or 1
+            with `task`.
         distractors: number of distractors on the table. Default: as in training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
@@ -67,7 +71,8 @@ def _legend(step: "ExplainedStep") -> Iterator[str]:
         rows.append(
             (
                 "λ",
-                "mixing weights of these scores; each product, such as λα·α, is a contribution to β",
+                "mixing weights of these scores; each product, such as λα·α, is a contribution to "
+                "β",
             )
         )
     rows += [
@@ -107,7 +112,10 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
             *(slot.contributions.values() if step.lambdas else ()),
             slot.logit,
         )
-        label = f"  {'>' if slot.entity == step.action else ' '} {slot.entity}{' *' if slot.is_part else ''}"
+        label = (
+            f"  {'>' if slot.entity == step.action else ' '} "
+            f"{slot.entity}{' *' if slot.is_part else ''}"
+        )
         rows.append((label, *(f"{figure:z.2f}" for figure in figures), f"{slot.probability:.1%}"))
     yield from aligned(rows, numbers=True)
     for entity, evidence in step.best_evidence():

@@ -166,7 +166,8 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
             return f"{figure.value:g}"
         digits = _DIGITS[self.measure]
         value = f"{figure.value:.{digits}f}"
-        # Bounds are equal where no resample differs, as for an oracle: an interval would say nothing.
+        # Bounds are equal where no resample differs, as for an oracle: an interval would say
+        # nothing.
         if figure.low is None or figure.high is None or figure.low == figure.high:
             return value
         return f"{value} [{figure.low:.{digits}f}, {figure.high:.{digits}f}]"

@@ -72,13 +72,11 @@ def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
         # With a reason, all triples have one probability, which is a point and no curve.
         if row.reason:
             continue
-        name = row.relation
-        if row.pairs == "itself":
-            name += ", itself"
+        kind = ", itself" if row.pairs == "itself" else ""
         points = []
         for at in row.bins:
             points.append((at.probability, at.observed, at.low, at.high, at.triples))
-        series[name] = points
+        series[f"{row.relation}{kind}"] = points
     about = "Share of true triples against their probability"
     return {"probabilities": charts.log_reliability(series, about)}
 

@@ -34,7 +34,10 @@ _MOST_BLANK = 2**20
 _SOME = 2**26
 """Bytes of a compressed file that may be packed in any way: seconds of reading."""
 _DENSEST = 100
-"""Most bytes from a compressed byte, beyond the first ones; only mere repetition, up to 1,032, gives more."""
+"""Most bytes from a compressed byte, beyond the first ones.
+
+Only mere repetition, up to 1,032, gives more.
+"""
 _HEAVIEST = 1e30
 """Weights are below: sums must fit into 32-bit numbers."""
 HEADER = ["head", "relation", "tail"]

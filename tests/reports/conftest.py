@@ -1,7 +1,7 @@
 """A trained model of the kitchen and its report, made once a session."""
 
 import pytest
-from link_reports import link_report
+from report_helpers import link_report
 
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.models.folder import open_model

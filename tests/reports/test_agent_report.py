@@ -7,7 +7,7 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
-from html_page import Page, text_of
+from report_helpers import Page, text_of
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig

@@ -17,9 +17,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from html_page import Page, text_of
-from link_reports import link_report
 from refusals import refuses
+from report_helpers import Page, link_report, text_of
 
 from wordcraft_kg.base.errors import OutputExistsError, SplitError
 from wordcraft_kg.base.records import as_values, schema_of

@@ -92,9 +92,9 @@ def reference(  # noqa: PLR0913 - parameters are the command's options
         play = TaskPlay(part, depth, config.attempts)
         view = view_references(open_graph(graph), play, amounts, external_results or ())
     if out is not None:
-        from wordcraft_kg.reports.reference_page import reference_page
+        from wordcraft_kg.reports.pages import render_page
 
-        write_file(out, reference_page(view), force=force)
+        write_file(out, render_page("reference_page.html.j2", report=view), force=force)
         view = replace(view, out=str(out))
     output.result(view, _text(view))
 

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -103,9 +104,8 @@ def compare(
         )
     if agent:
         refuse_given(links, "link predictors, but agents are compared")
-        _compare_agents(
-            [folder for seeds in folders for folder in seeds], agents, graph, out, force, output
-        )
+        everyone = list(chain.from_iterable(folders))
+        _compare_agents(everyone, agents, graph, out, force, output)
     else:
         refuse_given(agents, "agents, but link predictors are compared")
         _compare_links(list(zip(runs, folders, strict=True)), links, graph, out, force, output)

@@ -103,7 +103,8 @@ def evaluate_agent(
         from wordcraft_kg.evaluation.players import view_baselines
         from wordcraft_kg.graphs.folder import open_graph
 
-        graph, model = open_graph(run), None
+        graph = open_graph(run)
+        model = None
         if scripted.scorer is not None:
             from wordcraft_kg.models.folder import open_model
 

@@ -76,7 +76,8 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     if view.model.has_seen_the_test_recipes:
         memory = f"{ranked} triples of the graph, all seen in training: memory, not prediction"
         return [memory, *aligned(rows), wrote]
-    best, (low, high) = view.comparisons[0], view.comparisons[0].ci
+    best = view.comparisons[0]
+    low, high = best.ci
     lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
     rows.append(("verdict", f"{best.verdict} the best baseline, {best.baseline}: {lead}"))
     if has_few_test_recipes(view):

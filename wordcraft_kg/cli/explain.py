@@ -51,14 +51,14 @@ def explain(
 
     if goal is not None and task is not None:
         raise ConfigError("`goal` and `task` both choose tasks; give one of them.")
-    episodes = whole(
-        "episodes", (3 if task is None else 1) if episodes is None else episodes, 1, MAX_SIZE
-    )
+    if episodes is None:
+        episodes = 3 if task is None else 1
+    episodes = whole("episodes", episodes, 1, MAX_SIZE)
     agent = open_agent(run, graph)
     view = view_explanation(run, agent, part, distractors, goal, episodes, task=task)
-    lines = [
-        line for number, episode in enumerate(view.episodes, 1) for line in _text(number, episode)
-    ]
+    lines: list[str] = []
+    for number, episode in enumerate(view.episodes, 1):
+        lines += _text(number, episode)
     output.result(view, [*_legend(view.episodes[0].steps[0]), "", *lines])
 
 

@@ -186,16 +186,10 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
 
     if not scored:
         return
-    rows = [
-        (
-            f"{one.score:9.4f}",
-            one.known or "",
-            thing,
-            _chance(one),
-            "(in-sample)" * getattr(one, "in_sample", False),
-        )
-        for one, thing in zip(scored, things or map(_thing, scored), strict=True)
-    ]
+    rows = []
+    for one, thing in zip(scored, things or map(_thing, scored), strict=True):
+        note = "(in-sample)" if getattr(one, "in_sample", False) else ""
+        rows.append((f"{one.score:9.4f}", one.known or "", thing, _chance(one), note))
     is_recipe = hasattr(scored[0], "in_sample")
     names = (
         f"{'nats' if is_recipe else 'score':>9}",
@@ -252,9 +246,10 @@ def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
 def _table(columns: Sequence[str], rows: Sequence[Any], delimiter: str) -> str:
     import pandas as pd
 
-    frame: Any = pd.DataFrame(
-        [[getattr(row, column) for column in columns] for row in rows], columns=list(columns)
-    )
+    values = {}
+    for column in columns:
+        values[column] = [getattr(row, column) for row in rows]
+    frame: Any = pd.DataFrame(values)
     if "in_sample" in frame:
         frame["in_sample"] = frame["in_sample"].astype(str).str.lower()
     quoting = csv.QUOTE_NONE if delimiter == "\t" else csv.QUOTE_MINIMAL  # labels hold no tab

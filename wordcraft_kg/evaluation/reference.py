@@ -61,7 +61,8 @@ class PlayedGraph(Record, frozen=True):
     @classmethod
     def of(cls, opened: OpenedGraph) -> "PlayedGraph":
         """Return the identity of an opened graph and its split."""
-        graph, split = opened.graph, opened.split
+        graph = opened.graph
+        split = opened.split
         return cls(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
 
 

@@ -68,6 +68,7 @@ def exchange_cells(plan: Plan, root: Path, store: CellFiles) -> int:
         Number of cells that were taken from the store.
     """
     taken = 0
+    # Opened once for all cells: each agent of a graph plays the same tasks.
     played = PlayedTasks(partial(_opened, plan))
     for task in plan.tasks.values():
         if task.kind == "graphs":
@@ -78,6 +79,7 @@ def exchange_cells(plan: Plan, root: Path, store: CellFiles) -> int:
         figures = read_cell(task, store, played)
         if figures is not None:
             task.folder(root).mkdir(parents=True, exist_ok=True)
+            # Marked, so that the results are never written back as if they were trained here.
             write_figures(task.folder(root), structs.replace(figures, stored=True))
             taken += 1
     return taken

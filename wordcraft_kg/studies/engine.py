@@ -210,6 +210,7 @@ class _Engine:
         # Only runs have inputs that can fail, so no task waits for one that is removed here.
         others = [other for other in self._waiting.values() if task.address in other.needs]
         why = f"{task.title} failed: {outcome.error}"
+        # Named as failed, too: otherwise the study would seem to wait for them.
         for other in others:
             del self._waiting[other.address]
             self._fail(other, Outcome(other.address, "failed", why))
@@ -267,6 +268,7 @@ def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
         try:
             seconds = read_figures(task.folder(root), FIGURES[task.kind]).seconds
         except ArtefactError:
+            # Graphs have no cells, but take no time either.
             if cells is None or task.kind == "graphs" or read_cell(task, cells) is None:
                 left[task.address] = task
             continue

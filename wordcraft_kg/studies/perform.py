@@ -129,6 +129,7 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
         The outcome, with the error of a failed training.
     """
     try:
+        # Another study in the same folder may have finished an equal task.
         if is_done(task, root):
             return Outcome(task.address, "done")
     except ArtefactError:
@@ -248,6 +249,7 @@ def _scorer(task: Task, root: Path) -> bool:
         if _trained(LinksTraining, config, folder).interrupted:
             return False
     else:
+        # Made in a moment, so a cut attempt is not resumed.
         shutil.rmtree(folder, ignore_errors=True)
         _save_plain(folder, graph, command, settings)
     figures = _scorer_figures(folder, time.perf_counter() - began)

@@ -189,6 +189,7 @@ def _comparison(
 def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
     """Return the steps that all curves have, and the success at them, shape (runs, steps)."""
     rows = [dict(run.curve) for run in members]
+    # A mean over fewer runs would jump where one of them ends.
     steps = sorted(set.intersection(*map(set, rows)))
     table = [list(map(row.__getitem__, steps)) for row in rows]
     return steps, np.array(table)
@@ -219,6 +220,7 @@ def _reached(
     if not steps or not goal_steps:
         return None, None
 
+    # Curves are measured against the goal, so that each is asked when it reaches 0.
     def first(curve: NDArray[np.float64]) -> int | None:
         reached = steps_to(zip(steps, curve, strict=True), -_ROUNDING)
         return round(reached) if math.isfinite(reached) else None

@@ -124,6 +124,7 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
         )
     points: dict[bytes, tuple[Values, Runs]] = {}
     for run in results.runs:
+        # Sorted: the order of settings in a file does not make another point.
         key = msgspec.json.encode(run.values, order="sorted")
         _, runs = points.setdefault(key, (run.values, {}))
         runs.setdefault(run.variant, []).append(run)
@@ -170,6 +171,7 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
             "the seed differs. Add that setting to the variants."
         )
     for run in members:
+        # As on a graph that is too small for test tasks.
         if "test" not in run.success or "test" not in run.by_plan or not run.won:
             raise ConfigError(
                 f"{cell}, seed {run.seed}: no test tasks were played, so nothing can be compared."

@@ -82,7 +82,8 @@ class _Server:
         return _json(list(matches.items()))
 
     async def page(self, request: Request) -> Response:
-        name, subject = request.path_params["name"], request.path_params.get("subject", "")
+        name = request.path_params["name"]
+        subject = request.path_params.get("subject", "")
         page = PAGES.get(name)
         if page is None or (subject and not page.subject):
             return self.error(404, f"The page '{name[:60]}' does not exist.")

@@ -39,7 +39,7 @@ NO_SESSION = (
     "After a withdrawal, all answers are removed and the code is no longer valid."
 )
 """Shown for withdrawn sessions, too: their codes are not stored, so the server cannot tell."""
-FAREWELLS = {
+FAREWELLS: dict[str, dict[str, Any]] = {
     "declined": {
         "title": "Thank you",
         "heading": "Thank you for your time",

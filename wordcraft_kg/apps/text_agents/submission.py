@@ -333,14 +333,14 @@ def figures_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False
             mark: _rounded(mean) for mark, mean in mean_known(curves, track.frozen.attempts).items()
         }
         final = [curve[-1] for curve in curves]
-        mean, interval = (
-            float(np.mean(final)),
-            student_interval(final, within=(0, track.opened.graph.num_entities)),
-        )
+        mean = float(np.mean(final))
+        everything = track.opened.graph.num_entities
+        interval = student_interval(final, within=(0, everything))
     else:
         success = np.array([bool(line.success) for line in lines])
         groups = None if by_task else track.world.groups
-        mean, interval = float(success.mean()), task_bootstrap(success[:, None], groups)
+        mean = float(success.mean())
+        interval = task_bootstrap(success[:, None], groups)
         by_plan = _rounded(np.mean([bool(line.by_plan) for line in lines]))
     low, high = interval or (mean, mean)
     return TrackFigures(

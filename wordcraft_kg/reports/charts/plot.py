@@ -39,16 +39,26 @@ _HOVER_POINTS = 60
 """Most points of a curve with a tooltip: more would overlap, and make the page large."""
 _RADIUS = 3.6
 """Radius of a dot in pixels."""
-_CORNERS = (
-    (),
-    ((-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)),
-    ((0, -4.2), (4, 3), (-4, 3)),
-    ((0, -4.6), (4.2, 0), (0, 4.6), (-4.2, 0)),
+_SQUARE = (
+    (-3.2, -3.2),
+    (3.2, -3.2),
+    (3.2, 3.2),
+    (-3.2, 3.2),
 )
-"""Corners of the markers' shapes around the point, in pixels.
-
-The shapes are circle (no corners), square, triangle and diamond.
-"""
+_TRIANGLE = (
+    (0, -4.2),
+    (4, 3),
+    (-4, 3),
+)
+_DIAMOND = (
+    (0, -4.6),
+    (4.2, 0),
+    (0, 4.6),
+    (-4.2, 0),
+)
+"""Corners of markers around the point, in pixels; the areas are about that of a dot."""
+_CORNERS: tuple[tuple[tuple[float, float], ...], ...] = ((), _SQUARE, _TRIANGLE, _DIAMOND)
+"""Shapes of the markers by series; a circle has no corners."""
 
 _Ends = tuple[float | str, float | str]
 """Coordinates of a line in pixels, at its start and its end; a text is already formatted."""
@@ -334,12 +344,15 @@ class Plot:
         ``legend`` names the data series in the order of their colours.
         """
         x = float(self.left)
-        for i, name in enumerate(legend):
+        for number, name in enumerate(legend):
             square = f'x="{x:g}" y="6" width="11" height="11"'
-            self.parts.append(f'<rect {square} class="series-{i}"/>')
+            style = f"series-{number}"
+            self.parts.append(f'<rect {square} class="{style}"/>')
             self.text(x + 16, 16, name)
             # The square with its space, the name, and the space before the next square.
             x += 32 + LETTER * len(name)
         label = for_html(self.description)
-        opening = f'<svg viewBox="0 0 {WIDTH} {self.height}" role="img" aria-label="{label}">'
-        return Markup("".join([opening, *self.parts, "</svg>"]))
+        box = f"0 0 {WIDTH} {self.height}"
+        opening = f'<svg viewBox="{box}" role="img" aria-label="{label}">'
+        everything = [opening, *self.parts, "</svg>"]
+        return Markup("".join(everything))

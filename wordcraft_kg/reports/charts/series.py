@@ -171,8 +171,10 @@ def dots(
             title = f"{name}, {label}: {estimate(value, True)}"
             plot.marker(plot.x(x), plot.y(value[0]), number, title)
         if name in names:
+            # The legend, to the right of the axes: a line of 16 pixels for each drawn series.
             left = WIDTH - room + 14
-            y = plot.top + 6 + 16 * names.index(name)
+            row = names.index(name)
+            y = plot.top + 6 + 16 * row
             plot.marker(left, y, number, name)
             plot.text(left + 9, y + 4, short(name))
     plot.titles(x_title, y_title)
@@ -232,7 +234,8 @@ def scatter(
         is_below = number % 2 == 1
         for label, x, y in points:
             across = estimate(x, False)
-            title = f"{name}, {label}: {estimate(y, True)} at {across}"
+            up = estimate(y, True)
+            title = f"{name}, {label}: {up} at {across}"
             plot.marker(plot.x(x[0]), plot.y(y[0]), number, title)
             _label_point(plot, taken, named, label, x[0], y, below=is_below)
         if points:

@@ -1,10 +1,14 @@
-"""A player for `wordcraft-kg evaluate-text`: a language model behind an address on this machine, without an account.
+"""A player for `wordcraft-kg evaluate-text`.
 
-    wordcraft-kg evaluate-text everyday --tasks 100 --player "python examples/chat_player.py gemma3:1b"
+A language model behind an address on this machine, without an account.
 
-The default address is Ollama's; give another address after the model's name. Any server with OpenAI's API works, such
-as llama.cpp, Ollama and vLLM. Each request sends the whole conversation, and each game begins a new conversation.
-Addresses of this machine and its private network are reached directly, all others by the proxy of the environment.
+    wordcraft-kg evaluate-text everyday --tasks 100 --player "python examples/chat_player.py
+    gemma3:1b"
+
+The default address is Ollama's; give another address after the model's name. Any server with
+OpenAI's API works, such as llama.cpp, Ollama and vLLM. Each request sends the whole conversation,
+and each game begins a new conversation. Addresses of this machine and its private network are
+reached directly, all others by the proxy of the environment.
 """
 
 import json

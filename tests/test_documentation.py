@@ -74,8 +74,10 @@ def world(tmp_path_factory):
         f"train-complex {home}/graphs/mine --dim 4 --epochs 1 --out {home}/models/mine --quiet",
         f"train-agent {home}/graphs/mine --scorer {home}/models/mine --out {home}/runs/guided",
         f"build-graph kitchen --out {home}/graphs/everyday",
-        f"train-complex {home}/graphs/everyday --dim 4 --epochs 1 --out {home}/models/everyday-partial --quiet",
-        f"train-agent {home}/graphs/everyday --scorer {home}/models/everyday-partial --out {home}/runs/partial",
+        f"train-complex {home}/graphs/everyday --dim 4 --epochs 1 --out "
+        f"{home}/models/everyday-partial --quiet",
+        f"train-agent {home}/graphs/everyday --scorer {home}/models/everyday-partial --out "
+        f"{home}/runs/partial",
     )
     for command in commands:
         small = SMALL if command.startswith("train-agent") else ()

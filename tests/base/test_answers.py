@@ -1,4 +1,5 @@
-"""The answer grammar: forms in which language models write a pair, and traps that must not be read."""
+"""The answer grammar: forms in which language models write a pair, and traps that
+must not be read."""
 
 import time
 from itertools import pairwise

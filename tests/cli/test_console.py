@@ -1,4 +1,5 @@
-"""The command line as a whole: how it answers misuse and failure, what it shows meanwhile, completion."""
+"""The command line as a whole: how it answers misuse and failure, what it shows meanwhile,
+completion."""
 
 import errno
 import json
@@ -242,7 +243,8 @@ def test_an_output_that_exists_is_refused_before_torch_is_imported(
 def test_torch_without_memory_is_an_error_in_a_sentence(refused, monkeypatch):
     def fail(*_):
         raise RuntimeError(
-            "[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you tried"
+            "[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you "
+            "tried"
         )
 
     monkeypatch.setattr("wordcraft_kg.graphs.folder.open_graph", fail)
@@ -422,7 +424,8 @@ SHORTER = {
         "discover": "--attempts 20",
     },
 }
-"""What is added to examples that would take minutes; recipe scorers are trained on the smaller book, too."""
+"""What is added to examples that would take minutes; recipe scorers are trained on the smaller
+book, too."""
 IN_ORDER = (
     *(
         "books",

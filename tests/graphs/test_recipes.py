@@ -203,7 +203,8 @@ def test_bad_kinds_are_refused(read, name, text, says):
 UNKNOWN_BASE = {
     "book.csv, line 2": "# a book\n# base: water, fier\n" + TABLE + "water,fire,steam\n",
     "book.tsv, line 1": ("# base: fier\n" + TABLE + "water,fire,steam\n").replace(",", "\t"),
-    "book.json: base[1]": '{"base": ["fire", "fier"], "entities": ["fire", "s"], "recipes": [["fire", "fire", "s"]]}',
+    "book.json: base[1]": '{"base": ["fire", "fier"], "entities": ["fire", "s"], '
+    '"recipes": [["fire", "fire", "s"]]}',
 }
 
 

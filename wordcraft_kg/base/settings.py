@@ -30,7 +30,10 @@ _CONTAINER_LIMITS = (
     "/sys/fs/cgroup/memory.max",
     "/sys/fs/cgroup/memory/memory.limit_in_bytes",
 )
-"""Files with the memory limit of a Linux container, as of Docker: control groups of version 2 and version 1."""
+"""Files with the memory limit of a Linux container, as of Docker.
+
+One for control groups of version 2, one for version 1.
+"""
 
 
 def refuse(
@@ -209,7 +212,7 @@ def _container_limits() -> Iterator[int]:
 
 
 def _address_space() -> int:
-    """Return the bytes of the address space that this process takes, 0 where the system does not say."""
+    """Return the bytes of this process's address space; 0 where the system does not say."""
     try:
         return int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:

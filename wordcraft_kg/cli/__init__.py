@@ -329,13 +329,16 @@ def _close_stdout() -> None:
 
 
 def _check_working_folder() -> None:
-    """Raise ConfigError if the working folder was deleted: libraries then end the process, or fail without a reason."""
+    """Raise ConfigError if the working folder was deleted.
+
+    Libraries then end the process, or fail without a reason.
+    """
     try:
         os.getcwd()
     except FileNotFoundError:
         raise ConfigError(
-            "the working folder does not exist any more; another process has deleted or replaced it. Change to an "
-            "existing folder with cd."
+            "the working folder does not exist any more; another process has deleted or replaced "
+            "it. Change to an existing folder with cd."
         ) from None
 
 

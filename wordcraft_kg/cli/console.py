@@ -83,8 +83,8 @@ class Output:
             raise
         except OSError as error:
             raise StdoutError(
-                f"the result could not be printed on stdout ({error.strerror or error}). Files that the command has "
-                "written remain. Redirect stdout to another place."
+                f"the result could not be printed on stdout ({error.strerror or error}). Files "
+                "that the command has written remain. Redirect stdout to another place."
             ) from None
 
     # Progress goes to stderr, so that a result on stdout can be piped.

@@ -22,7 +22,7 @@ EXAMPLES = (
 )
 
 
-def discover(
+def discover(  # noqa: PLR0913 - parameters are the command's options
     graph: Graph = "everyday",
     *,
     attempts: int = 100,

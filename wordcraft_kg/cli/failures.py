@@ -34,7 +34,10 @@ INTERRUPTED = 130
 # torch has no class of its own for this on the CPU.
 _NO_MEMORY = re.compile("not enough memory|can't allocate memory|out of memory")
 _NO_HOME = "Could not determine home directory"
-"""Python's message, for a user without HOME and without an entry in the list of users, as in containers."""
+"""Python's message for a user without HOME and without an entry in the list of users.
+
+Containers often run as such users.
+"""
 
 
 @dataclass(frozen=True)
@@ -139,8 +142,8 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, OSError) and _is_raised_in(error, "pystow"):
         return Failure(
             kind,
-            f"PyKEEN cannot make its folder, {pykeen_folder()} ({error.strerror or error}). Set PYSTOW_HOME to a "
-            "folder with write permission. Nothing was changed.",
+            f"PyKEEN cannot make its folder, {pykeen_folder()} ({error.strerror or error}). Set "
+            "PYSTOW_HOME to a folder with write permission. Nothing was changed.",
         )
     if isinstance(error, OSError):
         # Outputs are written at once or not at all, so nothing is half changed.
@@ -149,7 +152,8 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, RuntimeError) and str(error).startswith(_NO_HOME):
         return Failure(
             kind,
-            "this user has no home folder. Set HOME to a folder with write permission. Nothing was changed.",
+            "this user has no home folder. Set HOME to a folder with write permission. Nothing was "
+            "changed.",
         )
     # The RuntimeError comes from torch, for tensors.
     of_torch = isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))
@@ -192,10 +196,11 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
             return f"{name.upper()} is missing."
         return f"{error.argument.name} is missing."
     if isinstance(error, UnknownOptionError) and "-" in (error.token.keyword, error.token.value):
-        # A shell reads `score MODEL a + b -> c` as the words `a + b -`, and writes the output to a file `c`.
+        # A shell reads `score MODEL a + b -> c` as the words `a + b -`, and writes the output to a
+        # file `c`.
         return (
-            "unexpected argument '-'. If it is the beginning of ->, a shell has read the > as a redirection to a file: "
-            "write a + b = c, or quote 'a + b -> c'."
+            "unexpected argument '-'. If it is the beginning of ->, a shell has read the > as a "
+            "redirection to a file: write a + b = c, or quote 'a + b -> c'."
         )
     error.verbose = False
     return str(error).partition(" Available commands:")[0]

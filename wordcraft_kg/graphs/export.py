@@ -79,7 +79,8 @@ def export_graph(
     """
     one_of("format", format, tuple(EXPORTERS))
     one_of("part", part, get_args(ExportPart))
-    exporter, graph = EXPORTERS[format], opened.graph
+    exporter = EXPORTERS[format]
+    graph = opened.graph
     if part != "full":
         kept = opened.split.is_in("train") == (part == "partial")
         kinds = None if graph.kinds is None else tuple(compress(graph.kinds, kept))

@@ -202,7 +202,9 @@ class Split:
 
     @cached_property
     def groups(self) -> Ids:
-        """Each recipe's group, shape (num_recipes,): recipes that the split holds out together, such as of a goal.
+        """Each recipe's group, shape (num_recipes,).
+
+        The split holds out the recipes of a group together, such as those of a goal.
 
         Recipes of a group are alike, so intervals resample whole groups, see :attr:`unit`.
         """
@@ -220,7 +222,10 @@ class Split:
 
     @cached_property
     def train_uses(self) -> Ids:
-        """Number of train recipes that use each entity as an ingredient, shape (E,), int64; a self pair counts once."""
+        """Number of train recipes that use each entity as an ingredient, shape (E,), int64.
+
+        A self pair counts once.
+        """
         a, b, _ = self.recipes("train").T
         users = np.concatenate([a, b[b != a]])
         return frozen(np.bincount(users, minlength=self.graph.num_entities))
@@ -475,8 +480,8 @@ def _slots(graph: RecipeGraph) -> Ids:
 def _kinds(graph: RecipeGraph) -> Ids:
     if graph.kinds is None:
         raise SplitError(
-            f"{graph.name} names no kinds of recipes. "
-            "Add a column named kind to the book, or choose another split."
+            f"{graph.name} names no kinds of recipes. Add a column named kind to the book, or "
+            "choose another split."
         )
     return np.unique(graph.kinds, return_inverse=True)[1].astype(np.int64)
 

@@ -150,10 +150,12 @@ class TaskSet:
         return frozen(padded(final, -1))
 
     def groups_in(self, split: Split) -> Ids:
-        """Return each task's resampling group, shape (N,): the split's group of the recipe that makes the goal.
+        """Return each task's resampling group, shape (N,).
 
-        Tasks of a group were held out together and are alike, so an interval resamples whole groups. If several plans
-        end in different recipes, the first plan counts.
+        It is the split's group of the recipe that makes the goal.
+
+        Tasks of a group were held out together and are alike, so an interval resamples whole
+        groups. If several plans end in different recipes, the first plan counts.
         """
         return frozen(split.groups[[plans[0][-1] for plans in self.plans]])
 

@@ -23,7 +23,8 @@ from wordcraft_kg.runs.config_file import CONFIG_FILE
 
 
 class Hub(BaseHTTPRequestHandler):
-    """The client's requests; the server has ``files`` by repository and revision, and ``created`` repositories."""
+    """The client's requests; the server has ``files`` by repository and revision, and ``created``
+    repositories."""
 
     def do_POST(self):
         body, files = self.rfile.read(int(self.headers["Content-Length"])), self.server.files
@@ -159,7 +160,8 @@ def test_failures_name_the_remedy_and_never_the_token(hub, run, parted_folder, m
 
 
 def push_and_change(hub, run, folder, change):
-    """Push a folder, let an attacker change the pushed files by name, and mend the list of hashes."""
+    """Push a folder, let an attacker change the pushed files by name, and mend the
+    list of hashes."""
     kind = "datasets" if (folder / "graph.json").exists() else "models"
     assert run("hub", "push", folder, "me/mine").code == 0
     files = hub.files[kind, "me/mine", "main"]

@@ -161,8 +161,8 @@ def test_auto_is_glove_unless_all_labels_are_built_in():
     )
     said = refused("minilm", [*labels, "water"])
     assert (
-        "1 of 3 entities have no vector. Unknown words: black forest. These are vectors of the built-in"
-        in said
+        "1 of 3 entities have no vector. Unknown words: black forest. These are vectors of the "
+        "built-in" in said
     )
     assert "wordcraft-kg encode" in said
     made_up = open_book("made-up:kitchen").entities

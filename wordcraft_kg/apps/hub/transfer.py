@@ -129,8 +129,8 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
         unread = sorted(set(sums) - set(opened.files))
         if unread:
             raise ArtefactError(
-                f"{SUMS} in '{repository}' lists '{unread[0]}', which does not belong to the folder. Pull from "
-                "another repository, or ask its owner to push the folder again."
+                f"{SUMS} in '{repository}' lists '{unread[0]}', which does not belong to the "
+                "folder. Pull from another repository, or ask its owner to push the folder again."
             )
     return str(commit)
 

@@ -1,13 +1,15 @@
-"""What learning adds in the studies: success of agents minus the success of their scorers alone, on the same tables.
+"""What learning adds in the studies: success of agents minus the success of their scorers alone, on
+the same tables.
 
-    wordcraft-kg train-recipes GRAPH --seed 0 --out scorers/any-name    (each graph of the studies, each seed)
-    python benchmarks/cells_against_scorers.py scorers docs/results/splits-little-alchemy-2.json ...
+    wordcraft-kg train-recipes GRAPH --seed 0 --out scorers/any-name    (each graph of the studies,
+    each seed) python benchmarks/cells_against_scorers.py scorers
+    docs/results/splits-little-alchemy-2.json ...
 
-The scorer of each training, below the folder ``scorers`` by graph, split and seed, plays the tables of the training's
-agent by itself: the pair with the highest recipe score beside agents with w at depth 1, its plans beside agents with p
-at more. Intervals are over seeds and tasks. The rows go to docs/agents-against-scorers.json, where
-docs/make_results.py finds them; a variant that several studies share has one row. Points without their scorers are
-left out, and keep earlier rows.
+The scorer of each training, below the folder ``scorers`` by graph, split and seed, plays the tables
+of the training's agent by itself: the pair with the highest recipe score beside agents with w at
+depth 1, its plans beside agents with p at more. Intervals are over seeds and tasks. The rows go to
+docs/agents-against-scorers.json, where docs/make_results.py finds them; a variant that several
+studies share has one row. Points without their scorers are left out, and keep earlier rows.
 """
 
 import argparse
@@ -49,7 +51,8 @@ def recipe_scorers(folder: Path) -> dict[tuple[str, int | None], Any]:
 
 
 def rates_alone(model: Any, depth: int, distractors: int, distractor_seeds: int) -> np.ndarray:
-    """Return the success of a recipe scorer alone on each test task: by w at depth 1, by its plans at more."""
+    """Return the success of a recipe scorer alone on each test task: by w at depth 1, by its plans
+    at more."""
     player = knowledge_player(make_sources(["p"], model.scorer))
     if depth == 1:
         player = scorer_players(model.opened.graph, model.scorer, model.triples)["w, best pair"]
@@ -137,9 +140,9 @@ def main() -> None:
                 row,
             ]
             print(
-                f"{row['book']} {row['kind']}, depth {depth}, {distractors} distractors, {variant}: agent "
-                f"{row['agent']:.3f}, scorer {row['scorer']:.3f}, difference {value:+.3f} [{low:+.3f}, {high:+.3f}], "
-                f"p {p_value:.2g}, {len(runs)} seeds",
+                f"{row['book']} {row['kind']}, depth {depth}, {distractors} distractors, "
+                f"{variant}: agent {row['agent']:.3f}, scorer {row['scorer']:.3f}, difference "
+                f"{value:+.3f} [{low:+.3f}, {high:+.3f}], p {p_value:.2g}, {len(runs)} seeds",
                 flush=True,
             )
             rows.sort(key=lambda row: [str(row[name]) for name in KEY])

@@ -1,9 +1,11 @@
 """Time a ComplEx epoch: a plain torch loop, our model inside PyKEEN, and PyKEEN's stock loop.
 
-    python benchmarks/complex_speed.py GRAPH            # a graph folder, a recipe book or a known book's name
+    python benchmarks/complex_speed.py GRAPH            # a graph folder, a recipe book or a known
+    book's name
 
-All three minimise the same objective (softmax over all heads and over all tails, N3) with the same sizes on a single
-CPU thread. The first two alternate, so a busy machine slows both equally; quote ratios.
+All three minimise the same objective (softmax over all heads and over all tails, N3) with the same
+sizes on a single CPU thread. The first two alternate, so a busy machine slows both equally; quote
+ratios.
 """
 
 import argparse
@@ -114,11 +116,13 @@ def main() -> None:
             seconds["PyKEEN stock"] = [timed(stock.train, factory, num_epochs=1, **training)]
     medians = {name: float(np.median(values)) for name, values in seconds.items()}
     print(
-        f"{opened.graph.name}: {len(opened.split.partial):,} triples, {config.dim} dims, batch {config.batch_size}"
+        f"{opened.graph.name}: {len(opened.split.partial):,} triples, {config.dim} dims, batch "
+        f"{config.batch_size}"
     )
     for name, value in medians.items():
         print(
-            f"{name:<13} {value:8.3f} s an epoch   {value / medians['plain torch']:7.2f} x plain torch"
+            f"{name:<13} {value:8.3f} s an epoch   {value / medians['plain torch']:7.2f} x plain "
+            "torch"
         )
     if "PyKEEN stock" in medians:
         print(

@@ -1,13 +1,16 @@
-"""Evaluate predictions from words alone: for entities without recipes, and for goals that no train recipe makes.
+"""Evaluate predictions from words alone: for entities without recipes, and for goals that no train
+recipe makes.
 
-    python benchmarks/inductive.py removed everyday little-alchemy-2   # entities taken out of the graph
-    python benchmarks/inductive.py splits everyday little-alchemy-2    # with words, without words, with shuffled words
+    python benchmarks/inductive.py removed everyday little-alchemy-2   # entities taken out of the
+    graph python benchmarks/inductive.py splits everyday little-alchemy-2    # with words, without
+    words, with shuffled words
 
-`removed` samples 30 entities with at least three recipes, fits a recipe scorer's link rankers on the remaining recipes
-(without entities that only occur with removed entities), and then scores the removed entities' links by words. Two
-filtered queries per link: rank all entities given the removed entity ("of it"), and rank the removed entities given the
-known entity ("it"). Columns: link rankers, kernel alone, rankers with words permuted among removed entities, frequency
-in the remaining recipes, and chance.
+`removed` samples 30 entities with at least three recipes, fits a recipe scorer's link rankers on
+the remaining recipes (without entities that only occur with removed entities), and then scores the
+removed entities' links by words. Two filtered queries per link: rank all entities given the removed
+entity ("of it"), and rank the removed entities given the known entity ("it"). Columns: link
+rankers, kernel alone, rankers with words permuted among removed entities, frequency in the
+remaining recipes, and chance.
 
 `splits` fits the rankers on train recipes and ranks unseen validation triples.
 """
@@ -65,11 +68,12 @@ def fit_links(folds: Folds, text: torch.Tensor) -> LinkRankers:
     )[1]
 
 
-# --- entities taken out ----------------------------------------------------------------------------------------------
+# --- entities taken out ---------------------------------------------------------------------------
 
 
 def without(graph: RecipeGraph, amount: int, seed: int) -> tuple[RecipeGraph, NDArray[np.bool_]]:
-    """Return the graph without some entities, and the remaining recipes' indices in the whole graph."""
+    """Return the graph without some entities, and the remaining recipes' indices in the whole
+    graph."""
     recipes = graph.recipes
     uses = np.bincount(
         np.concatenate([np.unique(row) for row in recipes]), minlength=graph.num_entities
@@ -81,7 +85,8 @@ def without(graph: RecipeGraph, amount: int, seed: int) -> tuple[RecipeGraph, ND
 
 
 def scored_by_words(graph: RecipeGraph, rest: RecipeGraph, seed: int) -> list[TripleScorer]:
-    """Return whole-graph scorers trained on the remaining recipes: rankers, kernel, rankers with permuted words."""
+    """Return whole-graph scorers trained on the remaining recipes: rankers, kernel, rankers with
+    permuted words."""
     new = [label for label in graph.entities if label not in rest]
     order = np.array([graph.id_of(label) for label in (*rest.entities, *new)])
     known = order[: rest.num_entities]
@@ -165,7 +170,7 @@ def test_removed(graph: RecipeGraph, amount: int, seeds: Sequence[int]) -> None:
             )
 
 
-# --- splits ----------------------------------------------------------------------------------------------------------
+# --- splits ---------------------------------------------------------------------------------------
 
 
 def test_splits(graph: RecipeGraph, kinds: Sequence[str], seeds: Sequence[int]) -> None:

@@ -1,19 +1,22 @@
 """Measure ComplEx on unseen links, and the evidence for the default settings.
 
-    python benchmarks/link_quality.py settings little-alchemy-2     # sweep, on validation parts of separate splits
-    python benchmarks/link_quality.py neighbours little-alchemy-2   # the same for the neighbour baseline
-    python benchmarks/link_quality.py votes little-alchemy-2        # and for the vote count
-    python benchmarks/link_quality.py test little-alchemy-2         # the defaults on the test parts of splits 0, 1, 2
-    python benchmarks/link_quality.py untrained little-alchemy-2 --json docs/link-quality.json
+    python benchmarks/link_quality.py settings little-alchemy-2     # sweep, on validation parts of
+    separate splits python benchmarks/link_quality.py neighbours little-alchemy-2   # the same for
+    the neighbour baseline python benchmarks/link_quality.py votes little-alchemy-2        # and for
+    the vote count python benchmarks/link_quality.py test little-alchemy-2         # the defaults on
+    the test parts of splits 0, 1, 2 python benchmarks/link_quality.py untrained little-alchemy-2
+    --json docs/link-quality.json
 
-The test columns are filtered MRRs on unseen triples: ComplEx; ComplEx and the neighbour rule without near-synonyms;
-the recipe kernel; votes; frequency; and the train triples as a fact graph, which contains no unseen triple.
+The test columns are filtered MRRs on unseen triples: ComplEx; ComplEx and the neighbour rule
+without near-synonyms; the recipe kernel; votes; frequency; and the train triples as a fact graph,
+which contains no unseen triple.
 
-``untrained`` ranks the same queries by the scorers without training alone, and plays the test tasks by votes, by all
-triples as facts, and by the links of a recipe scorer. Each split's figures go to --json; other books' rows stay there.
+``untrained`` ranks the same queries by the scorers without training alone, and plays the test tasks
+by votes, by all triples as facts, and by the links of a recipe scorer. Each split's figures go to
+--json; other books' rows stay there.
 
-The sweep never ranks test triples (which are only filtered from the candidates), and uses splits 10, 11 and 12, while
-the test uses splits 0, 1 and 2.
+The sweep never ranks test triples (which are only filtered from the candidates), and uses splits
+10, 11 and 12, while the test uses splits 0, 1 and 2.
 """
 
 import argparse
@@ -89,7 +92,8 @@ def sweep_neighbours(graph: RecipeGraph) -> None:
                 ranking_metrics(rank_triples(scorer, split.held_out("valid"), graph.triples)).mrr
             )
         print(
-            f"a neighbour of n entities weighs n ** -{power}: validation MRR {np.mean(found):.4f}, mean of 3 splits"
+            f"a neighbour of n entities weighs n ** -{power}: validation MRR {np.mean(found):.4f}, "
+            "mean of 3 splits"
         )
 
 
@@ -105,7 +109,8 @@ def sweep_votes(graph: RecipeGraph) -> None:
             found.append([ranking_metrics(links).mrr, np.mean(1 / results)])
         of_links, of_results = np.mean(found, axis=0)
         print(
-            f"unseen {unseen}: validation MRR {of_links:.4f}, of the results of pairs {of_results:.4f}, 3 splits"
+            f"unseen {unseen}: validation MRR {of_links:.4f}, of the results of pairs "
+            f"{of_results:.4f}, 3 splits"
         )
 
 
@@ -156,15 +161,18 @@ def test(graph: RecipeGraph, folder: Path) -> None:
     split = make_split(graph, SplitConfig())
     full = train(split, ComplExConfig(kg="full"), folder)
     print(
-        f"full graph, on its own triples: MRR {full.metrics.train_mrr:.4f}  {full.metrics.seconds:.1f} s"
+        f"full graph, on its own triples: MRR {full.metrics.train_mrr:.4f}  "
+        f"{full.metrics.seconds:.1f} s"
     )
 
 
 def untrained(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
-    """Yield the figures of scorers without training, and of players by simple rules, on splits 0, 1 and 2.
+    """Yield the figures of scorers without training, and of players by simple rules, on splits 0, 1
+    and 2.
 
-    Each row has a name, a split seed, and either the filtered MRR on unseen triples (``no_near_synonym``: without
-    triples of recipes that repeat a train recipe with a near-synonym) or success with 8 and 1 distractors.
+    Each row has a name, a split seed, and either the filtered MRR on unseen triples
+    (``no_near_synonym``: without triples of recipes that repeat a train recipe with a near-synonym)
+    or success with 8 and 1 distractors.
     """
     features = glove_features(graph.entities)
     for seed in (0, 1, 2):

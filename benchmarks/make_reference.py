@@ -1,25 +1,28 @@
 """Measure the reference pack, and write its files.
 
     python benchmarks/make_reference.py everyday --studies docs/results/knowledge-everyday.json
-    python benchmarks/make_reference.py little-alchemy-2 --studies docs/results/embeddings-little-alchemy-2.json ...
-    python benchmarks/make_reference.py everyday --check
+    python benchmarks/make_reference.py little-alchemy-2 --studies
+    docs/results/embeddings-little-alchemy-2.json ... python benchmarks/make_reference.py everyday
+    --check
 
-Scripted players are always measured: on test tasks with depth 1 and 1, 2 and 8 distractors, with depth 2 and 1 and 8
-distractors, and in open-ended mode. Agents come from study results (``--studies``: each variant with the number of
-distractors in training), which replace the file's agents; ``--scorers`` are models that play without an agent. The
-file's rows of other scorers stay unchanged. ``--check`` writes nothing; the exit code is 1 if a scripted player's
-figures differ from the file.
+Scripted players are always measured: on test tasks with depth 1 and 1, 2 and 8 distractors, with
+depth 2 and 1 and 8 distractors, and in open-ended mode. Agents come from study results
+(``--studies``: each variant with the number of distractors in training), which replace the file's
+agents; ``--scorers`` are models that play without an agent. The file's rows of other scorers stay
+unchanged. ``--check`` writes nothing; the exit code is 1 if a scripted player's figures differ from
+the file.
 
 The scorers for ``everyday``, without an agent:
 
-    wordcraft-kg train-recipes everyday --out models/everyday-recipes
-    python benchmarks/make_reference.py everyday --scorers "recipe scorer alone=models/everyday-recipes"
+    wordcraft-kg train-recipes everyday --out models/everyday-recipes python
+    benchmarks/make_reference.py everyday --scorers "recipe scorer alone=models/everyday-recipes"
 
 The tables of SmolLM2-135M-Instruct alone, without recipes (docs/outside-knowledge.md):
 
-    wordcraft-kg elicit everyday --model MODEL --out knowledge/lm
-    wordcraft-kg train-recipes everyday --kg none --with knowledge/lm --out models/everyday-language-model
-    python benchmarks/make_reference.py everyday --scorers "SmolLM2-135M alone=models/everyday-language-model"
+    wordcraft-kg elicit everyday --model MODEL --out knowledge/lm wordcraft-kg train-recipes
+    everyday --kg none --with knowledge/lm --out models/everyday-language-model python
+    benchmarks/make_reference.py everyday --scorers "SmolLM2-135M
+    alone=models/everyday-language-model"
 """
 
 import argparse
@@ -125,7 +128,8 @@ def alone(opened: OpenedGraph, named: Sequence[str]) -> Iterator[ReferenceRow]:
 
 
 def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow]:
-    """Yield rows for study variants that played depth 1 on this graph and split; equal runs once."""
+    """Yield rows for study variants that played depth 1 on this graph and split;
+    equal runs once."""
     seen: set[str] = set()
     for path in paths:
         results = read_record(path, StudyResults)

@@ -1,18 +1,20 @@
-"""Which knowledge helps? Recipe scorers with sources of outside knowledge, alone at the evaluation's own tables.
+"""Which knowledge helps? Recipe scorers with sources of outside knowledge, alone at the
+evaluation's own tables.
 
-    wordcraft-kg encode little-alchemy-2 everyday --encoder ENCODER --out vectors/both
-    wordcraft-kg elicit little-alchemy-2 --model MODEL --out knowledge/lm          (and the other folders)
-    python benchmarks/outside_knowledge.py little-alchemy-2 --words vectors/both \\
+    wordcraft-kg encode little-alchemy-2 everyday --encoder ENCODER --out vectors/both wordcraft-kg
+    elicit little-alchemy-2 --model MODEL --out knowledge/lm          (and the other folders) python
+    benchmarks/outside_knowledge.py little-alchemy-2 --words vectors/both \\
         --source "language model=knowledge/lm" --source WordNet=knowledge/wn --source book=everyday
 
-For each split kind and split seed: recipes alone (``one-hot``), recipes and GloVe, recipes and ``--words``, the latter
-with each source, and with all sources (``--only`` chooses rows). A source is NAME=SPEC, or NAME=SPEC,SPEC, with
-``{split}`` and ``{seed}`` for folders that belong to one split. Fits on all
-train recipes of the split; ``--part valid`` plays validation tasks instead of test tasks. Success on all depth-1 tasks:
-the pair with the highest score, five distractor seeds; *few* counts tasks with an ingredient or goal in at most two
-train recipes. ``--made-by BOOK`` adds to every row the success on goals that this other book makes (*made*) and on
-goals that it does not make (*other*), and the share of tasks with the former (*share made*). Finished cells in --out
-are kept.
+For each split kind and split seed: recipes alone (``one-hot``), recipes and GloVe, recipes and
+``--words``, the latter with each source, and with all sources (``--only`` chooses rows). A source
+is NAME=SPEC, or NAME=SPEC,SPEC, with ``{split}`` and ``{seed}`` for folders that belong to one
+split. Fits on all train recipes of the split; ``--part valid`` plays validation tasks instead of
+test tasks. Success on all depth-1 tasks: the pair with the highest score, five distractor seeds;
+*few* counts tasks with an ingredient or goal in at most two train recipes. ``--made-by BOOK`` adds
+to every row the success on goals that this other book makes (*made*) and on goals that it does not
+make (*other*), and the share of tasks with the former (*share made*). Finished cells in --out are
+kept.
 """
 
 import argparse
@@ -62,7 +64,8 @@ ZERO_SHOT = "zero-shot"
 def fitted(
     opened: OpenedGraph, name: str, words: str, specs: Sequence[str]
 ) -> tuple[RecipeKnowledge, LinkRankers]:
-    """Fit a scorer on the train recipes; a row that starts with "zero-shot" learns from other books only."""
+    """Fit a scorer on the train recipes; a row that starts with "zero-shot" learns from other books
+    only."""
     if not name.startswith(ZERO_SHOT):
         outside = open_outside(specs, opened, words)
         return fit_recipe_scorer(
@@ -93,8 +96,8 @@ def played(
         made: labels of goals that the other book makes; None for no figures by goal.
 
     Returns:
-        Success by group of tasks: all (the empty name), ``few``, and with ``made`` also ``made`` and ``other``; NaN for
-        a group without tasks.
+        Success by group of tasks: all (the empty name), ``few``, and with ``made`` also ``made``
+        and ``other``; NaN for a group without tasks.
     """
     world = World(opened, WordCraftConfig(part=part, num_distractors=distractors))  # type: ignore[arg-type]
     size, tasks = opened.graph.num_entities, np.arange(len(world.tasks))
@@ -166,7 +169,8 @@ def scorer_figures(
 def agent_figures(
     opened: OpenedGraph, part: str, words: str, specs: Sequence[str], steps: int, home: Path
 ) -> dict[str, Any]:
-    """Return the success of an agent, trained where missing, and of its scorer alone on the same tables."""
+    """Return the success of an agent, trained where missing, and of its scorer alone on the same
+    tables."""
     graph, model, run = (str(home / name) for name in ("graph", "model", "run"))
     if not Path(graph).exists():
         write_graph_folder(Path(graph), open_book(opened.source), opened.split)
@@ -237,7 +241,8 @@ def rows_of(options: argparse.Namespace) -> Iterator[tuple[str, str, list[str]]]
 
 
 def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield a line for each row: means over splits with their interval, and each split's success."""
+    """Yield a line for each row: means over splits with their interval, and each
+    split's success."""
     names = dict.fromkeys(row["row"] for row in rows)
     for name in names:
         same = [row for row in rows if row["row"] == name]
@@ -254,7 +259,8 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def error_of(row: dict[str, Any], figure: str) -> float:
-    """Return the standard error of a figure within its split: of a gain from its interval, of success as of a rate.
+    """Return the standard error of a figure within its split: of a gain from its interval, of
+    success as of a rate.
 
     MRR has none here, so that only the variation between splits counts.
     """

@@ -1,13 +1,15 @@
-"""Does a partial graph help an agent? Scorer x use x distractors x split x book, with leak-free MRR and success.
+"""Does a partial graph help an agent? Scorer x use x distractors x split x book, with leak-free MRR
+and success.
 
-    python benchmarks/partial_graph.py everyday little-alchemy-2
-    python benchmarks/partial_graph.py everyday --splits by-goal --distractors 1 --only "no graph;recipes, u v w"
+    python benchmarks/partial_graph.py everyday little-alchemy-2 python benchmarks/partial_graph.py
+    everyday --splits by-goal --distractors 1 --only "no graph;recipes, u v w"
 
-For each split, ComplEx, a recipe scorer and scorers without learning use the partial graph; all are cross-fitted with
-five folds, and "ComplEx, in-sample" is the same ComplEx model with in-sample scores, as in the paper. Success is the
-greedy agent's success on test tasks (five distractor seeds); intervals are over trainings, which differ in
-split and seed, and differences to no graph pair runs with the same split and seed. Existing results in --out are kept,
-so a long run can be interrupted.
+For each split, ComplEx, a recipe scorer and scorers without learning use the partial graph; all are
+cross-fitted with five folds, and "ComplEx, in-sample" is the same ComplEx model with in-sample
+scores, as in the paper. Success is the greedy agent's success on test tasks (five distractor
+seeds); intervals are over trainings, which differ in split and seed, and differences to no graph
+pair runs with the same split and seed. Existing results in --out are kept, so a long run can be
+interrupted.
 """
 
 import argparse
@@ -253,7 +255,10 @@ def rows_of(
 def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Yield a figure table for a book and a split kind."""
     first = rows[0]
-    yield f"\n{first['book']}, {first['split']}: {first['steps']:,} steps, {first['trainings']} trainings of each"
+    yield (
+        f"\n{first['book']}, {first['split']}: {first['steps']:,} steps, {first['trainings']} "
+        "trainings of each"
+    )
     amounts = list(dict.fromkeys(row["distractors"] for row in rows))
     yield "".join(
         [

@@ -1,12 +1,14 @@
-"""Goals that need several attempts: success of the planner and of other players, by depth and unseen recipes.
+"""Goals that need several attempts: success of the planner and of other players, by depth and
+unseen recipes.
 
-    wordcraft-kg build-graph little-alchemy-2 --out graphs/la2
-    wordcraft-kg train-recipes graphs/la2 --out models/la2
-    python benchmarks/planning.py graphs/la2 models/la2 --depths 1,2,3,4 --distractors 0,4,8 --json figures.json
+    wordcraft-kg build-graph little-alchemy-2 --out graphs/la2 wordcraft-kg train-recipes graphs/la2
+    --out models/la2 python benchmarks/planning.py graphs/la2 models/la2 --depths 1,2,3,4
+    --distractors 0,4,8 --json figures.json
 
-Plays an evenly spaced sample of test tasks on the evaluation's tables, with as many attempts as the depth. *unseen*
-counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a trained agent, ``--widths`` planners with
-other numbers of candidates, with milliseconds per decision. ``--time`` times decisions, alone and in a batch of 256.
+Plays an evenly spaced sample of test tasks on the evaluation's tables, with as many attempts as the
+depth. *unseen* counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a
+trained agent, ``--widths`` planners with other numbers of candidates, with milliseconds per
+decision. ``--time`` times decisions, alone and in a batch of 256.
 """
 
 import argparse
@@ -59,7 +61,8 @@ def players(opened: OpenedGraph, options: argparse.Namespace) -> Iterator[tuple[
 
 
 def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
-    """Return a player's success on a sample of the tasks, by the fewest unseen recipes in a plan."""
+    """Return a player's success on a sample of the tasks, by the fewest unseen
+    recipes in a plan."""
     evaluator = Evaluator(world, distractor_seeds=1, limit=tasks)
     began = time.process_time()
     result = evaluator(player)
@@ -133,7 +136,8 @@ def main() -> None:
                     (source,) = make_sources(["p"], load_scorer(options.model))
                     alone, many = (milliseconds(world, source, batch) for batch in (1, 256))
                     print(
-                        f"first decision at depth {depth}: {alone:.2f} ms alone, {many:.3f} ms in a batch of 256"
+                        f"first decision at depth {depth}: {alone:.2f} ms alone, {many:.3f} ms in "
+                        "a batch of 256"
                     )
                     continue
                 for name, player in players(opened, options):
@@ -159,8 +163,9 @@ def main() -> None:
                         for key, (share, n) in figures["unseen"].items()
                     )
                     print(
-                        f"depth {depth}, {distractors} distractors, {name}: {figures['success']:.3f} "
-                        f"(own plan {figures['by_plan']:.3f}), {figures['ms']:.2f} ms; unseen {unseen}",
+                        f"depth {depth}, {distractors} distractors, {name}: "
+                        f"{figures['success']:.3f} (own plan {figures['by_plan']:.3f}), "
+                        f"{figures['ms']:.2f} ms; unseen {unseen}",
                         flush=True,
                     )
                     if options.json:

@@ -1,11 +1,13 @@
 """Run the notebooks and store their outputs; a hook for the website renders the stored outputs.
 
-    python docs/make_notebooks.py [NAME ...]           run all notebooks, or the named ones (`make notebooks`)
-    python docs/make_notebooks.py --text               write changed texts into the stored notebooks; run nothing
-    python docs/make_notebooks.py --check              exit with 1 if a stored notebook differs from its source
+    python docs/make_notebooks.py [NAME ...]           run all notebooks, or the named ones (`make
+    notebooks`) python docs/make_notebooks.py --text               write changed texts into the
+    stored notebooks; run nothing python docs/make_notebooks.py --check              exit with 1 if
+    a stored notebook differs from its source
 
-A source is a Python file in docs/notebooks/: ``# %%`` begins a code cell, ``# %% [markdown]`` a text cell in comments.
-The notebook with all outputs is stored next to the source, with the code's SHA-256.
+A source is a Python file in docs/notebooks/: ``# %%`` begins a code cell, ``# %% [markdown]`` a
+text cell in comments. The notebook with all outputs is stored next to the source, with the code's
+SHA-256.
 """
 
 import argparse
@@ -92,7 +94,9 @@ def read_stored(source: Path) -> Any:
 
 
 def run(source: Path) -> Any:
-    """Return a source's notebook, executed in a new folder with links to the repository's folders."""
+    """Return a source's notebook, executed in a new folder with links to the
+    repository's folders.
+    """
     from nbclient import NotebookClient
 
     executed = read_source(source)
@@ -159,7 +163,8 @@ def main() -> None:
             continue
         if given.check and text != path.read_text(encoding="utf-8"):
             stale.append(
-                f"{path.name} has other texts than {source.name}. Run: python docs/make_notebooks.py --text"
+                f"{path.name} has other texts than {source.name}. Run: python "
+                "docs/make_notebooks.py --text"
             )
         elif not given.check:
             write_atomically(path, text)

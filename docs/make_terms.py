@@ -1,4 +1,6 @@
-"""Write docs/terms.md from the glossary of the reports and further terms; ``--check`` only compares."""
+"""Write docs/terms.md from the glossary of the reports and further terms; ``--check`` only
+compares.
+"""
 
 # ruff: noqa: E501 (a definition a line)
 

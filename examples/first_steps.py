@@ -1,4 +1,6 @@
-"""From a recipe book to a guided agent, in Python; `make lint` checks that a type checker sees real types here.
+"""From a recipe book to a guided agent, in Python.
+
+`make lint` checks that a type checker sees real types here.
 
 Run it in an empty folder: it writes models/kitchen and runs/kitchen, in about ten seconds.
 """
@@ -25,7 +27,7 @@ from wordcraft_kg.models.scorers.scorer import Scorer
 
 
 def main() -> None:
-    """Train a scorer and an agent with the scorer's knowledge; evaluate the agent on the test tasks."""
+    """Train a scorer, and an agent with its knowledge; evaluate the agent on the test tasks."""
     opened = open_graph("kitchen")
     assert_type(opened, OpenedGraph)
     print(

@@ -1,6 +1,7 @@
 """A tracker of one's own: the figures of two trainings in one CSV file while they run.
 
-Run it in an empty folder: it writes figures.csv, models/tracked and runs/tracked, in about ten seconds.
+Run it in an empty folder: it writes figures.csv, models/tracked and runs/tracked, in about ten
+seconds.
 """
 
 import csv

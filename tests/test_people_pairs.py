@@ -1,4 +1,5 @@
-"""The script that compares people's judgements of single pairs; the published file may be missing."""
+"""The script that compares people's judgements of single pairs; the published file
+may be missing."""
 
 import json
 import runpy

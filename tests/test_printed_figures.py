@@ -107,7 +107,8 @@ COLUMNS = {
 
 
 def means_of(book, split):
-    """Return the mean over splits of each row and figure of outside-knowledge.json; None where a split lacks it."""
+    """Return the mean over splits of each row and figure of outside-knowledge.json; None where a
+    split lacks it."""
     rows = {}
     for row in stored("outside-knowledge.json"):
         if (row["book"], row["split"]) == (book, split):

@@ -93,7 +93,10 @@ def test_the_reference_has_every_public_name():
     assert sorted(re.findall(r"\]\[(.+?)\]", (docs / "reference.md").read_text())) == sorted(shown)
 
 
-VECTOR = "gym.make_vec('WordCraft-v0', num_envs=2, vectorization_mode='vector_entry_point', graph='kitchen').reset()"
+VECTOR = (
+    "gym.make_vec('WordCraft-v0', num_envs=2, vectorization_mode='vector_entry_point', "
+    "graph='kitchen').reset()"
+)
 LIGHT = {
     "import sys, wordcraft_kg": {"torch", "pykeen", "gymnasium", "pandas"},
     "import wordcraft_kg.models": {"torch", "pykeen"},

@@ -29,7 +29,8 @@ def script():
 
 
 def results_of(won, *, study=None, mrr=None, **changed):
-    """Return results of 100 tasks; ``won`` has, for each variant and seed, the share of five draws that won, as 0-5."""
+    """Return results of 100 tasks; ``won`` has, for each variant and seed, the share of five draws
+    that won, as 0-5."""
     points = won if isinstance(won, list) else [({"distractors": 8}, won)]
     cells = [
         {name: [str(digit) * 100 for digit in digits] for name, digits in won.items()}
@@ -175,8 +176,8 @@ def test_a_study_of_train_samples_shows_mrr_success_and_their_correlation(script
     assert "| none |  | .200 |  |" in text
     assert "| train_fraction 0.5 | .250 | .400 [.309, .498] | 1,000 |" in text
     assert (
-        "Correlation over these scorers, with the 95 % interval over them: of MRR and success, Pearson +1.00"
-        in text
+        "Correlation over these scorers, with the 95 % interval over them: of MRR and success, "
+        "Pearson +1.00" in text
     )
 
 

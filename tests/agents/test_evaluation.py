@@ -42,7 +42,8 @@ def policy_for(opened, num_slots, scorer=None, **settings):
 
 
 def scripted(state, rng):
-    """Picks that depend on the state alone and lead to every ending: plans, other ways, loops, chance, empty slots."""
+    """Picks that depend on the state alone and lead to every ending: plans, other ways, loops,
+    chance, empty slots."""
     number = 7 * state.goal + 5 * state.selection + 3 * state.attempts_left + state.table[:, 0]
     slots, again = (
         number % state.engine.num_slots,
@@ -55,7 +56,8 @@ def scripted(state, rng):
 
 
 def other_ways(state):
-    """The next pick of a pair on the table that makes the goal and ends no plan; -1 where there is none."""
+    """The next pick of a pair on the table that makes the goal and ends no plan; -1 where there is
+    none."""
     actions, graph = np.full(state.num_envs, -1), state.world.graph
     facts = list(zip(graph.recipes.tolist(), graph.pair_of_recipe.tolist(), strict=True))
     for row, (goal, selection, table) in enumerate(
@@ -76,7 +78,8 @@ def assert_equal(one, other):
 @pytest.mark.parametrize("part", ["train", "test"])
 @pytest.mark.parametrize(("depth", "attempts"), [(1, None), (1, 3), (2, None), (2, 3)])
 def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part, depth, attempts):
-    """In the released code the rate can exceed 1; here a task counts once a draw, however long its episodes."""
+    """In the released code the rate can exceed 1; here a task counts once a draw, however long its
+    episodes."""
     config = WordCraftConfig(part=part, depth=depth, num_distractors=4, max_attempts=attempts)
     evaluator = Evaluator(World(opened, config), distractor_seeds=3, limit=100)
     result = evaluator(recipe_oracle)
@@ -89,7 +92,8 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
 
 
 def play_singly(opened, config, player, distractor_seeds, tasks):
-    """Play each task and draw alone in the readable environment, on the tables of a batch of the same seed."""
+    """Play each task and draw alone in the readable environment, on the tables of a batch of the
+    same seed."""
     engine = BatchEngine(World(opened, config), len(tasks))
     settings = {
         name: getattr(config, name)
@@ -129,7 +133,8 @@ def play_singly(opened, config, player, distractor_seeds, tasks):
 
 
 def termination(env, info, pair, recipes):
-    """Say in words how an episode ended, from its last pair; one pick of it may have been an empty slot."""
+    """Say in words how an episode ended, from its last pair; one pick of it may have been an empty
+    slot."""
     if info["outcome"] == "goal":
         return "goal"
     names = env.world.graph.entities
@@ -257,7 +262,8 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
 def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_disturb_it(
     opened, monkeypatch
 ):
-    """In the released code weights change during a test; here a point of a curve is one checkpoint's."""
+    """In the released code weights change during a test; here a point of a curve is one
+    checkpoint's."""
     config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
     ends = []
     for evaluates in (False, True):

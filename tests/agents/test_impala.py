@@ -1,4 +1,5 @@
-"""The trainer against updates and V-trace written out state by state, and what a training must keep to."""
+"""The trainer against updates and V-trace written out state by state, and what a training must keep
+to."""
 
 import copy
 import csv
@@ -94,9 +95,11 @@ def assert_same_state(one, other):
 
 
 class SlowImpala:
-    """The same training with loops: an environment, a step, a state and a parameter at a time, in double precision.
+    """The same training with loops: an environment, a step, a state and a parameter at a time, in
+    double precision.
 
-    Only the actions are taken from the trainer under test; environments, values, behaviour and optimiser are its own.
+    Only the actions are taken from the trainer under test; environments, values, behaviour and
+    optimiser are its own.
     """
 
     def __init__(self, impala):
@@ -135,7 +138,8 @@ class SlowImpala:
         )
 
     def play(self, actions):
-        """Return the states of each step and after the last, rewards, which episodes ended, and which made the goal."""
+        """Return the states of each step and after the last, rewards, which episodes ended, and
+        which made the goal."""
         states, rewards, over, won = [self.states()], [], [], []
         for row in actions.numpy():
             self.envs, step = self.envs.engine.step(self.envs, row)
@@ -146,7 +150,8 @@ class SlowImpala:
         return states, np.array(rewards), np.array(over), np.array(won)
 
     def update(self, actions):
-        """Learn from the steps that these actions make; return what should be logged, and the clipped gradient."""
+        """Learn from the steps that these actions make; return what should be logged, and the
+        clipped gradient."""
         config = self.config
         self.actors = [*self.actors, copy.deepcopy(self.policy)][-1 - config.policy_lag :]
         states, rewards, over, won = self.play(actions)
@@ -276,7 +281,8 @@ def test_updates_are_those_of_the_formulas_written_out(
             expected = torch.cat(rows)[:, i].mean().item()
             assert figures[f"lambda_{source}_{pick}"] == pytest.approx(expected, rel=1e-3)
 
-    # What these cases are for: episodes that are cut and need the value after them, and such that are not.
+    # What these cases are for: episodes that are cut and need the value after them, and such that
+    # are not.
     ended = over[:, -1].all(axis=1)
     assert ended.all() if (depth, unroll) == (1, 2) else not ended.all()
     assert any(abs(row["rewards"]) > 0.05 for row in logged)
@@ -326,7 +332,8 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
 
 
 def test_the_environments_of_a_batch_see_different_tasks(opened, trainer):
-    """In the released code all actors see the same tasks; here n environments draw n streams, by one seed."""
+    """In the released code all actors see the same tasks; here n environments draw n streams, by
+    one seed."""
 
     def streams(env_seed):
         impala = trainer(batch_size=16, env_seed=env_seed)
@@ -365,8 +372,9 @@ def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll,
         other.update()
         assert torch.equal(one._unroll.actions, other._unroll.actions)
         torch.testing.assert_close(one._unroll.rewards, other._unroll.rewards)
-        # Rows are summed in batches of another size, so that last bits differ, by processor, and a unit near 0 may
-        # be on in the one and off in the other: a single parameter says little, all of them together much.
+        # Rows are summed in batches of another size, so that last bits differ, by processor, and a
+        # unit near 0 may be on in the one and off in the other: a single parameter says little, all
+        # of them together much.
         assert (flat(one) - flat(other)).norm() < 1e-3 * (flat(one) - begun).norm()
     assert one.take_figures() == pytest.approx(other.take_figures(), rel=1e-3, abs=1e-3)
 
@@ -560,7 +568,8 @@ CLIPS, LIMITS = ("clip_rho", "clip_c", "clip_pg_rho"), (0.0, 0.4, 1.0, 2.5, math
 def slow_v_trace(
     log_rhos, discounts, rewards, values, bootstrap_value, clip_rho=1.0, clip_c=1.0, clip_pg_rho=1.0
 ):
-    """Espeholt et al. 2018, equation 1 as it stands: for each start a sum over later steps, with products of c."""
+    """Espeholt et al. 2018, equation 1 as it stands: for each start a sum over later steps, with
+    products of c."""
     steps, batch = rewards.shape
     vs, advantages = np.zeros((steps, batch)), np.zeros((steps, batch))
     for b in range(batch):
@@ -645,7 +654,8 @@ def test_its_learning_curve_is_that_of_the_trainer(tmp_path):
         == [2_560, 5_120, 7_680]
     )
     for row, other in zip(found, expected, strict=True):
-        # Counts of the same episodes; losses differ by rounding, because the trainer folds keys into the query.
+        # Counts of the same episodes; losses differ by rounding, because the trainer folds keys
+        # into the query.
         assert float(row["success"]) == other["success"]
         assert float(row["test_success"]) == pytest.approx(other["test_success"], abs=1e-12)
         assert float(row["loss"]) == pytest.approx(other["loss"], abs=1e-3)

@@ -118,7 +118,8 @@ def test_the_two_items_with_the_fewest_train_uses_are_chosen_whatever_the_goal(o
 
 
 def test_rare_items_are_a_shortcut_where_distractors_are_drawn_by_use():
-    """Recipes are random, so nothing but the draw of distractors can help a player that ignores the goal."""
+    """Recipes are random, so nothing but the draw of distractors can help a player that ignores the
+    goal."""
     rng = np.random.default_rng(0)
     pairs = sorted({(int(min(pair)), int(max(pair))) for pair in rng.integers(800, size=(1600, 2))})
     recipes = [(f"e{a}", f"e{b}", f"made {rng.integers(60)}") for a, b in pairs]
@@ -294,7 +295,8 @@ def test_a_foreign_scorer_is_refused(opened):
     ],
 )
 def test_little_alchemy_2_gives_the_reference_figures(alchemy_table, player, distractors, expected):
-    # One split of 653 tasks, five tables each: a standard error of up to .009 around the mean of five splits.
+    # One split of 653 tasks, five tables each: a standard error of up to .009 around the mean of
+    # five splits.
     assert success(alchemy_table, player, distractors) == pytest.approx(expected, abs=0.025)
 
 

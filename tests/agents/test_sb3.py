@@ -74,7 +74,8 @@ def make_model(algorithm, network=None, env=None, **settings):
 
 
 def states(count=64, **settings):
-    """States of random play, half of them with something in hand: what an environment gives, stacked."""
+    """States of random play, half of them with something in hand: what an environment gives,
+    stacked."""
     env, rng, seen = make_env(**settings), np.random.default_rng(0), []
     observation, _ = env.reset(seed=0)
     while len(seen) < count:

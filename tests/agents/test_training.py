@@ -1,4 +1,5 @@
-"""The run folder of an agent: what it holds, and what a resumed run ends with; see tests/runs for its life cycle."""
+"""The run folder of an agent: what it holds, and what a resumed run ends with; see tests/runs for
+its life cycle."""
 
 import json
 import re

@@ -1,4 +1,5 @@
-"""Files: what has no end is not read, what is not finite is not a weight, and no device is replaced."""
+"""Files: what has no end is not read, what is not finite is not a weight, and no device is
+replaced."""
 
 import os
 import socket

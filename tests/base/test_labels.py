@@ -271,3 +271,11 @@ def test_an_index_of_labels_reads_as_the_reader_does_one_by_one():
             expected = None
         assert index.find(text) == expected, text
     assert index.find("the") is None  # the beginning of a label
+
+
+def test_an_index_keeps_signs_and_forgives_variation_selectors():
+    index = LabelIndex(["C", "7", "H+", "water", "\u2764\ufe0f"])
+    for text in ("C-", "C+", "-7", "H", "H-", ".7"):
+        assert index.find(text) is None, text
+    for place, text in enumerate(("the C", "7.", '"H+"', "-water", "\u2764")):
+        assert index.find(text) == place

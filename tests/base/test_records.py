@@ -163,8 +163,10 @@ def test_a_field_is_named_in_quotes_because_backticks_are_for_settings():
     with pytest.raises(ArtefactError) as of_values:
         records.as_record({"dim": -1}, ComplExConfig, "config.toml")
     assert str(of_bytes.value) == (
-        "row.json is damaged: Expected 'str', got 'int' - at '$.name'. Make it again, or restore a copy."
+        "row.json is damaged: Expected 'str', got 'int' - at '$.name'. Make it again, or restore a "
+        "copy."
     )
     assert str(of_values.value) == (
-        "config.toml is damaged: 'dim' -1: expected a whole number, 1 or more. Make it again, or restore a copy."
+        "config.toml is damaged: 'dim' -1: expected a whole number, 1 or more. Make it again, or "
+        "restore a copy."
     )

@@ -7,7 +7,8 @@ from wordcraft_kg.base.registry import Registry
 
 
 def installed(monkeypatch, **things):
-    """Pretend that packages with entry points are installed; a function stands for what loading does."""
+    """Pretend that packages with entry points are installed; a function stands for what loading
+    does."""
     points = [SimpleNamespace(name=name, load=load) for name, load in things.items()]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
 

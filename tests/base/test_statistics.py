@@ -1,4 +1,5 @@
-"""Statistics over seeds and tasks: against cases by hand, slow references, exhaustive resampling, and by coverage."""
+"""Statistics over seeds and tasks: against cases by hand, slow references, exhaustive resampling,
+and by coverage."""
 
 import itertools
 import math
@@ -26,7 +27,8 @@ TASKS = np.array([[1, 1, 0], [0, 0, 0], [1, 1, 1], [1, 1, 1]])
 
 
 def assert_between_quantiles(bounds, values):
-    """Bounds of 20,000 draws lie between the exact quantiles of slightly lower and higher probability."""
+    """Bounds of 20,000 draws lie between the exact quantiles of slightly lower and higher
+    probability."""
     for bound, p in zip(bounds, (0.025, 0.975), strict=True):
         low, high = np.quantile(values, [p - 0.01, p + 0.01])
         assert low - 1e-12 <= bound <= high + 1e-12

@@ -285,7 +285,10 @@ def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printe
 
 
 # Each depth-2 task of this book has one plan, so the text below can be read off the book.
-BREWERY = "# base: barley,water,yeast\ningredient_a,ingredient_b,result\nbarley,water,malt\nmalt,yeast,beer\n"
+BREWERY = (
+    "# base: "
+    "barley,water,yeast\ningredient_a,ingredient_b,result\nbarley,water,malt\nmalt,yeast,beer\n"
+)
 
 
 @pytest.fixture

@@ -1,4 +1,5 @@
-"""The command line as a whole: how it answers misuse and failure, what it shows meanwhile, completion."""
+"""The command line as a whole: how it answers misuse and failure, what it shows meanwhile,
+completion."""
 
 import errno
 import json
@@ -14,7 +15,7 @@ import pytest
 from graph_folders import write_graph
 
 from wordcraft_kg.cli import ALL, CORE, command_in, make_app, manual_of
-from wordcraft_kg.cli.console import aligned
+from wordcraft_kg.cli.console import aligned, lines_of
 from wordcraft_kg.cli.failures import OPTIONS, with_options
 from wordcraft_kg.cli.options import Force
 from wordcraft_kg.runs.record import end_run, start_run
@@ -242,7 +243,8 @@ def test_an_output_that_exists_is_refused_before_torch_is_imported(
 def test_torch_without_memory_is_an_error_in_a_sentence(refused, monkeypatch):
     def fail(*_):
         raise RuntimeError(
-            "[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you tried"
+            "[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you "
+            "tried"
         )
 
     monkeypatch.setattr("wordcraft_kg.graphs.folder.open_graph", fail)
@@ -422,7 +424,8 @@ SHORTER = {
         "discover": "--attempts 20",
     },
 }
-"""What is added to examples that would take minutes; recipe scorers are trained on the smaller book, too."""
+"""What is added to examples that would take minutes; recipe scorers are trained on the smaller
+book, too."""
 IN_ORDER = (
     *(
         "books",
@@ -766,3 +769,72 @@ def test_a_user_without_a_home_folder_is_told_to_set_one(refused, monkeypatch):
     monkeypatch.setattr(Path, "home", home)
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     refused("describe", "kitchen", kind="RuntimeError", says="no home folder. Set HOME")
+
+
+def test_help_ends_at_any_width_of_the_terminal():
+    script = """
+import os
+from wordcraft_kg.cli import main
+for width in (0, 1, 2, 3, 7, 19, 20, 21, 40, 300):
+    os.environ["COLUMNS"] = str(width)
+    for words in (["--help"], ["describe", "--help"], ["train-agent", "--help"]):
+        assert main(words) == 0
+"""
+    # In a process of its own: a table that never ends would stop all tests.
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+
+
+SIGNS = "water,fire,\U0001f525\n\U0001f525,water,\u03bb\n\u03bb,fire,steam\n"
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8", "utf-16"])
+def test_stdout_in_any_encoding_has_the_whole_result(tmp_path, encoding):
+    book = tmp_path / "book.csv"
+    text = f"ingredient_a,ingredient_b,result\n{SIGNS}"
+    book.write_text(text, encoding="utf-8")
+
+    def printed(*words):
+        # A process of its own: the encoding of stdout is set at its start.
+        command = [sys.executable, "-m", "wordcraft_kg", "describe", *words]
+        variables = os.environ | {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
+        done = subprocess.run(command, capture_output=True, env=variables, timeout=60)
+        assert b"Traceback" not in done.stderr
+        return done.returncode, done.stdout.decode(encoding)
+
+    code, out = printed(str(book), "--entity", "steam")
+    is_unicode = encoding.startswith("utf")
+    assert code == 0
+    assert ("\u03bb" if is_unicode else "<U+03BB>") in out
+    assert ("\U0001f525" if is_unicode else "<U+1F525>") in out
+    code, out = printed(str(book), "--entity", "steam", "--json")
+    assert code == 0
+    assert {"\u03bb", "\U0001f525"} <= set(re.findall(r"[^ -~]", str(json.loads(out))))
+    code, out = printed("\u03bb.csv", "--json")
+    assert code == 1
+    assert "\u03bb.csv" in json.loads(out)["error"]["message"]
+
+
+def test_lists_of_labels_quote_those_with_commas():
+    values = {
+        "base": ["water", "salt, pepper"],
+        "most_used": [{"label": "a, b", "uses": 1_200}],
+        "path": "one, two",
+    }
+    assert lines_of(values) == [
+        "base       water, 'salt, pepper'",
+        "most used  'a, b': 1,200",
+        "path       one, two",
+    ]
+
+
+def test_the_warning_about_the_base_quotes_labels_with_commas(run, tmp_path, caplog):
+    book = tmp_path / "book.csv"
+    book.write_text(
+        '# base: "salt, pepper", fire\ningredient_a,ingredient_b,result\n'
+        '"salt, pepper",fire,smoke\n"x, y",fire,ash\nash,"x, y",dust\n'
+        "smoke,fire,soot\n",
+        encoding="utf-8",
+    )
+    run("build-graph", book, "--split", "none", "--out", tmp_path / "graph")
+    assert "cannot be made from the base (fire, 'salt, pepper'): ash, dust, 'x, y'" in caplog.text

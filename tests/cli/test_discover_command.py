@@ -110,7 +110,8 @@ def test_a_recipe_scorer_of_another_book_explores_and_published_figures_stand_be
 ):
     book = tmp_path / "other.csv"
     book.write_text(
-        "ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed wine\nfire,water,steam\n"
+        "ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed "
+        "wine\nfire,water,steam\n"
     )
     start = ("discover", book, "--base", "seed,water,fire", "--scorer", recipes_folder)
     unseen = printed(*start, *QUICK)

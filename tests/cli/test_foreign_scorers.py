@@ -1,4 +1,5 @@
-"""A scorer that was not trained here, and a model of PyKEEN's, in all commands that take a model folder."""
+"""A scorer that was not trained here, and a model of PyKEEN's, in all commands that take a model
+folder."""
 
 import pytest
 from pykeen.pipeline import pipeline

@@ -1,4 +1,5 @@
-"""The commands of graphs and recipe books as a user runs them: output, exit codes, and a disk left as it was."""
+"""The commands of graphs and recipe books as a user runs them: output, exit codes, and a disk left
+as it was."""
 
 import io
 import json
@@ -31,7 +32,8 @@ def out(home):
 
 @pytest.fixture
 def not_built(run, out):
-    """Check that ``build-graph`` refuses, over an earlier output and beside it, and leaves the disk as it was."""
+    """Check that ``build-graph`` refuses, over an earlier output and beside it, and leaves the disk
+    as it was."""
 
     def not_built(*arguments, says, codes=(1, 2)):
         before = contents(out)
@@ -476,7 +478,10 @@ def test_an_inferred_base_and_entities_that_cannot_be_made_are_warned_about(
     named = ("build-graph", path, "--base", "a,b,d", "--split", "none", "--out", "named")
     assert "base_is_inferred" not in printed(*named)
     assert not caplog.messages
-    finding = "note [base] no base is named, so the base is the 2 entities without a recipe: a, d. Name the base:"
+    finding = (
+        "note [base] no base is named, so the base is the 2 entities without a recipe: a, d. Name "
+        "the base:"
+    )
     assert finding in run("check-book", path).out
     assert finding not in run("check-book", path, "--base", "a").out
 

@@ -28,7 +28,8 @@ def workshop(trained, tmp_path):
 
 @pytest.fixture(scope="module")
 def evaluated(trained, tmp_path_factory):
-    """The folder of a report of ``one``, what the command printed, and what it printed with --json."""
+    """The folder of a report of ``one``, what the command printed, and what it
+    printed with --json."""
     out = tmp_path_factory.mktemp("evaluated") / "report"
     command = ("evaluate-links", trained / "one", "--out", out, "--quiet")
     return out, text_of(*command), json.loads(text_of(*command, "--json", "--force"))

@@ -1,4 +1,5 @@
-"""What is shown while a command works: bars on a terminal, plain lines elsewhere, nothing with --quiet."""
+"""What is shown while a command works: bars on a terminal, plain lines elsewhere, nothing with
+--quiet."""
 
 import json
 import re
@@ -13,7 +14,8 @@ FIGURES = {"success": 0.9407, "test_success": 0.3175, "steps_per_second": 12_439
 
 @pytest.fixture
 def terminal(monkeypatch):
-    """Make stderr look like a terminal of some columns; return how to read what was drawn, without colours."""
+    """Make stderr look like a terminal of some columns; return how to read what was drawn, without
+    colours."""
     for name in ("NO_COLOR", "FORCE_COLOR"):
         monkeypatch.delenv(name, raising=False)
     for name, value in (("TERM", "xterm"), ("TTY_COMPATIBLE", "1"), ("TTY_INTERACTIVE", "1")):

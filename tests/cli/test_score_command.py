@@ -18,7 +18,8 @@ QUERIES = (
 
 @functools.cache
 def parts_of(graph):
-    """The triples of a graph by label, each with the part whose recipes give it, train before test."""
+    """The triples of a graph by label, each with the part whose recipes give it,
+    train before test."""
     opened = open_graph(graph)
     parts = {}
     for part in ("test", "valid", "train"):

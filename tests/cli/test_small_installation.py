@@ -61,7 +61,8 @@ def direct_dependencies():
 
 
 def hidden_modules():
-    """Return the modules of all dependencies that the guide to the light installation does not name."""
+    """Return the modules of all dependencies that the guide to the light installation does not
+    name."""
     guide = (ROOT / "docs/installation.md").read_text()
     named = set(re.search(r"^pip install (cyclopts .*)$", guide, re.MULTILINE)[1].split())
     brought = {"rich"}  # by cyclopts

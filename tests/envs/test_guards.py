@@ -29,7 +29,8 @@ def world(request):
 
 
 def guarded(world, task):
-    """The guarded recipes of a task's goal, and what is there or can be made without distractors."""
+    """The guarded recipes of a task's goal, and what is there or can be made
+    without distractors."""
     recipes = world.graph.recipes[world.guarded_recipes]
     pairs = recipes[recipes[:, 2] == world.tasks.goals[task], :2].tolist()
     near = {*world.tasks.starts[task].tolist(), *world.makeable[task].tolist()} - {world.nothing}

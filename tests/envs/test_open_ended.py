@@ -95,7 +95,7 @@ def test_every_step_equals_a_slow_reading_of_the_book(kitchen, pairs):
 
 
 @pytest.mark.parametrize("pair", [[FIRE, WATER], [WATER, FIRE]])
-def test_all_results_become_known_and_a_pair_is_repeated_in_the_other_order_but_not_in_the_next_episode(
+def test_all_results_become_known_and_pairs_repeat_within_an_episode(
     pair,
 ):
     env = make()

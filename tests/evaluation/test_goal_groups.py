@@ -1,4 +1,5 @@
-"""Figures of a scorer that learned from another book: goals that this book makes, and goals that it does not make."""
+"""Figures of a scorer that learned from another book: goals that this book makes, and goals that it
+does not make."""
 
 import json
 
@@ -22,7 +23,8 @@ from wordcraft_kg.models.recipes.training import train_recipes
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
-    """A graph split by goal, and a model that learned from another book, which makes every second test goal."""
+    """A graph split by goal, and a model that learned from another book, which makes every second
+    test goal."""
     home = tmp_path_factory.mktemp("by-goal")
     opened = open_graph("kitchen", SplitConfig("by-goal", train_ratio=0.6, seed=1))
     write_graph_folder(home / "graph", open_book("kitchen"), opened.split)

@@ -1,4 +1,5 @@
-"""The reference pack: its files are sound, are what the package measures, and keep ours and others apart."""
+"""The reference pack: its files are sound, are what the package measures, and keep ours and others
+apart."""
 
 import json
 from dataclasses import replace

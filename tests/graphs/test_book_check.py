@@ -316,7 +316,8 @@ def test_everyday_has_the_size_and_the_shape_it_was_written_for():
     assert figures.entities == figures.reachable
     assert figures.share_with_two_recipes == 1
     assert figures.pairs_with_more_results == 0
-    # As documented; a change to the book changes its datasheet, README, docs/graphs.md and CHANGELOG too.
+    # As documented; a change to the book changes its datasheet, README, docs/graphs.md and
+    # CHANGELOG too.
     assert (figures.entities, figures.recipes, figures.pairs) == (1_177, 6_510, 6_313)
     assert (figures.terminal, figures.self_pairs, figures.max_layer) == (98, 122, 16)
     assert figures.most_used_share == pytest.approx(0.0223, abs=5e-5)
@@ -328,7 +329,7 @@ def test_version_1_of_everyday_stays():
     )
 
 
-def test_everyday_is_written_in_lower_case_words_grouped_by_result_and_differs_from_little_alchemy_2(
+def test_everyday_is_in_lower_case_and_differs_from_little_alchemy_2(
     alchemy,
 ):
     book = open_book("everyday")

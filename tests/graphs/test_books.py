@@ -44,7 +44,8 @@ def data(home, monkeypatch):
 
 @pytest.fixture
 def server(monkeypatch):
-    """Answer each download with the next of the given answers, bytes or an error, and keep the addresses."""
+    """Answer each download with the next of the given answers, bytes or an error, and keep the
+    addresses."""
     answers, addresses = [], []
 
     def urlopen(url):

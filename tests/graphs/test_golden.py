@@ -1,4 +1,5 @@
-"""Figures that are known from elsewhere, or were once looked through by eye and must not change unnoticed."""
+"""Figures that are known from elsewhere, or were once looked through by eye and must not change
+unnoticed."""
 
 from collections import Counter
 

@@ -263,6 +263,7 @@ def test_what_a_graph_and_a_split_look_like_fits_on_a_line():
     opened = open_graph("kitchen")
     assert repr(opened) == (
         "OpenedGraph(graph=RecipeGraph('kitchen', 80 entities, 326 recipes, hash 43fe37e2e912), "
-        "split=Split('by-recipe', seed 0, 260 train, 0 valid, 66 test recipes of 'kitchen'), source='kitchen')"
+        "split=Split('by-recipe', seed 0, 260 train, 0 valid, 66 test recipes of 'kitchen'), "
+        "source='kitchen')"
     )
     assert str(opened.graph.recipe_labels()[0]) == "animal + earth -> pig"

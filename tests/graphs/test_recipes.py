@@ -15,7 +15,7 @@ from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
 from wordcraft_kg.graphs.book_files import book_name
 from wordcraft_kg.graphs.book_files.dialects import trimmed
-from wordcraft_kg.graphs.recipes import check_label
+from wordcraft_kg.graphs.recipes import alike_labels, case_variants, check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 
@@ -203,7 +203,8 @@ def test_bad_kinds_are_refused(read, name, text, says):
 UNKNOWN_BASE = {
     "book.csv, line 2": "# a book\n# base: water, fier\n" + TABLE + "water,fire,steam\n",
     "book.tsv, line 1": ("# base: fier\n" + TABLE + "water,fire,steam\n").replace(",", "\t"),
-    "book.json: base[1]": '{"base": ["fire", "fier"], "entities": ["fire", "s"], "recipes": [["fire", "fire", "s"]]}',
+    "book.json: base[1]": '{"base": ["fire", "fier"], "entities": ["fire", "s"], '
+    '"recipes": [["fire", "fire", "s"]]}',
 }
 
 
@@ -274,3 +275,13 @@ def test_entities_of_the_official_layout_that_no_recipe_mentions_are_idle(read):
     entry = {"a": {"recipes": []}, "b": {"recipes": [["a", "a"]]}, "lone": {"recipes": []}}
     book = read(json.dumps({"entities": entry}), "book.json")
     assert (book.idle, book.entities) == (("lone",), ("a", "b", "lone"))
+
+
+def test_case_variants_are_grouped_and_other_spellings_are_not():
+    labels = ("LAVA", "Lava", "ice cream", "ice-cream", "lava", "\u2764", "\u2764\ufe0f", "C", "C-")
+    assert case_variants(labels) == [("LAVA", "Lava", "lava"), ("\u2764", "\u2764\ufe0f")]
+    assert alike_labels(labels) == [
+        ("LAVA", "Lava", "lava"),
+        ("ice cream", "ice-cream"),
+        ("\u2764", "\u2764\ufe0f"),
+    ]

@@ -322,3 +322,18 @@ def test_the_hash_of_a_split_by_kind_covers_the_kinds():
     parts = np.zeros(graphs[0].num_recipes, dtype=np.int8)
     hashes = {Split(graph, SplitConfig("by-kind"), Draw(parts)).hash for graph in graphs}
     assert len(hashes) == 2
+
+
+@pytest.mark.parametrize("train_ratio", [0.1, 0.8])
+def test_a_test_part_that_the_cover_of_entities_empties_names_this_cause(train_ratio):
+    # Each recipe has three entities of its own, so no recipe can be held out.
+    graph = RecipeGraph.from_recipes([(f"a{i}", f"b{i}", f"c{i}") for i in range(30)])
+    drawn = 30 - round(train_ratio * 30) - round(0.1 * 30)
+    with pytest.raises(SplitError) as error:
+        make_split(graph, SplitConfig("by-recipe", train_ratio, 0.1))
+    assert f"the {drawn} recipes drawn for it moved to train, so that train covers" in str(
+        error.value
+    )
+    assert "Choose `kind` by-recipe-plain, which moves none" in str(error.value)
+    plain = make_split(graph, SplitConfig("by-recipe-plain", train_ratio, 0.1))
+    assert len(plain.recipes("test")) == drawn

@@ -1,4 +1,5 @@
-"""Train samples and folds: which recipes are trained on, with which results, and what they must not reveal."""
+"""Train samples and folds: which recipes are trained on, with which results, and what they must not
+reveal."""
 
 from itertools import pairwise
 

@@ -38,7 +38,8 @@ CURVE = RecipeCurve(intercepts=(-2.0, -1.0, -3.0, -1.5), slope=0.8, shift=0.25)
 
 
 def random_search(seed, width=SIZE, recipes=6):
-    """A search with random features, weights and known recipes; as many candidates as entities by default."""
+    """A search with random features, weights and known recipes; as many candidates as entities by
+    default."""
     generator = torch.Generator().manual_seed(seed)
     rng = np.random.default_rng(seed)
     known = np.unique(np.sort(rng.integers(SIZE, size=(recipes, 3)), axis=1), axis=0)

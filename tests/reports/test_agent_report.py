@@ -1,4 +1,5 @@
-"""The agent report: numbers of the evaluation, a whole page, and no comparison of what cannot be compared."""
+"""The agent report: numbers of the evaluation, a whole page, and no comparison of what cannot be
+compared."""
 
 import re
 from dataclasses import replace
@@ -6,7 +7,7 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
-from html_page import Page, text_of
+from report_helpers import Page, text_of
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig

@@ -1,4 +1,5 @@
-"""Charts as inline SVG and pictures as inline PNG: they parse, hold their data, and survive awkward data."""
+"""Charts as inline SVG and pictures as inline PNG: they parse, hold their data, and survive awkward
+data."""
 
 import itertools
 import re

@@ -1,4 +1,5 @@
-"""The glossary: every word that a page explains is in it, and the page of concepts is made from it."""
+"""The glossary: every word that a page explains is in it, and the page of concepts
+is made from it."""
 
 import importlib.util
 import re

@@ -1,4 +1,5 @@
-"""The link-prediction report: honest numbers, checks that can fail, and a page that stands alone."""
+"""The link-prediction report: honest numbers, checks that can fail, and a page that
+stands alone."""
 
 import base64
 import hashlib
@@ -16,9 +17,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
-from html_page import Page, text_of
-from link_reports import link_report
 from refusals import refuses
+from report_helpers import Page, link_report, text_of
 
 from wordcraft_kg.base.errors import OutputExistsError, SplitError
 from wordcraft_kg.base.records import as_values, schema_of
@@ -134,7 +134,8 @@ def checks(values, key="passed"):
 
 
 def without_ci(metrics):
-    """Return metrics without their interval, which holds the MRR and is left out below five recipes."""
+    """Return metrics without their interval, which holds the MRR and is left out below five
+    recipes."""
     low, high = metrics.get("mrr_ci", (0, 1)) if metrics["queries"] < 20 else metrics["mrr_ci"]
     assert low <= metrics["mrr"] <= high
     return {name: value for name, value in metrics.items() if name != "mrr_ci"}
@@ -383,7 +384,8 @@ def test_a_mirror_in_train_fails_the_mirror_check(kitchen_model, split, monkeypa
     given_away = next(
         t for t in split.held_out("test").tolist() if t[1] == COMBINES_WITH and t[0] != t[2]
     )
-    # The mirror is put into train, and the triple itself remains the only one of the two that is evaluated.
+    # The mirror is put into train, and the triple itself remains the only one of the two that is
+    # evaluated.
     partial = np.concatenate([split.partial, [given_away[::-1]]])
     test = np.array([t for t in split.held_out("test").tolist() if t != given_away[::-1]])
     monkeypatch.setattr(TrainSample, "triples", property(lambda self: partial))

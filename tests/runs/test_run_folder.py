@@ -1,4 +1,5 @@
-"""The life cycle of run folders of both kinds: lock, replacement, failure, full disk, damaged checkpoints."""
+"""The life cycle of run folders of both kinds: lock, replacement, failure, full disk, damaged
+checkpoints."""
 
 import errno
 import json
@@ -59,7 +60,8 @@ class Agent:
 
 
 def learned(folder):
-    """The hashes of a run's outputs that hold no time of the training, and the figures that are no speed."""
+    """The hashes of a run's outputs that hold no time of the training, and the figures that are no
+    speed."""
     outputs = read_run(folder).outputs
     weights = {name: value for name, value in outputs.items() if name.endswith(".safetensors")}
     lines = [
@@ -153,9 +155,7 @@ def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, 
     assert learned(trainer.train(tmp_path / "run").folder) == whole
 
 
-def test_a_run_interrupted_more_than_once_keeps_two_checkpoints_and_ends_with_the_bits_of_an_undisturbed_one(
-    trainer, tmp_path, whole
-):
+def test_a_run_interrupted_twice_ends_with_the_bits_of_an_undisturbed_one(trainer, tmp_path, whole):
     for number in trainer.numbers[:4:2]:
         assert trainer.train(tmp_path / "run", progress=after(number, ctrl_c)).interrupted
     assert read_run(tmp_path / "run").status == "interrupted"
@@ -297,7 +297,7 @@ def test_a_run_of_one_kind_does_not_go_on_as_the_other(tmp_path):
             other.train(folder)
 
 
-# --- killed before the first checkpoint ------------------------------------------------------------------------------
+# --- killed before the first checkpoint -----------------------------------------------------------
 
 
 def kill(moment, folder):
@@ -386,7 +386,7 @@ def test_a_first_run_that_fails_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-# --- killed at any moment --------------------------------------------------------------------------------------------
+# --- killed at any moment -------------------------------------------------------------------------
 
 COMMAND = "import sys; from wordcraft_kg.cli import main; sys.exit(main(sys.argv[1:]))"
 LONG = {
@@ -428,7 +428,8 @@ def start(*arguments):
 def test_a_run_killed_at_random_moments_ends_with_the_bits_of_an_undisturbed_one(
     tmp_path, command, moments
 ):
-    """Several runs, if need be: one ends after a few kills. A process may also be killed when its work is done."""
+    """Several runs, if need be: one ends after a few kills. A process may also be killed when its
+    work is done."""
     rng, whole, began = np.random.default_rng(0), tmp_path / "whole", time.monotonic()
     assert start(command, "everyday", *LONG[command], "--out", whole).wait() == 0
     took = time.monotonic() - began

@@ -1,4 +1,5 @@
-"""A study of the kitchen that takes seconds, and workers that perform tasks where they are asked to."""
+"""A study of the kitchen that takes seconds, and workers that perform tasks where they are asked
+to."""
 
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World

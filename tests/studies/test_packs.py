@@ -1,4 +1,5 @@
-"""Packs of cells: read as loose cells are, the same bytes each time, and refused by name if damaged or hostile."""
+"""Packs of cells: read as loose cells are, the same bytes each time, and refused by name if damaged
+or hostile."""
 
 import struct
 import zipfile

@@ -235,7 +235,8 @@ class Impala:
         # take_figures and state check there.
         if self.device.type == "cpu" and not math.isfinite(norm.item()):
             raise TrainingError(self._not_finite())
-        self._flat.grad.mul_((self.config.clip / (norm + 1e-6)).clamp(max=1))
+        scale = self.config.clip / (norm + 1e-6)
+        self._flat.grad.mul_(scale.clamp(max=1))
 
         # The learning rate decays linearly to 0 at the end of training.
         remaining = max(0, 1 - self.update_number / self.config.updates)
@@ -303,9 +304,13 @@ class Impala:
     def _mean_lambdas(self, lambdas: Tensor) -> dict[str, float | None]:
         """Return mean mixing weights in the last unroll by source and action of the attempt."""
         figures: dict[str, float | None] = {}
-        is_first = self._unroll.states.selection[:-1].reshape(-1) == self.policy.num_entities
+        # Without the states after the last step, in the order of the rows of `lambdas`.
+        selections = self._unroll.states.selection[:-1].reshape(-1)
+        is_first = selections == self.policy.num_entities
         for action, rows in (("first", is_first), ("second", ~is_first)):
-            means = lambdas[rows].mean(0).tolist() if rows.any() else [None] * lambdas.shape[1]
+            means: list[float | None] = [None] * lambdas.shape[1]
+            if rows.any():
+                means = lambdas[rows].mean(0).tolist()
             for label, mean in zip(self.policy.labels, means, strict=True):
                 figures[f"lambda_{label.name}_{action}"] = mean
         return figures
@@ -450,13 +455,16 @@ class Impala:
         config = self.config
         time = config.unroll
         num_states = time + 1 if is_cut else time
-        acted = (
-            unroll.actions.numel()
-        )  # T · B; rows from here on are the states after the last step
+        # T · B; rows from here on are the states after the last step.
+        acted = unroll.actions.numel()
 
         # One call of the policy for all states: time and environments become one batch axis.
-        goal, selection, table = (part[:num_states].flatten(0, 1) for part in unroll.states[:3])
-        states = States(goal, selection, table)
+        seen = unroll.states
+        states = States(
+            goal=seen.goal[:num_states].flatten(0, 1),
+            selection=seen.selection[:num_states].flatten(0, 1),
+            table=seen.table[:num_states].flatten(0, 1),
+        )
         external_scores = unroll.external_scores
         if external_scores is not None:
             external_scores = external_scores[:num_states].flatten(0, 1)
@@ -464,7 +472,8 @@ class Impala:
 
         # Log-probabilities of all slots, (A, T · B), and of the chosen slots, (T, B).
         log_policies = log_policy(output.logits[:acted])
-        log_probs = log_policies.gather(0, unroll.actions.view(1, -1)).view_as(unroll.log_probs)
+        chosen = log_policies.gather(0, unroll.actions.view(1, -1))
+        log_probs = chosen.view_as(unroll.log_probs)
         values = output.value.view(num_states, -1)
         bootstrap = values[time].detach() if is_cut else torch.zeros_like(values[0])
 
@@ -487,13 +496,16 @@ class Impala:
             # Stay near the policy of the scorer alone, the softmax of w, so that attention learns
             # corrections rather than train tasks by heart.
             assert external_scores is not None
-            scores = external_scores[:acted, list(self.policy.sources).index(W.name)]
+            place = list(self.policy.sources).index(W.name)
+            scores = external_scores[:acted, place]
             is_empty = output.logits[:acted] == -torch.inf
             scorer_policy = log_policy(scores.masked_fill(is_empty, -torch.inf))
             loss = loss + self._scorer_cost * divergence(log_policies, scorer_policy)
 
-        lambdas = output.lambdas
-        lambdas = loss.new_zeros(acted, 0) if lambdas is None else lambdas[:acted].detach()
+        if output.lambdas is None:
+            lambdas = loss.new_zeros(acted, 0)
+        else:
+            lambdas = output.lambdas[:acted].detach()
         return _Loss(loss, policy_loss, value_loss, entropy), _Last(log_rhos, lambdas)
 
     def _restored_optimizer(self, state: Mapping[str, Tensor]) -> dict[str, Tensor]:

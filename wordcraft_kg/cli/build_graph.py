@@ -26,7 +26,7 @@ def _kinds() -> str:
     return ", ".join(f"{name} ({kind.about})" for name, kind in SPLITS.items())
 
 
-def build_graph(
+def build_graph(  # noqa: PLR0913 - parameters are the command's options
     book: Book = "everyday",
     *,
     base: Base = None,

@@ -32,7 +32,9 @@ def check_book(
     file: FileOptions = FileOptions(),
     output: Output = Output(),
 ) -> int:
-    """Check a recipe book: list problems and notes with line numbers, and count recipes and entities.
+    """Check a recipe book.
+
+    List problems and notes with line numbers, and count recipes and entities.
 
     The file itself is not changed. The exit code is 1 if there are problems; notes are not failures.
 
@@ -73,8 +75,10 @@ def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
         kind = f"{finding.severity} [{finding.kind}]"
         counts[kind] += 1
         if limit is None or counts[kind] <= limit:
-            lines = ", ".join(map(str, finding.lines))
-            where = f"line{'s' * (len(finding.lines) > 1)} {lines}: " if lines else ""
+            where = ""
+            if finding.lines:
+                noun = "line" if len(finding.lines) == 1 else "lines"
+                where = f"{noun} {', '.join(map(str, finding.lines))}: "
             yield f"{kind} {where}{with_options(finding.message)}"
     for kind, number in counts.items():
         if limit is not None and number > limit:

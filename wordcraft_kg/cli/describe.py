@@ -4,7 +4,7 @@ import logging
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.cli.console import Output, lines_of, names
 from wordcraft_kg.cli.options import Graph
 
@@ -51,7 +51,7 @@ def lines_of_graph(view: "Audit | BuiltGraph") -> Iterator[str]:
 def warn_of_base(audited: "Audit") -> None:
     """Log warnings about an inferred base, and about entities that cannot be made from the base."""
     logger = logging.getLogger(__name__)
-    base = names(audited.base, len(audited.base))
+    base = names([*map(quoted, audited.base)], len(audited.base))
     # Everything else is counted from the base, so a wrong guess spoils all numbers.
     if audited.base_is_inferred:
         entities = counted(len(audited.base), "entity", "entities")
@@ -64,7 +64,8 @@ def warn_of_base(audited: "Audit") -> None:
         )
     unreachable = audited.reachability.unreachable
     if unreachable:
-        which = names(audited.reachability.unreachable_entities, unreachable)
+        labels = [*map(quoted, audited.reachability.unreachable_entities)]
+        which = names(labels, unreachable)
         number = f"{unreachable:,} of {audited.entities:,}"
         logger.warning("%s entities cannot be made from the base (%s): %s", number, base, which)
 

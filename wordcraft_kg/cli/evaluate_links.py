@@ -31,7 +31,8 @@ def evaluate_links(
 
     Args:
         model: model folder.
-        max_queries: most queries to rank, two for each triple; above this, a uniform sample is ranked. 0 ranks all.
+        max_queries: most queries to rank, two for each triple; above this, a uniform sample is
+            ranked. 0 ranks all.
         out: folder to write. Default: report/ in the model folder.
     """
     from wordcraft_kg.base.artefacts import check_output
@@ -55,7 +56,8 @@ def evaluate_links(
     view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
     output.result(summarise_links(view, str(folder / "index.html")), _text(view, folder))
-    # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no figure is valid.
+    # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no
+    # figure is valid.
     failed = [check for check in view.checks if not check.passed and check.id != "coverage"]
     for check in failed:
         print(f"CHECK FAILED: {check.name} ({check.detail})", file=sys.stderr)
@@ -74,7 +76,8 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     if view.model.has_seen_the_test_recipes:
         memory = f"{ranked} triples of the graph, all seen in training: memory, not prediction"
         return [memory, *aligned(rows), wrote]
-    best, (low, high) = view.comparisons[0], view.comparisons[0].ci
+    best = view.comparisons[0]
+    low, high = best.ci
     lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
     rows.append(("verdict", f"{best.verdict} the best baseline, {best.baseline}: {lead}"))
     if has_few_test_recipes(view):
@@ -116,4 +119,7 @@ def _figures(metrics: "RankingMetrics") -> str:
     if not metrics.queries:
         return "no queries"
     interval = f" [{metrics.mrr_ci[0]:.3f}, {metrics.mrr_ci[1]:.3f}]" if metrics.mrr_ci else ""
-    return f"MRR {metrics.mrr:.3f}{interval}  hits@1 {metrics.hits_at_1:.3f}  hits@10 {metrics.hits_at_10:.3f}"
+    return (
+        f"MRR {metrics.mrr:.3f}{interval}  hits@1 {metrics.hits_at_1:.3f}  hits@10 "
+        f"{metrics.hits_at_10:.3f}"
+    )

@@ -38,8 +38,8 @@ FetchableBook = Annotated[str | None, Parameter(completer=lambda _: iter(FETCHAB
 Force = Annotated[
     Flag,
     Parameter(
-        help="replace an existing output. It stays until the new output is complete; an output of training until the "
-        "new training can be resumed."
+        help="replace an existing output. It stays until the new output is complete; an output of "
+        "training until the new training can be resumed."
     ),
 ]
 Words = Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)]

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import chain, product
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -249,7 +249,7 @@ def view_agents(
         GraphMismatchError: if the agents were trained on different graphs or splits.
         ConfigError: if their task settings differ, or if no agent can play with these distractors.
     """
-    everyone = [agent for members in groups.values() for agent in members]
+    everyone = list(chain.from_iterable(groups.values()))
     first = everyone[0]
     world, played = _conditions(everyone, part, distractors)
     headline = world.config.num_distractors
@@ -403,7 +403,10 @@ def _conditions(
         # A small graph may have too few entities for eight distractors.
         usual = (amount for amount in DISTRACTORS if amount <= world.max_distractors)
         distractors = sorted({*usual, *(agent.config.tasks.distractors for agent in agents)})
-    played = [amount for amount in distractors if any(can_play(agent, amount) for agent in agents)]
+    played = []
+    for amount in distractors:
+        if any(can_play(agent, amount) for agent in agents):
+            played.append(amount)
     if not played:
         raise ConfigError(
             f"`distractors` {list(distractors)}: an mlp plays with as many as in training, "

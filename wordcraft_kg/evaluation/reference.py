@@ -61,7 +61,8 @@ class PlayedGraph(Record, frozen=True):
     @classmethod
     def of(cls, opened: OpenedGraph) -> "PlayedGraph":
         """Return the identity of an opened graph and its split."""
-        graph, split = opened.graph, opened.split
+        graph = opened.graph
+        split = opened.split
         return cls(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
 
 
@@ -166,7 +167,8 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
             return f"{figure.value:g}"
         digits = _DIGITS[self.measure]
         value = f"{figure.value:.{digits}f}"
-        # Bounds are equal where no resample differs, as for an oracle: an interval would say nothing.
+        # Bounds are equal where no resample differs, as for an oracle: an interval would say
+        # nothing.
         if figure.low is None or figure.high is None or figure.low == figure.high:
             return value
         return f"{value} [{figure.low:.{digits}f}, {figure.high:.{digits}f}]"

@@ -127,4 +127,7 @@ def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[
         by_run.append({row.step: row.figures[key] for row in agent.metrics if key in row.figures})
     # Only steps that all runs have reached: a mean over fewer seeds would jump where a run ends.
     shared = sorted(set.intersection(*map(set, by_run)))
-    return [(step, [values[step] for values in by_run]) for step in shared]
+    rows = []
+    for step in shared:
+        rows.append((step, [values[step] for values in by_run]))
+    return rows

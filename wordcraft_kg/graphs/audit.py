@@ -185,7 +185,10 @@ class SplitSummary(Record):
 
     @property
     def train_share(self) -> float:
-        """Share of the recipes in the train part; ``train_ratio`` is the setting, of pairs, goals or groups."""
+        """Share of the recipes in the train part.
+
+        The setting ``train_ratio`` is a share of pairs, goals or groups instead.
+        """
         recipes = self.train_recipes + self.valid_recipes + self.test_recipes
         return self.train_recipes / max(recipes, 1)
 

@@ -102,7 +102,10 @@ def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
 
 
 def _derived_files(split: Split, kinds: Mapping[Recipe, str]) -> dict[str, Iterable[str]]:
-    """Return the lines of all tables in a graph folder by file name; they follow from graph, split and kinds alone."""
+    """Return the lines of all tables in a graph folder by file name.
+
+    They follow from graph, split and kinds alone.
+    """
     graph = split.graph
     frame = entities_frame(graph)
     frame.insert(0, "id", range(len(frame)))
@@ -119,26 +122,28 @@ def _derived_files(split: Split, kinds: Mapping[Recipe, str]) -> dict[str, Itera
 def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
     """Check that all files of a graph folder agree with its ``graph.json`` and ``split.json``.
 
-    Commands read only these two, but people read the tables: a folder from elsewhere may hold other recipes there.
+    Commands read only these two, but people read the tables: a folder from elsewhere may hold other
+    recipes there.
 
     Raises:
-        ArtefactError: if a table differs from the table of this graph and split, or a figure in ``audit.json`` from
-            the figure computed here. Figures that this version does not know are not compared.
+        ArtefactError: if a table differs from the table of this graph and split, or a figure in
+            ``audit.json`` from the figure computed here. Figures that this version does not know
+            are not compared.
     """
     book = read_book(folder / "graph.json", keep_self_results=True)
     for name, lines in _derived_files(opened.split, book.kinds).items():
         if read_large_file(folder / name) != "".join(lines).encode():
             raise ArtefactError(
-                f"{folder / name} does not agree with graph.json and split.json. Build the graph again, or restore a "
-                "copy."
+                f"{folder / name} does not agree with graph.json and split.json. Build the graph "
+                "again, or restore a copy."
             )
     source = read_json(folder / "graph.json").get("source")
     counts = {name: source.get(name, 0) for name in _DROPPED} if isinstance(source, dict) else {}
     figures = as_values(audit(opened.graph, opened.split, replace(book, **counts)))
     if not _agree(read_json(folder / "audit.json"), figures):
         raise ArtefactError(
-            f"{folder / 'audit.json'} does not agree with graph.json and split.json. Build the graph again, or restore "
-            "a copy."
+            f"{folder / 'audit.json'} does not agree with graph.json and split.json. Build the "
+            "graph again, or restore a copy."
         )
 
 

@@ -25,7 +25,8 @@ FIGURES: dict[Figure, str] = {
 
 def source_colours() -> dict[str, int]:
     """Return the colour number for each score source, by name."""
-    return {name: number for number, name in enumerate((ALPHA.name, *source_names()))}
+    names = (ALPHA.name, *source_names())
+    return {name: number for number, name in enumerate(names)}
 
 
 def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> Markup:
@@ -54,18 +55,24 @@ def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]])
 
 def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
     """Draw an agent's mixing weights (λ for each score source) over training."""
-    colours = source_colours()
+    colour_of_source = source_colours()
     series = {}
-    curves = {f"{label_of(curve.source).coefficient} {curve.action}": curve for curve in lambdas}
-    for name, curve in curves.items():
+    colours = {}
+    dashed = set()
+    for curve in lambdas:
+        name = f"{label_of(curve.source).coefficient} {curve.action}"
         series[name] = _without_interval(curve.points)
+        # Both actions of a source share its colour; dashes tell them apart.
+        colours[name] = colour_of_source[curve.source]
+        if curve.action == "second":
+            dashed.add(name)
     return charts.curves(
         series,
         "environment steps",
         "mean mixing weight (λ) in the last batch",
         f"Mixing weights of {agent} over training",
-        dashed={name for name, curve in curves.items() if curve.action == "second"},
-        colours={name: colours[curve.source] for name, curve in curves.items()},
+        dashed=dashed,
+        colours=colours,
     )
 
 
@@ -125,20 +132,28 @@ def contribution_bar(
     half = 70.0
     height = 12
     # The next term of each sign begins where the last one ended, at first in the middle.
-    ends = {True: half, False: half}
+    right = half
+    last_left = half
     parts = [f'<svg class="bar" viewBox="0 0 {2 * half:g} {height}" aria-hidden="true">']
     for name, value in contributions.items():
         # A scale of 0 means that all terms are 0.
-        width = min(abs(value) / scale, 1) * half if scale else 0.0
-        is_positive = value >= 0
-        left = ends[is_positive] if is_positive else ends[is_positive] - width
-        ends[is_positive] = left + width if is_positive else left
+        share = min(abs(value) / scale, 1) if scale else 0.0
+        width = share * half
+        if value >= 0:
+            left = right
+            right += width
+        else:
+            last_left -= width
+            left = last_left
+        title = f"{for_html(name)}: {value:.2f}"
         parts.append(
             f'<rect x="{left:.1f}" y="1" width="{width:.1f}" height="{height - 2}"'
             f' class="series-{colours[name]}">'
-            f"<title>{for_html(name)}: {value:.2f}</title></rect>"
+            f"<title>{title}</title></rect>"
         )
-    parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/></svg>')
+    # The middle, drawn last and so above the terms.
+    parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/>')
+    parts.append("</svg>")
     return Markup("".join(parts))
 
 

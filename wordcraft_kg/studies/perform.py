@@ -48,7 +48,10 @@ _LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
 
 
 def is_done(task: Task, root: Path) -> bool:
-    """Return whether a task has results in the results folder ``root``; damaged results are an ArtefactError."""
+    """Return whether a task has results in the results folder ``root``.
+
+    Raise ArtefactError for damaged results.
+    """
     if not (task.folder(root) / FIGURES_FILE).exists():
         return False
     read_figures(task.folder(root), FIGURES[task.kind])
@@ -56,7 +59,10 @@ def is_done(task: Task, root: Path) -> bool:
 
 
 def check_whole(task: Task, root: Path) -> bool:
-    """Return whether a finished task's graph or model exists, not only copied metrics; ArtefactError if damaged."""
+    """Return whether a finished task's graph or model exists, not only copied metrics.
+
+    Raise ArtefactError if it is damaged.
+    """
     folder = task.folder(root)
     if task.kind == "graphs":
         open_graph(str(folder))
@@ -71,7 +77,10 @@ def check_whole(task: Task, root: Path) -> bool:
 
 
 def platform_of(device: str) -> str:
-    """Return what decides rounding besides versions: system, machine, and instruction set or GPU (for a device)."""
+    """Return what decides rounding besides versions.
+
+    That is the system, the machine, and the instruction set or (for a device) the GPU.
+    """
     import torch
 
     cuda = device.startswith("cuda")
@@ -113,12 +122,14 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
     Args:
         task: task of the kind "scorers" or "runs", whose inputs are done.
         root: results folder.
-        keep_all: keep also files of a run that its results do not need, such as the agent's weights.
+        keep_all: keep also files of a run that its results do not need, such as the agent's
+            weights.
 
     Returns:
         The outcome, with the error of a failed training.
     """
     try:
+        # Another study in the same folder may have finished an equal task.
         if is_done(task, root):
             return Outcome(task.address, "done")
     except ArtefactError:
@@ -146,7 +157,10 @@ def _is_disk_full(error: BaseException | None) -> bool:
 
 
 def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: Path) -> T:
-    """Train, resume, or return the finished training; start anew if its files or inputs have changed."""
+    """Train, resume, or return the finished training.
+
+    A training whose files or inputs have changed starts anew.
+    """
     from wordcraft_kg.runs.training import train
 
     with suppress(ArtefactError):
@@ -235,6 +249,7 @@ def _scorer(task: Task, root: Path) -> bool:
         if _trained(LinksTraining, config, folder).interrupted:
             return False
     else:
+        # Made in a moment, so a cut attempt is not resumed.
         shutil.rmtree(folder, ignore_errors=True)
         _save_plain(folder, graph, command, settings)
     figures = _scorer_figures(folder, time.perf_counter() - began)

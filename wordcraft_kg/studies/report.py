@@ -67,7 +67,10 @@ def study_figure(view: StudyView) -> str:
 
 
 def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
-    """Yield a caption and a chart for each grid point; a "scatter" study has a single chart for all scorer settings."""
+    """Yield a caption and a chart for each grid point.
+
+    A "scatter" study has a single chart for all scorer settings.
+    """
     if view.drawing == "scatter" and view.scatters:
         by_title: dict[str, list[ScorerScatter]] = {}
         for scatter in view.scatters:
@@ -128,7 +131,8 @@ def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
     for scatter in scatters:
         how = "in-sample" if scatter.in_sample else "cross-fitted"
         for at in scatter.points:
-            # One agent alone needs no name: what then tells points apart is how train tasks are scored.
+            # One agent alone needs no name: what then tells points apart is how train tasks are
+            # scored.
             name = at.variant if has_several else how
             mrr: Estimate = (at.mrr, *at.mrr_range)
             success: Estimate = (at.success, *at.interval)

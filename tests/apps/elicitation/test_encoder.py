@@ -43,7 +43,8 @@ def test_vectors_of_another_book_or_changed_ones_are_refused(vectors, tmp_path):
         make_features(str(vectors), ["iron", "gold", "flour"])
     with pytest.raises(
         ValueError,
-        match=r"2 of 3.*gold, iron\. These are vectors of another book; encode this graph and any books in `with`",
+        match=r"2 of 3.*gold, iron\. These are vectors of another book; "
+        "encode this graph and any books in `with`",
     ):
         make_features(str(vectors), ["iron", "gold", "flour"])
     labels = vectors / "vectors.labels.txt"

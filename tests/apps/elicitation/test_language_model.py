@@ -131,7 +131,7 @@ def test_random_weights_are_a_control_that_depends_on_the_seed_alone(
     assert read_run(tmp_path / "2").inputs["random weights, seed"] == "1"
 
 
-# --- refusals --------------------------------------------------------------------------------------------------------
+# --- refusals -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

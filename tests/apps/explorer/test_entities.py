@@ -1,4 +1,5 @@
-"""The overview, lists of entities and the search; an entity's recipes, cost, predictions and similar entities."""
+"""The overview, lists of entities and the search; an entity's recipes, cost, predictions and
+similar entities."""
 
 from collections import Counter
 

@@ -1,4 +1,5 @@
-"""The table of all ranks: its headline is the report's, its filters choose what they say, and two models beside."""
+"""The table of all ranks: its headline is the report's, its filters choose what they say, and two
+models beside."""
 
 from itertools import product
 

@@ -1,4 +1,5 @@
-"""Open slots: truth, training status, ranks and reasons, against loops and the ranking of reports."""
+"""Open slots: truth, training status, ranks and reasons, against loops and the
+ranking of reports."""
 
 from itertools import product
 

@@ -190,7 +190,8 @@ def test_hostile_labels_are_text_in_pages_lists_and_searches(hostile_client):
 
 
 def test_a_page_is_sent_at_once():
-    """asyncio sets TCP_NODELAY on connections whose socket names its protocol; without it a page may wait 40 ms."""
+    """asyncio sets TCP_NODELAY on connections whose socket names its protocol; without it a page
+    may wait 40 ms."""
     with (
         listen("127.0.0.1", 0) as listening,
         socket.create_connection(listening.getsockname()),

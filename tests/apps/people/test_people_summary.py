@@ -1,4 +1,5 @@
-"""Sums over people: rates by condition and part, their intervals, and an agent at the same tables."""
+"""Sums over people: rates by condition and part, their intervals, and an agent at
+the same tables."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -1,4 +1,5 @@
-"""The folder of a study: assignment, stored answers, and damage that is refused without a change."""
+"""The folder of a study: assignment, stored answers, and damage that is refused
+without a change."""
 
 import json
 import math
@@ -500,8 +501,9 @@ def test_answers_that_cannot_be_are_refused(study, folder, change):
     "foreign",
     [
         "CREATE TRIGGER t AFTER INSERT ON answers BEGIN DELETE FROM answers; END",
-        "DROP TABLE answers; CREATE VIEW answers AS SELECT 1 AS session, 'train' AS part, 1 AS number, 'a' AS goal, "
-        "'[]' AS slots, '[]' AS actions, '[]' AS made, 0 AS success, 0.0 AS seconds, 1 AS loads",
+        "DROP TABLE answers; CREATE VIEW answers AS SELECT 1 AS session, 'train' AS part, 1 AS "
+        "number, 'a' AS goal, '[]' AS slots, '[]' AS actions, '[]' AS made, 0 AS success, 0.0 AS "
+        "seconds, 1 AS loads",
         "CREATE TABLE more (thing TEXT)",
     ],
 )

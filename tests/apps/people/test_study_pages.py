@@ -1,4 +1,5 @@
-"""A study's pages as a browser gets them: consent, tasks, answers once, and nothing about the person."""
+"""A study's pages as a browser gets them: consent, tasks, answers once, and nothing about the
+person."""
 
 import asyncio
 import re

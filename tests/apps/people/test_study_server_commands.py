@@ -1,4 +1,5 @@
-"""``people serve`` as a process of its own, ``people summary --export``, and ``people summary`` of a study."""
+"""``people serve`` as a process of its own, ``people summary --export``, and ``people summary`` of
+a study."""
 
 import json
 import re
@@ -95,10 +96,8 @@ def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp
         process.send_signal(signal.SIGINT)
         said, log = process.communicate(timeout=20)
         assert (process.returncode, said) == (0, "")
-        assert (
-            log
-            == f"stopped; 1 person (1 finished) and 4 answers stored in {out}; repeat the command to resume\n"
-        )
+        stored = f"1 person (1 finished) and 4 answers stored in {out}"
+        assert log == f"stopped; {stored}; repeat the command to resume\n"
     assert sorted(path.name for path in out.iterdir()) == ["answers.sqlite", "study.json"]
 
 
@@ -152,7 +151,8 @@ def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path):
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory):
-    """A study whose four people have answered 4, 3, 2 and 1 of 4 tasks; every other answer is right."""
+    """A study whose four people have answered 4, 3, 2 and 1 of 4 tasks; every other answer is
+    right."""
     folder = tmp_path_factory.mktemp("studies") / "begun"
     study = HumanStudy("kitchen", StudyConfig(tasks=2, distractors=(1, 8), forms=2))
     with kept_answers(folder, study) as answers:

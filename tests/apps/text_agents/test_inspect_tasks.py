@@ -1,4 +1,5 @@
-"""Tasks of Inspect AI: figures of an evaluation to the last digit, limits, invalid answers, and logs read back."""
+"""Tasks of Inspect AI: figures of an evaluation to the last digit, limits, invalid answers, and
+logs read back."""
 
 import importlib
 import logging
@@ -50,7 +51,8 @@ KEYS = {
 
 @pytest.fixture(autouse=True)
 def untouched(tmp_path, monkeypatch):
-    """Take back what Inspect does to the root logger, which other tests listen to; it writes nothing at home."""
+    """Take back what Inspect does to the root logger, which other tests listen to; it writes
+    nothing at home."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
     root = logging.getLogger()
     level, handlers = root.level, [*root.handlers]
@@ -85,7 +87,8 @@ def turn(messages):
 
 
 def scripted(task, actions):
-    """Return a model that picks the slots of a scripted player; it recognises a game by the first state."""
+    """Return a model that picks the slots of a scripted player; it recognises a game by the first
+    state."""
     keys = {
         sample.input[1].text: (sample.metadata["task"], sample.metadata["distractor_seed"])
         for sample in task.dataset
@@ -195,7 +198,8 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     answer_to = dict(zip((sample.input[1].text for sample in task.dataset), answers, strict=True))
     log = play(task, lambda messages: answer_to[messages[1].text], message_limit=7)
     *invalid, valid = (sample.scores["goal_made"] for sample in log.samples)
-    # Two attempts, each lost with the second refusal: 8 messages without the rules, of which the limit leaves 6.
+    # Two attempts, each lost with the second refusal: 8 messages without the rules, of which the
+    # limit leaves 6.
     for score in invalid:
         assert (score.value, score.metadata["unfinished"]) == (0, True)
         assert (score.metadata["invalid_actions"], score.metadata["lost_attempts"]) == (3, 1)

@@ -1,4 +1,5 @@
-"""The MCP server, called by the SDK's own client: in this process, on standard streams, and over HTTP."""
+"""The MCP server, called by the SDK's own client: in this process, on standard streams, and over
+HTTP."""
 
 import asyncio
 import json
@@ -440,7 +441,7 @@ def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path
 
 
 @pytest.mark.slow
-def test_malformed_messages_on_stdin_are_passed_over_and_the_last_ones_answered_though_the_input_ends():
+def test_malformed_messages_on_stdin_are_passed_over_up_to_the_end():
     malformed = (
         b"nonsense",
         b'{"jsonrpc": "2.0"}',

@@ -1,4 +1,5 @@
-"""ComplEx: the matrix product scores, the paper's equations, and the training loop against PyKEEN's own."""
+"""ComplEx: the matrix product scores, the paper's equations, and the training loop against PyKEEN's
+own."""
 
 import math
 

@@ -1,4 +1,5 @@
-"""The models of the folds: what they have seen, how they are trained and kept, and what a spoilt folder says."""
+"""The models of the folds: what they have seen, how they are trained and kept, and what a spoilt
+folder says."""
 
 import json
 import logging
@@ -47,7 +48,7 @@ def spoilt_folds(folded, tmp_path):
     return lambda **changes: rewritten(folded, tmp_path / "spoilt", **changes)
 
 
-# --- what is trained -------------------------------------------------------------------------------------------------
+# --- what is trained ------------------------------------------------------------------------------
 
 
 def test_scores_and_tables_are_those_of_a_model_without_folds(folded, opened_kitchen, tmp_path):
@@ -131,7 +132,7 @@ def test_embeddings_of_a_large_graph_have_folds_by_factors(folded, monkeypatch):
         torch.testing.assert_close(left @ right.T, other.table(0))
 
 
-# --- how many --------------------------------------------------------------------------------------------------------
+# --- how many -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -185,7 +186,7 @@ def test_tables_of_folds_that_would_be_too_large_are_refused(opened_kitchen, mon
     assert cross_fitting.decided_folds(LinkModelConfig(), opened_kitchen).folds == 0
 
 
-# --- interruptions ---------------------------------------------------------------------------------------------------
+# --- interruptions --------------------------------------------------------------------------------
 
 
 def test_progress_counts_the_epochs_of_the_folds(opened_kitchen, tmp_path):
@@ -250,7 +251,7 @@ def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(opened_kitchen, tmp_path,
     assert not resume(tmp_path / "model").interrupted
 
 
-# --- side by side ----------------------------------------------------------------------------------------------------
+# --- side by side ---------------------------------------------------------------------------------
 
 PROGRAM = """
 import sys
@@ -279,7 +280,7 @@ def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_ag
     assert same_files(tmp_path / "model", folded)
 
 
-# --- spoilt folders --------------------------------------------------------------------------------------------------
+# --- spoilt folders -------------------------------------------------------------------------------
 
 
 def drop(name):

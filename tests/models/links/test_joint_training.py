@@ -1,4 +1,5 @@
-"""Joint training with triples from outside the book: the loss, the saved model, folds, and refused folders."""
+"""Joint training with triples from outside the book: the loss, the saved model, folds, and refused
+folders."""
 
 import json
 from dataclasses import replace

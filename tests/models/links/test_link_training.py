@@ -1,4 +1,5 @@
-"""Training into a model folder: determinism, interruption and resumption, early stopping, failures and bad settings."""
+"""Training into a model folder: determinism, interruption and resumption, early stopping, failures
+and bad settings."""
 
 import json
 import re
@@ -90,7 +91,7 @@ def figures(trained):
     return without_times([as_values(trained.metrics)])
 
 
-# --- determinism -----------------------------------------------------------------------------------------------------
+# --- determinism ----------------------------------------------------------------------------------
 
 
 @EACH
@@ -148,7 +149,7 @@ def test_training_leaves_all_global_states_as_they_were(
     assert global_states() == before
 
 
-# --- the folder ------------------------------------------------------------------------------------------------------
+# --- the folder -----------------------------------------------------------------------------------
 
 
 def test_a_finished_folder_holds_what_it_should_and_nothing_else(complex_folder):
@@ -259,7 +260,7 @@ def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, comple
     assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
 
 
-# --- interruption and resumption -------------------------------------------------------------------------------------
+# --- interruption and resumption ------------------------------------------------------------------
 
 
 @EACH
@@ -308,7 +309,7 @@ def unfinished(opened_kitchen, tmp_path):
     return train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
 
 
-# --- early stopping --------------------------------------------------------------------------------------------------
+# --- early stopping -------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -357,7 +358,7 @@ def test_an_interruption_in_the_epoch_of_the_early_stop_finishes_the_run(parted_
     )
 
 
-# --- settings that cannot be met -------------------------------------------------------------------------------------
+# --- settings that cannot be met ------------------------------------------------------------------
 
 
 NO_GPU = pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")

@@ -1,4 +1,5 @@
-"""Model folders: saved scorers, and models opened with the graph and split that they were trained on."""
+"""Model folders: saved scorers, and models opened with the graph and split that they were trained
+on."""
 
 import json
 import re

@@ -235,7 +235,8 @@ def test_the_pipeline_trains_our_model_by_name(parted_kitchen, parted_folder):
 
 
 def test_the_pipeline_without_a_loss_is_an_error_that_says_which_loss_to_give():
-    # PyKEEN's pipeline passes its own default, a margin loss, to every model, whatever the model's default is.
+    # PyKEEN's pipeline passes its own default, a margin loss, to every model, whatever the model's
+    # default is.
     with pytest.raises(ConfigError, match=r"(?i)cross.?entropy.*loss=.crossentropy."):
         pipeline(
             dataset="wordcraft",

@@ -155,7 +155,7 @@ def test_where_there_is_nothing_but_popularity_to_learn_the_choice_keeps_up_with
     assert found.mrr > 0.97 * found.frequency_mrr
 
 
-# --- in a run --------------------------------------------------------------------------------------------------------
+# --- in a run -------------------------------------------------------------------------------------
 
 
 def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen, tmp_path, choice):

@@ -1,4 +1,5 @@
-"""The sampled softmax: equal to the full one where everything is sampled, and to it on average elsewhere."""
+"""The sampled softmax: equal to the full one where everything is sampled, and to it on average
+elsewhere."""
 
 import math
 
@@ -88,7 +89,8 @@ def loop(factory):
 
 
 def test_a_batch_costs_about_what_it_costs_with_all_entities_regulariser_included(loop, factory):
-    """With 4,000 draws of 7 entities the sums over the sample are those over all, within a few per cent."""
+    """With 4,000 draws of 7 entities the sums over the sample are those over all, within a few per
+    cent."""
     triples = factory.mapped_triples
     torch.manual_seed(0)
     found = loop._process_batch((triples,), 0, len(triples)).item()

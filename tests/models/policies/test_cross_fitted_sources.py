@@ -1,4 +1,5 @@
-"""Sources of a cross-fitted scorer: each train task is scored by a model that has not seen its recipes."""
+"""Sources of a cross-fitted scorer: each train task is scored by a model that has not seen its
+recipes."""
 
 import copy
 import importlib
@@ -69,7 +70,8 @@ def world_of(opened, part="train", depth=1, **settings):
 
 
 def folds_of(world):
-    """The fold to leave out for each task: none, one, or several if no fold has a recipe of each plan."""
+    """The fold to leave out for each task: none, one, or several if no fold has a recipe of each
+    plan."""
     of_recipe = make_folds(world.split, FOLDS).of_recipe
 
     def left_out(plans):
@@ -232,7 +234,8 @@ def test_evaluations_bind_the_tasks_that_they_play_and_training_binds_its_own_ag
 
 
 def test_a_trainer_uses_for_a_task_what_the_source_says_of_it(opened, scorer):
-    """What the policy scores while acting and learning is by task: without it another policy results."""
+    """What the policy scores while acting and learning is by task: without it another policy
+    results."""
     world = world_of(opened)
     trained = []
     for settings in ({}, {"in_sample": True}):

@@ -1,4 +1,5 @@
-"""Policies and attention against loops that follow the paper's formulas, and what holds for every policy."""
+"""Policies and attention against loops that follow the paper's formulas, and what holds for every
+policy."""
 
 import math
 from dataclasses import asdict
@@ -113,7 +114,8 @@ def softmax(logits):
 
 
 class Slow:
-    """A policy's formulas for a single state, on lists of floats; empty slots are left out before anything else."""
+    """A policy's formulas for a single state, on lists of floats; empty slots are left out before
+    anything else."""
 
     def __init__(self, policy):
         self.config, self.is_knowing = policy.config, bool(policy.sources)
@@ -165,7 +167,8 @@ class Slow:
         return [dot(lambdas, [source[i] for source in sources]) for i in range(len(row))]
 
     def mlp(self, goal, selection, row):
-        """One hidden layer on everything in its order, empty slots as zeros; logits of all slots, and the value."""
+        """One hidden layer on everything in its order, empty slots as zeros; logits of all slots,
+        and the value."""
         everything = [y for entity in (goal, selection, *row) for y in self.x[entity]]
         inner = [max(y, 0.0) for y in self.layer("hidden", everything)]
         return self.layer("logits", inner), self.layer("value", inner)[0]
@@ -434,7 +437,8 @@ def alpha_of(attention, vectors, goal, selection, table):
 
 @st.composite
 def masked_logits(draw):
-    """Logits as large as their differences can be, and masks with at least one slot that holds something."""
+    """Logits as large as their differences can be, and masks with at least one slot that holds
+    something."""
     size, num_slots = draw(st.integers(1, 4)), draw(st.integers(1, 5))
     numbers = st.floats(-(2.0**126), 2.0**126, width=32) | st.floats(-5, 5, width=32)
     row = st.lists(numbers, min_size=num_slots, max_size=num_slots)

@@ -1,4 +1,5 @@
-"""w: the score of a slot's recipe with the entity held or with its best partner, and which recipes speak for it."""
+"""w: the score of a slot's recipe with the entity held or with its best partner, and which recipes
+speak for it."""
 
 import numpy as np
 import pytest

@@ -60,7 +60,8 @@ def knowledge_of(names, scorer=SCORER):
 
 
 def states(size=7, num_slots=4):
-    """Goals, selections that differ from row to row and are sometimes nothing, and tables with empty slots."""
+    """Goals, selections that differ from row to row and are sometimes nothing, and tables with
+    empty slots."""
     goal = torch.arange(size) % SIZE
     selection = (torch.arange(size) * 2 + 1) % (SIZE + 1)
     table = torch.randint(SIZE + 1, (size, num_slots), generator=torch.Generator().manual_seed(0))
@@ -70,7 +71,8 @@ def states(size=7, num_slots=4):
 
 
 def slow_scores(names, goal, selection, table):
-    """``u_i = L(e_i, combinesWith, e_s)`` and ``v_i = L(e_i, componentOf, e_g)``, one question for each slot."""
+    """``u_i = L(e_i, combinesWith, e_s)`` and ``v_i = L(e_i, componentOf, e_g)``, one question for
+    each slot."""
 
     def ask(entity, relation, other):
         return 0.0 if NOTHING in (entity, other) else SCORER.score(entity, relation, other).item()

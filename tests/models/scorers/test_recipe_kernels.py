@@ -90,7 +90,7 @@ def test_the_similarity_without_words_is_positive_semi_definite_and_follows_a_re
     torch.testing.assert_close(renamed[np.ix_(renaming, renaming)], kernel)
 
 
-def test_words_of_few_dimensions_can_make_the_similarity_indefinite_and_the_regression_does_without():
+def test_regression_does_without_an_indefinite_similarity():
     angles = np.random.default_rng(0).random(60) * 2 * np.pi
     vectors = torch.tensor(np.stack([np.cos(angles), np.sin(angles)], axis=1))
     kernel = similarity(np.zeros((0, 3), dtype=np.int64), cosines(vectors))

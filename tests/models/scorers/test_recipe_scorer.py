@@ -1,4 +1,5 @@
-"""The recipe scorer as others use it: scores of recipes and of links, and the recipes that speak for one."""
+"""The recipe scorer as others use it: scores of recipes and of links, and the recipes that speak
+for one."""
 
 import numpy as np
 import pytest

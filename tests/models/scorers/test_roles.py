@@ -16,7 +16,8 @@ SIZE = GRAPH.num_entities
 
 
 def slow_rows(scorer, relation, side):
-    """Scores of each entity with all others, less the means by row and by column, plus that of all."""
+    """Scores of each entity with all others, less the means by row and by column,
+    plus that of all."""
     size = len(scorer.entities)
     scores = scorer.table(relation).tolist()
     everything = sum(map(sum, scores)) / size**2

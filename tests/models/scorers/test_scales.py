@@ -52,7 +52,8 @@ def off_diagonal(table):
 
 
 def slow_standardised(table):
-    """Every score less the mean, over the standard deviation, both of pairs of different entities."""
+    """Every score less the mean, over the standard deviation, both of pairs of
+    different entities."""
     others = [x for i, row in enumerate(table) for j, x in enumerate(row) if i != j]
     mean, deviation = statistics.fmean(others), statistics.pstdev(others)
     return [[(x - mean) / deviation for x in row] for row in table]

@@ -1,4 +1,5 @@
-"""Scorers: one protocol for all, batches equal to singles, and nothing served from a damaged or foreign folder."""
+"""Scorers: one protocol for all, batches equal to singles, and nothing served from a damaged or
+foreign folder."""
 
 import json
 import math
@@ -331,7 +332,8 @@ def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder):
 def test_loading_and_using_a_scorer_does_not_import_pykeen(complex_folder):
     code = (
         "import sys; from wordcraft_kg.models.scorers.folder import load_scorer\n"
-        f"load_scorer({str(complex_folder)!r}).top(None, 'componentOf', 'bread', 1); sys.exit('pykeen' in sys.modules)"
+        f"load_scorer({str(complex_folder)!r}).top(None, 'componentOf', 'bread', 1); "
+        "sys.exit('pykeen' in sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], timeout=120, check=True)
 
@@ -357,7 +359,8 @@ PARTS = ("model.safetensors", "vocabulary.json")
 
 
 def mended(folder, name):
-    """Give the run record the hash of a changed file, as somebody who changes it on purpose would."""
+    """Give the run record the hash of a changed file, as somebody who changes it on
+    purpose would."""
     run = json.loads((folder / "run.json").read_text())
     run["outputs"][name] = sha256_of(folder / name)
     (folder / "run.json").write_text(json.dumps(run))

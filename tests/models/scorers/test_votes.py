@@ -1,4 +1,5 @@
-"""The vote count: recipes by its formula, triples by summing recipes, both against loops over labels."""
+"""The vote count: recipes by its formula, triples by summing recipes, both against loops over
+labels."""
 
 import math
 
@@ -19,7 +20,8 @@ EVERYTHING = torch.arange(SIZE)
 
 
 def slow_weight(one, other, result, unseen):
-    """exp score(one + other -> result) by the formula of the docstring, counted recipe by recipe."""
+    """exp score(one + other -> result) by the formula of the docstring, counted
+    recipe by recipe."""
     votes = [
         sum(entity in recipe[:2] and recipe[2] == result for recipe in KNOWN.tolist())
         for entity in (one, other)

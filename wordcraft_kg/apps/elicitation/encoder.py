@@ -119,7 +119,7 @@ def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
 
 
 def vector_files(labels: Sequence[str], vectors: NDArray[np.float16]) -> dict[str, bytes]:
-    """Return the files of a folder of vectors: by name, the vectors, shape (N, D), and the N labels."""
+    """Return the files of a folder of vectors, by name: vectors, shape (N, D), and the N labels."""
     buffer = io.BytesIO()
     # No pickle: the array has numbers only, and readers refuse anything else.
     np.save(buffer, vectors, allow_pickle=False)

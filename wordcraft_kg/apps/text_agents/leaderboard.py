@@ -67,7 +67,8 @@ def leaderboard_page(folder: Path) -> str:
     paths = submissions_below(folder)
     if not paths:
         raise ArtefactError(
-            f"'{folder}' has no submission; expected folders of `wordcraft-kg bench run`, or archives of them."
+            f"'{folder}' has no submission; expected folders of `wordcraft-kg bench run`, or "
+            "archives of them."
         )
     marked = [_marked(path) for path in steps("verifying submissions", paths)]
     return "\n".join(_lines(marked)) + "\n"

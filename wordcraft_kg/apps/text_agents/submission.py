@@ -52,7 +52,10 @@ _DIGITS = 6
 MOST_DOLLARS = 1_000_000
 MOST_TOKENS = 10**12
 MOST_INVALID = 1_000_000
-"""Invalid answers in a game. They cost nothing on an MCP server, so no rule of the game limits them."""
+"""Invalid answers in a game.
+
+They cost nothing on an MCP server, so no rule of the game limits them.
+"""
 _Amount = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
 _Dollars = Annotated[float, msgspec.Meta(ge=0, le=MOST_DOLLARS)]
 _Tokens = Annotated[int, msgspec.Meta(ge=0, le=MOST_TOKENS)]
@@ -318,7 +321,8 @@ def answers_text(lines: Sequence[GameLine]) -> str:
 def figures_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False) -> TrackFigures:
     """Return the figures over all games of a track.
 
-    ``by_task``: with the interval of earlier submissions, as if a split held out tasks by themselves.
+    ``by_task``: with the interval of earlier submissions, as if a split held out tasks by
+    themselves.
     """
     known: dict[int, float] = {}
     by_plan = None
@@ -329,14 +333,14 @@ def figures_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False
             mark: _rounded(mean) for mark, mean in mean_known(curves, track.frozen.attempts).items()
         }
         final = [curve[-1] for curve in curves]
-        mean, interval = (
-            float(np.mean(final)),
-            student_interval(final, within=(0, track.opened.graph.num_entities)),
-        )
+        mean = float(np.mean(final))
+        everything = track.opened.graph.num_entities
+        interval = student_interval(final, within=(0, everything))
     else:
         success = np.array([bool(line.success) for line in lines])
         groups = None if by_task else track.world.groups
-        mean, interval = float(success.mean()), task_bootstrap(success[:, None], groups)
+        mean = float(success.mean())
+        interval = task_bootstrap(success[:, None], groups)
         by_plan = _rounded(np.mean([bool(line.by_plan) for line in lines]))
     low, high = interval or (mean, mean)
     return TrackFigures(

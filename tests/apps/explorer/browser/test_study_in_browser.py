@@ -1,4 +1,5 @@
-"""People's pages in a real browser: by mouse, by keyboard alone, without a script, on a phone, and under axe."""
+"""People's pages in a real browser: by mouse, by keyboard alone, without a script, on a phone, and
+under axe."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -141,7 +142,8 @@ def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key
     page.wait_for_url("**first=4")
     page.evaluate(
         "performance.now = () => 399; const selected = document.querySelector('.selected');"
-        "selected.dispatchEvent(new MouseEvent('click', { detail: 2, bubbles: true, cancelable: true }))"
+        "selected.dispatchEvent(new MouseEvent('click', { detail: 2, bubbles: true, cancelable: "
+        "true }))"
     )
     page.wait_for_timeout(300)
     assert page.url.endswith("first=4")

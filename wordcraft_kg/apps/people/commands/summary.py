@@ -36,7 +36,9 @@ def people_summary(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Show success rates of people in the protocol of the paper, with 95% intervals, and of agents for comparison.
+    """Show success rates of people in the protocol of the paper, and of agents for comparison.
+
+    Intervals are 95 %.
 
     Args:
         studies: study folders (`people serve`) with equal graph and split.

@@ -32,7 +32,7 @@ EXAMPLES = (
 )
 
 
-def bench_run(
+def bench_run(  # noqa: PLR0913 - parameters are the command's options
     track: str,
     *,
     player: str,

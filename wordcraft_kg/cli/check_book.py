@@ -20,7 +20,7 @@ EXAMPLES = (
 )
 
 
-def check_book(
+def check_book(  # noqa: PLR0913 - parameters are the command's options
     book: Book,
     *,
     base: Base = None,
@@ -36,7 +36,8 @@ def check_book(
 
     List problems and notes with line numbers, and count recipes and entities.
 
-    The file itself is not changed. The exit code is 1 if there are problems; notes are not failures.
+    The file itself is not changed. The exit code is 1 if there are problems; notes are no
+    failures.
 
     Args:
         book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of

@@ -1,9 +1,9 @@
 """The dialect of a table: its column delimiter and its quotes.
 
 Candidates are scored on the first rows: a header with known names decides, else rows with equally
-many cells. On 480 variants of books (delimiters, quotes, headers, orders, 3 to 60 rows), csv.Sniffer
-misread 1, clevercsv 0.8 none, and the scoring here none. It is kept because it tells when two
-delimiters fit, where the others choose one in silence, and needs no package in the light
+many cells. On 480 variants of books (delimiters, quotes, headers, orders, 3 to 60 rows),
+csv.Sniffer misread 1, clevercsv 0.8 none, and the scoring here none. It is kept because it tells
+when two delimiters fit, where the others choose one in silence, and needs no package in the light
 installation.
 """
 
@@ -158,7 +158,10 @@ def trimmed(line: str, delimiter: str, quote: str = '"') -> str:
 
 @cache
 def _cell_pattern(delimiter: str, quote: str) -> re.Pattern[str]:
-    """Return a pattern for a cell after any spaces: quoted, up to the spaces before its end, or all up to its end."""
+    """Return a pattern for a cell after any spaces.
+
+    A quoted cell goes up to the spaces before its end, any other up to its end.
+    """
     d = re.escape(delimiter)
     return re.compile(
         rf" *+({quote}(?:[^{quote}]|{quote}{quote})*+{quote}(?= *+(?:[{d}\r\n]|$))|[^{d}\r\n]*+)"

@@ -779,3 +779,37 @@ def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monk
         "3",
         "1",
     ]
+
+
+def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, home):
+    path = book(
+        "wiki.csv", "x;y;z\nwater;earth;mud\nmud;water;mud\nearth;water;mud\nmud;fire;brick;?\n"
+    )
+    refused = run("build-graph", path, "--out", home / "graph")
+    assert refused.code == 1
+    assert (
+        "a table with semicolons whose first row ('x', 'y', 'z') may name the columns"
+        in refused.err
+    )
+    assert "--columns" in refused.err
+    assert "docs/your-file.md#table" in refused.err
+    columns = ("--columns", "x,y,z")
+    checked = run("check-book", path, *columns, "--fix", home / "mended.csv")
+    assert checked.code == 1
+    first, *lines = checked.out.splitlines()
+    assert first == (
+        "read as table with delimiter ';', x + y = z; kept 1 of 3 rows "
+        "(1 that repeat a recipe, 1 with an ingredient as the result)"
+    )
+    assert any("line 5: 'mud;fire;brick;?' has 4 cells" in line for line in lines)
+    text = (home / "mended.csv").read_text(encoding="utf-8")
+    assert text == TABLE + "earth,water,mud\n"
+    assert run("check-book", home / "mended.csv").code == 0
+    again = run("check-book", path, *columns, "--fix", home / "mended.csv")
+    assert "exists" in again.err
+    built = run(
+        "build-graph", home / "mended.csv", "--split", "none", "--out", home / "graph", "--json"
+    )
+    assert json.loads(built.out)["reading"]["rows"] == 1
+    described = run("describe", home / "graph")
+    assert "read as table with delimiter ',', ingredient_a + ingredient_b = result" in described.out

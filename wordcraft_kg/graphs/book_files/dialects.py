@@ -80,7 +80,9 @@ def guess_dialect(path: Path, lines: Sequence[str], delimiter: str | None, usual
     """
     if delimiter is not None:
         return _dialect(lines, delimiter)
-    with_header, even = [], []
+    with_header: list[Dialect] = []
+    even: list[Dialect] = []
+    mostly: list[Dialect] = []
     for candidate in DELIMITERS:
         dialect = _dialect(lines, candidate)
         rows = [cells_of(line, dialect) for line in lines]
@@ -89,7 +91,10 @@ def guess_dialect(path: Path, lines: Sequence[str], delimiter: str | None, usual
             with_header.append(dialect)
         if width >= 3 and number >= _EVEN * len(rows):
             even.append(dialect)
-    fitting = with_header or even
+        # Of a few rows, one that is spoilt is many.
+        if width >= 3 and number > len(rows) / 2:
+            mostly.append(dialect)
+    fitting = with_header or even or mostly
     if len(fitting) > 1:
         readings = " or ".join(
             f"{cells_of(lines[-1], each)} ({DELIMITERS[each.delimiter]})" for each in fitting[:2]

@@ -333,11 +333,10 @@ class Table(RowSource):
             others = [i for i in range(self._width) if i not in self._roles.used]
             self.ignored = tuple(f"column {i + 1}" for i in others)
             return
-        names = [*self._names, *[""] * (self._width - len(self._names))]
+        names = self._names
         self.columns = tuple(names[i] for i in used)
         others = [i for i in range(len(names)) if i not in self._roles.used]
-        named = [names[i] or f"column {i + 1}" for i in others]
-        self.ignored = tuple(named[: len(self._names)])
+        self.ignored = tuple(names[i] or f"column {i + 1}" for i in others)
 
     # --- the rows ---------------------------------------------------------------------------------
 

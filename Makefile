@@ -54,7 +54,7 @@ demo: install
 	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-partial \
 		--out $(DEMO)/runs/partial --force
 	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-recipes \
-		--use u,v,w --out $(DEMO)/runs/recipes --force
+		--use combines,component,recipe --out $(DEMO)/runs/recipes --force
 	$(BIN)/wordcraft-kg compare $(DEMO)/runs/no-kg $(DEMO)/runs/partial $(DEMO)/runs/recipes \
 		--out $(DEMO)/reports/agents --force
 	$(BIN)/wordcraft-kg explain $(DEMO)/runs/recipes --episodes 1

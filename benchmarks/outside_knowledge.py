@@ -175,7 +175,10 @@ def agent_figures(
             RecipesConfig(graph, RecipeScorerConfig(features=words, with_=tuple(specs))), model
         )
     if not (home / "run/evaluation.json").exists():
-        use, trainer = PolicyConfig(use="u,v,w"), ImpalaConfig(steps=steps, eval_every=0)
+        use, trainer = (
+            PolicyConfig(use="combines,component,recipe"),
+            ImpalaConfig(steps=steps, eval_every=0),
+        )
         train_agent(AgentConfig(graph, model, policy=use, trainer=trainer), run)
     agent, alone = open_agent(run), open_model(model, graph)
     players = {

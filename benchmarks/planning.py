@@ -45,11 +45,11 @@ def players(opened: OpenedGraph, options: argparse.Namespace) -> Iterator[tuple[
             name,
             knowledge_player(make_sources(name.split(","), scorer, ScoreView("standardise"))),
         )
-    yield "planner", knowledge_player(make_sources(["p"], scorer))
+    yield "planner", knowledge_player(make_sources(["plan"], scorer))
     for width in map(int, options.widths.split(",") if options.widths else ()):
         yield (
             f"planner, {width} candidates",
-            knowledge_player(make_sources(["p"], scorer, ScoreView(width=width))),
+            knowledge_player(make_sources(["plan"], scorer, ScoreView(width=width))),
         )
     known = BestPlan.of_recipes(graph.num_entities, opened.split.recipes("train"))
     yield "planner, train recipes", knowledge_player([known])
@@ -130,7 +130,7 @@ def main() -> None:
                 )
                 world = World(opened, config)
                 if options.time:
-                    (source,) = make_sources(["p"], load_scorer(options.model))
+                    (source,) = make_sources(["plan"], load_scorer(options.model))
                     alone, many = (milliseconds(world, source, batch) for batch in (1, 256))
                     print(
                         f"first decision at depth {depth}: {alone:.2f} ms alone, {many:.3f} ms in a batch of 256"

@@ -263,13 +263,13 @@ def test_an_agent_is_compared_with_the_scores_that_it_saw_and_the_page_says_how(
             )
         )
         gain = mine.success.mean() - alone.success.mean()
-        assert (beside.scorer, beside.gain) == ("u, v", pytest.approx(gain))
+        assert (beside.scorer, beside.gain) == ("combines (u), component (v)", pytest.approx(gain))
         assert (
             beside.differs
             == (mine.decisions != alone.decisions).mean()
             > (mine.success != alone.success).mean()
         )
-        assert f"<td>u, v</td><td>{100 * beside.differs:.1f} %</td>" in html
+        assert f"<td>{beside.scorer}</td><td>{100 * beside.differs:.1f} %</td>" in html
     out_of_sample = (
         r"On train tasks <b>folds</b> is scored\s+.*out of sample.*, by models trained.*\(3 folds\)"
     )

@@ -26,6 +26,7 @@ from wordcraft_kg.envs.config import (
 )
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.sources import with_letters
 from wordcraft_kg.runs.config_file import RunConfig
 
 _LARGE = 1e9
@@ -233,8 +234,9 @@ class AgentConfig(RunConfig):
     def __post_init__(self) -> None:
         if self.scorer is not None:
             return
+        default = PolicyConfig()
         for name in KNOWLEDGE_SETTINGS:
-            if getattr(self.policy, name) != getattr(PolicyConfig, name):
+            if getattr(self.policy, name) != getattr(default, name):
                 raise ConfigError(f"`{name}` configures the use of a scorer: give a `scorer` too.")
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
@@ -242,6 +244,14 @@ class AgentConfig(RunConfig):
         return Path("runs") / f"{graph_name}-{guide}"
 
     def differing(self) -> dict[str, Any]:
-        """Return the settings that differ from the defaults, by name."""
+        """Return the settings that differ from the defaults, by name, for tables.
+
+        Sources have their names for people, see :func:`with_letters`.
+        """
         default = AgentConfig("").values()
-        return {name: value for name, value in self.values().items() if default.get(name) != value}
+        changed = {
+            name: value for name, value in self.values().items() if default.get(name) != value
+        }
+        if "use" in changed:
+            changed["use"] = with_letters(self.policy.sources)
+        return changed

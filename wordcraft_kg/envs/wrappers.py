@@ -169,7 +169,7 @@ class KGScoreObservation(_Ids):
 
         Args:
             env: a crafting environment that observes ids.
-            sources: sources for the environment's graph, such as ``make_sources(["u", "v"],
+            sources: sources for the environment's graph, such as ``make_sources(["combines", "component"],
                 scorer)``. A cross-fitted scorer needs the tasks, too:
                 ``make_sources(..., tasks=env.unwrapped.world.tasks)``.
 

@@ -33,6 +33,7 @@ from wordcraft_kg.evaluation.agent_figures import (
 from wordcraft_kg.evaluation.goal_groups import goal_groups
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.policies.sources import with_letters
 
 if TYPE_CHECKING:
     from wordcraft_kg.models.model import Model
@@ -141,7 +142,9 @@ def view_evaluation(
             by_goal[count] = slice_successes(groups, [result])
     scores = None
     if agent == "kg-only":
-        scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}"
+        scores = (
+            f"{with_letters(policy.sources)}, scale {policy.scale}, self edges {policy.self_edges}"
+        )
     return AgentEvaluation(
         run=str(run),
         agent=agent,

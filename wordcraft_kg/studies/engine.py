@@ -281,7 +281,8 @@ def _sort(task: Task) -> str:
         return task.kind
     settings = task.settings["settings"]
     if len(task.needs) > 1:
-        return "w" if "w" in settings.get("use", PolicyConfig.use) else "u,v"
+        config = PolicyConfig(use=settings.get("use", PolicyConfig.use))
+        return "w" if "w" in config.sources else "u,v"
     features = settings.get("features", PolicyConfig.features)
     return features if features in _STEPS_PER_SECOND else "none"
 

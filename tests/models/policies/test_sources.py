@@ -26,12 +26,15 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
 from wordcraft_kg.models.policies.sources import (
     ALPHA,
+    BUILT_IN,
     LABELS,
+    SPELLED,
     Label,
     installed_sources,
     label_of,
     registry,
     source_names,
+    with_letters,
 )
 from wordcraft_kg.models.policies.sources.registry import (
     make_sources,
@@ -232,6 +235,34 @@ def test_an_agent_learns_with_factors_and_its_policy_comes_back(
     assert set(loaded.sources["u"].state_dict()) == buffers
 
 
+def test_names_for_people_and_letters_name_the_same_sources():
+    assert set(SPELLED.values()) == {*BUILT_IN, "p"}
+    for spelled, letter in SPELLED.items():
+        assert source_class(spelled) is source_class(letter)
+        assert label_of(spelled) is label_of(letter)
+        assert PolicyConfig(use=spelled) == PolicyConfig(use=letter)
+    spelled, short = make_sources(["component"], SCORER), make_sources(["v"], SCORER)
+    assert [source.name for source in spelled] == [source.name for source in short] == ["v"]
+    assert with_letters(["v", "component", "mine"]) == "component (v), component (v), mine"
+
+
+def test_settings_with_names_for_people_are_stored_by_letter_and_shown_with_both():
+    policy = PolicyConfig(use="recipe, u")
+    assert policy.use == "w,u"
+    assert policy.sources == ("u", "w")
+    config = AgentConfig("kitchen", "models/kitchen", policy=policy)
+    assert config.values()["use"] == "w,u"
+    assert config.differing()["use"] == "combines (u), recipe (w)"
+    # The default is spelled, and no difference.
+    assert PolicyConfig().use == PolicyConfig(use="u,v").use == "u,v"
+    assert "use" not in AgentConfig("kitchen").differing()
+
+
+def test_an_unknown_name_of_a_source_gets_both_names_and_a_hint():
+    with pytest.raises(ConfigError, match=r"combines \(u\).*plan \(p\).*mean 'recipe'"):
+        PolicyConfig(use="u,recipes")
+
+
 def test_every_source_has_a_label_of_its_own_name_and_symbol():
     labels = [label_of(name) for name in (ALPHA.name, *source_names())]
     assert [label.name for label in labels] == [ALPHA.name, *source_names()]
@@ -311,12 +342,12 @@ def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path)
     assert find_term("third").name == label_of("third").words == "third"
 
 
-@pytest.mark.parametrize("name", ["alpha", "u", "w"])
+@pytest.mark.parametrize("name", ["alpha", "u", "w", "combines", "plan"])
 def test_a_source_may_not_take_the_name_of_one_that_is_built_in(name):
     taking = type("Taking", (Triple,), {"label": Label(name, "x", "anything")})
     with pytest.raises(ConfigError, match="built in"):
         register_source(taking)
-    with pytest.raises(ConfigError, match="u, v, w"):
+    with pytest.raises(ConfigError, match=r"combines \(u\), component \(v\), recipe \(w\)"):
         source_class("nowhere")
 
 

@@ -26,7 +26,6 @@ from wordcraft_kg.envs.config import (
 )
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
 from wordcraft_kg.models.policies.config import PolicyConfig
-from wordcraft_kg.models.policies.sources import with_letters
 from wordcraft_kg.runs.config_file import RunConfig
 
 _LARGE = 1e9
@@ -244,14 +243,6 @@ class AgentConfig(RunConfig):
         return Path("runs") / f"{graph_name}-{guide}"
 
     def differing(self) -> dict[str, Any]:
-        """Return the settings that differ from the defaults, by name, for tables.
-
-        Sources have their names for people, see :func:`with_letters`.
-        """
+        """Return the settings that differ from the defaults, by name."""
         default = AgentConfig("").values()
-        changed = {
-            name: value for name, value in self.values().items() if default.get(name) != value
-        }
-        if "use" in changed:
-            changed["use"] = with_letters(self.policy.sources)
-        return changed
+        return {name: value for name, value in self.values().items() if default.get(name) != value}

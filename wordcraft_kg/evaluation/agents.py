@@ -21,6 +21,7 @@ from wordcraft_kg.evaluation import agent_figures, training_curves
 from wordcraft_kg.evaluation.reference import ReferenceRow, pack_of, play_of
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.policies.sources import shown_setting
 
 _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Task settings that must be equal in all compared agents."""
@@ -467,7 +468,7 @@ def _entry(
         seeds=tuple(agent.config.trainer.seed for agent in members),
         checkpoints=tuple(agent.checkpoint for agent in members),
         settings={
-            key: str(value)
+            key: shown_setting(key, value)
             for key, value in config.differing().items()
             if key not in ("seed", "graph")
         },

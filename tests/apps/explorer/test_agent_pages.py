@@ -268,7 +268,7 @@ def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agen
     assert view.settings == {
         "graph": "kitchen",
         "scorer": "kitchen-recipes",
-        "use": "u,v,w",
+        "use": "combines (u), component (v), recipe (w)",
         "steps": "4000",
     }
     page = look(agents, RunState("guided")).page

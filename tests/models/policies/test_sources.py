@@ -33,6 +33,7 @@ from wordcraft_kg.models.policies.sources import (
     installed_sources,
     label_of,
     registry,
+    shown_setting,
     source_names,
     with_letters,
 )
@@ -252,7 +253,8 @@ def test_settings_with_names_for_people_are_stored_by_letter_and_shown_with_both
     assert policy.sources == ("u", "w")
     config = AgentConfig("kitchen", "models/kitchen", policy=policy)
     assert config.values()["use"] == "w,u"
-    assert config.differing()["use"] == "combines (u), recipe (w)"
+    assert shown_setting("use", "w,u") == "recipe (w), combines (u)"
+    assert shown_setting("scale", "w") == "w"
     # The default is spelled, and no difference.
     assert PolicyConfig().use == PolicyConfig(use="u,v").use == "u,v"
     assert "use" not in AgentConfig("kitchen").differing()

@@ -16,7 +16,7 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation import training_curves
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.policies.sources import ALPHA, source_names
+from wordcraft_kg.models.policies.sources import ALPHA, shown_setting, source_names
 from wordcraft_kg.reports.agent_pictures import (
     picture_of_lambdas,
     picture_of_success,
@@ -193,7 +193,7 @@ def _view_run(explored: Explored, state: RunState) -> RunView:
 
 def _shown(name: str, value: object) -> str:
     # Of a folder only its name: paths on this machine are private.
-    return Path(str(value)).name if name in ("graph", "scorer") else str(value)
+    return Path(str(value)).name if name in ("graph", "scorer") else shown_setting(name, value)
 
 
 def _row(name: str, run: FollowedRun) -> RunRow:

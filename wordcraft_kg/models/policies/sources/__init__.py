@@ -127,6 +127,11 @@ def short_name(name: str) -> str:
     return SPELLED.get(name, name)
 
 
+def shown_setting(name: str, value: object) -> str:
+    """Return a setting's value for tables: that of ``use`` with the names for people."""
+    return with_letters(str(value).split(",")) if name == "use" else str(value)
+
+
 def with_letters(names: Iterable[str]) -> str:
     """Return the names of sources for people, as in ``combines (u), component (v)``.
 

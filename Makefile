@@ -104,7 +104,7 @@ docs: install
 # 124: the time is over. All finished cells are stored, and the next call resumes the unfinished trainings.
 results: install
 	timeout --foreground --signal=INT $(MINUTES)m nice -n 19 $(BIN)/wordcraft-kg reproduce $(STUDY) \
-		--store docs/results/cells --out results --keep figures || [ $$? = 124 ]
+		--store docs/results/cells --out results --keep metrics || [ $$? = 124 ]
 
 .venv/installed-docs: .venv/installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"

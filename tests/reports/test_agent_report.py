@@ -184,9 +184,9 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents
         if mlp.difference_ci[0] > 0
         else "below"
         if mlp.difference_ci[1] < 0
-        else "level with"
+        else "no significant difference from"
     )
-    assert re.search(f"mlp is {verdict} +plain: +paired difference", first_line(report))
+    assert re.search(f"mlp: {verdict} +plain: +paired difference", first_line(report))
     assert "difference between agents may be due to the seeds" in first_line(report)
     alone = first_line(report_of({"one": [agents[0]]}, distractor_seeds=1, episodes=0))
     assert "difference" not in alone

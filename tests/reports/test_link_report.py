@@ -236,7 +236,7 @@ def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, 
     ("make", "verdict", "baseline"),
     [
         (lambda graph, split: SymbolicScorer(graph, graph.triples), "above", None),
-        (lambda graph, split: NeighbourScorer(graph, split.partial), "level with", "neighbours"),
+        (lambda graph, split: NeighbourScorer(graph, split.partial), "no significant difference", "neighbours"),
         (lambda graph, split: SymbolicScorer(graph, split.partial), "below", None),
     ],
 )
@@ -255,7 +255,7 @@ def test_the_first_line_says_where_the_model_stands_against_the_best_baseline(
     )
     text = text_of(render(report))
     name = GLOSSARY[best.baseline].name
-    assert f"{verdict.capitalize()} the best baseline , the {name}" in text
+    assert f"{best.compared.capitalize()} the best baseline , the {name}" in text
     assert f"{best.difference:+.3f} [{best.ci[0]:.3f}, {best.ci[1]:.3f}]" in text
 
 

@@ -223,8 +223,8 @@ def _links_text(view: "LinkComparison") -> Iterator[str]:
             yield f"note: {model.name} was trained on all recipes: it has seen these triples"
     if view.best is not None:
         level = (
-            f"; no significant difference: {', '.join(view.not_told_apart)}"
-            if view.not_told_apart
+            f"; no significant difference: {', '.join(view.not_significant)}"
+            if view.not_significant
             else ""
         )
         yield f"best: {view.best}{level}"

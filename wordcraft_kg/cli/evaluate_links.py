@@ -55,7 +55,7 @@ def evaluate_links(
     view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
     output.result(summarise_links(view, str(folder / "index.html")), _text(view, folder))
-    # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no figure is valid.
+    # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no metric is valid.
     failed = [check for check in view.checks if not check.passed and check.id != "coverage"]
     for check in failed:
         print(f"CHECK FAILED: {check.name} ({check.detail})", file=sys.stderr)
@@ -76,7 +76,7 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
         return [memory, *aligned(rows), wrote]
     best, (low, high) = view.comparisons[0], view.comparisons[0].ci
     lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-    rows.append(("verdict", f"{best.verdict} the best baseline, {best.baseline}: {lead}"))
+    rows.append(("verdict", f"{best.compared} the best baseline, {best.baseline}: {lead}"))
     if has_few_test_recipes(view):
         count = f"{view.split.test_recipes:,} test recipes"
         rows.append(
@@ -98,7 +98,7 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
         leaked, headline = (
             metrics.mrr or 0.0 for metrics in (view.with_leaked, view.metrics["all"])
         )
-        # A model that does not remember the leaked triples lowers the figure.
+        # A model that does not remember the leaked triples lowers the metric.
         inflated = (
             "inflated: training contains them"
             if leaked > headline

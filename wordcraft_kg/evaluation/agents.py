@@ -421,7 +421,7 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
         if agent.opened.split.hash != first.opened.split.hash:
             raise GraphMismatchError(
                 f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: "
-                "their tasks differ, so their figures cannot be compared. Train all runs on the "
+                "their tasks differ, so their results cannot be compared. Train all runs on the "
                 "same graph folder."
             )
         for rule in rules:
@@ -430,7 +430,7 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
             if value != expected:
                 raise ConfigError(
                     f"'{agent.name}' plays with {rule} {value} and '{first.name}' with "
-                    f"{expected}: their figures cannot be compared."
+                    f"{expected}: their results cannot be compared."
                 )
 
 

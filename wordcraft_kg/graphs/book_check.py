@@ -92,12 +92,12 @@ class BookFigures(Record, omit_defaults=True):
 SHARES = frozenset(
     name for name, kind in BookFigures.__annotations__.items() if kind in (Share, Share | None)
 )
-"""Names of the figures that are shares, from 0 to 1."""
+"""Names of the statistics that are shares, from 0 to 1."""
 
 
 @dataclass(frozen=True)
 class BookCheck:
-    """The check of a book: findings, problems first, and figures and graph of the readable recipes, if any."""
+    """The check of a book: findings, problems first, and statistics and graph of the readable recipes, if any."""
 
     findings: tuple[Finding, ...]
     figures: BookFigures | None

@@ -12,12 +12,12 @@ between the sides, a claim of *more, by at least b* (default 0) is
 
 For *less* all signs are reversed. *Comparable, closer than b* is reproduced if [l, h] lies within ±b, not reproduced if
 it lies beyond ±b, differs if it otherwise excludes 0, and else undecided. *Varies* is reproduced if one grid interval
-is above 0 and another below; with one sign everywhere, it differs if the difference surely changes between two points
-(in pairs; for other tasks: disjoint intervals) and else is not reproduced; it is not reproduced either if all intervals
-lie within ±.02, and else undecided. A claim without runs is *not run*.
+is above 0 and another below; with one sign everywhere, it differs if the change of the difference between two points is
+significant at 5 % (in pairs; for other tasks: disjoint intervals) and else is not reproduced; it is not reproduced
+either if all intervals lie within ±.02, and else undecided. A claim without runs is *not run*.
 
 Intervals for success are over seeds and over groups of tasks that the split holds out together, such as the tasks of a
-goal (:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals for figures per run, such as steps, are over
+goal (:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals for metrics per run, such as steps, are over
 seeds: mean ± t · s / √S, with Student's t. Differences are paired by seed, task and table. Verdicts are not corrected
 for multiple claims. With fewer than three seeds, a verdict other than *undecided* is marked as provisional.
 """
@@ -319,8 +319,9 @@ def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> 
 def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple[Verdict, str]:
     if low > 0:
         if low < by:
-            how = "not" if high < by else "not surely"
-            return "differs", f"{word}, but {how} by {by:g}"
+            if high < by:
+                return "differs", f"{word}, but not by {by:g}"
+            return "differs", f"{word}, but at least {by:g} is not significant at 5 %"
         if by:
             return "reproduced", f"{word}, by more than {by:g}"
         # Significant, but below any relevant size: reproduced as claimed, and the reader is told.
@@ -366,7 +367,7 @@ def _varies(
         # The same sign everywhere contradicts the claim, unless at least the amount varies.
         if any(_changes(results, claim, *pair) for pair in combinations(measured, 2)):
             return "differs", f"{everywhere}, but by different amounts"
-        return "not reproduced", f"{everywhere}, by amounts that do not surely differ"
+        return "not reproduced", f"{everywhere}, by amounts without a significant difference at 5 %"
     if all(low >= -_SAME and high <= _SAME for low, high in intervals):
         return "not reproduced", f"no difference of {_SAME:g} anywhere"
     return "undecided", "the intervals are too wide"

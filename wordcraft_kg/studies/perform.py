@@ -44,7 +44,7 @@ FIGURES: dict[Kind, type[TaskFigures]] = {
     "runs": RunFigures,
 }
 _LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
-"""Run files that its figures do not need: tens of megabytes each."""
+"""Run files that its metrics do not need: tens of megabytes each."""
 
 
 def is_done(task: Task, root: Path) -> bool:

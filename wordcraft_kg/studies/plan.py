@@ -123,7 +123,7 @@ def make_plan(study: Study, name: str) -> Plan:
         )
     planner = _Planner(study)
     cells = tuple(cells_of(study))
-    # First seeds for all variants first: an interrupted study has figures for each variant.
+    # First seeds for all variants first: an interrupted study has results for each variant.
     order = sorted(range(len(cells)), key=lambda number: cells[number].seed)
     runs = {number: planner.run(cells[number]) for number in order}
     _refuse_equal(cells, runs)

@@ -44,7 +44,7 @@ _ROUNDING = 1e-6
 
 
 def check_played(figures: "RunResult | RunFigures") -> None:
-    """Raise ValueError for figures of an agent that contradict its successes on single tasks.
+    """Raise ValueError for results of an agent that contradict its successes on single tasks.
 
     Success on test tasks and the share of the termination reason ``goal`` follow from ``won``; success by plan is a
     part of success, and shares of termination reasons add up to 1. Everything else needs the agent or its scorer, and

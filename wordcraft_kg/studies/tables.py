@@ -234,7 +234,7 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
     if view.missing:
         first = view.missing[0]
         number = counted(len(view.missing), "training")
-        yield f"{number} without figures; the first, {first.variant}, seed {first.seed}: {first.why}"
+        yield f"{number} without results; the first, {first.variant}, seed {first.seed}: {first.why}"
 
 
 def _lines_of_point(point: PointFigures, metric: Metric) -> Iterator[str]:

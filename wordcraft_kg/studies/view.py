@@ -147,7 +147,7 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
             # A mean over seeds is about one set of tasks.
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were played on different {differing} ({_named(one)}; "
-                f"{_named(other)}), so their figures cannot be averaged. Add the differing setting to the grid, "
+                f"{_named(other)}), so their results cannot be averaged. Add the differing setting to the grid, "
                 "such as `book`, `split` or `split_seed`, or repeat the runs on the same graph."
             )
         if (len(run.won), run.distractor_seeds) != (len(first.won), first.distractor_seeds):

@@ -1,4 +1,4 @@
-"""Reader for answers of people, for comparison with the reference figures."""
+"""Reader for answers of people, for comparison with the reference results."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -22,7 +22,7 @@ from wordcraft_kg.evaluation.reference import literature
 
 _TITLES = (
     "player",
-    "figure",
+    "result",
     "by plan",
     "prompts",
     "look-ups",
@@ -118,7 +118,7 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     )
     yield (
         f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). "
-        "Figures: success, or known items if open-ended,"
+        "Results: success, or known items if open-ended,"
     )
     yield (
         f"with 95 % intervals. † marks a success above {SENSIBLE:.0%}, "

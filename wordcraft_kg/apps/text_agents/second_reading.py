@@ -30,7 +30,7 @@ class SecondReading:
 
     Attributes:
         grammar: version of the grammar.
-        figures: figures of the track; None if the messages do not decide all games.
+        figures: results of the track; None if the messages do not decide all games.
         lines: the games that are decided.
         open_games: number of games that the messages do not decide.
     """

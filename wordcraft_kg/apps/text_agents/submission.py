@@ -316,7 +316,7 @@ def answers_text(lines: Sequence[GameLine]) -> str:
 
 
 def figures_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False) -> TrackFigures:
-    """Return the figures over all games of a track.
+    """Return the results over all games of a track.
 
     ``by_task``: with the interval of earlier submissions, as if a split held out tasks by themselves.
     """
@@ -411,9 +411,9 @@ def _totals(track: Track, lines: Sequence[GameLine]) -> dict[str, Any]:
 
 
 def verify(folder: Path) -> Submission:
-    """Play a submission again, compare every byte and figure, and return it.
+    """Play a submission again, compare every byte and result, and return it.
 
-    The returned figures have the interval of :func:`figures_of`; an earlier submission may have
+    The returned results have the interval of :func:`figures_of`; an earlier submission may have
     another, over tasks.
 
     Raises:

@@ -107,7 +107,7 @@ class RunList(Record):
 
 
 class RunView(Record):
-    """An agent's run with figures, curves, and settings other than the defaults.
+    """An agent's run with metrics, curves, and settings other than the defaults.
 
     Attributes:
         row: the run in the table of runs.
@@ -122,7 +122,7 @@ class RunView(Record):
         settings: settings other than the defaults, as text.
         curves: success rates during training, by part.
         lambdas: mixing weights during training.
-        training: further figures during training.
+        training: further metrics during training.
         provenance: versions and hashes of the run's inputs.
     """
 
@@ -220,7 +220,7 @@ def _row(name: str, run: FollowedRun) -> RunRow:
 
 
 def _success(records: AgentRun) -> dict[TaskPart, PartSuccess]:
-    # The evaluation plays all tasks; the figures during training are of a sample.
+    # The evaluation plays all tasks; the metrics during training are of a sample.
     if records.evaluation is not None:
         rates = records.evaluation.success
         return {

@@ -24,7 +24,7 @@ def hub_push(
 ) -> None:
     """Check a graph folder, model folder or agent, and push the folder to the hub with a card, as one commit.
 
-    The card (README.md) has the licence, figures, command, versions and hashes of the inputs. A
+    The card (README.md) has the licence, metrics, command, versions and hashes of the inputs. A
     login is needed: hf auth login, or the variable HF_TOKEN.
 
     Args:

@@ -22,7 +22,7 @@ def bench_verify(
     timeout: float = TIMEOUT,
     output: Output = Output(),
 ) -> int:
-    """Verify submissions: play all games again, and compute figures and intervals again.
+    """Verify submissions: play all games again, and compute results and intervals again.
 
     Each folder is marked as replayed, or refused with the reason. With --player, the player plays
     the track again: if weights and games are the same, the submission is also marked as reproduced.

@@ -136,7 +136,7 @@ def goals_among(world: World, labels: frozenset[str]) -> NDArray[np.bool_]:
     return np.array([label in labels for label in world.graph.labels(world.tasks.goals)])
 
 
-def scorer_figures(
+def scorer_metrics(
     opened: OpenedGraph, part: str, name: str, words: str, specs: Sequence[str], made_by: str | None
 ) -> dict[str, float]:
     """Return a scorer's MRR and success alone, on all tasks and by groups as in :func:`played`."""
@@ -163,7 +163,7 @@ def scorer_figures(
     return figures
 
 
-def agent_figures(
+def agent_metrics(
     opened: OpenedGraph, part: str, words: str, specs: Sequence[str], steps: int, home: Path
 ) -> dict[str, Any]:
     """Return the success of an agent, trained where missing, and of its scorer alone on the same tables."""
@@ -210,9 +210,9 @@ def cell(
         ratios = {"train_ratio": 0.7, "valid_ratio": 0.2} if options.part == "valid" else {}
         opened = open_graph(options.book, SplitConfig(kind, seed=seed, **ratios))  # type: ignore[arg-type]
         if options.agents:
-            figures = agent_figures(opened, options.part, words, specs, options.agents, home)
+            figures = agent_metrics(opened, options.part, words, specs, options.agents, home)
         else:
-            figures = scorer_figures(opened, options.part, name, words, specs, options.made_by)
+            figures = scorer_metrics(opened, options.part, name, words, specs, options.made_by)
         row = {
             "book": opened.graph.name,
             "split": kind,

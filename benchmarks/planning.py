@@ -71,7 +71,7 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
             for task in result.tasks
         ]
     )
-    figures = result.figures()
+    figures = result.metrics()
     return {
         "success": figures.mean,
         "interval": list(task_bootstrap(result.success, result.groups)),

@@ -84,7 +84,7 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
     assert result.success.all()
     assert result.by_plan.all()
     assert not result.terminations.any()
-    assert result.figures().mean == 1.0
+    assert result.metrics().mean == 1.0
     assert set(result.actions.ravel().tolist()) == {2 * depth}
 
 
@@ -246,7 +246,7 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     policy.register_forward_pre_hook(lambda *_: graphs.append(torch.is_grad_enabled()))
     states = np.random.get_state()[1].copy(), torch.get_rng_state()  # noqa: NPY002
     evaluator(PolicyPlayer(policy))
-    evaluator(random_entity).figures()
+    evaluator(random_entity).metrics()
     assert policy.training == before[1]
     assert all(torch.equal(tensor, before[0][name]) for name, tensor in policy.state_dict().items())
     assert set(graphs) == {False}
@@ -308,7 +308,7 @@ def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
 def test_figures_are_means_over_tasks_and_draws(opened):
     world = World(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2))
     result = Evaluator(world, distractor_seeds=4)(scripted)
-    figures = result.figures()
+    figures = result.metrics()
     sums = [array.sum() / (63 * 4) for array in (result.success, result.by_plan, result.actions)]
     assert [figures.mean, figures.by_plan, figures.actions] == pytest.approx(sums)
     assert (figures.tasks, figures.distractor_seeds) == (63, 4)
@@ -418,7 +418,7 @@ def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeyp
         f"{amount:,} train tasks are too many: evaluating a sample of {len(evaluator.tasks)} tasks"
         in caplog.text
     )
-    assert evaluator(random_entity).figures().tasks == len(evaluator.tasks)
+    assert evaluator(random_entity).metrics().tasks == len(evaluator.tasks)
     assert len(Evaluator(world, limit=None).tasks) == amount
 
 

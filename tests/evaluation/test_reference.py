@@ -26,8 +26,8 @@ from wordcraft_kg.evaluation.reference import (
     PACK,
     OpenPlay,
     TaskPlay,
-    figures_of,
     literature,
+    metrics_of,
     pack_of,
     play_of,
     read_pack,
@@ -97,7 +97,7 @@ def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
     world = World(everyday, WordCraftConfig(part="test", num_distractors=2))
     (measured,) = play_all(world, {"random, distinct": random_distinct}, [2])
     row = row_of(DEPTH_1, "random, distinct")
-    expected = figures_of(
+    expected = metrics_of(
         {2: (measured.success, measured.low, measured.high)}, {2: measured.by_plan}
     )
     assert row.figures["2"] == expected["2"]

@@ -19,7 +19,7 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.agent_figures import AgentSuccess
+from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
 from wordcraft_kg.evaluation.agents import AgentsView, group_agents, view_agents
 from wordcraft_kg.graphs import SplitConfig, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig

@@ -236,7 +236,11 @@ def test_the_model_is_compared_with_each_baseline_query_by_query(values, graph, 
     ("make", "verdict", "baseline"),
     [
         (lambda graph, split: SymbolicScorer(graph, graph.triples), "above", None),
-        (lambda graph, split: NeighbourScorer(graph, split.partial), "no significant difference", "neighbours"),
+        (
+            lambda graph, split: NeighbourScorer(graph, split.partial),
+            "no significant difference",
+            "neighbours",
+        ),
         (lambda graph, split: SymbolicScorer(graph, split.partial), "below", None),
     ],
 )

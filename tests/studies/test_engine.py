@@ -14,7 +14,7 @@ from refusals import refuses
 from small_study import (
     HALF,
     KITCHEN,
-    RUN_FIGURES,
+    RUN_METRICS,
     TEXT,
     TRAINED,
     Inline,
@@ -42,12 +42,12 @@ from wordcraft_kg.studies.perform import make_graph, perform
 from wordcraft_kg.studies.plan import agent_config, make_plan
 from wordcraft_kg.studies.report import make_study_report
 from wordcraft_kg.studies.results import (
-    RunFigures,
+    RunMetrics,
     StudyResults,
     hash_of,
-    read_figures,
+    read_metrics,
     results_text,
-    write_figures,
+    write_metrics,
 )
 from wordcraft_kg.studies.store import collect_study, failure_of, own_results
 from wordcraft_kg.studies.study import adapted
@@ -372,10 +372,10 @@ def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
         outcome = pretend(task, root)
         if task.address == plan.runs[0]:
             path = task.folder(root)
-            write_figures(
+            write_metrics(
                 path,
                 msgspec.structs.replace(
-                    read_figures(path, RunFigures), success={"train": 0.5}, by_plan={"train": 0.5}
+                    read_metrics(path, RunMetrics), success={"train": 0.5}, by_plan={"train": 0.5}
                 ),
             )
         return outcome
@@ -542,8 +542,8 @@ def test_results_of_fewer_tasks_in_a_results_folder_are_missing_with_a_reason(tm
     def cut(task, root):
         outcome = pretend(task, root)
         if task.address == the_run().address:
-            figures = msgspec.structs.replace(RUN_FIGURES, won=ALL_WON[:-1])
-            write_figures(task.folder(root), figures)
+            figures = msgspec.structs.replace(RUN_METRICS, won=ALL_WON[:-1])
+            write_metrics(task.folder(root), figures)
         return outcome
 
     run_small(tmp_path, work=cut)
@@ -566,9 +566,9 @@ def test_results_of_a_study_have_the_groups_of_their_tasks(tmp_path):
         if task.kind == "runs":
             opened = open_graph(str(root / task.needs[0]))
             figures = msgspec.structs.replace(
-                RUN_FIGURES, won="4" * len(goals), graph=PlayedGraph.of(opened)
+                RUN_METRICS, won="4" * len(goals), graph=PlayedGraph.of(opened)
             )
-            write_figures(task.folder(root), figures)
+            write_metrics(task.folder(root), figures)
         return outcome
 
     run_small(tmp_path, plan, of_goals)
@@ -587,9 +587,9 @@ def test_other_results_of_the_same_platform_are_warned_of_and_the_cell_stays(
     def another(task, root, platform="here"):
         outcome = pretend(task, root)
         if task.kind == "runs":
-            won = "35" + RUN_FIGURES.won[2:]
-            figures = msgspec.structs.replace(RUN_FIGURES, won=won, seconds=9.0, platform=platform)
-            write_figures(task.folder(root), figures)
+            won = "35" + RUN_METRICS.won[2:]
+            figures = msgspec.structs.replace(RUN_METRICS, won=won, seconds=9.0, platform=platform)
+            write_metrics(task.folder(root), figures)
         return outcome
 
     before = read_cell(the_run(), CellFiles(store))

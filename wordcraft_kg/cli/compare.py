@@ -24,7 +24,7 @@ from wordcraft_kg.cli.console import (
 from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Words
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.agent_figures import AgentSuccess
+    from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
     from wordcraft_kg.evaluation.agents import AgentsView
     from wordcraft_kg.evaluation.link_comparison import ComparedModel, LinkComparison
 

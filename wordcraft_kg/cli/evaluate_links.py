@@ -65,8 +65,8 @@ def evaluate_links(
 def _text(view: "LinkView", folder: Path) -> list[str]:
     from wordcraft_kg.evaluation.links import has_few_test_recipes
 
-    rows = [(name, _figures(view.metrics[name])) for name in ("all", "combinesWith", "componentOf")]
-    rows += [(name, _figures(table["all"])) for name, table in view.baselines.items()]
+    rows = [(name, _metrics(view.metrics[name])) for name in ("all", "combinesWith", "componentOf")]
+    rows += [(name, _metrics(table["all"])) for name, table in view.baselines.items()]
     ranked = f"{view.triples:,}"
     if view.sampled_from is not None:
         ranked = f"a uniform sample of {view.triples:,} of {view.sampled_from:,}"
@@ -87,10 +87,10 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
             rows.append(
                 (
                     "no near-synonym",
-                    f"{_figures(row)}  (recipes that do not nearly repeat a train recipe)",
+                    f"{_metrics(row)}  (recipes that do not nearly repeat a train recipe)",
                 )
             )
-    rows += [(row.slice, _figures(row)) for row in view.drill_down.other_book]
+    rows += [(row.slice, _metrics(row)) for row in view.drill_down.other_book]
     if view.in_sample:
         left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
         rows.append(("cross-fitted", f"{left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"))
@@ -112,7 +112,7 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     ]
 
 
-def _figures(metrics: "RankingMetrics") -> str:
+def _metrics(metrics: "RankingMetrics") -> str:
     if not metrics.queries:
         return "no queries"
     interval = f" [{metrics.mrr_ci[0]:.3f}, {metrics.mrr_ci[1]:.3f}]" if metrics.mrr_ci else ""

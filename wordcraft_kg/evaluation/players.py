@@ -24,7 +24,7 @@ from wordcraft_kg.agents.players import (
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.agent_figures import (
+from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
     SliceSuccess,
     compare_with_scorer,
@@ -153,7 +153,7 @@ def view_evaluation(
         part=part,
         depth=tasks.depth,
         distractor_policy=world.config.distractor_policy,
-        success={amount: result.figures() for amount, result in results.items()},
+        success={amount: result.metrics() for amount, result in results.items()},
         outcomes={amount: result.shares() for amount, result in results.items()},
         against_scorer=against_scorer,
         by_goal=by_goal,

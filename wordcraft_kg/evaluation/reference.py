@@ -320,7 +320,7 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
     return TaskPlay(part, config.depth, config.attempts)
 
 
-def figures_of(
+def metrics_of(
     values: Mapping[int, Estimate], by_plan: Mapping[int, float] | None = None
 ) -> dict[str, MeasuredValue]:
     """Convert values to results rounded to six digits.

@@ -213,9 +213,9 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
     others = [right[seed] for seed in seeds]
     _check_runs(results, claim, point, runs + others)
     pairs = list(zip(runs, others, strict=True))
-    of_left = np.array([_figures(claim.measure, run, other) for run, other in pairs])
+    of_left = np.array([_metrics(claim.measure, run, other) for run, other in pairs])
     if claim.right:
-        of_right = np.array([_figures(claim.measure, other, other) for other in others])
+        of_right = np.array([_metrics(claim.measure, other, other) for other in others])
     else:
         of_right = np.full_like(of_left, claim.than)
     # All runs have the same tasks, see _check_runs, and so the same groups.
@@ -264,7 +264,7 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
     return runs
 
 
-def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
+def _metrics(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
     """Return a run's values: one for each test task for success, and else one; ``other`` is the right side's run."""
     if measure == "success":
         return run.rates

@@ -17,9 +17,9 @@ from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.studies.cells import exchange_cells, keep_cell, read_cell
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.packs import CellFiles
-from wordcraft_kg.studies.perform import FIGURES, check_whole, is_done, make_graph, perform
+from wordcraft_kg.studies.perform import METRICS, check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
-from wordcraft_kg.studies.results import StudyResults, read_figures
+from wordcraft_kg.studies.results import StudyResults, read_metrics
 from wordcraft_kg.studies.store import (
     collect_study,
     forget_failure,
@@ -257,7 +257,7 @@ def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
     measured = defaultdict(list)
     for task in plan.tasks.values():
         try:
-            seconds = read_figures(task.folder(root), FIGURES[task.kind]).seconds
+            seconds = read_metrics(task.folder(root), METRICS[task.kind]).seconds
         except ArtefactError:
             if cells is None or task.kind == "graphs" or read_cell(task, cells) is None:
                 left[task.address] = task

@@ -43,7 +43,7 @@ _ROUNDING = 1e-6
 """Shares are stored with six digits."""
 
 
-def check_played(figures: "RunResult | RunFigures") -> None:
+def check_played(figures: "RunResult | RunMetrics") -> None:
     """Raise ValueError for results of an agent that contradict its successes on single tasks.
 
     Success on test tasks and the share of the termination reason ``goal`` follow from ``won``; success by plan is a
@@ -241,11 +241,11 @@ def results_text(results: StudyResults) -> str:
     return f'{dump(values)[:-1]},"runs":[\n{runs}\n]}}\n'
 
 
-FIGURES_FILE = "figures.json"
-F = TypeVar("F", bound="TaskFigures")
+METRICS_FILE = "figures.json"
+F = TypeVar("F", bound="TaskMetrics")
 
 
-class TaskFigures(Record, frozen=True, kw_only=True):
+class TaskMetrics(Record, frozen=True, kw_only=True):
     """Results of a graph, a scorer or a run (``figures.json``).
 
     Attributes:
@@ -261,7 +261,7 @@ class TaskFigures(Record, frozen=True, kw_only=True):
     stored: bool = False
 
 
-class ScorerFigures(TaskFigures, frozen=True, kw_only=True):
+class ScorerMetrics(TaskMetrics, frozen=True, kw_only=True):
     """Results of training a scorer.
 
     Attributes:
@@ -273,7 +273,7 @@ class ScorerFigures(TaskFigures, frozen=True, kw_only=True):
     kg: str
 
 
-class RunFigures(TaskFigures, frozen=True, kw_only=True):
+class RunMetrics(TaskMetrics, frozen=True, kw_only=True):
     """Results of training an agent, as in :class:`RunResult`.
 
     Attributes:
@@ -312,19 +312,19 @@ class RunFigures(TaskFigures, frozen=True, kw_only=True):
                 )
 
 
-def write_figures(folder: Path, figures: TaskFigures) -> None:
+def write_metrics(folder: Path, figures: TaskMetrics) -> None:
     """Write a task's results with a hash to ``figures.json`` in the task's folder; the file marks the task as done."""
     values = as_values(figures)
     write_atomically(
-        folder / FIGURES_FILE,
+        folder / METRICS_FILE,
         dump_json({"sha256": hash_of(values), "figures": values}),
         durable=True,
     )
 
 
-def read_figures(folder: Path, kind: type[F]) -> F:
+def read_metrics(folder: Path, kind: type[F]) -> F:
     """Read a task's results of the type ``kind`` from its folder; a damaged or edited file is an ArtefactError."""
-    path = folder / FIGURES_FILE
+    path = folder / METRICS_FILE
     values = read_json(path)
     if not isinstance(values, dict) or values.keys() != {"sha256", "figures"}:
         raise ArtefactError(

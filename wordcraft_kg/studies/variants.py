@@ -47,7 +47,7 @@ class VariantComparison(Record):
     p_corrected: Share | None
 
 
-class VariantFigures(Record):
+class VariantMetrics(Record):
     """Results of a variant under fixed grid settings; all intervals are 95 % intervals.
 
     Attributes:
@@ -94,7 +94,7 @@ class VariantFigures(Record):
     steps: Count
 
 
-class PointFigures(Record):
+class PointMetrics(Record):
     """Results for all variants at a grid point.
 
     Attributes:
@@ -111,12 +111,12 @@ class PointFigures(Record):
     graphs: tuple[PlayedGraph, ...]
     tasks: Count
     distractor_seeds: Count
-    variants: tuple[VariantFigures, ...]
+    variants: tuple[VariantMetrics, ...]
 
 
-def figures_of(
+def metrics_of(
     results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]
-) -> VariantFigures:
+) -> VariantMetrics:
     """Summarise the runs of a variant at a grid point, and compare them with the reference.
 
     Args:
@@ -131,7 +131,7 @@ def figures_of(
     mrr = [run.mrr for run in members if run.mrr is not None]
     # Runs of earlier studies may lack train tasks or a scorer, hence the shorter lists above.
     reached, reached_interval = _reached(members, base)
-    return VariantFigures(
+    return VariantMetrics(
         variant=variant,
         seeds=tuple(run.seed for run in members),
         success=tuple(success),
@@ -202,7 +202,7 @@ def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:
 def _reached(
     members: list[RunResult], base: list[RunResult]
 ) -> tuple[int | None, tuple[int | None, int | None] | None]:
-    """Return the steps to the reference's final success, and their interval, see :class:`VariantFigures`."""
+    """Return the steps to the reference's final success, and their interval, see :class:`VariantMetrics`."""
     if not base:
         return None, None
     steps, table = _curves(members)
@@ -251,7 +251,7 @@ class Correlation(Record, array_like=True):
 
 
 class ScatterPoint(Record):
-    """Success of an agent (a variant of the study) and MRR of its scorer, as in :class:`VariantFigures`.
+    """Success of an agent (a variant of the study) and MRR of its scorer, as in :class:`VariantMetrics`.
 
     Attributes:
         label: the scorer settings that distinguish the point, else the variant.
@@ -296,7 +296,7 @@ class ScorerScatter(Record):
 
 
 def scatters_of(
-    results: StudyResults, points: Sequence[PointFigures], reference: str
+    results: StudyResults, points: Sequence[PointMetrics], reference: str
 ) -> Iterator[ScorerScatter]:
     """Yield a plot for each combination of settings other than the scorer's, with in-sample scores apart.
 
@@ -305,7 +305,7 @@ def scatters_of(
         points: results of all grid points; variants without MRR are left out.
         reference: name of the reference variant.
     """
-    groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
+    groups: dict[bytes, list[tuple[PointMetrics, VariantMetrics]]] = {}
     for point in points:
         for entry in point.variants:
             if entry.mrr is None:
@@ -336,13 +336,13 @@ def scatters_of(
         )
 
 
-def _others(point: PointFigures) -> Values:
+def _others(point: PointMetrics) -> Values:
     return {
         name: value for name, value in point.values.items() if not name.startswith(f"{SCORER}.")
     }
 
 
-def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigures) -> bool:
+def _is_in_sample(results: StudyResults, point: PointMetrics, entry: VariantMetrics) -> bool:
     settings = {
         **results.study.settings,
         **point.values,
@@ -351,7 +351,7 @@ def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigu
     return settings.get("in_sample") is True
 
 
-def _scatter_point(point: PointFigures, at: VariantFigures) -> ScatterPoint:
+def _scatter_point(point: PointMetrics, at: VariantMetrics) -> ScatterPoint:
     assert at.mrr is not None
     assert at.mrr_range is not None
     return ScatterPoint(
@@ -372,7 +372,7 @@ def _correlation(
     return Correlation(*estimate) if estimate else None
 
 
-def _label(point: PointFigures, variant: str) -> str:
+def _label(point: PointMetrics, variant: str) -> str:
     """Return the scorer settings that are not at full training data, else the first one, else the variant."""
     prefix = f"{SCORER}."
     values = {

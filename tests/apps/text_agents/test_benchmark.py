@@ -47,7 +47,7 @@ from wordcraft_kg.apps.text_agents.submission import (
     SCHEMA,
     Played,
     acceptable,
-    figures_of,
+    metrics_of,
     read_lines,
     submission_schema,
     verify,
@@ -719,7 +719,7 @@ def test_submissions_with_an_interval_over_tasks_stay_valid_and_are_shown_over_g
     record = json.loads((folder / "submission.json").read_text())
     track = open_track("goal-8-lite")
     lines = read_lines(folder, track, track.play())
-    now, before = figures_of(track, lines), figures_of(track, lines, by_task=True)
+    now, before = metrics_of(track, lines), metrics_of(track, lines, by_task=True)
     assert record["figures"] == as_values(now)
     assert now.mean == before.mean
     assert (now.ci_low, now.ci_high) != (before.ci_low, before.ci_high)

@@ -149,7 +149,7 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
         task, scripted(task, picks_of(player, world, distractor_seeds)), log_format=log_format
     )
 
-    metrics, figures = metrics_of(log), expected.figures()
+    metrics, figures = metrics_of(log), expected.metrics()
     assert metrics["success"] == figures.mean
     assert {name: metrics[name] for name in KEYS} == {
         name: getattr(figures, key) for name, key in KEYS.items()

@@ -269,10 +269,10 @@ def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(
     assert "cross-fitted in 3 folds" in (done / "README.md").read_text()
     agent = open_agent(done)
     assert agent.policy.reads_task
-    found = Evaluator(world_of(opened))(PolicyPlayer(agent.policy)).figures()
+    found = Evaluator(world_of(opened))(PolicyPlayer(agent.policy)).metrics()
     assert found == agent.evaluation.success["train"]
     saved = load_policy(save_policy(tmp_path / "saved", agent.policy))
-    assert Evaluator(world_of(opened))(PolicyPlayer(saved)).figures() == found
+    assert Evaluator(world_of(opened))(PolicyPlayer(saved)).metrics() == found
     player_of(agent.policy, "kg-only")(
         BatchEngine(world_of(opened), 4).reset(), np.random.default_rng(0)
     )

@@ -11,7 +11,7 @@ from wordcraft_kg.apps.text_agents.benchmark_players import KINDS, reproduce
 from wordcraft_kg.apps.text_agents.submission import (
     Submission,
     answers_text,
-    figures_text,
+    metrics_text,
     verified_games,
 )
 from wordcraft_kg.apps.text_agents.submission_files import submissions_below
@@ -158,7 +158,7 @@ def _cells(row: _Row, twins: set[str]) -> Iterator[str]:
     if submission.player in twins:
         marks.append(_TWIN)
     yield " ".join([for_markdown(submission.player), *marks])
-    yield figures_text(figures)
+    yield metrics_text(figures)
     yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
     yield submission.prompts
     if submission.knowledge == "none":

@@ -20,7 +20,7 @@ from wordcraft_kg.models.policies.sources import ALPHA, shown_setting, source_na
 from wordcraft_kg.reports.agent_pictures import (
     picture_of_lambdas,
     picture_of_success,
-    pictures_of_figures,
+    pictures_of_metrics,
 )
 from wordcraft_kg.runs.record import RUN_FILE, Status
 
@@ -137,8 +137,8 @@ class RunView(Record):
     settings: dict[str, str] = msgspec.field(default_factory=dict)
     curves: dict[str, tuple[training_curves.CurvePoint, ...]] = msgspec.field(default_factory=dict)
     lambdas: tuple[training_curves.LambdaCurve, ...] = ()
-    training: dict[training_curves.Figure, tuple[training_curves.SeedCurve, ...]] = msgspec.field(
-        default_factory=dict
+    training: dict[training_curves.TrainingMetric, tuple[training_curves.SeedCurve, ...]] = (
+        msgspec.field(default_factory=dict)
     )
     provenance: dict[str, str] = msgspec.field(default_factory=dict)
 
@@ -186,7 +186,7 @@ def _view_run(explored: Explored, state: RunState) -> RunView:
         settings={name: _shown(name, value) for name, value in records.config.differing().items()},
         curves=training_curves.success_curves([records]),
         lambdas=tuple(training_curves.lambda_curves([records])),
-        training=training_curves.training_figures([records]),
+        training=training_curves.training_metrics([records]),
         provenance=records.provenance,
     )
 
@@ -227,12 +227,12 @@ def _success(records: AgentRun) -> dict[TaskPart, PartSuccess]:
             part: PartSuccess(rate.mean, (rate.ci_low, rate.ci_high))
             for part, rate in rates.items()
         }
-    figures = _last_figures(records)
+    figures = _last_metrics(records)
     last = {part: figures.get(f"{part}_success") for part in EVALUATED}
     return {part: PartSuccess(mean, None) for part, mean in last.items() if mean is not None}
 
 
-def _last_figures(records: AgentRun) -> dict[str, float]:
+def _last_metrics(records: AgentRun) -> dict[str, float]:
     """Return the last value of each figure: not every line of metrics has all figures."""
     last: dict[str, float] = {}
     for row in records.metrics:
@@ -241,7 +241,7 @@ def _last_figures(records: AgentRun) -> dict[str, float]:
 
 
 def _lambdas(records: AgentRun) -> dict[str, tuple[float | None, float | None]]:
-    figures = _last_figures(records)
+    figures = _last_metrics(records)
     weights = {
         name: (
             figures.get(f"lambda_{name}_first"),
@@ -276,7 +276,7 @@ def _draw(view: RunView, *_: object) -> dict[str, object]:
     return {
         "success": picture_of_success({name: view.curves}) if view.curves else "",
         "lambdas": picture_of_lambdas(name, view.lambdas) if view.lambdas else "",
-        "training": pictures_of_figures({name: figures}),
+        "training": pictures_of_metrics({name: figures}),
     }
 
 

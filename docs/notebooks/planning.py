@@ -78,8 +78,8 @@ pd.DataFrame({"tasks": fewest.value_counts().sort_index()} | shares).round(3)
 # %% [markdown]
 # ## An agent that plans
 #
-# An agent with the source plan (p) begins as the planner and learns from play. The agent here is trained for a moment, and
-# has no significant difference from the planner.
+# An agent with the source plan (p) begins as the planner and learns from play. The agent here is trained for a moment,
+# and has no significant difference from the planner.
 
 # %%
 tasks, trainer = TaskConfig(depth=2, distractors=4), ImpalaConfig(steps=10_000, eval_every=0)

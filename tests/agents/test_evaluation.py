@@ -254,9 +254,7 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     assert torch.equal(torch.get_rng_state(), states[1])
 
 
-def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_disturb_it(
-    opened, monkeypatch
-):
+def test_an_evaluation_amid_training_sees_one_set_of_weights(opened, monkeypatch):
     """In the released code weights change during a test; here a point of a curve is one checkpoint's."""
     config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
     ends = []
@@ -338,7 +336,8 @@ def test_players_go_by_name(opened):
         assert_equal(evaluator(player_of(policy, kind)), evaluator(player))
 
 
-def test_decisions_are_equal_exactly_where_the_same_pairs_are_combined_in_the_same_order(opened):
+def test_decisions_are_equal_where_pairs_and_order_are(opened):
+    """Decisions are equal exactly where the same pairs are combined in the same order."""
     evaluator = Evaluator(
         World(opened, WordCraftConfig(part="test", num_distractors=1, max_attempts=2)),
         distractor_seeds=1,

@@ -381,7 +381,9 @@ def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):
 
 @pytest.mark.parametrize("lag", [0, 2])
 @pytest.mark.parametrize("momentum", [0.0, 0.9])
-@pytest.mark.parametrize(("guided", "updates"), [(False, 7), (True, 7), (False, 0)])
+@pytest.mark.parametrize(
+    ("guided", "updates"), [pytest.param(False, 7, marks=pytest.mark.slow), (True, 7), (False, 0)]
+)
 def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, guided, updates):
     settings = {
         "depth": 2,
@@ -426,7 +428,8 @@ def test_a_state_is_a_copy_on_both_ways(trainer):
     assert all(torch.equal(tensor, after[name]) for name, tensor in restored.state().items())
 
 
-def test_a_state_that_lacks_something_or_is_of_other_environments_is_refused(trainer):
+def test_an_incomplete_or_foreign_state_is_refused(trainer):
+    """A state that lacks something or is of other environments is refused."""
     impala = trainer(momentum=0.5)
     train(impala, 2)
     state = impala.state()
@@ -441,9 +444,8 @@ def test_a_state_that_lacks_something_or_is_of_other_environments_is_refused(tra
         trainer(momentum=0.5, policy={"key_size": 6}).restore(state)
 
 
-def test_a_reward_that_is_no_number_stops_the_training_and_leaves_the_parameters(
-    trainer, monkeypatch
-):
+def test_a_reward_that_is_not_finite_stops_the_training(trainer, monkeypatch):
+    """A reward that is no number stops the training and leaves the parameters."""
     impala, undisturbed = trainer(), trainer()
     before = train(impala, 2)
     squares = impala.optimizer.state[impala._flat]["square_avg"].clone()
@@ -609,9 +611,8 @@ def unrolls(draw):
 
 
 @given(unrolls(), st.fixed_dictionaries({}, optional=dict.fromkeys(CLIPS, st.sampled_from(LIMITS))))
-def test_targets_and_advantages_are_those_of_the_papers_sum_and_clips_are_one_by_default(
-    unroll, clips
-):
+def test_targets_and_advantages_are_the_papers_sums(unroll, clips):
+    """Targets and advantages are those of the papers sum and clips are one by default."""
     for one, other in zip(
         v_trace(*tensors(unroll), **clips), slow_v_trace(*unroll, **clips), strict=True
     ):

@@ -127,7 +127,8 @@ def test_the_comparison_is_determined_by_its_seed(noises):
     assert second(one, two, seed=3).difference_ci != second(one, two, seed=4).difference_ci
 
 
-def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(noises):
+def test_more_models_widen_intervals_of_differences_only(noises):
+    """More models widen the intervals of differences but not those of models."""
     two, four = compared(*noises[:2]), compared(*noises)
     assert (two.pairs, four.pairs) == (1, 6)
     assert two.models[0] == four.models[0]

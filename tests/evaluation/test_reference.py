@@ -171,7 +171,8 @@ def test_people_are_the_same_in_the_pack_and_in_discover():
     assert {int(at): found.value for at, found in people.figures.items()} == HUMAN_CURVE
 
 
-def test_every_row_of_the_literature_says_what_was_played_and_where_it_is_printed():
+def test_every_published_row_has_its_game_and_source():
+    """Every row of the literature says what was played and where it is printed."""
     rows = literature(["success", "entities known", "new combinations"])
     assert {row.kind for row in rows} == {"people", "language model"}
     for row in rows:

@@ -242,7 +242,8 @@ def test_agents_of_another_split_or_depth_cannot_be_compared(agents):
             report_of({"a": [agents[0]], "b": [other]})
 
 
-def test_an_agent_is_compared_with_the_scores_that_it_saw_and_the_page_says_how(tmp_path):
+def test_an_agent_is_compared_with_the_scores_that_it_saw(tmp_path):
+    """An agent is compared with the scores that it saw and the page says how."""
     links = ComplExConfig(dim=8, epochs=6, n3=0.1, folds=3)
     model = train_links(LinksConfig("kitchen", links), tmp_path / "model").folder
     policies = {"folds": PolicyConfig(), "whole": PolicyConfig(in_sample=True)}

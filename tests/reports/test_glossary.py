@@ -32,7 +32,8 @@ def test_every_source_of_knowledge_is_explained_under_its_symbol():
         assert label is ALPHA or f"settings: {with_letters([label.name])}." in term.meaning
 
 
-def test_no_two_terms_have_the_same_name_or_symbol_and_each_meaning_is_a_sentence():
+def test_no_two_terms_share_a_name_or_symbol():
+    """No two terms have the same name or symbol and each meaning is a sentence."""
     names = [term.name for term in GLOSSARY.values()]
     symbols = [term.symbol for term in GLOSSARY.values() if term.symbol]
     assert len(set(names)) == len(names)

@@ -90,7 +90,8 @@ def slow_scores(names, goal, selection, table):
 
 
 @any_sources
-def test_u_and_v_are_the_scores_of_each_slot_with_the_selection_and_with_the_goal(names):
+def test_u_and_v_score_slots_with_selection_and_goal(names):
+    """U and v are the scores of each slot with the selection and with the goal."""
     assert isinstance(SCORER, TripleScorer)
     assert not any(
         torch.allclose(SCORER.table(relation), SCORER.table(relation).T) for relation in RELATIONS
@@ -201,9 +202,10 @@ def test_a_source_is_restored_from_its_constants(name, by_factors, monkeypatch):
     assert torch.equal(empty(States(*states())), full(States(*states())))
 
 
-def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_scales_that_do(
+def test_a_scale_without_a_fitting_table_names_those_that_do(
     no_tables,
 ):
+    """A scale that needs a table is refused where none fits and names the scales that do."""
     with refuses("scale"):
         make_sources(["u", "v"], Factored(SIZE), ScoreView("ranks"))
 
@@ -215,9 +217,10 @@ def folder(tmp_path_factory):
     return str(train_links(config, tmp_path_factory.mktemp("models") / "model").folder)
 
 
-def test_an_agent_whose_sources_do_not_fit_is_refused_before_its_tasks_are_made(
+def test_sources_that_do_not_fit_are_refused_before_the_tasks(
     folder, tmp_path, no_tables, monkeypatch
 ):
+    """An agent whose sources do not fit is refused before its tasks are made."""
     monkeypatch.setattr("wordcraft_kg.agents.training.World", None)
     with pytest.raises(ConfigError, match="score table"):
         train_agent(AgentConfig("kitchen", folder), tmp_path / "run")
@@ -247,7 +250,8 @@ def test_names_for_people_and_letters_name_the_same_sources():
     assert with_letters(["v", "component", "mine"]) == "component (v), component (v), mine"
 
 
-def test_settings_with_names_for_people_are_stored_by_letter_and_shown_with_both():
+def test_spelled_settings_are_stored_by_letter():
+    """Settings with names for people are stored by letter and shown with both."""
     policy = PolicyConfig(use="recipe, u")
     assert policy.use == "w,u"
     assert policy.sources == ("u", "w")

@@ -186,11 +186,11 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents
         if mlp.difference_ci[1] < 0
         else "no significant difference from"
     )
-    assert re.search(f"mlp: {verdict} +plain: +paired difference", first_line(report))
+    assert re.search(f"mlp : {verdict} +plain: +paired difference", first_line(report))
     assert "difference between agents may be due to the seeds" in first_line(report)
     alone = first_line(report_of({"one": [agents[0]]}, distractor_seeds=1, episodes=0))
     assert "difference" not in alone
-    assert "One seed: another seed may give another figure." in alone
+    assert "One seed: another seed may give another result." in alone
 
 
 def test_bars_of_contributions_fill_the_width_at_the_largest_sum():

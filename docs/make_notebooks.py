@@ -1,13 +1,11 @@
 """Run the notebooks and store their outputs; a hook for the website renders the stored outputs.
 
-    python docs/make_notebooks.py [NAME ...]           run all notebooks, or the named ones (`make
-    notebooks`) python docs/make_notebooks.py --text               write changed texts into the
-    stored notebooks; run nothing python docs/make_notebooks.py --check              exit with 1 if
-    a stored notebook differs from its source
+    python docs/make_notebooks.py [NAME ...]           run all notebooks, or the named ones (`make notebooks`)
+    python docs/make_notebooks.py --text               write changed texts into the stored notebooks; run nothing
+    python docs/make_notebooks.py --check              exit with 1 if a stored notebook differs from its source
 
-A source is a Python file in docs/notebooks/: ``# %%`` begins a code cell, ``# %% [markdown]`` a
-text cell in comments. The notebook with all outputs is stored next to the source, with the code's
-SHA-256.
+A source is a Python file in docs/notebooks/: ``# %%`` begins a code cell, ``# %% [markdown]`` a text cell in comments.
+The notebook with all outputs is stored next to the source, with the code's SHA-256.
 """
 
 import argparse

@@ -108,9 +108,8 @@ def test_a_graph_without_a_pack_is_measured_as_baselines_does(printed, run):
     assert "with 1 distractor, because" in run(*TWO[:3], "1").out
 
 
-def test_ours_and_the_literature_are_apart_in_the_text_and_each_of_the_latter_has_a_source(
-    run, pack
-):
+def test_ours_and_the_literature_are_apart_in_the_text(run, pack):
+    """Ours and the literature are apart in the text and each of the latter has a source."""
     ours, theirs = run(*TWO).out.split("\nFrom the literature")
     assert "our agent" in ours
     assert "gpt-4o-mini" not in ours

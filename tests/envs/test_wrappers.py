@@ -40,7 +40,8 @@ def vector(num_envs=5, **more):
     )
 
 
-def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets():
+def test_the_vector_environment_stays_within_its_spaces():
+    """The vector environment stays within its spaces and says how it resets."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         envs = vector()

@@ -52,7 +52,7 @@ def check_book(
 
 
 def _shown(name: str, value: Any) -> Any:
-    """Return a share as a percentage with three digits, any other figure as it is."""
+    """Return a share as a percentage with three digits, any other value as it is."""
     from wordcraft_kg.graphs.book_check import SHARES
 
     return f"{100 * value:.3g} %" if name in SHARES and value is not None else value

@@ -2,7 +2,7 @@
 
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.graphs.book_check import BookCheck, BookFigures, Finding, check_book, listed
+from wordcraft_kg.graphs.book_check import BookCheck, BookStatistics, Finding, check_book, listed
 from wordcraft_kg.graphs.library import (
     FETCHABLE,
     KnownBook,
@@ -66,7 +66,7 @@ class CheckedBook(Record):
     book: str
     path: str
     passed: bool
-    figures: BookFigures | dict[str, None]
+    figures: BookStatistics | dict[str, None]
     findings: tuple[Finding, ...]
 
 

@@ -49,7 +49,7 @@ class Finding(Record):
     message: str
 
 
-class BookFigures(Record, omit_defaults=True):
+class BookStatistics(Record, omit_defaults=True):
     """Statistics for a recipe book; the last seven need word vectors or a second book.
 
     Attributes:
@@ -90,17 +90,17 @@ class BookFigures(Record, omit_defaults=True):
 
 
 SHARES = frozenset(
-    name for name, kind in BookFigures.__annotations__.items() if kind in (Share, Share | None)
+    name for name, kind in BookStatistics.__annotations__.items() if kind in (Share, Share | None)
 )
-"""Names of the figures that are shares, from 0 to 1."""
+"""Names of the statistics that are shares, from 0 to 1."""
 
 
 @dataclass(frozen=True)
 class BookCheck:
-    """The check of a book: findings, problems first, and figures and graph of the readable recipes, if any."""
+    """The check of a book: findings, problems first, and statistics and graph of the readable recipes, if any."""
 
     findings: tuple[Finding, ...]
-    figures: BookFigures | None
+    figures: BookStatistics | None
     graph: RecipeGraph | None
 
     @property
@@ -176,7 +176,7 @@ def check_book(
         *_plurals(graph, line_of),
         *_lonely(graph, line_of),
     ]
-    return BookCheck(_sorted(findings), _figures(graph), graph)
+    return BookCheck(_sorted(findings), _statistics(graph), graph)
 
 
 def _decoded(data: bytes) -> tuple[str, list[Finding]]:
@@ -357,12 +357,12 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
         yield _note("lonely", message, _at(lonely[:LISTED], line_of))
 
 
-def _figures(graph: RecipeGraph) -> BookFigures:
+def _statistics(graph: RecipeGraph) -> BookStatistics:
     layer = layers(graph)
     made = graph.recipe_counts[graph.recipe_counts > 0]
     results = np.diff(graph.pair_starts)
     most_used = int(np.argmax(graph.use_counts))
-    return BookFigures(
+    return BookStatistics(
         entities=graph.num_entities,
         recipes=graph.num_recipes,
         pairs=graph.num_pairs,

@@ -135,7 +135,8 @@ def test_what_cannot_be_is_refused_with_what_can(
     assert fragment in refused(spec, labels, **options)
 
 
-def test_every_label_of_the_built_in_books_has_a_vector_of_the_sentence_encoder():
+def test_every_built_in_label_has_a_sentence_vector():
+    """Every label of the built in books has a vector of the sentence encoder."""
     files = list(BUILT_IN.parent.iterdir())
     assert sum(file.stat().st_size for file in files) <= 1_000_000
     assert "Apache License 2.0" in (BUILT_IN.parent / "NOTICE.md").read_text()

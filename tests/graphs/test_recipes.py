@@ -13,7 +13,8 @@ from refusals import refuses
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
-from wordcraft_kg.graphs.book_files import book_name, trimmed
+from wordcraft_kg.graphs.book_files import book_name
+from wordcraft_kg.graphs.book_files.dialects import trimmed
 from wordcraft_kg.graphs.recipes import alike_labels, case_variants, check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"
@@ -174,7 +175,6 @@ def test_a_fourth_column_names_kinds(read):
             KINDS + "a,b,c,d\nb,a,c,e\n",
             "line 3: a . b -> c has the kind 'e' here, and 'd' above",
         ),
-        ("book.csv", "ingredient_a,ingredient_b,result,type\na,b,c,d\n", "; kind may follow"),
         ("book.csv", TABLE + "a,b,c,d\n", "line 2: 'a,b,c,d' has 3 ingredients"),
         (
             "book.json",

@@ -9,7 +9,7 @@ from wordcraft_kg.cli.console import Output, lines_of, names
 from wordcraft_kg.cli.options import Graph
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.graphs import EntityView
+    from wordcraft_kg.evaluation.graphs import BuiltGraph, EntityView
     from wordcraft_kg.graphs.audit import Audit, SplitSummary
 
 EXAMPLES = (
@@ -36,7 +36,16 @@ def describe(graph: Graph, *, entity: str | None = None, output: Output = Output
         audited = audit(opened.graph, opened.split)
         warn_of_base(audited)
         title = f"graph {opened.graph.name}"
-        output.result(audited, [title, *lines_of(audited), *note_of_shares(audited.split)])
+        output.result(audited, [title, *lines_of_graph(audited), *note_of_shares(audited.split)])
+
+
+def lines_of_graph(view: "Audit | BuiltGraph") -> Iterator[str]:
+    """Yield a graph's figures as text, after a line about how its file was read."""
+    import msgspec
+
+    if view.reading is not None:
+        yield view.reading.line()
+    yield from lines_of(msgspec.structs.replace(view, reading=None))
 
 
 def warn_of_base(audited: "Audit") -> None:
@@ -84,7 +93,9 @@ def _percentages(shares: Iterable[float]) -> str:
 
 def _entity_text(view: "EntityView") -> Iterator[str]:
     place = "base entity" if view.base else "cannot be made from the base"
-    if view.layer is not None and not view.base:
+    if view.half_product:
+        place = "half-product of a chain, no thing of the game"
+    elif view.layer is not None and not view.base:
         place = f"first made in round {view.layer}"
     yield f"{view.entity}: {place}"
     # Recipes that make the entity, then recipes that use it.

@@ -225,6 +225,8 @@ class World:
             # Train recipes only: weights by all recipes would reveal which entities test recipes
             # use.
             weights += self.split.train_uses
+        # Half-products of chains are on a table only if a player has made them.
+        weights[self.graph.is_half_product] = 0
         return frozen(weights)
 
     @_derived_from("distractor_policy", "part")

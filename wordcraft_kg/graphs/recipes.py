@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.spelling import case_key, grouped, spelling_key
+from wordcraft_kg.graphs.reading import Reading
 
 MAX_LABEL_LENGTH = 1_000
 """Most characters in a label; a longer label suggests another kind of file."""
@@ -61,6 +62,7 @@ class RecipeBook:
         merged_duplicates: number of omitted rows that repeat a recipe.
         sha256: hash of the file's bytes; None for a book that was not read from a file.
         kinds: kind of reasoning by recipe, such as ``making``; empty for a book without kinds.
+        reading: how the file was read; None for a book that was not read from a file.
     """
 
     name: str
@@ -71,6 +73,8 @@ class RecipeBook:
     merged_duplicates: int = 0
     sha256: str | None = None
     kinds: Mapping[Recipe, str] = field(default_factory=dict, hash=False)
+    # Two shapes of one content are one book.
+    reading: Reading | None = field(default=None, compare=False)
 
     @classmethod
     def of(
@@ -98,8 +102,8 @@ class RecipeBook:
         # Entities of omitted rows stay entities, so that ids do not depend on what is left out.
         dropped_labels: set[str] = set()
         dropped = merged = 0
-        for one, other, result in rows:
-            recipe = Recipe.of(one, other, result)
+        for row in rows:
+            recipe = row if isinstance(row, Recipe) else Recipe.of(*row)
             if recipe.is_self_result and not keep_self_results:
                 dropped += 1
                 dropped_labels.update(recipe)

@@ -172,7 +172,8 @@ class Split:
         """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
 
         Triples that train recipes give, too, are left out. For the test part, so are those of the
-        validation recipes, on which settings may have been chosen.
+        validation recipes, on which settings may have been chosen. So are triples of half-products
+        of chains, which are no facts of the game.
         """
         if part not in self._held_out:
             seen = self.partial
@@ -180,8 +181,19 @@ class Split:
                 seen = np.concatenate([seen, self.triples_of("valid")])
             triples = self.triples_of(part)
             is_seen = is_in(triples, seen, self.graph.num_entities)
-            self._held_out[part] = frozen(triples[~is_seen])
+            self._held_out[part] = frozen(triples[~is_seen & self.is_fact(triples)])
         return self._held_out[part]
+
+    def is_fact(self, triples: Ids) -> NDArray[np.bool_]:
+        """Mark triples without half-products of chains, which alone are facts of the game.
+
+        Args:
+            triples: shape (T, 3).
+
+        Returns:
+            Shape (T,), bool.
+        """
+        return np.asarray(~self.graph.is_half_product[triples[:, [0, 2]]].any(axis=1))
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:
         """Return the part whose recipes give each triple.

@@ -250,6 +250,8 @@ def make_tasks(
         seed: random seed of a random set.
         search: an existing search for the graph, with all recipes; None makes one.
 
+    Half-products of chains are neither goals nor starting ingredients, only intermediate results.
+
     Raises:
         ConfigError: for a depth or part outside the range.
         TaskError: if no such task exists, or the split is missing or for another graph.
@@ -291,6 +293,7 @@ class _Filter:
         search: finds the plans.
         depth: attempts that a task takes.
         part: part of an accepted task.
+        halves: ids of the half-products of chains.
         parts: each recipe's part, in the order of the recipes; None if tasks of all parts count.
         mixed: tasks of the depth that were met and belong to no part.
     """
@@ -305,6 +308,8 @@ class _Filter:
         self.search = search
         self.depth = depth
         self.part = part
+        halves = np.flatnonzero(search.graph.is_half_product)
+        self.halves = frozenset(halves.tolist())
         self.parts: list[int] | None = None
         if split is not None and part != "all":
             self.parts = split.parts.tolist()
@@ -313,6 +318,8 @@ class _Filter:
     def __call__(self, candidate: _Candidate) -> Plans:
         """Return an accepted task's plans, otherwise an empty tuple."""
         goal, start = candidate
+        if self.halves and not self.halves.isdisjoint((goal, *start)):
+            return ()
         have = frozenset(start)
         # With all recipes of the book, also held-out ones: a task has one depth for every player.
         ways = self.search.shortest_ways(goal, have, self.depth)
@@ -389,6 +396,7 @@ class _Draw:
         last: dict[int, list[tuple[int, int]]] = {}
         for row, (a, b, result) in enumerate(accept.search.rows):
             may_end = not only_train or accept.parts[row] == train  # type: ignore[index]
+            may_end = may_end and result not in accept.halves
             if may_end and result not in (a, b):
                 last.setdefault(result, []).append((a, b))
         # Goals in the order of their first recipe: the order decides what a seed draws.

@@ -150,7 +150,7 @@ def main() -> None:
     sources = {path.stem: path for path in sorted(HERE.glob("*.py"))}
     if unknown := set(given.names) - set(sources):
         sys.exit(f"no notebook {', '.join(sorted(unknown))}; expected {', '.join(sources)}.")
-    os.environ["OMP_NUM_THREADS"] = "1"  # the same figures for any number of cores
+    os.environ["OMP_NUM_THREADS"] = "1"  # the same results for any number of cores
     stale = []
     for source in (sources[name] for name in given.names or sources):
         path, start = source.with_suffix(".ipynb"), time.perf_counter()

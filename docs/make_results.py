@@ -601,7 +601,7 @@ def scatter_table(results: StudyResults, view: StudyView, scatter: ScorerScatter
 
 
 def missing_text(results: StudyResults) -> str:
-    """Return which trainings have no figures, and why."""
+    """Return which trainings have no results, and why."""
     reasons: dict[str, list[tuple[str, Values, int]]] = {}
     for lost in results.missing:
         reasons.setdefault(lost.why, []).append((lost.variant, lost.values, lost.seed))

@@ -128,7 +128,7 @@ def test_figures_that_the_pack_lacks_are_measured_and_the_rest_is_not(printed, r
     assert rows["our agent"]["figures"].keys() == {"4"}
     assert "of depth 2" not in rows
     assert next(iter(rows)) == "random"
-    assert "has no figures for 2 distractors" in run(*TWO[:3], "4,2").out
+    assert "has no results for 2 distractors" in run(*TWO[:3], "4,2").out
     write_graph(tmp_path / "graph", seed=5)
     values = printed("reference", tmp_path / "graph", "--distractors", "1")
     assert (values["pack"], values["measured"]) == (None, [1])

@@ -334,7 +334,8 @@ def test_ids_have_the_vectors_of_their_words():
     assert made.words == tuple(sorted(set(" ".join(words).split())))
 
 
-def test_a_sign_at_the_end_is_not_split_off_and_a_word_with_a_vector_stays_whole():
+def test_signs_at_the_end_and_words_with_vectors_stay_whole():
+    """A sign at the end is not split off and a word with a vector stays whole."""
     labels = ["zqx-", "C-", "t-shirt"]
     made = make_features("glove", labels, allow_missing=True)
     assert made.words == ("c-", "t-shirt", "zqx-")

@@ -234,9 +234,13 @@ def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults"
         )
     names = studies_of(root)
     # With one study in the folder, its name says nothing new.
-    if study is None and len(names) != 1:
-        holds = f"has the studies {', '.join(names)}" if names else "has no study yet"
-        raise ConfigError(f"{root} {holds}; name a study.")
+    if study is None and not names:
+        raise ConfigError(
+            f"'{root}' has no results yet. Run a study first (`wordcraft-kg reproduce --list` "
+            "names them), or give the folder of its results with --out."
+        )
+    if study is None and len(names) > 1:
+        raise ConfigError(f"'{root}' has results of {', '.join(names)}; name a study.")
     return collect_study(root, names[0] if study is None else study)
 
 

@@ -143,7 +143,7 @@ def studies_of(root: Path) -> list[str]:
     if not (root / _STUDIES).is_dir():
         raise ArtefactError(
             f"'{root}' is not a results folder: it lacks the folder '{_STUDIES}'. Create one: "
-            "wordcraft-kg reproduce."
+            "wordcraft-kg reproduce STUDY; wordcraft-kg reproduce --list names the studies."
         )
     return sorted(path.stem for path in (root / _STUDIES).glob("*.json"))
 

@@ -305,6 +305,6 @@ _SHOWN: dict[Metric, Callable[[VariantFigures], str]] = {
     "success": lambda at: with_bounds(at.mean, at.interval),
     "by-plan": lambda at: with_bounds(at.by_plan, None),
     "train": lambda at: "–" if at.train is None else with_bounds(at.train, None),
-    "mrr": lambda at: "–" if at.mrr is None else with_bounds(at.mrr, at.mrr_range),
+    "mrr": lambda at: _mrr(at) or "–",
     "steps": lambda at: _reached(at) or "–",
 }

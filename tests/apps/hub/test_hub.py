@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import re
 import shutil
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -194,6 +195,21 @@ def test_a_file_of_another_kind_of_folder_is_never_pulled(hub, run, request, fol
         True,
     )
     assert not Path("new").exists()
+
+
+@pytest.mark.parametrize("name", ["SHA256SUMS", "README.md", "the folder of"])
+def test_a_download_that_cannot_fit_never_begins(hub, run, parted_folder, monkeypatch, name):
+    assert run("hub", "push", parted_folder, "me/graph").code == 0
+    if name == "the folder of":
+        usage = shutil.disk_usage(parted_folder)
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=100))
+    else:
+        for files in hub.files.values():
+            files[name] += b"\n" * 2**20
+    outcome = run("hub", "pull", "me/graph", "--out", "pulled")
+    assert outcome.kind == "ArtefactError"
+    assert re.search(name + ".* bytes; at most [0-9,]+ fit here", outcome.err)
+    assert not Path("pulled").exists()
 
 
 def without_last_line(text):

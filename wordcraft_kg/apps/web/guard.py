@@ -12,6 +12,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.escaping import for_terminal
 
 POLICY = (
     "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src "
@@ -103,7 +104,9 @@ class Guard:
         except LocalProtocolError:
             return None  # the server has answered a malformed request itself
         except Exception:
-            logging.getLogger(__name__).exception("error in request %s", scope["path"][:200])
+            # The first part only: what follows may be a person's session code, and logs are kept.
+            page = for_terminal(f"/{scope['path'].split('/')[1][:200]}")
+            logging.getLogger(__name__).exception("error in a request for %s", page)
             if send.has_begun:  # let the server cut the answer, so that it is not taken for whole
                 raise
             return 500, "Something went wrong. See the terminal for details."

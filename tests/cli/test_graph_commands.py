@@ -238,7 +238,7 @@ BAD_JSON = {
     ),
     "official, three ingredients": (
         '{"entities": {"a": {"recipes": []}, "dew": {"recipes": [["a", "a", "a"]]}}}',
-        "book.json: entities['dew'].recipes[0]: 'a + a + a' are 3 ingredients of 'dew'; a recipe needs two",
+        "book.json: entities['dew'].recipes[0]: 'a + a + a' are 3 ingredients of 'dew'",
     ),
     "official, unlisted entity": (
         '{"entities": {"dew": {"recipes": [["gold", "dew"]]}}}',

@@ -410,7 +410,7 @@ def _shapes():
             "no header, few rows",
             "b.csv",
             table(header=None),
-            says="do not tell which column is the result: water . earth = mud .*or earth . mud = water",
+            says="which column is the result: water . earth = mud .*or earth . mud = water",
         ),
         of("labels only", "b.txt", "water\nearth\nfire\n", says="1 column"),
         of(

@@ -1,4 +1,4 @@
-"""Files that are nearly recipe books: refused with the place, or read with the rows that are named."""
+"""Files that are nearly recipe books: refused with the place, or read, all rows named."""
 
 import gzip
 import io

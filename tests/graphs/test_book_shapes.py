@@ -1,4 +1,4 @@
-"""Files as people have them: every shape reads as downloaded, or is refused with what is missing."""
+"""Files as people have them: read as downloaded, or refused with what is missing."""
 
 import pytest
 from book_shapes import SHAPES

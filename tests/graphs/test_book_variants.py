@@ -1,4 +1,4 @@
-"""One book in many dialects gives one graph or a refusal, and spoilt files lose no row in silence."""
+"""One book in many dialects gives one graph or a refusal; spoilt files lose no row in silence."""
 
 import bz2
 import gzip

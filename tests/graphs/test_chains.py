@@ -1,4 +1,4 @@
-"""Recipes of other arities: chains of half-products, which no task has as goal and no figure counts."""
+"""Recipes of other arities: chains of half-products, which no task has as goal."""
 
 import json
 
@@ -122,7 +122,7 @@ def test_half_products_are_no_goals_no_starts_and_in_no_figure(chained, tmp_path
     assert (figures.entities, figures.recipes) == (record.entities, 18)
 
 
-@pytest.mark.parametrize("format", ["csv", "json"])
+@pytest.mark.parametrize("format", ["csv", "json", "hif"])
 def test_a_chain_survives_folders_and_exports(chained, tmp_path, format):
     graph = RecipeGraph.from_book(chained)
     split = make_split(graph, SplitConfig("by-recipe-plain", train_ratio=0.5))

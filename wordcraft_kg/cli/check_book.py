@@ -20,7 +20,7 @@ EXAMPLES = (
 )
 
 
-def check_book(
+def check_book(  # noqa: PLR0913 - parameters are the command's options
     book: Book,
     *,
     base: Base = None,
@@ -36,7 +36,7 @@ def check_book(
 
     List problems and notes with line numbers, and count recipes and entities.
 
-    The file itself is not changed. The exit code is 1 if there are problems; notes are not
+    The file itself is not changed. The exit code is 1 if there are problems; notes are no
     failures.
 
     Args:
@@ -62,7 +62,7 @@ def check_book(
 
 
 def _shown(name: str, value: Any) -> Any:
-    """Return a share as a percentage with three digits, any other value as it is."""
+    """Return a share as a percentage with three digits, any other figure as it is."""
     from wordcraft_kg.graphs.book_check import SHARES
 
     return f"{100 * value:.3g} %" if name in SHARES and value is not None else value

@@ -230,8 +230,7 @@ def open_graph(
         (80, 790)
     """
     folder = Path(source)
-    # Another folder than a graph's may hold recipes of Minecraft, if the user says how to read
-    # them.
+    # Another folder may hold recipes of Minecraft, if the user says how to read them.
     if folder.is_dir() and not (options and not (folder / "graph.json").is_file()):
         graph = _read_graph(folder)
         split = read_split(read_json(folder / "split.json"), graph, str(folder / "split.json"))

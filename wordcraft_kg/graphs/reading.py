@@ -1,5 +1,7 @@
 """The record of how a recipe book's file was read: the guess that commands announce."""
 
+from collections.abc import Iterator
+
 import msgspec
 
 from wordcraft_kg.base.escaping import for_terminal
@@ -54,39 +56,47 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         """Return a sentence for people: shape, columns, rows kept, and rows left out with reasons.
 
         Example:
-            >>> Reading(shape="table", delimiter=";", rows=3, kept=2, left_out={"repeated": 1}).line()
+            >>> left_out = {"repeated": 1}
+            >>> Reading(shape="table", delimiter=";", rows=3, kept=2, left_out=left_out).line()
             "read as table with delimiter ';'; kept 2 of 3 rows (1 repeated)"
         """
-        parts = [f"read as {self.shape}"]
-        if self.delimiter:
-            parts[0] += f" with delimiter {self.delimiter!r}"
+        return for_terminal("; ".join([", ".join(self._facts()), self._rows()]))
+
+    def _rows(self) -> str:
+        reasons = ", ".join(f"{number:,} {reason}" for reason, number in self.left_out.items())
+        kept = f"kept {self.kept:,} of {counted(self.rows, 'row')}"
+        return f"{kept} ({reasons})" if reasons else kept
+
+    def _facts(self) -> Iterator[str]:
+        """Yield what the line says about the file, without what goes without saying."""
+        delimiter = f" with delimiter {self.delimiter!r}" if self.delimiter else ""
+        yield f"read as {self.shape}{delimiter}"
         if self.quote:
-            parts.append(f"quotes {self.quote}")
+            yield f"quotes {self.quote}"
         if self.columns:
             *ingredients, result = self.columns
-            parts.append(f"{' + '.join(ingredients)} = {result}")
+            yield f"{' + '.join(ingredients)} = {result}"
         if not self.header:
-            parts.append("no header")
+            yield "no header"
         if self.ignored:
             more = len(self.ignored) - _SHOWN
             names = ", ".join(self.ignored[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
-            parts.append(f"other columns ignored: {names}")
+            yield f"other columns ignored: {names}"
         if self.container:
-            parts.append(f"from {self.container}")
+            yield f"from {self.container}"
         if self.encoding not in ("", "utf-8"):
-            parts.append(f"encoding {self.encoding}")
+            yield f"encoding {self.encoding}"
+        yield from self._changes()
+
+    def _changes(self) -> Iterator[str]:
+        """Yield what is another than in the file."""
         if self.case:
-            parts.append("labels in lower case")
+            yield "labels in lower case"
         if self.counts_dropped:
-            parts.append(f"{counted(self.counts_dropped, 'number')} of pieces not kept")
+            yield f"{counted(self.counts_dropped, 'number')} of pieces not kept"
         if self.several_outputs:
-            parts.append(f"{counted(self.several_outputs, 'row')} with several results")
-        arities = [f"{number:,} of {arity}" for arity, number in self.arities.items()]
+            yield f"{counted(self.several_outputs, 'row')} with several results"
         if self.arities.keys() - {"2"}:
-            parts.append(f"rows by number of ingredients: {', '.join(arities)}")
-        parts += self.notes
-        reasons = ", ".join(f"{number:,} {reason}" for reason, number in self.left_out.items())
-        kept = f"kept {self.kept:,} of {counted(self.rows, 'row')}"
-        return for_terminal("; ".join([", ".join(parts), kept])) + (
-            f" ({reasons})" if reasons else ""
-        )
+            arities = [f"{number:,} of {arity}" for arity, number in self.arities.items()]
+            yield f"rows by number of ingredients: {', '.join(arities)}"
+        yield from self.notes

@@ -163,8 +163,7 @@ class RecipeGraph:
     def is_half_product(self) -> NDArray[np.bool_]:
         """Mark the half-products of chains, shape (num_entities,), bool.
 
-        They are no things of the game: no task has them as goal or start, and no figure counts
-            them.
+        They are no things of the game: no task has them as goal or start, no figure counts them.
         """
         halves = np.fromiter(map(is_half_product, self.entities), np.bool_, self.num_entities)
         halves.flags.writeable = False

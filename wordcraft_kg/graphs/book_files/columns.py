@@ -168,6 +168,6 @@ def readings(row: Sequence[str]) -> str:
 
 
 def repeated_cells(names: Sequence[str], roles: Roles, rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return names of columns that also occur as cells of that column: the header may be a recipe."""
+    """Return names of columns that are cells below, too: the header may be a recipe."""
     used = [(i, names[i]) for i in (*roles.ingredients, *roles.results)]
     return [name for i, name in used if any(len(row) > i and row[i] == name for row in rows)]

@@ -55,7 +55,11 @@ class Content(NamedTuple):
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a file's bytes, or raise a :class:`RecipeFileError` if it is missing, too large or unreadable."""
+    """Read a file's bytes.
+
+    Raises:
+        RecipeFileError: if it is missing, too large or unreadable.
+    """
     if path.is_dir():
         raise RecipeFileError(
             f"'{path}' {what_is(path)}; expected a recipe book (.csv, .tsv, .json), a graph "

@@ -158,7 +158,10 @@ def trimmed(line: str, delimiter: str, quote: str = '"') -> str:
 
 @cache
 def _cell_pattern(delimiter: str, quote: str) -> re.Pattern[str]:
-    """Return a pattern for a cell after any spaces: quoted, up to the spaces before its end, or all up to its end."""
+    """Return a pattern for a cell after any spaces.
+
+    A quoted cell goes up to the spaces before its end, any other up to its end.
+    """
     d = re.escape(delimiter)
     return re.compile(
         rf" *+({quote}(?:[^{quote}]|{quote}{quote})*+{quote}(?= *+(?:[{d}\r\n]|$))|[^{d}\r\n]*+)"

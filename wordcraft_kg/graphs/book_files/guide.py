@@ -1,4 +1,4 @@
-"""Refusals of files: the shape that was seen, the nearest readable shape, and the guide's anchor."""
+"""Refusals of files: the shape seen, the nearest readable shape, and the guide's anchor."""
 
 from pathlib import Path
 

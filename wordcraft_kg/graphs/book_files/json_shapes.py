@@ -23,6 +23,7 @@ from wordcraft_kg.graphs.book_files.columns import (
 )
 from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, RowSource
+from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
 from wordcraft_kg.graphs.recipes import check_label, label_fault, shown
 
 INFINITE_CRAFT_BASE = ("Earth", "Fire", "Water", "Wind")
@@ -79,6 +80,7 @@ class _Found:
         names: labels by id, for values that are ids.
         indices: whether integers are indices into ``names``.
         nothing: whether Infinite Craft's Nothing is no entity.
+        counts_dropped: numbers of results that are not kept.
     """
 
     shape: str
@@ -91,6 +93,7 @@ class _Found:
     names: Mapping[Any, str] = field(default_factory=dict)
     indices: bool = False
     nothing: bool = False
+    counts_dropped: int = 0
 
 
 class JsonRecipes(RowSource):
@@ -110,6 +113,7 @@ class JsonRecipes(RowSource):
         self._found = found
         self.shape = f"{found.shape} (JSON lines)" if self._is_lines else found.shape
         self.columns, self.ignored = found.columns, found.ignored
+        self.counts_dropped = found.counts_dropped
         self._read_listed()
 
     def _read_listed(self) -> None:
@@ -195,7 +199,7 @@ class JsonRecipes(RowSource):
         return None
 
     def _label(self, value: Any) -> Any:
-        """Return the label that a value stands for; a value that stands for none is returned as it is."""
+        """Return the label that a value stands for, or a value that stands for none."""
         found = self._found
         if isinstance(value, dict):
             value = next((value[key] for key in _NAMES if _is_name(value.get(key))), value)
@@ -261,8 +265,7 @@ def _loads(path: Path, text: str) -> Any:
         raise RecipeFileError(f"{path}: not a recipe book ({error}).") from None
 
 
-# --- shapes
-# ----------------------------------------------------------------------------------------
+# --- shapes --------------------------------------------------------------------------------------
 
 
 def _shape_of(path: Path, content: Any, columns: Sequence[str] | None) -> _Found:
@@ -389,6 +392,25 @@ def _craft_elements(
     found = _infinite_craft("an older save of Infinite Craft", raws, names)
     found.indices = False
     return found
+
+
+def _hif(path: Path, value: Any, where: str, columns: Sequence[str] | None) -> _Found | None:
+    """A directed hypergraph in HIF, as `export --format hif` writes."""
+    if not is_hif(value):
+        return None
+    found = recipes_of_hif(value, str(path))
+    rows = zip(found.rows, found.kinds, strict=True)
+    raws = (
+        _Raw(f"edge {i}", row, row[:-1], row[-1], kind) for i, (row, kind) in enumerate(rows, 1)
+    )
+    return _Found(
+        "a hypergraph (HIF)",
+        raws,
+        found.listed,
+        frozenset(found.listed),
+        found.base,
+        counts_dropped=found.dropped_counts,
+    )
 
 
 def _infinite_craft(
@@ -714,7 +736,7 @@ def _parted_key(key: str, value: Any) -> bool:
 
 
 _ShapeOf = Callable[[Path, Any, str, Sequence[str] | None], _Found | None]
-LAYOUTS: tuple[_ShapeOf, ...] = (_own, _official, _craft_items, _craft_elements)
+LAYOUTS: tuple[_ShapeOf, ...] = (_own, _official, _hif, _craft_items, _craft_elements)
 """Layouts with keys of their own, which are tried first."""
 SHAPES: tuple[_ShapeOf, ...] = (
     _rows_of_three,
@@ -725,11 +747,10 @@ SHAPES: tuple[_ShapeOf, ...] = (
     _result_map,
     _key_sums,
 )
-"""Other readable shapes, in the order in which they are tried, also inside of a key such as data."""
+"""Other readable shapes, in the order in which they are tried, also below a key such as data."""
 
 
-# --- values
-# ----------------------------------------------------------------------------------------
+# --- values --------------------------------------------------------------------------------------
 
 
 def _pairs(value: Any) -> list[Sequence[Any]]:
@@ -741,18 +762,7 @@ def _pairs(value: Any) -> list[Sequence[Any]]:
     if isinstance(value, str):
         return [_summands(value)] if value.strip() else []
     if isinstance(value, dict):
-        if _is_entity(value):
-            return [[value]]
-        if value and all(isinstance(each, (int, float)) for each in value.values()):
-            return [[{"name": key, "count": number} for key, number in value.items()]]
-        inner = [each for key, each in value.items() if _plain(key) in _RECIPE_KEYS]
-        if inner:
-            return [pair for each in inner for pair in _pairs(each)]
-        roles = roles_of_header([*value, "result"])
-        keys = [*value]
-        if roles is not None and roles.results == (len(keys),):
-            return [[value[keys[i]] for i in roles.ingredients]]
-        return []
+        return _pairs_of_object(value)
     if not isinstance(value, list) or not value:
         return []
     if all(isinstance(each, str) and "+" in each.strip("+ ") for each in value):
@@ -763,6 +773,22 @@ def _pairs(value: Any) -> list[Sequence[Any]]:
         return list(value)
     if all(isinstance(each, dict) for each in value):
         return [pair for each in value for pair in _pairs(each)]
+    return []
+
+
+def _pairs_of_object(value: Mapping[str, Any]) -> list[Sequence[Any]]:
+    """Return the recipes of an object: an entity, numbers by label, or keys like columns."""
+    if _is_entity(value):
+        return [[value]]
+    if value and all(isinstance(each, (int, float)) for each in value.values()):
+        return [[{"name": key, "count": number} for key, number in value.items()]]
+    inner = [each for key, each in value.items() if _plain(key) in _RECIPE_KEYS]
+    if inner:
+        return [pair for each in inner for pair in _pairs(each)]
+    keys = [*value]
+    roles = roles_of_header([*keys, "result"])
+    if roles is not None and roles.results == (len(keys),):
+        return [[value[keys[i]] for i in roles.ingredients]]
     return []
 
 

@@ -92,7 +92,7 @@ class SumLines(RowSource):
         total, rest = sides if self._sum_is_left else (sides.right, sides.left)
         if self._sum_is_left:
             if "," in rest and rest in self._ingredients:
-                message = f"{rest[:80]!r} may be one result, as it is an ingredient elsewhere, or several."
+                message = f"{rest[:80]!r} may be several results, or one: an ingredient elsewhere."
                 yield Fault(number, "row", message, "comma")
                 return
             pairs = [(_summands(total), result.strip()) for result in rest.split(",")]

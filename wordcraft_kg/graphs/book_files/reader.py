@@ -262,50 +262,50 @@ class BookRows:
             yield place, recipes
 
     def _paired(self, place: Place, labels: Sequence[str]) -> list[Recipe] | Fault | LeftOut:
-        """Return the recipes of two ingredients for a row of one, or of three and more.
-
-        Half-products that earlier rows have made are left out, so that they are no repetition.
-        """
+        """Return the recipes of two ingredients for a row of one, or of three and more."""
         *ingredients, result = labels
         where = f"{place}: " if isinstance(place, str) else ""
         single = self.options.single_ingredient
-        if len(ingredients) > 1:
-            distinct = list(dict.fromkeys(ingredients))
-            self._counts_dropped += len(ingredients) - len(distinct)
-            ingredients = distinct
-        if self.options.ingredients != "chain":
-            if len(labels) > 3:
-                message = (
-                    f"{where}{' + '.join(labels[:-1])[:80]!r} are {len(labels) - 1:,} ingredients of "
-                    f"'{result[:80]}'; a recipe needs two. Read it as a chain of half-products with "
-                    f"`ingredients` chain. See {GUIDE}#arities."
-                )
-                return Fault(place, "row", message, f"{len(labels) - 1} ingredients")
-            if single is None:
-                return Fault(place, "label", where + _alone(ingredients[0]))
-        if len(ingredients) == 1:
-            (one,) = ingredients
-            other = one if single in (None, _SELF) else single
-            return [Recipe.of(one, other, result)]
-        if result in ingredients:
-            # Left out as a whole, like a pair that makes one of its ingredients.
-            return [Recipe.of(result, next(each for each in ingredients if each != result), result)]
-        marked = next((label for label in labels if is_half_product(label)), None)
-        if marked is not None:
+        is_chain = self.options.ingredients == "chain"
+        if len(ingredients) > 2 and not is_chain:
             message = (
-                f"{where}the label {marked[:80]!r} ends like a half-product, in{HALF!r}; rename it."
+                f"{where}{' + '.join(ingredients)[:80]!r} are {len(ingredients):,} ingredients of "
+                f"'{result[:80]}'; a recipe needs two. Read it as a chain of half-products with "
+                f"`ingredients` chain. See {GUIDE}#arities."
             )
-            return Fault(place, "label", message)
-        recipes = chain(ingredients, result)
+            return Fault(place, "row", message, f"{len(ingredients)} ingredients")
+        distinct = list(dict.fromkeys(ingredients))
+        self._counts_dropped += len(ingredients) - len(distinct)
+        if len(distinct) > 1:
+            return self._chained(place, distinct, result)
+        (one,) = distinct
+        if single is None and not is_chain:
+            return Fault(place, "label", where + _alone(one))
+        other = one if single in (None, _SELF) else single
+        return [Recipe.of(one, other, result)]
+
+    def _chained(
+        self, place: Place, ingredients: Sequence[str], result: str
+    ) -> list[Recipe] | Fault | LeftOut:
+        """Return a chain without the half-products of earlier rows, which are no repetition."""
+        where = f"{place}: " if isinstance(place, str) else ""
+        if result in ingredients:
+            # As a whole, like a pair that makes one of its ingredients; never as part of a chain.
+            return LeftOut(place, _SELF_RESULT)
+        marked = next(filter(is_half_product, (*ingredients, result)), None)
+        if marked is not None:
+            message = f"the label {marked[:80]!r} ends like a half-product, in{HALF!r}; rename it."
+            return Fault(place, "label", where + message)
+        *halves, last = chain(ingredients, result)
         new = []
-        for half in recipes[:-1]:
+        for half in halves:
             known = self._halves.setdefault(half.result, half)
             if known is half:
                 new.append(half)
             elif known != half:
-                message = f"{where}'{half}' and '{known}' would be one half-product; rename a label with ' + '."
-                return Fault(place, "label", message)
-        return [*new, recipes[-1]]
+                message = f"'{half}' and '{known}' would be one half-product; rename a ' + '."
+                return Fault(place, "label", where + message)
+        return [*new, last]
 
     def reading(self, merged: int, self_results: int, labels: Iterable[str]) -> Reading:
         """Return the record of how the file was read, after the iteration.
@@ -435,7 +435,7 @@ def unknown_base(label: str, known: Any) -> str:
 
 def _alone(ingredient: str) -> str:
     return (
-        f"'{ingredient}' is the only ingredient; a recipe needs two. Write it twice, or build the graph "
-        f"with `single_ingredient` {_SELF}, which reads {ingredient} + {ingredient}, or the name of what it is "
-        "combined with."
+        f"'{ingredient}' is the only ingredient; a recipe needs two. Write it twice, or build the "
+        f"graph with `single_ingredient` {_SELF}, which reads {ingredient} + {ingredient}, or the "
+        "name of what it is combined with."
     )

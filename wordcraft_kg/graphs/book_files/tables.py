@@ -185,15 +185,16 @@ class Table(RowSource):
             if not names[i] and any(len(row) > i and row[i] for row in rows):
                 raise refusal(
                     self._path,
-                    f"line {number} names no column {i + 1}, but it is filled below, as under merged cells",
+                    f"line {number} names no column {i + 1}, but it is filled below",
                     "table",
                     "Give each column a name, or choose with `columns`.",
                 )
         second = roles_of_header(rows[0]) if rows else None
         if second is not None and len(second.ingredients) > 1:
+            again = ", ".join(map(repr, rows[0][:4]))
             raise refusal(
                 self._path,
-                f"the row below line {number} names the columns again: {', '.join(map(repr, rows[0][:4]))}",
+                f"the row below line {number} names the columns again: {again}",
                 "table",
                 "Keep one header line, or choose with `columns`.",
             )
@@ -247,8 +248,8 @@ class Table(RowSource):
         if len(numeric) == 1:
             raise refusal(
                 self._path,
-                f"{named} whose column {numeric[0] + 1} ({first_row[numeric[0]][:40]!r}) holds only numbers, "
-                "such as weights or ids; a column of results is missing",
+                f"{named} whose column {numeric[0] + 1} ({first_row[numeric[0]][:40]!r}) holds "
+                "only numbers, such as weights or ids; a column of results is missing",
                 "table",
                 remedy,
             )
@@ -258,7 +259,7 @@ class Table(RowSource):
                 self._path,
                 f"{named} whose first row ({seen}) may name the columns or be a recipe",
                 "table",
-                "Choose with `columns`: names take the row as header, numbers such as 1,2,3 as recipe.",
+                "Choose with `columns`: names take the row as header, numbers as recipe.",
             )
         result = result_by_rows(full)
         if result is None:
@@ -316,7 +317,7 @@ class Table(RowSource):
             cell = next(cell for cell in cells if one in cell or other in cell)
             raise refusal(
                 self._path,
-                f"ingredients in one column, such as {cell[:60]!r}, could be parted at {one!r} or at {other!r}",
+                f"ingredients such as {cell[:60]!r} could be parted at {one!r} or at {other!r}",
                 "table",
                 "Write each ingredient in a column of its own.",
             )
@@ -353,7 +354,7 @@ class Table(RowSource):
                 yield from self._read(number, line)
 
     def _plain_labels(self, line: str) -> list[str] | None:
-        """Return three valid labels of an unquoted row, the frequent case; None for a closer look."""
+        """Return three valid labels of an unquoted row, the frequent case, or None."""
         if self._dialect.quote in line or len(line) > MAX_LINE_LENGTH or line[0] == "\ufeff":
             return None
         delimiter = self._dialect.delimiter
@@ -441,14 +442,15 @@ class Table(RowSource):
         row = self._dialect.delimiter.join(cells)[:80]
         if not self._is_plain and not self._is_own:
             return (
-                f"'{row}' has {len(cells)} cell{'s' * (len(cells) != 1)}; the table has {limit} columns. "
-                "Quote a cell with a delimiter in it."
+                f"'{row}' has {len(cells)} cell{'s' * (len(cells) != 1)}; the table has {limit} "
+                "columns. Quote a cell with a delimiter in it."
             )
         count = len(cells) - 1
         hint = " For a single ingredient, leave the second cell empty." if count == 1 else ""
         return (
             f"'{row}' has {count} ingredient{'s' * (count != 1)} and a result"
-            f"{'' if count else ' missing'}; a recipe needs two and a result, in three columns.{hint}"
+            f"{'' if count else ' missing'}; a recipe needs two and a result, in three columns."
+            f"{hint}"
         )
 
 

@@ -30,7 +30,7 @@ _ENCODINGS = (
     *("koi8_r", "cp437", "cp850", "cp852", "cp866", "mac_roman"),
     *("shift_jis", "euc_jp", "gb18030", "big5", "cp949"),
 )
-"""Encodings of text files in use, other than Unicode's: of Windows, Unix, DOS, Macintosh, East Asia."""
+"""Encodings of text files other than Unicode's: Windows, Unix, DOS, Macintosh, East Asia."""
 _WORD = re.compile(r"[^\s,;|\t\"=+()\[\]{}:/-]+")
 _PUNCTUATION = frozenset(
     "'\u2019\u2018\u201c\u201d\u2013\u2014\u2026\u20ac\u00b0\u00bd\u00b2\u00b3\u00ab\u00bb._!?&#*"

@@ -17,7 +17,7 @@ _JSON_FORMAT = "wordcraft-kg recipe book 1"
 
 
 def write_book(book: RecipeBook, path: Path) -> None:
-    """Write a recipe book as ``.csv``, ``.tsv`` or ``.json``; reading the file restores an equal book."""
+    """Write a recipe book as ``.csv``, ``.tsv`` or ``.json``; reading restores an equal book."""
     ending = path.suffix.lower()
     target = output_target(path)
     if ending == ".json":
@@ -40,14 +40,14 @@ def write_book(book: RecipeBook, path: Path) -> None:
 def recipe_table(
     recipes: Iterable[Recipe], delimiter: str = ",", kinds: Mapping[Recipe, str] | None = None
 ) -> Iterator[str]:
-    """Yield table lines: a header, then (ingredient, ingredient, result) per recipe, with its kind if any has one."""
+    """Yield table lines: a header, then (ingredient, ingredient, result), with kinds if any."""
     yield delimiter.join((*CSV_HEADER, KIND) if kinds else CSV_HEADER) + "\n"
     for recipe in recipes:
         yield _csv_line((*recipe, kinds.get(recipe, "")) if kinds else recipe, delimiter)
 
 
 def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
-    """Yield a book in this package's JSON layout, one recipe per line; ``extra`` adds top-level keys."""
+    """Yield a book in our JSON layout, one recipe per line; ``extra`` adds top-level keys."""
     dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
     yield f'{{\n"format": {dump(_JSON_FORMAT)},\n"name": {dump(book.name)},\n'
     if book.kinds:

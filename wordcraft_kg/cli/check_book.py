@@ -20,7 +20,7 @@ EXAMPLES = (
 )
 
 
-def check_book(
+def check_book(  # noqa: PLR0913 - parameters are the command's options
     book: Book,
     *,
     base: Base = None,

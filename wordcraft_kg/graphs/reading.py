@@ -50,7 +50,7 @@ class Reading(Record, omit_defaults=True, kw_only=True):
     several_outputs: Count = 0
     notes: tuple[str, ...] = ()
 
-    def line(self) -> str:
+    def line(self) -> str:  # noqa: C901 - a branch for each kept fact
         """Return a sentence for people: shape, columns, rows kept, and rows left out with reasons.
 
         Example:

@@ -732,7 +732,7 @@ SHAPES: tuple[_ShapeOf, ...] = (
 # ----------------------------------------------------------------------------------------
 
 
-def _pairs(value: Any) -> list[Sequence[Any]]:
+def _pairs(value: Any) -> list[Sequence[Any]]:  # noqa: C901 - a branch for each shape of JSON
     """Return the recipes that a value holds, each as a list of ingredients.
 
     A list of lists holds several recipes; a list of labels is one recipe, unless each is a sum; an

@@ -261,7 +261,7 @@ class BookRows:
                 self.kinds[recipes[-1]] = kind
             yield place, recipes
 
-    def _paired(self, place: Place, labels: Sequence[str]) -> list[Recipe] | Fault | LeftOut:
+    def _paired(self, place: Place, labels: Sequence[str]) -> list[Recipe] | Fault | LeftOut:  # noqa: C901 - a branch for each rule
         """Return the recipes of two ingredients for a row of one, or of three and more.
 
         Half-products that earlier rows have made are left out, so that they are no repetition.

@@ -61,7 +61,7 @@ demo: .venv/package
 	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-partial \
 		--out $(DEMO)/runs/partial --force
 	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-recipes \
-		--use u,v,w --out $(DEMO)/runs/recipes --force
+		--use combines,component,recipe --out $(DEMO)/runs/recipes --force
 	$(BIN)/wordcraft-kg compare $(DEMO)/runs/no-kg $(DEMO)/runs/partial $(DEMO)/runs/recipes \
 		--out $(DEMO)/reports/agents --force
 	$(BIN)/wordcraft-kg explain $(DEMO)/runs/recipes --episodes 1
@@ -111,7 +111,7 @@ docs: install
 # 124: the time is over. All finished cells are stored, and the next call resumes the unfinished trainings.
 results: install
 	timeout --foreground --signal=INT $(MINUTES)m nice -n 19 $(BIN)/wordcraft-kg reproduce $(STUDY) \
-		--store docs/results/cells --out results --keep figures || [ $$? = 124 ]
+		--store docs/results/cells --out results --keep metrics || [ $$? = 124 ]
 
 .venv/installed-docs: .venv/installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"

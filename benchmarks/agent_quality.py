@@ -1,11 +1,10 @@
 """Measure agent success, and the evidence for the default settings.
 
-    python benchmarks/agent_quality.py choices BOOK    vary a single setting, evaluate on validation
-    tasks python benchmarks/agent_quality.py test BOOK       evaluate the documented agents on test
-    tasks
+    python benchmarks/agent_quality.py choices BOOK    vary a single setting, evaluate on validation tasks
+    python benchmarks/agent_quality.py test BOOK       evaluate the documented agents on test tasks
 
-The script prints each run's command and keeps runs in --out; existing runs are not repeated. Two
-runs share the machine, so speeds are not comparable: see train_speed.py.
+The script prints each run's command and keeps runs in --out; existing runs are not repeated. Two runs share the
+machine, so speeds are not comparable: see train_speed.py.
 """
 
 import argparse

@@ -1,15 +1,13 @@
-"""What learning adds in the studies: success of agents minus the success of their scorers alone, on
-the same tables.
+"""What learning adds in the studies: success of agents minus the success of their scorers alone, on the same tables.
 
-    wordcraft-kg train-recipes GRAPH --seed 0 --out scorers/any-name    (each graph of the studies,
-    each seed) python benchmarks/cells_against_scorers.py scorers
-    docs/results/splits-little-alchemy-2.json ...
+    wordcraft-kg train-recipes GRAPH --seed 0 --out scorers/any-name    (each graph of the studies, each seed)
+    python benchmarks/cells_against_scorers.py scorers docs/results/splits-little-alchemy-2.json ...
 
-The scorer of each training, below the folder ``scorers`` by graph, split and seed, plays the tables
-of the training's agent by itself: the pair with the highest recipe score beside agents with w at
-depth 1, its plans beside agents with p at more. Intervals are over seeds and tasks. The rows go to
-docs/agents-against-scorers.json, where docs/make_results.py finds them; a variant that several
-studies share has one row. Points without their scorers are left out, and keep earlier rows.
+The scorer of each training, below the folder ``scorers`` by graph, split and seed, plays the tables of the training's
+agent by itself: the pair with the highest recipe score beside agents with w at depth 1, its plans beside agents with p
+at more. Intervals are over seeds and tasks. The rows go to docs/agents-against-scorers.json, where
+docs/make_results.py finds them; a variant that several studies share has one row. Points without their scorers are
+left out, and keep earlier rows.
 """
 
 import argparse
@@ -51,9 +49,8 @@ def recipe_scorers(folder: Path) -> dict[tuple[str, int | None], Any]:
 
 
 def rates_alone(model: Any, depth: int, distractors: int, distractor_seeds: int) -> np.ndarray:
-    """Return the success of a recipe scorer alone on each test task: by w at depth 1, by its plans
-    at more."""
-    player = knowledge_player(make_sources(["p"], model.scorer))
+    """Return the success of a recipe scorer alone on each test task: by w at depth 1, by its plans at more."""
+    player = knowledge_player(make_sources(["plan"], model.scorer))
     if depth == 1:
         player = scorer_players(model.opened.graph, model.scorer, model.triples)["w, best pair"]
     world = World(model.opened, WordCraftConfig("test", depth, distractors))

@@ -1,11 +1,9 @@
 """Time a ComplEx epoch: a plain torch loop, our model inside PyKEEN, and PyKEEN's stock loop.
 
-    python benchmarks/complex_speed.py GRAPH            # a graph folder, a recipe book or a known
-    book's name
+    python benchmarks/complex_speed.py GRAPH            # a graph folder, a recipe book or a known book's name
 
-All three minimise the same objective (softmax over all heads and over all tails, N3) with the same
-sizes on a single CPU thread. The first two alternate, so a busy machine slows both equally; quote
-ratios.
+All three minimise the same objective (softmax over all heads and over all tails, N3) with the same sizes on a single
+CPU thread. The first two alternate, so a busy machine slows both equally; quote ratios.
 """
 
 import argparse

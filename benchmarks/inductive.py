@@ -1,16 +1,13 @@
-"""Evaluate predictions from words alone: for entities without recipes, and for goals that no train
-recipe makes.
+"""Evaluate predictions from words alone: for entities without recipes, and for goals that no train recipe makes.
 
-    python benchmarks/inductive.py removed everyday little-alchemy-2   # entities taken out of the
-    graph python benchmarks/inductive.py splits everyday little-alchemy-2    # with words, without
-    words, with shuffled words
+    python benchmarks/inductive.py removed everyday little-alchemy-2   # entities taken out of the graph
+    python benchmarks/inductive.py splits everyday little-alchemy-2    # with words, without words, with shuffled words
 
-`removed` samples 30 entities with at least three recipes, fits a recipe scorer's link rankers on
-the remaining recipes (without entities that only occur with removed entities), and then scores the
-removed entities' links by words. Two filtered queries per link: rank all entities given the removed
-entity ("of it"), and rank the removed entities given the known entity ("it"). Columns: link
-rankers, kernel alone, rankers with words permuted among removed entities, frequency in the
-remaining recipes, and chance.
+`removed` samples 30 entities with at least three recipes, fits a recipe scorer's link rankers on the remaining recipes
+(without entities that only occur with removed entities), and then scores the removed entities' links by words. Two
+filtered queries per link: rank all entities given the removed entity ("of it"), and rank the removed entities given the
+known entity ("it"). Columns: link rankers, kernel alone, rankers with words permuted among removed entities, frequency
+in the remaining recipes, and chance.
 
 `splits` fits the rankers on train recipes and ranks unseen validation triples.
 """

@@ -1,22 +1,19 @@
 """Measure ComplEx on unseen links, and the evidence for the default settings.
 
-    python benchmarks/link_quality.py settings little-alchemy-2     # sweep, on validation parts of
-    separate splits python benchmarks/link_quality.py neighbours little-alchemy-2   # the same for
-    the neighbour baseline python benchmarks/link_quality.py votes little-alchemy-2        # and for
-    the vote count python benchmarks/link_quality.py test little-alchemy-2         # the defaults on
-    the test parts of splits 0, 1, 2 python benchmarks/link_quality.py untrained little-alchemy-2
-    --json docs/link-quality.json
+    python benchmarks/link_quality.py settings little-alchemy-2     # sweep, on validation parts of separate splits
+    python benchmarks/link_quality.py neighbours little-alchemy-2   # the same for the neighbour baseline
+    python benchmarks/link_quality.py votes little-alchemy-2        # and for the vote count
+    python benchmarks/link_quality.py test little-alchemy-2         # the defaults on the test parts of splits 0, 1, 2
+    python benchmarks/link_quality.py untrained little-alchemy-2 --json docs/link-quality.json
 
-The test columns are filtered MRRs on unseen triples: ComplEx; ComplEx and the neighbour rule
-without near-synonyms; the recipe kernel; votes; frequency; and the train triples as a fact graph,
-which contains no unseen triple.
+The test columns are filtered MRRs on unseen triples: ComplEx; ComplEx and the neighbour rule without near-synonyms;
+the recipe kernel; votes; frequency; and the train triples as a fact graph, which contains no unseen triple.
 
-``untrained`` ranks the same queries by the scorers without training alone, and plays the test tasks
-by votes, by all triples as facts, and by the links of a recipe scorer. Each split's figures go to
---json; other books' rows stay there.
+``untrained`` ranks the same queries by the scorers without training alone, and plays the test tasks by votes, by all
+triples as facts, and by the links of a recipe scorer. Each split's figures go to --json; other books' rows stay there.
 
-The sweep never ranks test triples (which are only filtered from the candidates), and uses splits
-10, 11 and 12, while the test uses splits 0, 1 and 2.
+The sweep never ranks test triples (which are only filtered from the candidates), and uses splits 10, 11 and 12, while
+the test uses splits 0, 1 and 2.
 """
 
 import argparse

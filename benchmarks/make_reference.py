@@ -1,28 +1,25 @@
 """Measure the reference pack, and write its files.
 
     python benchmarks/make_reference.py everyday --studies docs/results/knowledge-everyday.json
-    python benchmarks/make_reference.py little-alchemy-2 --studies
-    docs/results/embeddings-little-alchemy-2.json ... python benchmarks/make_reference.py everyday
-    --check
+    python benchmarks/make_reference.py little-alchemy-2 --studies docs/results/embeddings-little-alchemy-2.json ...
+    python benchmarks/make_reference.py everyday --check
 
-Scripted players are always measured: on test tasks with depth 1 and 1, 2 and 8 distractors, with
-depth 2 and 1 and 8 distractors, and in open-ended mode. Agents come from study results
-(``--studies``: each variant with the number of distractors in training), which replace the file's
-agents; ``--scorers`` are models that play without an agent. The file's rows of other scorers stay
-unchanged. ``--check`` writes nothing; the exit code is 1 if a scripted player's figures differ from
-the file.
+Scripted players are always measured: on test tasks with depth 1 and 1, 2 and 8 distractors, with depth 2 and 1 and 8
+distractors, and in open-ended mode. Agents come from study results (``--studies``: each variant with the number of
+distractors in training), which replace the file's agents; ``--scorers`` are models that play without an agent. The
+file's rows of other scorers stay unchanged. ``--check`` writes nothing; the exit code is 1 if a scripted player's
+figures differ from the file.
 
 The scorers for ``everyday``, without an agent:
 
-    wordcraft-kg train-recipes everyday --out models/everyday-recipes python
-    benchmarks/make_reference.py everyday --scorers "recipe scorer alone=models/everyday-recipes"
+    wordcraft-kg train-recipes everyday --out models/everyday-recipes
+    python benchmarks/make_reference.py everyday --scorers "recipe scorer alone=models/everyday-recipes"
 
 The tables of SmolLM2-135M-Instruct alone, without recipes (docs/outside-knowledge.md):
 
-    wordcraft-kg elicit everyday --model MODEL --out knowledge/lm wordcraft-kg train-recipes
-    everyday --kg none --with knowledge/lm --out models/everyday-language-model python
-    benchmarks/make_reference.py everyday --scorers "SmolLM2-135M
-    alone=models/everyday-language-model"
+    wordcraft-kg elicit everyday --model MODEL --out knowledge/lm
+    wordcraft-kg train-recipes everyday --kg none --with knowledge/lm --out models/everyday-language-model
+    python benchmarks/make_reference.py everyday --scorers "SmolLM2-135M alone=models/everyday-language-model"
 """
 
 import argparse
@@ -47,7 +44,7 @@ from wordcraft_kg.evaluation.reference import (
     ReferencePack,
     ReferenceRow,
     TaskPlay,
-    figures_of,
+    metrics_of,
     read_pack,
 )
 from wordcraft_kg.evaluation.reference_table import (
@@ -168,7 +165,7 @@ def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow
                 player=name if scorer or name.startswith("no graph") else PLAIN + name,
                 kind="agent",
                 measure="success",
-                figures=figures_of(found, own),
+                figures=metrics_of(found, own),
                 origin="ours",
                 source=f"{results.command} ({study.title})",
                 play=PLAYS[0][0],

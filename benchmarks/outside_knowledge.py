@@ -1,20 +1,18 @@
-"""Which knowledge helps? Recipe scorers with sources of outside knowledge, alone at the
-evaluation's own tables.
+"""Which knowledge helps? Recipe scorers with sources of outside knowledge, alone at the evaluation's own tables.
 
-    wordcraft-kg encode little-alchemy-2 everyday --encoder ENCODER --out vectors/both wordcraft-kg
-    elicit little-alchemy-2 --model MODEL --out knowledge/lm          (and the other folders) python
-    benchmarks/outside_knowledge.py little-alchemy-2 --words vectors/both \\
+    wordcraft-kg encode little-alchemy-2 everyday --encoder ENCODER --out vectors/both
+    wordcraft-kg elicit little-alchemy-2 --model MODEL --out knowledge/lm          (and the other folders)
+    python benchmarks/outside_knowledge.py little-alchemy-2 --words vectors/both \\
         --source "language model=knowledge/lm" --source WordNet=knowledge/wn --source book=everyday
 
-For each split kind and split seed: recipes alone (``one-hot``), recipes and GloVe, recipes and
-``--words``, the latter with each source, and with all sources (``--only`` chooses rows). A source
-is NAME=SPEC, or NAME=SPEC,SPEC, with ``{split}`` and ``{seed}`` for folders that belong to one
-split. Fits on all train recipes of the split; ``--part valid`` plays validation tasks instead of
-test tasks. Success on all depth-1 tasks: the pair with the highest score, five distractor seeds;
-*few* counts tasks with an ingredient or goal in at most two train recipes. ``--made-by BOOK`` adds
-to every row the success on goals that this other book makes (*made*) and on goals that it does not
-make (*other*), and the share of tasks with the former (*share made*). Finished cells in --out are
-kept.
+For each split kind and split seed: recipes alone (``one-hot``), recipes and GloVe, recipes and ``--words``, the latter
+with each source, and with all sources (``--only`` chooses rows). A source is NAME=SPEC, or NAME=SPEC,SPEC, with
+``{split}`` and ``{seed}`` for folders that belong to one split. Fits on all
+train recipes of the split; ``--part valid`` plays validation tasks instead of test tasks. Success on all depth-1 tasks:
+the pair with the highest score, five distractor seeds; *few* counts tasks with an ingredient or goal in at most two
+train recipes. ``--made-by BOOK`` adds to every row the success on goals that this other book makes (*made*) and on
+goals that it does not make (*other*), and the share of tasks with the former (*share made*). Finished cells in --out
+are kept.
 """
 
 import argparse
@@ -139,7 +137,7 @@ def goals_among(world: World, labels: frozenset[str]) -> NDArray[np.bool_]:
     return np.array([label in labels for label in world.graph.labels(world.tasks.goals)])
 
 
-def scorer_figures(
+def scorer_metrics(
     opened: OpenedGraph, part: str, name: str, words: str, specs: Sequence[str], made_by: str | None
 ) -> dict[str, float]:
     """Return a scorer's MRR and success alone, on all tasks and by groups as in :func:`played`."""
@@ -166,7 +164,7 @@ def scorer_figures(
     return figures
 
 
-def agent_figures(
+def agent_metrics(
     opened: OpenedGraph, part: str, words: str, specs: Sequence[str], steps: int, home: Path
 ) -> dict[str, Any]:
     """Return the success of an agent, trained where missing, and of its scorer alone on the same
@@ -179,7 +177,10 @@ def agent_figures(
             RecipesConfig(graph, RecipeScorerConfig(features=words, with_=tuple(specs))), model
         )
     if not (home / "run/evaluation.json").exists():
-        use, trainer = PolicyConfig(use="u,v,w"), ImpalaConfig(steps=steps, eval_every=0)
+        use, trainer = (
+            PolicyConfig(use="combines,component,recipe"),
+            ImpalaConfig(steps=steps, eval_every=0),
+        )
         train_agent(AgentConfig(graph, model, policy=use, trainer=trainer), run)
     agent, alone = open_agent(run), open_model(model, graph)
     players = {
@@ -211,9 +212,9 @@ def cell(
         ratios = {"train_ratio": 0.7, "valid_ratio": 0.2} if options.part == "valid" else {}
         opened = open_graph(options.book, SplitConfig(kind, seed=seed, **ratios))  # type: ignore[arg-type]
         if options.agents:
-            figures = agent_figures(opened, options.part, words, specs, options.agents, home)
+            figures = agent_metrics(opened, options.part, words, specs, options.agents, home)
         else:
-            figures = scorer_figures(opened, options.part, name, words, specs, options.made_by)
+            figures = scorer_metrics(opened, options.part, name, words, specs, options.made_by)
         row = {
             "book": opened.graph.name,
             "split": kind,

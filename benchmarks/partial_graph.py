@@ -1,15 +1,13 @@
-"""Does a partial graph help an agent? Scorer x use x distractors x split x book, with leak-free MRR
-and success.
+"""Does a partial graph help an agent? Scorer x use x distractors x split x book, with leak-free MRR and success.
 
-    python benchmarks/partial_graph.py everyday little-alchemy-2 python benchmarks/partial_graph.py
-    everyday --splits by-goal --distractors 1 --only "no graph;recipes, u v w"
+    python benchmarks/partial_graph.py everyday little-alchemy-2
+    python benchmarks/partial_graph.py everyday --splits by-goal --distractors 1 --only "no graph;recipes, u v w"
 
-For each split, ComplEx, a recipe scorer and scorers without learning use the partial graph; all are
-cross-fitted with five folds, and "ComplEx, in-sample" is the same ComplEx model with in-sample
-scores, as in the paper. Success is the greedy agent's success on test tasks (five distractor
-seeds); intervals are over trainings, which differ in split and seed, and differences to no graph
-pair runs with the same split and seed. Existing results in --out are kept, so a long run can be
-interrupted.
+For each split, ComplEx, a recipe scorer and scorers without learning use the partial graph; all are cross-fitted with
+five folds, and "ComplEx, in-sample" is the same ComplEx model with in-sample scores, as in the paper. Success is the
+greedy agent's success on test tasks (five distractor seeds); intervals are over trainings, which differ in
+split and seed, and differences to no graph pair runs with the same split and seed. Existing results in --out are kept,
+so a long run can be interrupted.
 """
 
 import argparse
@@ -30,7 +28,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import open_graph
 
 SPLITS = ("by-recipe", "by-slot", "by-goal")
-U_V = {"use": "u,v"}
+U_V = {"use": "combines,component"}
 VARIANTS: dict[str, tuple[str | None, dict[str, object]]] = {
     "no graph": (None, {}),
     "facts, u v": ("facts", U_V),
@@ -38,10 +36,13 @@ VARIANTS: dict[str, tuple[str | None, dict[str, object]]] = {
     "kernel, u v": ("kernel", U_V),
     "ComplEx in-sample, u v": ("complex", {**U_V, "in_sample": True}),
     "ComplEx, u v": ("complex", U_V),
-    "recipes in-sample, u v w": ("recipes", {"use": "u,v,w", "in_sample": True}),
+    "recipes in-sample, u v w": (
+        "recipes",
+        {"use": "combines,component,recipe", "in_sample": True},
+    ),
     "recipes, u v": ("recipes", U_V),
-    "recipes, u v w": ("recipes", {"use": "u,v,w"}),
-    "recipes, w alone": ("recipes", {"use": "w", "kg_only": True}),
+    "recipes, u v w": ("recipes", {"use": "combines,component,recipe"}),
+    "recipes, w alone": ("recipes", {"use": "recipe", "kg_only": True}),
 }
 """Scorer, and settings of the policy."""
 

@@ -1,14 +1,12 @@
-"""Goals that need several attempts: success of the planner and of other players, by depth and
-unseen recipes.
+"""Goals that need several attempts: success of the planner and of other players, by depth and unseen recipes.
 
-    wordcraft-kg build-graph little-alchemy-2 --out graphs/la2 wordcraft-kg train-recipes graphs/la2
-    --out models/la2 python benchmarks/planning.py graphs/la2 models/la2 --depths 1,2,3,4
-    --distractors 0,4,8 --json figures.json
+    wordcraft-kg build-graph little-alchemy-2 --out graphs/la2
+    wordcraft-kg train-recipes graphs/la2 --out models/la2
+    python benchmarks/planning.py graphs/la2 models/la2 --depths 1,2,3,4 --distractors 0,4,8 --json figures.json
 
-Plays an evenly spaced sample of test tasks on the evaluation's tables, with as many attempts as the
-depth. *unseen* counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a
-trained agent, ``--widths`` planners with other numbers of candidates, with milliseconds per
-decision. ``--time`` times decisions, alone and in a batch of 256.
+Plays an evenly spaced sample of test tasks on the evaluation's tables, with as many attempts as the depth. *unseen*
+counts tasks by the least number of unseen recipes in a plan. ``--run`` adds a trained agent, ``--widths`` planners with
+other numbers of candidates, with milliseconds per decision. ``--time`` times decisions, alone and in a batch of 256.
 """
 
 import argparse
@@ -47,11 +45,11 @@ def players(opened: OpenedGraph, options: argparse.Namespace) -> Iterator[tuple[
             name,
             knowledge_player(make_sources(name.split(","), scorer, ScoreView("standardise"))),
         )
-    yield "planner", knowledge_player(make_sources(["p"], scorer))
+    yield "planner", knowledge_player(make_sources(["plan"], scorer))
     for width in map(int, options.widths.split(",") if options.widths else ()):
         yield (
             f"planner, {width} candidates",
-            knowledge_player(make_sources(["p"], scorer, ScoreView(width=width))),
+            knowledge_player(make_sources(["plan"], scorer, ScoreView(width=width))),
         )
     known = BestPlan.of_recipes(graph.num_entities, opened.split.recipes("train"))
     yield "planner, train recipes", knowledge_player([known])
@@ -74,7 +72,7 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
             for task in result.tasks
         ]
     )
-    figures = result.figures()
+    figures = result.metrics()
     return {
         "success": figures.mean,
         "interval": list(task_bootstrap(result.success, result.groups)),
@@ -133,7 +131,7 @@ def main() -> None:
                 )
                 world = World(opened, config)
                 if options.time:
-                    (source,) = make_sources(["p"], load_scorer(options.model))
+                    (source,) = make_sources(["plan"], load_scorer(options.model))
                     alone, many = (milliseconds(world, source, batch) for batch in (1, 256))
                     print(
                         f"first decision at depth {depth}: {alone:.2f} ms alone, {many:.3f} ms in "

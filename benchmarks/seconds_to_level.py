@@ -1,14 +1,12 @@
-"""CPU seconds to 95 % of the final test success: our trainer beside MaskablePPO of
-Stable-Baselines3.
+"""CPU seconds to 95 % of the final test success: our trainer beside MaskablePPO of Stable-Baselines3.
 
-    python benchmarks/seconds_to_level.py everyday python benchmarks/seconds_to_level.py everyday
-    --scorer models/everyday-recipes --use u,v --every 20000
+    python benchmarks/seconds_to_level.py everyday
+    python benchmarks/seconds_to_level.py everyday --scorer models/everyday-recipes --every 20000
 
-Both train the same network, with or without a scorer, on the same train tasks and with one thread;
-the same Evaluator plays the test tasks. The clock counts training only: not the evaluation, and not
-building environments and learner. The level is 95 % of what our trainer ends with, for each seed.
-MaskablePPO has a small grid of learning rates and rollout lengths on 64 environments, with 4 epochs
-and batches of 512; other settings are defaults. Needs the extra interop.
+Both train the same network, with or without a scorer, on the same train tasks and with one thread; the same Evaluator
+plays the test tasks. The clock counts training only: not the evaluation, and not building environments and learner. The
+level is 95 % of what our trainer ends with, for each seed. MaskablePPO has a small grid of learning rates and rollout
+lengths on 64 environments, with 4 epochs and batches of 512; other settings are defaults. Needs the extra interop.
 """
 
 import argparse

@@ -55,7 +55,7 @@ def main() -> None:
     }
     players |= {"recipe scorer alone, u v": alone["u+v, self edges dropped"]}
     players["recipe scorer alone, w"] = alone["w, best pair"]
-    players["planner, p"] = knowledge_player(make_sources(["p"], model.scorer))
+    players["planner, p"] = knowledge_player(make_sources(["plan"], model.scorer))
     rows = json.loads(TARGET.read_text(encoding="utf-8")) if TARGET.exists() else []
     for distractors in map(int, options.distractors.split(",")):
         world = World(opened, WordCraftConfig("test", options.depth, distractors))

@@ -1,15 +1,13 @@
-"""Measure training speed: steps per second compared with a plain loop, and a whole run from command
-to report.
+"""Measure training speed: steps per second compared with a plain loop, and a whole run from command to report.
 
-    python benchmarks/train_speed.py BOOK               sustained speed, unguided and guided, and a
-    plain loop python benchmarks/train_speed.py BOOK --whole       also a run with 3,000,000 steps,
-    from command to report python benchmarks/train_speed.py BOOK --device cuda the same on a device
-    python benchmarks/train_speed.py BOOK --scorer MODEL --use u,v,w   guided by a model instead of
-    counts of neighbours
+    python benchmarks/train_speed.py BOOK               sustained speed, unguided and guided, and a plain loop
+    python benchmarks/train_speed.py BOOK --whole       also a run with 3,000,000 steps, from command to report
+    python benchmarks/train_speed.py BOOK --device cuda the same on a device
+    python benchmarks/train_speed.py BOOK --scorer MODEL --use combines,component,recipe
+                                                     guided by a model instead of counts of neighbours
 
-The plain loop follows the paper's equations literally: keys for every slot, a softmax over the last
-axis, torch's RMSProp over a parameter list, on the same batched environment. Measure on an idle
-machine.
+The plain loop follows the paper's equations literally: keys for every slot, a softmax over the last axis, torch's
+RMSProp over a parameter list, on the same batched environment. Measure on an idle machine.
 """
 
 import argparse

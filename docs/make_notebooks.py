@@ -1,13 +1,11 @@
 """Run the notebooks and store their outputs; a hook for the website renders the stored outputs.
 
-    python docs/make_notebooks.py [NAME ...]           run all notebooks, or the named ones (`make
-    notebooks`) python docs/make_notebooks.py --text               write changed texts into the
-    stored notebooks; run nothing python docs/make_notebooks.py --check              exit with 1 if
-    a stored notebook differs from its source
+    python docs/make_notebooks.py [NAME ...]           run all notebooks, or the named ones (`make notebooks`)
+    python docs/make_notebooks.py --text               write changed texts into the stored notebooks; run nothing
+    python docs/make_notebooks.py --check              exit with 1 if a stored notebook differs from its source
 
-A source is a Python file in docs/notebooks/: ``# %%`` begins a code cell, ``# %% [markdown]`` a
-text cell in comments. The notebook with all outputs is stored next to the source, with the code's
-SHA-256.
+A source is a Python file in docs/notebooks/: ``# %%`` begins a code cell, ``# %% [markdown]`` a text cell in comments.
+The notebook with all outputs is stored next to the source, with the code's SHA-256.
 """
 
 import argparse
@@ -152,7 +150,7 @@ def main() -> None:
     sources = {path.stem: path for path in sorted(HERE.glob("*.py"))}
     if unknown := set(given.names) - set(sources):
         sys.exit(f"no notebook {', '.join(sorted(unknown))}; expected {', '.join(sources)}.")
-    os.environ["OMP_NUM_THREADS"] = "1"  # the same figures for any number of cores
+    os.environ["OMP_NUM_THREADS"] = "1"  # the same results for any number of cores
     stale = []
     for source in (sources[name] for name in given.names or sources):
         path, start = source.with_suffix(".ipynb"), time.perf_counter()

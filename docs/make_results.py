@@ -38,7 +38,7 @@ from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
 from wordcraft_kg.studies.store import collect_study, own_results, studies_of, write_plan
 from wordcraft_kg.studies.study import Study, Values, adapted, built_in, read_study
-from wordcraft_kg.studies.variants import PointFigures, ScorerScatter, VariantFigures
+from wordcraft_kg.studies.variants import PointMetrics, ScorerScatter, VariantMetrics
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 HERE = Path(__file__).parent
@@ -437,7 +437,7 @@ def _ends(values: Iterable[int]) -> list[int]:
     return sorted({min(found), max(found)})
 
 
-def _entries(view: StudyView) -> list[VariantFigures]:
+def _entries(view: StudyView) -> list[VariantMetrics]:
     return [entry for point in view.points for entry in point.variants]
 
 
@@ -501,10 +501,8 @@ def origins_of(found: list[StudyResults]) -> str:
     return "; ".join(texts) or "not recorded"
 
 
-def without_agent(results: StudyResults, point: PointFigures) -> Iterator[tuple[str, str, str]]:
-    """Yield name, success and success by the own recipe of players without an agent, on the tasks
-    of a point.
-    """
+def without_agent(results: StudyResults, point: PointMetrics) -> Iterator[tuple[str, str, str]]:
+    """Yield name, success and success by the own recipe of players without an agent, on the tasks of a point."""
     path = HERE / "study-players.json"
     settings = {"depth": 1, "distractors": 1} | results.study.settings | point.values
     point_of = (settings["depth"], settings["distractors"], point.distractor_seeds, point.tasks)
@@ -520,10 +518,8 @@ def without_agent(results: StudyResults, point: PointFigures) -> Iterator[tuple[
             yield f"*no agent: {row['player']}*", success, share(row["by_plan"])
 
 
-def point_table(results: StudyResults, view: StudyView, point: PointFigures) -> Iterator[str]:
-    """Yield the lines of a table of all variants at a point of the grid, and of players without an
-    agent.
-    """
+def point_table(results: StudyResults, view: StudyView, point: PointMetrics) -> Iterator[str]:
+    """Yield the lines of a table of all variants at a point of the grid, and of players without an agent."""
     has_mrr = any(entry.mrr is not None for entry in point.variants)
     yield f"{point.title[0].upper()}{point.title[1:]}, {counted(point.tasks, 'test task')}:"
     yield ""
@@ -605,7 +601,7 @@ def scatter_table(results: StudyResults, view: StudyView, scatter: ScorerScatter
 
 
 def missing_text(results: StudyResults) -> str:
-    """Return which trainings have no figures, and why."""
+    """Return which trainings have no results, and why."""
     reasons: dict[str, list[tuple[str, Values, int]]] = {}
     for lost in results.missing:
         reasons.setdefault(lost.why, []).append((lost.variant, lost.values, lost.seed))

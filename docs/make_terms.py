@@ -2,8 +2,6 @@
 compares.
 """
 
-# ruff: noqa: E501 (a definition a line)
-
 import sys
 from pathlib import Path
 from typing import get_args

@@ -46,7 +46,7 @@ def main() -> None:
     assert_type(policy, Policy)
     result = evaluate(policy, opened, num_distractors=4)
     assert_type(result, Evaluation)
-    print(f"success on test tasks: {result.figures().mean:.3f}")
+    print(f"success on test tasks: {result.metrics().mean:.3f}")
 
 
 if __name__ == "__main__":

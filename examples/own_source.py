@@ -1,8 +1,8 @@
 """A source of one's own guides an agent: the letters that an entity shares with the goal.
 
-Run it in an empty folder; it takes ten seconds. A package makes its source known to `--use
-u,v,letters` by an entry point: [project.entry-points."wordcraft_kg.sources"], letters =
-"my_package.sources:SharedLetters".
+Run it in an empty folder; it takes ten seconds. A package makes its source known to
+`--use combines,component,letters` by an entry point:
+[project.entry-points."wordcraft_kg.sources"], letters = "my_package.sources:SharedLetters".
 """
 
 import torch
@@ -57,7 +57,7 @@ class SharedLetters(Source):
 def main() -> None:
     """Train an agent that weighs letters in addition to link scores."""
     train_links(LinksConfig("kitchen", ComplExConfig(epochs=10)), "models/kitchen")
-    policy, trainer = PolicyConfig(use="u,v,letters"), ImpalaConfig(steps=5_000)
+    policy, trainer = PolicyConfig(use="combines,component,letters"), ImpalaConfig(steps=5_000)
     trained = train_agent(
         AgentConfig("kitchen", "models/kitchen", TaskConfig(), policy, trainer), "runs/letters"
     )

@@ -59,7 +59,7 @@ def main() -> None:
     model.learn(2_048)
     trained: Policy = model.policy.network  # a copy: `policy` is as it was
     for name, player in (("before", policy), ("after", trained)):
-        figures = evaluate(player, opened, num_distractors=4).figures()
+        figures = evaluate(player, opened, num_distractors=4).metrics()
         print(
             f"success on test tasks {name}: {figures.mean:.3f} [{figures.ci_low:.3f}, "
             f"{figures.ci_high:.3f}]"

@@ -181,7 +181,8 @@ def test_a_study_of_train_samples_shows_mrr_success_and_their_correlation(script
     )
 
 
-def test_the_page_names_uneven_seeds_counts_verdicts_and_says_that_all_is_there(script, tmp_path):
+def test_the_page_names_uneven_seeds_and_counts_verdicts(script, tmp_path):
+    """The page names uneven seeds counts verdicts and says that all is there."""
     text = text_of(script, results_of({"none": [1, 1], "guided": [1, 4]}))
     assert "Seeds of *guided* differ much: .200, .800." in text
     assert "| Guided is better. *(paper, Somewhere)* | 1 undecided, 1 not run |" in text

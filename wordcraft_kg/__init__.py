@@ -7,7 +7,7 @@ computes, ``train_...`` takes a configuration and a folder::
     opened = open_graph("everyday")
     train_links(LinksConfig("everyday"), "models/everyday")
     train_agent(AgentConfig("everyday", "models/everyday"), "runs/guided")
-    evaluate(load_policy("runs/guided"), "everyday", num_distractors=8).figures()
+    evaluate(load_policy("runs/guided"), "everyday", num_distractors=8).metrics()
 
 Importing this package imports neither torch nor PyKEEN; a name imports what it needs when it is
 first used.

@@ -87,7 +87,7 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
     assert result.success.all()
     assert result.by_plan.all()
     assert not result.terminations.any()
-    assert result.figures().mean == 1.0
+    assert result.metrics().mean == 1.0
     assert set(result.actions.ravel().tolist()) == {2 * depth}
 
 
@@ -251,7 +251,7 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     policy.register_forward_pre_hook(lambda *_: graphs.append(torch.is_grad_enabled()))
     states = np.random.get_state()[1].copy(), torch.get_rng_state()  # noqa: NPY002
     evaluator(PolicyPlayer(policy))
-    evaluator(random_entity).figures()
+    evaluator(random_entity).metrics()
     assert policy.training == before[1]
     assert all(torch.equal(tensor, before[0][name]) for name, tensor in policy.state_dict().items())
     assert set(graphs) == {False}
@@ -259,11 +259,8 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     assert torch.equal(torch.get_rng_state(), states[1])
 
 
-def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_disturb_it(
-    opened, monkeypatch
-):
-    """In the released code weights change during a test; here a point of a curve is one
-    checkpoint's."""
+def test_an_evaluation_amid_training_sees_one_set_of_weights(opened, monkeypatch):
+    """In the released code weights change during a test; here a point of a curve is one checkpoint's."""
     config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
     ends = []
     for evaluates in (False, True):
@@ -314,7 +311,7 @@ def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
 def test_figures_are_means_over_tasks_and_draws(opened):
     world = World(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2))
     result = Evaluator(world, distractor_seeds=4)(scripted)
-    figures = result.figures()
+    figures = result.metrics()
     sums = [array.sum() / (63 * 4) for array in (result.success, result.by_plan, result.actions)]
     assert [figures.mean, figures.by_plan, figures.actions] == pytest.approx(sums)
     assert (figures.tasks, figures.distractor_seeds) == (63, 4)
@@ -344,7 +341,8 @@ def test_players_go_by_name(opened):
         assert_equal(evaluator(player_of(policy, kind)), evaluator(player))
 
 
-def test_decisions_are_equal_exactly_where_the_same_pairs_are_combined_in_the_same_order(opened):
+def test_decisions_are_equal_where_pairs_and_order_are(opened):
+    """Decisions are equal exactly where the same pairs are combined in the same order."""
     evaluator = Evaluator(
         World(opened, WordCraftConfig(part="test", num_distractors=1, max_attempts=2)),
         distractor_seeds=1,
@@ -424,7 +422,7 @@ def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeyp
         f"{amount:,} train tasks are too many: evaluating a sample of {len(evaluator.tasks)} tasks"
         in caplog.text
     )
-    assert evaluator(random_entity).figures().tasks == len(evaluator.tasks)
+    assert evaluator(random_entity).metrics().tasks == len(evaluator.tasks)
     assert len(Evaluator(world, limit=None).tasks) == amount
 
 

@@ -322,9 +322,8 @@ def assert_ways(graph, scorer, found):
     assert {*found.in_sample} == {one for one in ways.values() if one.is_in_sample}
 
 
-def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_goal_is_made_on_it(
-    opened, scorer, explaining
-):
+def test_an_own_table_is_scored_out_of_sample(opened, scorer, explaining):
+    """A table of ones own is answered by a model that has not seen how the goal is made on it."""
     explainer, graph, rng = explaining("recipes"), opened.graph, np.random.default_rng(5)
     recipes, found_models = graph.recipes.tolist(), []
     for a, b, goal in recipes[::5]:
@@ -386,7 +385,8 @@ def test_where_every_model_was_trained_on_a_plan_it_is_marked_as_in_sample(
 
 
 @pytest.mark.parametrize(("kg", "model"), [("full", "all_recipes"), ("partial", "train_recipes")])
-def test_recipes_are_in_sample_for_a_scorer_without_folds_that_was_trained_on_them(made, kg, model):
+def test_a_scorer_without_folds_has_in_sample_recipes(made, kg, model):
+    """Recipes are in sample for a scorer without folds that was trained on them."""
     world, policy = made("links", "all")
     explainer = Explainer(policy, world, kg=kg)
     for task in range(0, len(world.tasks), 5):

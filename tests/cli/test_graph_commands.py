@@ -393,9 +393,8 @@ def test_an_interrupted_build_leaves_nothing_half_written(not_built, run, out, m
     assert contents(out) == before
 
 
-def test_an_interrupt_while_the_folders_are_swapped_brings_the_earlier_one_back(
-    not_built, monkeypatch
-):
+def test_an_interrupted_swap_brings_the_earlier_folder_back(not_built, monkeypatch):
+    """An interrupt while the folders are swapped brings the earlier one back."""
     rename = os.rename
 
     def interrupt_the_last(source, target):
@@ -460,9 +459,10 @@ def test_base_entities_come_from_options_and_a_file(built, book):
 @pytest.mark.parametrize(
     "command", ["build-graph book.csv --split none --out new", "describe out", "describe book.csv"]
 )
-def test_an_inferred_base_and_entities_that_cannot_be_made_are_warned_about(
+def test_inferred_bases_and_unmakeable_entities_give_warnings(
     printed, run, built, home, book, caplog, monkeypatch, command
 ):
+    """An inferred base and entities that cannot be made are warned about."""
     path = book("book.csv", TABLE + "a,b,c\na,c,b\nd,c,e\n")
     monkeypatch.chdir(home)
     if command == "describe out":
@@ -486,7 +486,8 @@ def test_an_inferred_base_and_entities_that_cannot_be_made_are_warned_about(
     assert finding not in run("check-book", path, "--base", "a").out
 
 
-def test_shares_of_a_split_that_differ_from_the_settings_are_named_with_the_remedy(run, home):
+def test_shares_that_differ_from_the_settings_are_named(run, home):
+    """Shares of a split that differ from the settings are named with the remedy."""
     assert "note: split" not in run("describe", "kitchen").out
     text = run("build-graph", "kitchen", "--train-ratio", 0.3, "--out", home / "out").out
     counts = re.search(
@@ -566,9 +567,8 @@ def test_describe_shows_an_entity_with_its_recipes_uses_and_derivation(printed, 
     ("base", "entity", "state"),
     [("water", "water", "base entity"), ("seed", "bread", "cannot be made from the base")],
 )
-def test_describe_shows_no_derivation_for_base_entities_and_unreachable_ones(
-    run, built, home, base, entity, state
-):
+def test_describe_derives_no_base_or_unreachable_entity(run, built, home, base, entity, state):
+    """Describe shows no derivation for base entities and unreachable ones."""
     built("kitchen", "--base", base)
     text = run("describe", home / "built", "--entity", entity).out
     assert text.startswith(f"{entity}: {state}\n")
@@ -642,7 +642,8 @@ def test_check_book_lists_all_findings_with_lines_and_fails(run, book):
     assert path.read_bytes() == before
 
 
-def test_check_book_prints_shares_as_percentages_and_json_keeps_them_as_numbers(printed, run):
+def test_check_book_prints_percentages_and_json_numbers(printed, run):
+    """Check book prints shares as percentages and json keeps them as numbers."""
     command = ("check-book", "kitchen", "--against", "everyday")
     lines = dict(line.split("  ", 1) for line in run(*command).out.splitlines() if "  " in line)
     shown = {name: value.strip() for name, value in lines.items()}
@@ -681,9 +682,8 @@ def test_check_book_of_a_good_book_prints_its_figures_and_passes(printed):
     assert {finding["severity"] for finding in result["findings"]} <= {"note"}
 
 
-def test_check_book_takes_the_base_and_a_graph_folder_and_names_words_without_a_vector(
-    run, book, kitchen_folder
-):
+def test_check_book_takes_base_and_graph_and_names_odd_words(run, book, kitchen_folder):
+    """Check book takes the base and a graph folder and names words without a vector."""
     path = book("mine.csv", TABLE + "water,zqxjkv,mud\nzqxjkv,mud,water\n")
     assert run("check-book", path).code == 1
     outcome = run("check-book", path, "--base", "water,zqxjkv")
@@ -692,7 +692,8 @@ def test_check_book_takes_the_base_and_a_graph_folder_and_names_words_without_a_
     assert run("check-book", kitchen_folder).code == 0
 
 
-def test_check_book_shows_the_first_findings_of_each_kind_and_counts_the_others(run, book):
+def test_check_book_shows_first_findings_and_counts_others(run, book):
+    """Check book shows the first findings of each kind and counts the others."""
     rows = "".join(f"thing{i:03},thing{i:03},things{i:03}\n" * 2 for i in range(30))
     path = book("long.csv", TABLE + rows)
     texts = [
@@ -728,7 +729,8 @@ def test_a_graph_is_called_as_its_folder_unless_it_is_given_a_name(run, refused,
     assert not (home / "third").exists()
 
 
-def test_shortened_lists_of_describe_count_all_and_invisible_characters_are_shown(run, book):
+def test_describe_counts_all_and_shows_invisible_characters(run, book):
+    """Shortened lists of describe count all and invisible characters are shown."""
     rows = "".join(
         f"thing {i},thing  {i},x{i}\nx{i},lost{i},y\nlost{i},y,lost{i}y\n" for i in range(25)
     )

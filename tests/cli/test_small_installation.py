@@ -119,7 +119,8 @@ def test_packages_that_need_torch_come_after_its_cpu_build(uninstalled):
     assert pip_install("torch") == CPU_TORCH
 
 
-def test_constraints_and_lock_file_pin_the_tested_versions_of_all_direct_dependencies():
+def test_constraints_and_lock_file_pin_all_dependencies():
+    """Constraints and lock file pin the tested versions of all direct dependencies."""
     root = Path(__file__).parents[2]
     pins = [
         (root / name).read_text()

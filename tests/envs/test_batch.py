@@ -208,7 +208,8 @@ def test_two_engines_of_any_size_see_what_a_whole_one_sees(opened_kitchen):
         BatchEngine(world, 4, first_env=-1)
 
 
-def test_the_seed_decides_the_tasks_and_global_random_states_are_left_alone(opened_kitchen):
+def test_the_seed_decides_tasks_without_global_randomness(opened_kitchen):
+    """The seed decides the tasks and global random states are left alone."""
     np.random.seed(0)  # noqa: NPY002 - the state that must not change
     torch.manual_seed(0)
     before = np.random.get_state()[1].copy(), torch.get_rng_state().clone()  # noqa: NPY002
@@ -373,9 +374,8 @@ def played(state, rng, steps):
     return state, rows
 
 
-def test_a_step_changes_neither_the_state_that_it_begins_with_nor_a_later_step_from_there(
-    opened_kitchen, device
-):
+def test_a_step_changes_no_earlier_and_no_later_state(opened_kitchen, device):
+    """A step changes neither the state that it begins with nor a later step from there."""
     settings = {"depth": 2, "num_distractors": 4, "reward": "official"}
     state = batch(opened_kitchen, 6, 3, device=device, **settings)
     kept, states = [], []

@@ -185,6 +185,7 @@ def test_it_renders_in_words(opened_kitchen):
 def test_a_graph_too_small_to_split_is_played_as_a_whole(
     world,
 ):
+    """A graph too small to split is played as a whole with as many distractors as it has room for."""
     env = WordCraftEnv(RecipeGraph.from_recipes(ROWS[:2]), part="all", num_distractors=0)
     assert len(env.tasks) == 2
     most = WordCraftEnv(world, part="all", num_distractors=0).world.max_distractors

@@ -40,7 +40,8 @@ def vector(num_envs=5, **more):
     )
 
 
-def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets():
+def test_the_vector_environment_stays_within_its_spaces():
+    """The vector environment stays within its spaces and says how it resets."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         envs = vector()
@@ -64,7 +65,8 @@ def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets()
         np.testing.assert_array_equal(value, copy[key])
 
 
-def test_without_autoreset_the_caller_sees_the_same_ends_and_begins_the_same_episodes():
+def test_without_autoreset_the_same_episodes_begin():
+    """Without autoreset the caller sees the same ends and begins the same episodes."""
     same, other = vector(), vector(autoreset_mode="Disabled")
     assert (same.reset(seed=3)[0]["table"] == other.reset(seed=3)[0]["table"]).all()
     rng = np.random.default_rng(0)
@@ -108,7 +110,8 @@ def first_end(envs):
             return infos
 
 
-def test_ends_of_episodes_have_the_form_of_gymnasiums_own_vector_environments():
+def test_ends_of_episodes_have_gymnasiums_form():
+    """Ends of episodes have the form of gymnasiums own vector environments."""
     mode = {"autoreset_mode": AutoresetMode.SAME_STEP}
     naive = gym.make_vec(
         "WordCraft-v0", 3, vectorization_mode="sync", vector_kwargs=mode, **SETTINGS
@@ -147,7 +150,8 @@ def test_a_list_of_seeds_gives_each_environment_the_episodes_of_its_seed():
         single_shown = {seed: envs.step(actions[seed][None])[0] for seed, envs in alone.items()}
 
 
-def test_a_seed_of_none_in_a_list_continues_and_a_mask_takes_the_seeds_it_marks():
+def test_a_seed_of_none_continues_and_a_mask_takes_its_seeds():
+    """A seed of none in a list continues and a mask takes the seeds it marks."""
     one, other = vector(3), vector(3)
     for envs in (one, other):
         envs.reset(seed=2)

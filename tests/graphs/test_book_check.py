@@ -154,9 +154,10 @@ def test_what_reads_is_checked_as_the_graph_it_makes(tmp_path_factory, name, boo
         )
 
 
-def test_every_island_is_a_finding_and_a_component_that_waits_for_something_else_is_no_circle(
+def test_every_island_is_a_finding_but_no_waiting_component(
     check,
 ):
+    """Every island is a finding and a component that waits for something else is no circle."""
     assert messages(
         check("# base: a\n" + HEADER + "a,a,b\nx,a,y\ny,a,z\nu,u,v\n"), "unreachable"
     ) == [
@@ -212,7 +213,8 @@ def test_a_finding_says_what_is_wrong(check, kind):
     assert found.figures.recipes == 1
 
 
-def test_a_check_reads_single_ingredients_as_asked_and_is_a_problem_otherwise(check):
+def test_single_ingredients_are_read_as_asked_or_a_problem(check):
+    """A check reads single ingredients as asked and is a problem otherwise."""
     text = HEADER + "sand,,glass\n"
     assert "'sand' is the only ingredient" in message(check(text), "label")
     assert "the label '' is blank" in message(check(HEADER + "milk,, \n"), "label")
@@ -329,9 +331,10 @@ def test_version_1_of_everyday_stays():
     )
 
 
-def test_everyday_is_in_lower_case_and_differs_from_little_alchemy_2(
+def test_everyday_is_lower_case_grouped_and_not_little_alchemy_2(
     alchemy,
 ):
+    """Everyday is written in lower case words grouped by result and differs from little alchemy 2."""
     book = open_book("everyday")
     shared = set(book.recipes) & set(alchemy.recipe_labels())
     assert len(shared) == 410
@@ -345,7 +348,8 @@ def test_everyday_is_in_lower_case_and_differs_from_little_alchemy_2(
     assert len(groups) == len(set(groups))
 
 
-def test_long_lists_are_cut_short_and_faults_of_one_cause_are_one_finding(check):
+def test_long_lists_are_cut_and_equal_faults_are_one(check):
+    """Long lists are cut short, and faults of one cause are one finding."""
     (duplicate,) = (
         finding
         for finding in check(HEADER + "a,a,b\n" * 40).findings

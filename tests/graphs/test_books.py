@@ -245,7 +245,8 @@ def test_a_redirect_is_not_followed(home, published, monkeypatch):
             fetch_book(NAME)
 
 
-def test_a_file_placed_in_the_data_folder_by_hand_is_known_by_the_published_name(data, published):
+def test_a_file_in_the_data_folder_has_the_published_name(data, published):
+    """A file placed in the data folder by hand is known by the published name."""
     (data / "alchemy2.json").write_bytes(PUBLISHED)
     assert origins()[NAME] == "data folder"
     assert RecipeGraph.from_book(open_book(NAME)).base == BASE

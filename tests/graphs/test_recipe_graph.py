@@ -51,7 +51,8 @@ def test_a_graph_keeps_each_distinct_recipe_once_and_no_other(recipes):
 
 
 @given(graphs())
-def test_recipes_and_uses_of_every_entity_equal_a_search_through_all_recipes(graph):
+def test_recipes_and_uses_equal_a_search_through_all_recipes(graph):
+    """Recipes and uses of every entity equal a search through all recipes."""
     recipes = graph.recipe_labels()
     for entity in graph.entities:
         making = [i for i, recipe in enumerate(recipes) if recipe.result == entity]
@@ -91,9 +92,8 @@ def test_membership_and_keys_of_triples_equal_sets_of_tuples(graph, data):
 
 
 @given(rows(min_size=1), st.randoms(use_true_random=False))
-def test_graphs_are_equal_whatever_the_order_of_rows_and_ingredients_and_the_name(
-    recipes, shuffler
-):
+def test_graphs_do_not_depend_on_row_order_or_name(recipes, shuffler):
+    """Graphs are equal whatever the order of rows and ingredients and the name."""
     shuffled = [
         (b, a, result) if shuffler.random() < 0.5 else (a, b, result) for a, b, result in recipes
     ]

@@ -54,9 +54,8 @@ def test_a_book_written_and_read_back_is_equal(shelf, ending, book):
 
 
 @pytest.mark.parametrize(("ending", "delimiter"), [("csv", ","), ("tsv", "\t")])
-def test_a_row_that_starts_with_a_hash_is_quoted_so_that_no_reader_takes_it_for_a_comment(
-    tmp_path, ending, delimiter
-):
+def test_a_row_that_starts_with_a_hash_is_quoted(tmp_path, ending, delimiter):
+    """A row that starts with a hash is quoted so that no reader takes it for a comment."""
     path = tmp_path / f"book.{ending}"
     write_book(RecipeBook.of("book", [("#a", "b", "c")]), path)
     assert path.read_text(encoding="utf-8").splitlines()[1] == delimiter.join(
@@ -147,9 +146,8 @@ def test_spaces_around_a_cell_do_not_belong_to_it(read, row, ending, delimiter):
     around=st.lists(st.text(" ", max_size=2), min_size=6, max_size=6),
     delimiter=st.sampled_from(",\t"),
 )
-def test_trimming_a_line_takes_the_spaces_outside_of_quotes_and_nothing_else(
-    cells, around, delimiter
-):
+def test_trimming_takes_only_spaces_outside_of_quotes(cells, around, delimiter):
+    """Trimming a line takes the spaces outside of quotes and nothing else."""
     quoted = ['"' + cell.replace('"', '""') + '"' for cell in cells]
     padded = zip(around[::2], quoted, around[1::2], strict=True)
     loose = delimiter.join("".join(parts) for parts in padded)
@@ -209,7 +207,8 @@ UNKNOWN_BASE = {
 
 
 @pytest.mark.parametrize("where", UNKNOWN_BASE)
-def test_a_base_entity_that_is_no_entity_is_refused_with_its_place_and_the_nearest_one(read, where):
+def test_an_unknown_base_entity_is_refused_with_a_hint(read, where):
+    """A base entity that is no entity is refused with its place and the nearest one."""
     with pytest.raises(RecipeFileError, match=f"{re.escape(where)}.*'fier'.*Did you mean 'fire'"):
         read(UNKNOWN_BASE[where], re.split("[,:]", where)[0])
 
@@ -242,7 +241,8 @@ def test_recipes_of_one_ingredient_are_read_as_asked(read, name):
         }
 
 
-def test_a_label_that_xml_cannot_hold_is_refused_and_any_other_can_be_written_as_xml():
+def test_labels_that_xml_cannot_hold_are_refused():
+    """A label that xml cannot hold is refused and any other can be written as xml."""
     planes = [*range(0x3000), *range(0xD000, 0x10100), *range(0x1F000, 0x1F100), 0x10FFFF]
     for char in map(chr, planes):
         label = f"a{char}b"
@@ -255,7 +255,8 @@ def test_a_label_that_xml_cannot_hold_is_refused_and_any_other_can_be_written_as
 
 
 @pytest.mark.parametrize("stem", ["a\x01b", "a\udce9b", "a\ufffeb"])
-def test_a_files_name_that_no_label_may_have_is_replaced_in_the_name_of_the_book(stem):
+def test_a_bad_file_name_is_replaced_in_the_books_name(stem):
+    """A files name that no label may have is replaced in the name of the book."""
     assert book_name(Path(f"{stem}.csv")) == "a_b"
 
 

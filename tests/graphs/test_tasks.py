@@ -160,9 +160,8 @@ def kitchen_tasks(kitchen, request):
     return make_tasks(kitchen, request.param, limit=300)
 
 
-def test_every_plan_of_every_task_makes_the_goal_and_one_attempt_fewer_never_does(
-    kitchen, kitchen_tasks
-):
+def test_every_plan_makes_the_goal_and_none_is_shorter(kitchen, kitchen_tasks):
+    """Every plan of every task makes the goal and one attempt fewer never does."""
     book = outcomes(kitchen)
     assert len({(task.goal, task.start) for task in kitchen_tasks}) == len(kitchen_tasks)
     assert kitchen_tasks.is_complete == (kitchen_tasks.depth <= 2)

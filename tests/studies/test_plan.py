@@ -57,6 +57,16 @@ def test_equal_trainings_have_one_address_in_all_studies():
     )
 
 
+@pytest.mark.parametrize(
+    ("spelled", "short"), [("recipe", "w"), ("plan,combines", "p,u"), ("component", "v")]
+)
+def test_spelled_sources_have_the_addresses_of_their_letters(spelled, short):
+    plans = []
+    for use in (spelled, short):
+        plans.append(small_plan(f'[variants.other]\nscorer = "partial"\nuse = "{use}"'))
+    assert plans[0].runs == plans[1].runs
+
+
 @pytest.mark.parametrize("scorer", [False, True])
 def test_a_file_of_vectors_that_changes_makes_other_trainings(tmp_path, scorer):
     path = tmp_path / "vectors.txt"

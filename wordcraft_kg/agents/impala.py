@@ -36,7 +36,7 @@ from wordcraft_kg.models.policies.states import States
 
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
 """Names of the losses (summed over the batch) and of the gradient norm before clipping."""
-FIGURES = (*LOSSES, "rewards", "episodes", "successes", "updates")
+METRICS = (*LOSSES, "rewards", "episodes", "successes", "updates")
 """Names of the sums since metrics were last taken.
 
 Losses, rewards, and counts of episodes, goals and updates.
@@ -144,7 +144,7 @@ class Impala:
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
         self._unroll = self._empty_unroll()
         # Sums stay on the device, in float64 so that many small terms do not vanish.
-        self._sums = self._empty(len(FIGURES), dtype=torch.float64).zero_()
+        self._sums = self._empty(len(METRICS), dtype=torch.float64).zero_()
         self._last: _Last | None = None
         self._act = self._choose
         self._learn = self._losses
@@ -232,7 +232,7 @@ class Impala:
         # Clip the norm of all gradients together, as `clip_grad_norm_` does.
         norm = self._flat.grad.norm()
         # Checked only on the CPU: on a device a check would wait for all pending work, so
-        # take_figures and state check there.
+        # take_metrics and state check there.
         if self.device.type == "cpu" and not math.isfinite(norm.item()):
             raise TrainingError(self._not_finite())
         scale = self.config.clip / (norm + 1e-6)
@@ -261,14 +261,14 @@ class Impala:
         return self._snapshots[0]
 
     def _count(self, losses: _Loss, norm: Tensor) -> None:
-        """Add an update to the sums, in the order of :data:`FIGURES`, without waiting for them."""
+        """Add an update to the sums, in the order of :data:`METRICS`, without waiting for them."""
         unroll = self._unroll
         terms = [loss.detach() for loss in losses]
         terms += [norm, unroll.rewards.sum(), unroll.over.sum(), unroll.won.sum()]
         terms.append(torch.ones((), device=self.device))  # one update
         self._sums += torch.stack(terms)
 
-    def take_figures(self) -> dict[str, float | None]:
+    def take_metrics(self) -> dict[str, float | None]:
         """Return training metrics since the last call, by name, and reset the sums.
 
         Losses are batch sums, averaged over updates; ``entropy`` is a mean over steps; ``return``
@@ -282,7 +282,7 @@ class Impala:
         Raises:
             TrainingError: if the loss was not finite.
         """
-        sums = dict(zip(FIGURES, self._sums.tolist(), strict=True))
+        sums = dict(zip(METRICS, self._sums.tolist(), strict=True))
         self._sums.zero_()
         if not math.isfinite(sums["grad_norm"]):
             raise TrainingError(self._not_finite())

@@ -26,6 +26,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.policies.sources import with_letters
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
@@ -195,14 +196,15 @@ def fewest_uses(split: Split) -> Player:
 def scorer_alone(sources: Mapping[str, SlotScores]) -> dict[str, Player]:
     """Return players that follow an agent's score sources without learned weights.
 
-    All sources are summed; w alone and p alone follow, if the agent has them, in this order.
+    All sources are summed; w alone and p alone follow, if the agent has them, in this order. The
+    keys name the sources for people, such as ``combines (u), component (v)``.
     """
     players = {}
     if sources:
-        players[", ".join(sources)] = knowledge_player(list(sources.values()))
+        players[with_letters(sources)] = knowledge_player(list(sources.values()))
     for name in ("w", "p"):
         if name in sources:
-            players[name] = knowledge_player([sources[name]])
+            players[with_letters([name])] = knowledge_player([sources[name]])
     return players
 
 

@@ -27,7 +27,9 @@ def counted(number: int, one: str, more: str = "") -> str:
 
 
 def quoted(label: str) -> str:
-    """Return a label for a list with commas: in quotes if it holds a comma, or begins or ends blank.
+    """Return a label for a list with commas.
+
+    It is in quotes if it holds a comma, or begins or ends blank.
 
     Example:
         >>> ", ".join(map(quoted, ["water", "salt, pepper"]))

@@ -69,7 +69,7 @@ results. Start here:
   wordcraft-kg build-graph everyday --out graph
   wordcraft-kg train-recipes graph --out model
   wordcraft-kg evaluate-links model
-  wordcraft-kg train-agent graph --scorer model --use u,v,w --out run
+  wordcraft-kg train-agent graph --scorer model --use combines,component,recipe --out run
   wordcraft-kg explain run
   wordcraft-kg explore graph --model model --run run
 

@@ -25,7 +25,7 @@ from wordcraft_kg.cli.console import (
 from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Words
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.agent_figures import AgentSuccess
+    from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
     from wordcraft_kg.evaluation.agents import AgentsView
     from wordcraft_kg.evaluation.link_comparison import ComparedModel, LinkComparison
 
@@ -225,8 +225,8 @@ def _links_text(view: "LinkComparison") -> Iterator[str]:
             yield f"note: {model.name} was trained on all recipes: it has seen these triples"
     if view.best is not None:
         level = (
-            f"; no significant difference: {', '.join(view.not_told_apart)}"
-            if view.not_told_apart
+            f"; no significant difference: {', '.join(view.not_significant)}"
+            if view.not_significant
             else ""
         )
         yield f"best: {view.best}{level}"

@@ -120,7 +120,7 @@ def json_line(value: Any) -> str:
 
 
 def accept_all_characters() -> None:
-    """Let stdout print every text, with codes such as ``<U+03BB>`` where its encoding has no character.
+    """Let stdout print every text, with codes such as ``<U+03BB>`` for what its encoding lacks.
 
     The encoding is not UTF-8 on Windows, if stdout is a file, or where PYTHONIOENCODING says so.
     """

@@ -47,9 +47,9 @@ def reference(  # noqa: PLR0913 - parameters are the command's options
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Show reference figures of chance, words, graphs, scorers, agents, people and language models.
+    """Show reference results of chance, words, graphs, scorers, agents, people and language models.
 
-    External results can be added. Missing figures are measured with scripted players.
+    External results can be added. Missing results are measured with scripted players.
 
     Args:
         distractors: comma-separated numbers of distractors. Default: 1,2,8.
@@ -121,7 +121,7 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
     if view.measured:
         plural = "" if view.measured == (1,) else "s"
         now = f"{', '.join(map(str, view.measured))} {_unit(view)}{plural}"
-        reason = f"has no figures for {now}" if view.pack else "does not have this graph and split"
+        reason = f"has no results for {now}" if view.pack else "does not have this graph and split"
         yield f"measured now: scripted players with {now}, because the pack {reason}"
     if view.out:
         yield f"wrote {view.out}"

@@ -255,7 +255,7 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
 
     @staticmethod
     def _running(done: Step) -> Step:
-        """Return a step's outcome without the ended episodes, whose places are taken by new ones."""
+        """Return a step's outcome without ended episodes, whose places are taken by new ones."""
         running = ~done.over
         return done._replace(
             outcome=done.outcome * running,

@@ -169,8 +169,9 @@ class KGScoreObservation(_Ids):
 
         Args:
             env: a crafting environment that observes ids.
-            sources: sources for the environment's graph, such as ``make_sources(["u", "v"],
-                scorer)``. A cross-fitted scorer needs the tasks, too:
+            sources: sources for the environment's graph, such as
+                ``make_sources(["combines", "component"], scorer)``. A
+                cross-fitted scorer needs the tasks, too:
                 ``make_sources(..., tasks=env.unwrapped.world.tasks)``.
 
         Raises:

@@ -5,7 +5,7 @@ from typing import Unpack
 
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.graphs.book_check import BookCheck, BookFigures, Finding, check_book, listed
+from wordcraft_kg.graphs.book_check import BookCheck, BookStatistics, Finding, check_book, listed
 from wordcraft_kg.graphs.book_files import ReadOptions, write_book
 from wordcraft_kg.graphs.library import (
     FETCHABLE,
@@ -75,7 +75,7 @@ class CheckedBook(Record):
     passed: bool
     reading: Reading | None
     fixed: str | None
-    figures: BookFigures | dict[str, None]
+    figures: BookStatistics | dict[str, None]
     findings: tuple[Finding, ...]
 
 

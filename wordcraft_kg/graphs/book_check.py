@@ -57,7 +57,7 @@ class Finding(Record):
     message: str
 
 
-class BookFigures(Record, omit_defaults=True):
+class BookStatistics(Record, omit_defaults=True):
     """Statistics for a recipe book; the last seven need word vectors or a second book.
 
     Attributes:
@@ -98,9 +98,9 @@ class BookFigures(Record, omit_defaults=True):
 
 
 SHARES = frozenset(
-    name for name, kind in BookFigures.__annotations__.items() if kind in (Share, Share | None)
+    name for name, kind in BookStatistics.__annotations__.items() if kind in (Share, Share | None)
 )
-"""Names of the figures that are shares, from 0 to 1."""
+"""Names of the statistics that are shares, from 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ class BookCheck:
     """
 
     findings: tuple[Finding, ...]
-    figures: BookFigures | None
+    figures: BookStatistics | None
     graph: RecipeGraph | None
     book: RecipeBook | None = None
     reading: Reading | None = None
@@ -205,7 +205,7 @@ def check_book(
         *_lonely(graph, line_of),
     ]
     mended = replace(book, base=None if wanted is None else graph.base, reading=reading)
-    return BookCheck(_sorted(findings), _figures(graph), graph, mended, reading)
+    return BookCheck(_sorted(findings), _statistics(graph), graph, mended, reading)
 
 
 def _of_bytes(file: OpenedFile) -> list[Finding]:
@@ -416,8 +416,8 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
         yield _note("lonely", message, _at(lonely[:LISTED], line_of))
 
 
-def _figures(graph: RecipeGraph) -> BookFigures:
-    """Return the figures of a graph; half-products of chains and their recipes do not count."""
+def _statistics(graph: RecipeGraph) -> BookStatistics:
+    """Return the statistics of a graph; half-products of chains and their recipes do not count."""
     layer = layers(graph)
     whole = ~graph.is_half_product
     made = graph.recipe_counts[(graph.recipe_counts > 0) & whole]
@@ -425,7 +425,7 @@ def _figures(graph: RecipeGraph) -> BookFigures:
     uses = np.where(whole, graph.use_counts, 0)
     most_used = int(np.argmax(uses))
     num_recipes = int(np.sum(~graph.makes_half_product))
-    return BookFigures(
+    return BookStatistics(
         entities=int(np.sum(whole)),
         recipes=num_recipes,
         pairs=int(np.sum(results > 0)),

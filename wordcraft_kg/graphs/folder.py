@@ -126,9 +126,9 @@ def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
     recipes there.
 
     Raises:
-        ArtefactError: if a table differs from the table of this graph and split, or a figure in
-            ``audit.json`` from the figure computed here. Figures that this version does not know
-            are not compared.
+        ArtefactError: if a table differs from the table of this graph and split, or a value in
+            ``audit.json`` from the value computed here.
+            Values that this version does not know are not compared.
     """
     book = read_book(folder / "graph.json", keep_self_results=True)
     for name, lines in _derived_files(opened.split, book.kinds).items():

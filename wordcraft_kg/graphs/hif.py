@@ -210,9 +210,9 @@ def _check_directed(document: Mapping[str, Any], where: str) -> None:
     if kind != "directed" or without:
         found = f"the network-type {shown(kind)}" if kind != "directed" else f"{without[0]}"
         raise RecipeFileError(
-            f"{where}: a hypergraph without directions ({found}); expected a directed one, in which "
-            "each recipe is an edge, its ingredients have the direction 'tail', and its result "
-            "'head'. Other hypergraphs do not say what is made."
+            f"{where}: a hypergraph without directions ({found}); expected a directed one, in "
+            "which each recipe is an edge, its ingredients have the direction 'tail', and its "
+            "result 'head'. Other hypergraphs do not say what is made."
         )
 
 

@@ -8,11 +8,16 @@ from markupsafe import Markup
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.evaluation.recipe_scores import main_support
-from wordcraft_kg.evaluation.training_curves import CurvePoint, Figure, LambdaCurve, SeedCurve
+from wordcraft_kg.evaluation.training_curves import (
+    CurvePoint,
+    LambdaCurve,
+    SeedCurve,
+    TrainingMetric,
+)
 from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
 from wordcraft_kg.reports import charts
 
-FIGURES: dict[Figure, str] = {
+METRICS: dict[TrainingMetric, str] = {
     "test_success": "greedy success on test tasks",
     "return": "return of the last episodes",
     "loss": "loss",
@@ -80,20 +85,20 @@ def _without_interval(points: Sequence[tuple[int, float]]) -> list[charts.CurveP
     return [(step, value, None, None) for step, value in points]
 
 
-def pictures_of_figures(
-    figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve]]],
+def pictures_of_metrics(
+    figures: Mapping[str, Mapping[TrainingMetric, Sequence[SeedCurve]]],
 ) -> list[Markup]:
     """Draw a chart for each logged statistic with a curve for each run.
 
     ``figures`` has the curves by agent and statistic.
     """
     pictures = []
-    for figure, title in FIGURES.items():
+    for figure, title in METRICS.items():
         series: dict[str, list[charts.CurvePoint]] = {}
         colours: dict[str, int] = {}
         labels = {}
-        for number, (agent, by_figure) in enumerate(figures.items()):
-            for curve in by_figure.get(figure, ()):
+        for number, (agent, by_metric) in enumerate(figures.items()):
+            for curve in by_metric.get(figure, ()):
                 name = f"{agent}, seed {curve.seed}"
                 # The first seed's curve carries the agent's name.
                 if number not in colours.values():

@@ -4,7 +4,7 @@ import re
 
 from markupsafe import Markup
 
-from wordcraft_kg.evaluation.agent_figures import NEVER, Slice
+from wordcraft_kg.evaluation.agent_metrics import NEVER, Slice
 from wordcraft_kg.evaluation.agents import AgentsView
 from wordcraft_kg.evaluation.goal_groups import MADE, NOT_MADE
 from wordcraft_kg.reports import agent_pictures, charts
@@ -32,7 +32,7 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
             "curves": agent_pictures.picture_of_success(
                 {agent.name: agent.curves for agent in view.agents}
             ),
-            "training": agent_pictures.pictures_of_figures(
+            "training": agent_pictures.pictures_of_metrics(
                 {agent.name: agent.training for agent in view.agents}
             ),
             "lambdas": {

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from wordcraft_kg.base.records import Record
-from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of
+from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of, with_letters
 
 Topic = Literal["Graphs", "Links", "Play", "Agents"]
 
@@ -27,7 +27,11 @@ class Term(Record):
 
 
 def _term(label: Label) -> Term:
-    return Term("Agents", label.words, label.meaning or label.about, label.symbol)
+    meaning = label.meaning or label.about
+    if label is not ALPHA:
+        # A reader of a report meets the letter, and needs the name that commands take.
+        meaning = f"{meaning} In commands and settings: {with_letters([label.name])}."
+    return Term("Agents", label.words, meaning, label.symbol)
 
 
 _FILE = Path(__file__).with_suffix(".toml")

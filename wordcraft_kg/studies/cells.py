@@ -23,15 +23,15 @@ from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.studies.packs import CellFiles
-from wordcraft_kg.studies.perform import FIGURES, is_done
+from wordcraft_kg.studies.perform import METRICS, is_done
 from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.played_tasks import PlayedTasks
 from wordcraft_kg.studies.results import (
-    RunFigures,
-    TaskFigures,
+    RunMetrics,
+    TaskMetrics,
     hash_of,
-    read_figures,
-    write_figures,
+    read_metrics,
+    write_metrics,
 )
 from wordcraft_kg.studies.tasks import Task
 
@@ -79,15 +79,14 @@ def exchange_cells(plan: Plan, root: Path, store: CellFiles) -> int:
         figures = read_cell(task, store, played)
         if figures is not None:
             task.folder(root).mkdir(parents=True, exist_ok=True)
-            # Marked, so that the results are never written back as if they were trained here.
-            write_figures(task.folder(root), structs.replace(figures, stored=True))
+            write_metrics(task.folder(root), structs.replace(figures, stored=True))
             taken += 1
     return taken
 
 
 def read_cell(
     task: Task, store: CellFiles, played: PlayedTasks | None = None
-) -> TaskFigures | None:
+) -> TaskMetrics | None:
     """Return a task's results from its cell, and warn of a cell that does not count.
 
     Args:
@@ -108,7 +107,7 @@ def read_cell(
             raise ArtefactError(
                 f"{where} is damaged or was changed: the hash or the settings do not fit."
             )
-        figures = as_record(cell.figures, FIGURES[task.kind], where)
+        figures = as_record(cell.figures, METRICS[task.kind], where)
         # `keep_cell` writes no durations, so others are forged: a page would add them up.
         timed = [
             name for name in _UNTIMED if getattr(figures, name, _UNTIMED[name]) != _UNTIMED[name]
@@ -118,7 +117,7 @@ def read_cell(
                 f"{where} is damaged or was changed: '{timed[0]}' is {getattr(figures, timed[0])}; "
                 f"expected {_UNTIMED[timed[0]]} in a cell."
             )
-        if played is not None and isinstance(figures, RunFigures):
+        if played is not None and isinstance(figures, RunMetrics):
             played.check(figures, task.needs[0], task.settings["settings"], where)
         return figures
     except ArtefactError as error:
@@ -147,7 +146,7 @@ def keep_cell(task: Task, root: Path, store: CellFiles) -> None:
         store: files of the store. A store that cannot be written is a warning: the results are safe
             in ``root``.
     """
-    figures = read_figures(task.folder(root), FIGURES[task.kind])
+    figures = read_metrics(task.folder(root), METRICS[task.kind])
     if task.kind == "graphs" or figures.stored or not figures.platform:
         return
     text = _text(task, figures)
@@ -180,7 +179,7 @@ def _write_loose(task: Task, store: CellFiles, text: str) -> None:
         )
 
 
-def _text(task: Task, figures: TaskFigures) -> str:
+def _text(task: Task, figures: TaskMetrics) -> str:
     untimed = {name: value for name, value in _UNTIMED.items() if hasattr(figures, name)}
     values = as_values(structs.replace(figures, **untimed))
     cell = StoredCell(

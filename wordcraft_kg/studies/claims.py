@@ -13,13 +13,13 @@ for the difference between the sides, a claim of *more, by at least b* (default 
 For *less* all signs are reversed. *Comparable, closer than b* is reproduced if [l, h] lies within
 ±b, not reproduced if it lies beyond ±b, differs if it otherwise excludes 0, and else undecided.
 *Varies* is reproduced if one grid interval is above 0 and another below; with one sign everywhere,
-it differs if the difference surely changes between two points (in pairs; for other tasks: disjoint
-intervals) and else is not reproduced; it is not reproduced either if all intervals lie within ±.02,
-and else undecided. A claim without runs is *not run*.
+it differs if the change of the difference between two points is significant at 5 % (in pairs; for
+other tasks: disjoint intervals) and else is not reproduced; it is not reproduced either if all
+intervals lie within ±.02, and else undecided. A claim without runs is *not run*.
 
 Intervals for success are over seeds and over groups of tasks that the split holds out together,
 such as the tasks of a goal (:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals
-for figures per run, such as steps, are over seeds: mean ± t · s / √S, with Student's t. Differences
+for metrics per run, such as steps, are over seeds: mean ± t · s / √S, with Student's t. Differences
 are paired by seed, task and table. Verdicts are not corrected for multiple claims. With fewer than
 three seeds, a verdict other than *undecided* is marked as provisional.
 """
@@ -220,9 +220,9 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
     others = [right[seed] for seed in seeds]
     _check_runs(results, claim, point, runs + others)
     pairs = list(zip(runs, others, strict=True))
-    of_left = np.array([_figures(claim.measure, run, other) for run, other in pairs])
+    of_left = np.array([_metrics(claim.measure, run, other) for run, other in pairs])
     if claim.right:
-        of_right = np.array([_figures(claim.measure, other, other) for other in others])
+        of_right = np.array([_metrics(claim.measure, other, other) for other in others])
     else:
         of_right = np.full_like(of_left, claim.than)
     # All runs have the same tasks, see _check_runs, and so the same groups.
@@ -271,7 +271,7 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
     return runs
 
 
-def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
+def _metrics(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
     """Return a run's values: one for each test task for success, and else one.
 
     ``other`` is the run of the right side.
@@ -330,8 +330,9 @@ def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> 
 def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple[Verdict, str]:
     if low > 0:
         if low < by:
-            how = "not" if high < by else "not surely"
-            return "differs", f"{word}, but {how} by {by:g}"
+            if high < by:
+                return "differs", f"{word}, but not by {by:g}"
+            return "differs", f"{word}, but at least {by:g} is not significant at 5 %"
         if by:
             return "reproduced", f"{word}, by more than {by:g}"
         # Significant, but below any relevant size: reproduced as claimed, and the reader is told.
@@ -377,7 +378,7 @@ def _varies(
         # The same sign everywhere contradicts the claim, unless at least the amount varies.
         if any(_changes(results, claim, *pair) for pair in combinations(measured, 2)):
             return "differs", f"{everywhere}, but by different amounts"
-        return "not reproduced", f"{everywhere}, by amounts that do not surely differ"
+        return "not reproduced", f"{everywhere}, by amounts without a significant difference at 5 %"
     if all(low >= -_SAME and high <= _SAME for low, high in intervals):
         return "not reproduced", f"no difference of {_SAME:g} anywhere"
     return "undecided", "the intervals are too wide"

@@ -17,9 +17,9 @@ from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.studies.cells import exchange_cells, keep_cell, read_cell
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.packs import CellFiles
-from wordcraft_kg.studies.perform import FIGURES, check_whole, is_done, make_graph, perform
+from wordcraft_kg.studies.perform import METRICS, check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
-from wordcraft_kg.studies.results import StudyResults, read_figures
+from wordcraft_kg.studies.results import StudyResults, read_metrics
 from wordcraft_kg.studies.store import (
     collect_study,
     forget_failure,
@@ -266,7 +266,7 @@ def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
     measured = defaultdict(list)
     for task in plan.tasks.values():
         try:
-            seconds = read_figures(task.folder(root), FIGURES[task.kind]).seconds
+            seconds = read_metrics(task.folder(root), METRICS[task.kind]).seconds
         except ArtefactError:
             # Graphs have no cells, but take no time either.
             if cells is None or task.kind == "graphs" or read_cell(task, cells) is None:
@@ -291,7 +291,8 @@ def _sort(task: Task) -> str:
         return task.kind
     settings = task.settings["settings"]
     if len(task.needs) > 1:
-        return "w" if "w" in settings.get("use", PolicyConfig.use) else "u,v"
+        config = PolicyConfig(use=settings.get("use", PolicyConfig.use))
+        return "w" if "w" in config.sources else "u,v"
     features = settings.get("features", PolicyConfig.features)
     return features if features in _STEPS_PER_SECOND else "none"
 

@@ -59,7 +59,10 @@ _PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": Impala
 
 def defaults_of(kind: type) -> dict[str, Any]:
     """Return a dataclass's settings that addresses leave out."""
-    return {field.name: field.default for field in fields(kind)} | _IN_STUDIES.get(kind, {})
+    # Of an object and not of the class: a configuration may store a default in another form.
+    default = kind()
+    values = {field.name: getattr(default, field.name) for field in fields(kind)}
+    return values | _IN_STUDIES.get(kind, {})
 
 
 def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
@@ -133,7 +136,7 @@ def make_plan(study: Study, name: str) -> Plan:
         )
     planner = _Planner(study)
     cells = tuple(cells_of(study))
-    # First seeds for all variants first: an interrupted study has figures for each variant.
+    # First seeds for all variants first: an interrupted study has results for each variant.
     order = sorted(range(len(cells)), key=lambda number: cells[number].seed)
     runs = {number: planner.run(cells[number]) for number in order}
     _refuse_equal(cells, runs)
@@ -278,6 +281,9 @@ class _Planner:
             given["eval_every"] = max(steps // _CURVE_POINTS, 1)
         # The folders of graph and scorer do not exist yet; only the settings are checked.
         config = agent_config(given, graph, scorer)
+        # Addresses know sources by letter alone, however the study spells them.
+        if "use" in given:
+            given["use"] = config.policy.use
         # Where the cost changes nothing it must not change the address either.
         has_cost = ImpalaConfig.has_scorer_cost(config.policy.sources, config.tasks.depth)
         cost = given.get("scorer_cost", ImpalaConfig.scorer_cost)

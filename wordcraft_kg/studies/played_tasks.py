@@ -13,7 +13,7 @@ from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.studies.results import RunFigures
+from wordcraft_kg.studies.results import RunMetrics
 
 
 class PlayedTasks:
@@ -51,7 +51,7 @@ class PlayedTasks:
         return self._groups[key]
 
     def check(
-        self, figures: RunFigures, address: str, settings: Mapping[str, Any], where: Path | str
+        self, figures: RunMetrics, address: str, settings: Mapping[str, Any], where: Path | str
     ) -> None:
         """Raise ArtefactError if an agent's results are of another graph, split or set of tasks.
 

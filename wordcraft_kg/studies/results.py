@@ -49,8 +49,8 @@ _ROUNDING = 1e-6
 """Shares are stored with six digits."""
 
 
-def check_played(figures: "RunResult | RunFigures") -> None:
-    """Raise ValueError for figures of an agent that contradict its successes on single tasks.
+def check_played(figures: "RunResult | RunMetrics") -> None:
+    """Raise ValueError for results of an agent that contradict its successes on single tasks.
 
     Success on test tasks and the share of the termination reason ``goal`` follow from ``won``;
     success by plan is a part of success, and shares of termination reasons add up to 1. Everything
@@ -92,7 +92,7 @@ def _check_terminations(shares: Mapping[str, float]) -> None:
         raise ValueError("the shares of `terminations` do not add up to 1")
 
 
-def _check_by_plan(figures: "RunResult | RunFigures") -> None:
+def _check_by_plan(figures: "RunResult | RunMetrics") -> None:
     if figures.by_plan.keys() != figures.success.keys():
         raise ValueError("`by_plan` and `success` name different parts")
     for name, share in figures.by_plan.items():
@@ -266,11 +266,11 @@ def results_text(results: StudyResults) -> str:
     return f'{dump(values)[:-1]},"runs":[\n{runs}\n]}}\n'
 
 
-FIGURES_FILE = "figures.json"
-F = TypeVar("F", bound="TaskFigures")
+METRICS_FILE = "figures.json"
+F = TypeVar("F", bound="TaskMetrics")
 
 
-class TaskFigures(Record, frozen=True, kw_only=True):
+class TaskMetrics(Record, frozen=True, kw_only=True):
     """Results of a graph, a scorer or a run (``figures.json``).
 
     Attributes:
@@ -286,7 +286,7 @@ class TaskFigures(Record, frozen=True, kw_only=True):
     stored: bool = False
 
 
-class ScorerFigures(TaskFigures, frozen=True, kw_only=True):
+class ScorerMetrics(TaskMetrics, frozen=True, kw_only=True):
     """Results of training a scorer.
 
     Attributes:
@@ -299,7 +299,7 @@ class ScorerFigures(TaskFigures, frozen=True, kw_only=True):
     kg: str
 
 
-class RunFigures(TaskFigures, frozen=True, kw_only=True):
+class RunMetrics(TaskMetrics, frozen=True, kw_only=True):
     """Results of training an agent, as in :class:`RunResult`.
 
     Attributes:
@@ -338,25 +338,25 @@ class RunFigures(TaskFigures, frozen=True, kw_only=True):
                 )
 
 
-def write_figures(folder: Path, figures: TaskFigures) -> None:
+def write_metrics(folder: Path, figures: TaskMetrics) -> None:
     """Write a task's results with a hash to ``figures.json`` in the task's folder.
 
     The file marks the task as done.
     """
     values = as_values(figures)
     write_atomically(
-        folder / FIGURES_FILE,
+        folder / METRICS_FILE,
         dump_json({"sha256": hash_of(values), "figures": values}),
         durable=True,
     )
 
 
-def read_figures(folder: Path, kind: type[F]) -> F:
+def read_metrics(folder: Path, kind: type[F]) -> F:
     """Read a task's results of the type ``kind`` from its folder.
 
     Raise ArtefactError for a damaged or edited file.
     """
-    path = folder / FIGURES_FILE
+    path = folder / METRICS_FILE
     values = read_json(path)
     if not isinstance(values, dict) or values.keys() != {"sha256", "figures"}:
         raise ArtefactError(

@@ -28,14 +28,14 @@ from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.played_tasks import PlayedTasks
 from wordcraft_kg.studies.results import (
-    FIGURES_FILE,
+    METRICS_FILE,
     Missing,
     Origin,
-    RunFigures,
+    RunMetrics,
     RunResult,
-    ScorerFigures,
+    ScorerMetrics,
     StudyResults,
-    read_figures,
+    read_metrics,
 )
 from wordcraft_kg.studies.study import Study, StudyCell
 from wordcraft_kg.studies.tasks import Outcome, Task
@@ -207,7 +207,7 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
     groups: dict[tuple[int, ...], int] = {}
     graphs: dict[PlayedGraph, int] = {}
     versions: dict[str, str] = {}
-    scorers: dict[str, ScorerFigures] = {}
+    scorers: dict[str, ScorerMetrics] = {}
     origins: dict[str, tuple[int, Origin]] = {}
     runs: list[RunResult] = []
     missing: list[Missing] = []
@@ -217,13 +217,13 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
         plan.cells, plan.runs, plan.scorers, plan.graphs, strict=True
     ):
         try:
-            figures = _run_figures(root, address)
+            figures = _run_metrics(root, address)
             # The tasks are unknown if the graph's folder was removed.
             is_known = (root / graph).exists()
             if is_known:
                 played.check(figures, graph, cell.settings, root / address)
             if scorer is not None and scorer not in scorers:
-                scorers[scorer] = read_figures(root / scorer, ScorerFigures)
+                scorers[scorer] = read_metrics(root / scorer, ScorerMetrics)
         except ArtefactError as error:
             missing.append(Missing(cell.variant, cell.values, cell.seed, str(error)))
             continue
@@ -266,7 +266,7 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
     )
 
 
-def _origin(origins: dict[str, tuple[int, Origin]], figures: RunFigures) -> int:
+def _origin(origins: dict[str, tuple[int, Origin]], figures: RunMetrics) -> int:
     key = repr((figures.stored, figures.platform, figures.versions))
     number, before = origins.get(key, (len(origins), None))
     runs = before.runs + 1 if before else 1
@@ -274,10 +274,10 @@ def _origin(origins: dict[str, tuple[int, Origin]], figures: RunFigures) -> int:
     return number
 
 
-def _run_figures(root: Path, address: str) -> RunFigures:
-    if not (root / address / FIGURES_FILE).exists():
+def _run_metrics(root: Path, address: str) -> RunMetrics:
+    if not (root / address / METRICS_FILE).exists():
         raise ArtefactError(failure_of(root, address) or "not trained yet")
-    figures = read_figures(root / address, RunFigures)
+    figures = read_metrics(root / address, RunMetrics)
     if "test" not in figures.success:
         raise ArtefactError("the split has no test tasks of this kind")
     return figures

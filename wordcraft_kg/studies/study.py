@@ -63,7 +63,7 @@ for _command, _kind in _TRAINED_SCORERS.items():
     # A study keeps finished scorers only, so the distance of checkpoints changes nothing.
     SCORER_SETTINGS[_command] = frozenset(_names - {"checkpoint_every"})
 NO_SETTINGS = ("seed", "checkpoint_every")
-"""Options that are set by the study or change no figure."""
+"""Options that are set by the study or change no result."""
 
 
 class Claim(Record, frozen=True, omit_defaults=True):

@@ -11,7 +11,7 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.studies.claims import ClaimVerdict, in_words
 from wordcraft_kg.studies.results import Origin
 from wordcraft_kg.studies.study import Metric
-from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures
+from wordcraft_kg.studies.variants import Interval, PointMetrics, VariantMetrics
 from wordcraft_kg.studies.view import StudyView, title_of
 
 
@@ -30,7 +30,7 @@ class StudyTable:
     rows: tuple[tuple[str, ...], ...]
 
 
-_Column = tuple[str, Callable[[VariantFigures], str]]
+_Column = tuple[str, Callable[[VariantMetrics], str]]
 """Heading, and text of a variant's cell."""
 
 
@@ -43,7 +43,7 @@ def tables_of(view: StudyView) -> list[StudyTable]:
     columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
     headings = tuple(heading for heading, _ in columns)
 
-    def row(entry: VariantFigures) -> tuple[str, ...]:
+    def row(entry: VariantMetrics) -> tuple[str, ...]:
         return tuple(text(entry) for _, text in columns)
 
     return [
@@ -51,7 +51,7 @@ def tables_of(view: StudyView) -> list[StudyTable]:
     ]
 
 
-def _entries(view: StudyView) -> list[VariantFigures]:
+def _entries(view: StudyView) -> list[VariantMetrics]:
     return list(chain.from_iterable(point.variants for point in view.points))
 
 
@@ -83,7 +83,7 @@ def signed(value: float, form: str) -> str:
     return text.replace("-", "−")
 
 
-def _mrr(at: VariantFigures) -> str:
+def _mrr(at: VariantMetrics) -> str:
     if at.mrr is None or at.mrr_range is None:
         return ""
     low, high = [f"{end:.3f}" for end in at.mrr_range]
@@ -92,7 +92,7 @@ def _mrr(at: VariantFigures) -> str:
     return f"{at.mrr:.3f}{shown_range}"
 
 
-def _reached(at: VariantFigures) -> str:
+def _reached(at: VariantMetrics) -> str:
     if not at.curve:
         return ""
     if at.reached_interval is None:
@@ -102,7 +102,7 @@ def _reached(at: VariantFigures) -> str:
     return _amount(at.reached) + ends
 
 
-def _difference(at: VariantFigures) -> str:
+def _difference(at: VariantMetrics) -> str:
     if at.comparison is None:
         return ""
     return with_bounds(at.comparison.difference, at.comparison.interval, "+.3f")
@@ -175,7 +175,7 @@ def _cell(value: object) -> object:
     return f"{value:.6g}" if isinstance(value, float) else value
 
 
-def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dict[str, object]:
+def _values(point: PointMetrics, at: VariantMetrics, grid: Sequence[str]) -> dict[str, object]:
     comparison = at.comparison
 
     def ends(name: str, interval: Sequence[object] | None) -> dict[str, object]:
@@ -229,9 +229,8 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
     if view.missing:
         first = view.missing[0]
         number = counted(len(view.missing), "training")
-        yield (
-            f"{number} without figures; the first, {first.variant}, seed {first.seed}: {first.why}"
-        )
+        named = f"{first.variant}, seed {first.seed}"
+        yield f"{number} without results; the first, {named}: {first.why}"
 
 
 def _compared(view: StudyView) -> str:
@@ -254,7 +253,7 @@ def _lines_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[str]:
             yield f"  {'':<{width}}  {title_of(measured.values)}: {in_words(claim, measured)}"
 
 
-def _lines_of_point(point: PointFigures, metric: Metric) -> Iterator[str]:
+def _lines_of_point(point: PointMetrics, metric: Metric) -> Iterator[str]:
     # Without a grid, the title of the point already names the graphs.
     graphs = point.graphs if point.values else ()
     named = "".join(dict.fromkeys(f"{graph.name}, {graph.kind}; " for graph in graphs))
@@ -285,7 +284,7 @@ def _p_value(p: float | None) -> str:
     return "<.001" if p < 0.001 else f"{p:.2g}"
 
 
-def _comparison(entry: VariantFigures) -> str:
+def _comparison(entry: VariantMetrics) -> str:
     comparison = entry.comparison
     if comparison is None:
         return ""
@@ -301,7 +300,7 @@ _TITLES: dict[Metric, str] = {
     "mrr": "leak-free MRR of the scorer, with the least and the greatest",
     "steps": "environment steps until the mean curve reaches where the reference's ends",
 }
-_SHOWN: dict[Metric, Callable[[VariantFigures], str]] = {
+_SHOWN: dict[Metric, Callable[[VariantMetrics], str]] = {
     "success": lambda at: with_bounds(at.mean, at.interval),
     "by-plan": lambda at: with_bounds(at.by_plan, None),
     "train": lambda at: "–" if at.train is None else with_bounds(at.train, None),

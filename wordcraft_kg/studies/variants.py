@@ -50,7 +50,7 @@ class VariantComparison(Record):
     p_corrected: Share | None
 
 
-class VariantFigures(Record):
+class VariantMetrics(Record):
     """Results of a variant under fixed grid settings; all intervals are 95 % intervals.
 
     Attributes:
@@ -99,7 +99,7 @@ class VariantFigures(Record):
     steps: Count
 
 
-class PointFigures(Record):
+class PointMetrics(Record):
     """Results for all variants at a grid point.
 
     Attributes:
@@ -117,12 +117,12 @@ class PointFigures(Record):
     graphs: tuple[PlayedGraph, ...]
     tasks: Count
     distractor_seeds: Count
-    variants: tuple[VariantFigures, ...]
+    variants: tuple[VariantMetrics, ...]
 
 
-def figures_of(
+def metrics_of(
     results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]
-) -> VariantFigures:
+) -> VariantMetrics:
     """Summarise the runs of a variant at a grid point, and compare them with the reference.
 
     Args:
@@ -137,7 +137,7 @@ def figures_of(
     mrr = [run.mrr for run in members if run.mrr is not None]
     # Runs of earlier studies may lack train tasks or a scorer, hence the shorter lists above.
     reached, reached_interval = _reached(members, base)
-    return VariantFigures(
+    return VariantMetrics(
         variant=variant,
         seeds=tuple(run.seed for run in members),
         success=tuple(success),
@@ -211,7 +211,7 @@ def _reached(
 ) -> tuple[int | None, tuple[int | None, int | None] | None]:
     """Return the steps to the reference's final success, and their interval.
 
-    See :class:`VariantFigures`.
+    See :class:`VariantMetrics`.
     """
     if not base:
         return None, None
@@ -262,7 +262,7 @@ class Correlation(Record, array_like=True):
 
 
 class ScatterPoint(Record):
-    """Success of an agent (a variant) and MRR of its scorer, as in :class:`VariantFigures`.
+    """Success of an agent (a variant) and MRR of its scorer, as in :class:`VariantMetrics`.
 
     Attributes:
         label: the scorer settings that distinguish the point, else the variant.
@@ -307,7 +307,7 @@ class ScorerScatter(Record):
 
 
 def scatters_of(
-    results: StudyResults, points: Sequence[PointFigures], reference: str
+    results: StudyResults, points: Sequence[PointMetrics], reference: str
 ) -> Iterator[ScorerScatter]:
     """Yield a plot for each combination of settings other than the scorer's.
 
@@ -318,7 +318,7 @@ def scatters_of(
         points: results of all grid points; variants without MRR are left out.
         reference: name of the reference variant.
     """
-    groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
+    groups: dict[bytes, list[tuple[PointMetrics, VariantMetrics]]] = {}
     for point in points:
         for entry in point.variants:
             if entry.mrr is None:
@@ -349,13 +349,13 @@ def scatters_of(
         )
 
 
-def _others(point: PointFigures) -> Values:
+def _others(point: PointMetrics) -> Values:
     return {
         name: value for name, value in point.values.items() if not name.startswith(f"{SCORER}.")
     }
 
 
-def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigures) -> bool:
+def _is_in_sample(results: StudyResults, point: PointMetrics, entry: VariantMetrics) -> bool:
     settings = {
         **results.study.settings,
         **point.values,
@@ -364,7 +364,7 @@ def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigu
     return settings.get("in_sample") is True
 
 
-def _scatter_point(point: PointFigures, at: VariantFigures) -> ScatterPoint:
+def _scatter_point(point: PointMetrics, at: VariantMetrics) -> ScatterPoint:
     assert at.mrr is not None
     assert at.mrr_range is not None
     return ScatterPoint(
@@ -385,10 +385,10 @@ def _correlation(
     return Correlation(*estimate) if estimate else None
 
 
-def _label(point: PointFigures, variant: str) -> str:
+def _label(point: PointMetrics, variant: str) -> str:
     """Return the scorer settings that are not at full training data.
 
-    If there is none, return the first setting, or else the variant.
+    Without any, the first setting, or else the variant.
     """
     prefix = f"{SCORER}."
     values = {

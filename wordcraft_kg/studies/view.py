@@ -16,10 +16,10 @@ from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults
 from wordcraft_kg.studies.study import Drawing, Value, Values
 from wordcraft_kg.studies.variants import (
-    PointFigures,
+    PointMetrics,
     ScorerScatter,
-    VariantFigures,
-    figures_of,
+    VariantMetrics,
+    metrics_of,
     scatters_of,
 )
 
@@ -54,7 +54,7 @@ class StudyView(Record):
     command: str
     drawing: Drawing
     reference: str
-    points: Annotated[tuple[PointFigures, ...], msgspec.Meta(min_length=1)]
+    points: Annotated[tuple[PointMetrics, ...], msgspec.Meta(min_length=1)]
     scatters: tuple[ScorerScatter, ...]
     comparisons: Count
     claims: tuple[ClaimVerdict, ...]
@@ -151,9 +151,9 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
             # A mean over seeds is about one set of tasks.
             raise ConfigError(
                 f"{cell}: seeds {first.seed} and {run.seed} were played on different {differing} "
-                f"({_named(one)}; {_named(other)}), so their figures cannot be averaged. Add the "
-                "differing setting to the grid, such as `book`, `split` or `split_seed`, or "
-                "repeat the runs on the same graph."
+                f"({_named(one)}; {_named(other)}), so their results cannot be averaged. Add the "
+                "differing setting to the grid, "
+                "such as `book`, `split` or `split_seed`, or repeat the runs on the same graph."
             )
         if (len(run.won), run.distractor_seeds) != (len(first.won), first.distractor_seeds):
             raise ConfigError(
@@ -182,15 +182,15 @@ def _named(graph: PlayedGraph) -> str:
     return f"{graph.name} {graph.hash[:12]}, {graph.kind} split {graph.split[:12]}"
 
 
-def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointFigures:
+def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointMetrics:
     base = runs.get(reference, [])
-    variants = [figures_of(results, name, members, base) for name, members in runs.items()]
+    variants = [metrics_of(results, name, members, base) for name, members in runs.items()]
     graphs = {members[0].graph: results.graphs[members[0].graph] for members in runs.values()}
     first = next(iter(runs.values()))[0]
     title = title_of(values)
     if not values:
         title = ", ".join(f"{graph.name}, {graph.kind}" for graph in graphs.values())
-    return PointFigures(
+    return PointMetrics(
         values=values,
         title=title,
         graphs=tuple(graphs.values()),
@@ -200,7 +200,7 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
     )
 
 
-def _p_values(points: Sequence[PointFigures]) -> list[float]:
+def _p_values(points: Sequence[PointMetrics]) -> list[float]:
     """Return all p-values of a study, in the order of points and variants."""
     found: list[float] = []
     for point in points:
@@ -210,7 +210,7 @@ def _p_values(points: Sequence[PointFigures]) -> list[float]:
     return found
 
 
-def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
+def _corrected(points: Sequence[PointMetrics]) -> list[PointMetrics]:
     """Return points with Holm's correction over all comparisons of the study.
 
     A reader sees them together.
@@ -218,13 +218,13 @@ def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
     # In the order of ``_p_values``, which is that of the loop below.
     corrected = iter(holm(_p_values(points)))
 
-    def with_p(entry: VariantFigures) -> VariantFigures:
+    def with_p(entry: VariantMetrics) -> VariantMetrics:
         if entry.comparison is None or entry.comparison.p_value is None:
             return entry
         comparison = msgspec.structs.replace(entry.comparison, p_corrected=next(corrected))
         return msgspec.structs.replace(entry, comparison=comparison)
 
-    changed: list[PointFigures] = []
+    changed: list[PointMetrics] = []
     for point in points:
         variants = tuple(with_p(entry) for entry in point.variants)
         changed.append(msgspec.structs.replace(point, variants=variants))

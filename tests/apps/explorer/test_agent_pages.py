@@ -262,7 +262,8 @@ def test_the_runs_are_what_their_records_say(agents):
     assert view.sources == ("alpha", "u", "v", "w")
 
 
-def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agents, tmp_path):
+def test_a_run_shows_curves_and_settings_but_no_folders(agents, tmp_path):
+    """A run shows its curves and settings but no folders of this machine."""
     view = view_of(agents, RunState("guided"))
     lines = lines_of(agents.runs["guided"])
     points = [(line["step"], line["test_success"]) for line in lines if "test_success" in line]
@@ -270,7 +271,7 @@ def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agen
     assert view.settings == {
         "graph": "kitchen",
         "scorer": "kitchen-recipes",
-        "use": "u,v,w",
+        "use": "combines (u), component (v), recipe (w)",
         "steps": "4000",
     }
     page = look(agents, RunState("guided")).page

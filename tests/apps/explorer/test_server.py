@@ -299,7 +299,8 @@ def send(address, *lines):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("termination", [signal.SIGINT, signal.SIGTERM])
-def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(termination):
+def test_the_server_answers_and_says_nothing_of_who_asked(termination):
+    """The server answers until it is ended and says nothing of who asked."""
     with serving("explore", "kitchen", "--no-browser") as (server, address):
         assert address.startswith("http://127.0.0.1:")
         with urllib.request.urlopen(f"{address}/entity/bread") as answer:

@@ -227,9 +227,9 @@ def without_last_line(text):
         ("audit.json", lambda text: text.replace(b'"entities": 80', b'"entities": 81')),
     ],
 )
-def test_a_table_that_disagrees_with_its_graph_is_refused_though_the_hashes_agree(
-    hub, run, parted_folder, name, change
-):
+def test_a_table_that_disagrees_with_its_graph_is_refused(hub, run, parted_folder, name, change):
+    """A table that disagrees with its graph is refused though the hashes agree."""
+
     def changed(files):
         before = files[name]
         files[name] = change(before)

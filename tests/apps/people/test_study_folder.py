@@ -126,7 +126,8 @@ def test_a_code_is_not_stored(study, folder, answers):
     assert code.replace("-", "").encode() not in stored
 
 
-def test_the_tasks_of_a_form_and_condition_are_those_of_the_protocol_with_its_seed(study, kitchen):
+def test_the_tasks_of_a_form_are_those_of_the_protocol(study, kitchen):
+    """The tasks of a form and condition are those of the protocol with its seed."""
     for cell in study.cells:
         protocol = HumanProtocol(kitchen, cell.distractors, 5 + cell.form, tasks=3)
         assert study.tasks(cell) == tuple(protocol.task(*turn) for turn in protocol.turns)

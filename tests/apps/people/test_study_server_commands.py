@@ -83,7 +83,8 @@ def nothing_waits(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp_path):
+def test_a_killed_server_goes_on_where_it_was(tmp_path):
+    """A killed server goes on where it was and ctrl c says what is stored."""
     out = tmp_path / "study"
     with served(out) as (process, address):
         code = begin(address)
@@ -101,7 +102,8 @@ def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp
     assert sorted(path.name for path in out.iterdir()) == ["answers.sqlite", "study.json"]
 
 
-def test_who_asks_is_nobodys_business_and_a_service_manager_ends_it_like_ctrl_c(tmp_path):
+def test_who_asks_is_private_and_a_manager_ends_it_like_ctrl_c(tmp_path):
+    """Who asks is nobodys business and a service manager ends it like ctrl c."""
     with served(tmp_path / "study", "--verbose") as (process, address):
         code = begin(address)
         with pytest.raises(httpx2.HTTPStatusError):
@@ -291,7 +293,8 @@ def test_agents_are_compared_with_people(run, summary, begun, tmp_path):
 
 
 @pytest.mark.slow
-def test_of_people_at_once_and_a_killed_server_no_answer_is_lost_and_none_is_double(tmp_path):
+def test_no_answer_is_lost_or_double_with_a_killed_server(tmp_path):
+    """Of people at once and a killed server no answer is lost and none is double."""
     out, acknowledged, failed = tmp_path / "study", [], []
 
     def take_part(address):

@@ -52,4 +52,4 @@ def picks_of(player, world, distractor_seeds):
 def assert_same(found, expected):
     for name in ("tasks", "success", "by_plan", "actions", "terminations"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
-    assert found.figures() == expected.figures()
+    assert found.metrics() == expected.metrics()

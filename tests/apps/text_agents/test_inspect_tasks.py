@@ -128,9 +128,10 @@ def metrics_of(log):
     ],
     ids=["depth 1", "depth 2", "oracle", "many"],
 )
-def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_last_digit(
+def test_a_model_like_a_scripted_player_has_its_evaluation(
     kitchen, play, name, settings, log_format
 ):
+    """A model that plays like a scripted player has its evaluation to the last digit."""
     amounts = {"depth": settings.get("depth", 1), "max_attempts": settings.get("attempts")}
     config = WordCraftConfig(part="test", num_distractors=settings["distractors"], **amounts)
     world, distractor_seeds, tasks = (
@@ -152,7 +153,7 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
         task, scripted(task, picks_of(player, world, distractor_seeds)), log_format=log_format
     )
 
-    metrics, figures = metrics_of(log), expected.figures()
+    metrics, figures = metrics_of(log), expected.metrics()
     assert metrics["success"] == figures.mean
     assert {name: metrics[name] for name in KEYS} == {
         name: getattr(figures, key) for name, key in KEYS.items()
@@ -177,9 +178,10 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
     assert log.eval.task_version == prompt_hash()[:12]
 
 
-def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stays_in_the_log(
+def test_the_first_prompt_opens_and_the_target_stays_in_the_log(
     kitchen,
 ):
+    """The first prompt is the opening of the conversation and the target stays in the log."""
     sample = crafting("kitchen", tasks=3, distractor_seeds=2).dataset[1]
     assert (sample.id, sample.target) == (
         "test-21-0",
@@ -231,7 +233,8 @@ def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play):
     assert (without.look_ups, without.invalid_actions, without.settings.knowledge) == (0, 4, "none")
 
 
-def test_a_scorer_that_remembers_the_tasks_is_refused_before_the_first_game(tmp_path, kitchen):
+def test_a_scorer_that_remembers_the_tasks_is_refused(tmp_path, kitchen):
+    """A scorer that remembers the tasks is refused before the first game."""
     scorer = SymbolicScorer(kitchen.graph, kitchen.split.partial)
     save_scorer(tmp_path / "model", scorer, kitchen, kg="partial")
     with pytest.raises(InspectTaskError, match="has no folds"):

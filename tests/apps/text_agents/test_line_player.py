@@ -104,7 +104,8 @@ def test_a_program_that_breaks_the_protocol_is_an_error(games, code, fragment):
     assert str(error.value).startswith("player 'python")
 
 
-def test_a_program_that_never_reads_is_an_error_after_the_timeout_for_lines_of_any_length():
+def test_a_program_that_never_reads_is_an_error():
+    """A program that never reads is an error after the timeout for lines of any length."""
     never = program("import time; time.sleep(60)")
     with (
         pytest.raises(PlayerError, match=r"did not answer within 0\.5"),
@@ -180,7 +181,8 @@ def test_a_program_does_not_see_keys_of_the_environment(monkeypatch, tmp_path):
     assert seen["WORDCRAFT_KG_DATA"] == str(tmp_path)
 
 
-def test_stderr_of_a_program_is_shown_without_control_characters_up_to_a_limit(capfd, monkeypatch):
+def test_stderr_of_a_program_is_shown_safely_up_to_a_limit(capfd, monkeypatch):
+    """Stderr of a program is shown without control characters up to a limit."""
     monkeypatch.setattr(line_player, "_MOST_LOG", 2_000)
     code = (
         "import sys; print('\\x1b[31mre\\td\\x07', 'x' * 10**6, file=sys.stderr); input(); "

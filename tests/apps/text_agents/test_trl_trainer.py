@@ -1,4 +1,7 @@
-"""TRL's own trainer plays and rewards our games: a tiny model of random weights, and scripted answers."""
+"""TRL's own trainer plays and rewards our games.
+
+A tiny model has random weights, or scripted answers.
+"""
 
 import json
 

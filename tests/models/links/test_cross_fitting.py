@@ -63,9 +63,8 @@ def test_scores_and_tables_are_those_of_a_model_without_folds(folded, opened_kit
     assert not torch.equal(scorer.left_out(0).table(0), plain.table(0))
 
 
-def test_the_record_says_how_well_each_model_ranks_the_fold_that_it_has_not_seen(
-    folded, opened_kitchen
-):
+def test_the_record_has_each_models_rank_of_its_own_fold(folded, opened_kitchen):
+    """The record says how well each model ranks the fold that it has not seen."""
     scorer, folds, graph = (
         load_scorer(folded),
         make_folds(opened_kitchen.split, 3),
@@ -270,9 +269,8 @@ train_links(LinksConfig("kitchen", config), Path(sys.argv[1]))
 
 
 @pytest.mark.slow
-def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_again(
-    folded, tmp_path
-):
+def test_processes_side_by_side_give_the_same_bits(folded, tmp_path):
+    """Processes side by side give the same bits and do not run the program again."""
     (tmp_path / "program.py").write_text(PROGRAM)  # without a `__main__` guard
     command = [sys.executable, str(tmp_path / "program.py"), str(tmp_path / "model")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

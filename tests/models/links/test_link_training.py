@@ -95,9 +95,8 @@ def figures(trained):
 
 
 @EACH
-def test_the_same_seed_gives_the_same_bytes_without_a_warning_and_the_settings_are_recorded(
-    parted_kitchen, tmp_path, config
-):
+def test_the_same_seed_gives_the_same_bytes_and_settings(parted_kitchen, tmp_path, config):
+    """The same seed gives the same bytes without a warning and the settings are recorded."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         one, two = (train(parted_kitchen, config, tmp_path / name) for name in ("one", "two"))
@@ -270,18 +269,16 @@ def test_a_resumed_run_equals_an_undisturbed_one_bit_for_bit(parted_kitchen, tmp
 
 
 @pytest.mark.parametrize(("name", "value"), [("epochs", 7), ("epochs", 2), ("seed", 1), ("dim", 9)])
-def test_an_unfinished_run_of_other_settings_is_refused_by_their_name_and_stays(
-    unfinished, opened_kitchen, name, value
-):
+def test_an_unfinished_run_of_other_settings_is_refused(unfinished, opened_kitchen, name, value):
+    """An unfinished run of other settings is refused by their name and stays."""
     before = contents(unfinished)
     with pytest.raises(ConfigError, match=f"`{name}` .* and this command has {value}"):
         train(opened_kitchen, replace(SHORT, **{name: value}), unfinished)
     assert contents(unfinished) == before
 
 
-def test_a_run_whose_graph_has_moved_goes_on_and_is_opened_with_the_new_place(
-    tmp_path, parted_folder
-):
+def test_a_run_whose_graph_has_moved_goes_on(tmp_path, parted_folder):
+    """A run whose graph has moved goes on and is opened with the new place."""
     graph, moved = Path(shutil.copytree(parted_folder, tmp_path / "graph")), tmp_path / "moved"
     folder, whole = halved(open_graph(graph), SHORT, tmp_path, 1)
     graph.rename(moved)
@@ -328,9 +325,10 @@ SCRIPTED = pytest.mark.usefixtures("scripted_validation")
     ("patience", "asked", "trained", "best", "returned"),
     [(2, 8, 4, 2, 2), (5, 8, 8, 7, 7), (0, 5, 5, 2, 5)],
 )
-def test_early_stopping_waits_as_long_as_the_patience_says_and_returns_to_the_best_epoch(
+def test_early_stopping_waits_and_returns_to_the_best_epoch(
     parted_kitchen, tmp_path, patience, asked, trained, best, returned
 ):
+    """Early stopping waits as long as the patience says and returns to the best epoch."""
     stopped = train(
         parted_kitchen, replace(PATIENT, patience=patience, epochs=asked), tmp_path / "stopped"
     )
@@ -478,7 +476,8 @@ def test_a_setting_out_of_range_is_an_error_that_names_it_and_its_value(config, 
 
 
 @pytest.mark.parametrize("config", BOTH)
-def test_patience_without_validation_is_an_error_that_names_the_missing_setting(config):
+def test_patience_without_validation_is_an_error(config):
+    """Patience without validation is an error that names the missing setting."""
     with pytest.raises(ConfigError, match="`eval_every`"):
         config(patience=2)
     assert config(patience=2, eval_every=1).patience == 2
@@ -498,7 +497,8 @@ def test_the_least_allowed_settings_are_allowed(config):
     assert vars(replace(config(), **least)).items() >= least.items()
 
 
-def test_the_regularisation_is_off_by_default_on_the_full_graph_and_open_on_the_partial():
+def test_regularisation_is_off_on_full_and_open_on_partial():
+    """The regularisation is off by default on the full graph and open on the partial."""
     full, partial = ComplExConfig(kg="full"), ComplExConfig(kg="partial")
     assert (full.n3, full.popularity, full.is_open) == (0, 0, False)
     assert (partial.n3, partial.popularity, partial.is_open) == (None, None, True)

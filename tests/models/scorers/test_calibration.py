@@ -170,9 +170,8 @@ def test_the_share_that_is_known_follows_from_the_number_of_recipes(folds):
     assert plain + 0.01 < known_share(folds, COMPONENT_OF) < plain + 0.15
 
 
-def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(
-    scorer, opened_kitchen
-):
+def test_probabilities_rise_and_sum_to_the_unseen_triples(scorer, opened_kitchen):
+    """Probabilities rise with scores and add up to about the unseen triples."""
     split, size = opened_kitchen.split, len(scorer.entities)
     everything = torch.arange(size)
     for relation in (COMBINES_WITH, COMPONENT_OF):

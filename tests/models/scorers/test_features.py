@@ -135,7 +135,8 @@ def test_what_cannot_be_is_refused_with_what_can(
     assert fragment in refused(spec, labels, **options)
 
 
-def test_every_label_of_the_built_in_books_has_a_vector_of_the_sentence_encoder():
+def test_every_built_in_label_has_a_sentence_vector():
+    """Every label of the built in books has a vector of the sentence encoder."""
     files = list(BUILT_IN.parent.iterdir())
     assert sum(file.stat().st_size for file in files) <= 1_000_000
     assert "Apache License 2.0" in (BUILT_IN.parent / "NOTICE.md").read_text()
@@ -333,7 +334,8 @@ def test_ids_have_the_vectors_of_their_words():
     assert made.words == tuple(sorted(set(" ".join(words).split())))
 
 
-def test_a_sign_at_the_end_is_not_split_off_and_a_word_with_a_vector_stays_whole():
+def test_signs_at_the_end_and_words_with_vectors_stay_whole():
+    """A sign at the end is not split off and a word with a vector stays whole."""
     labels = ["zqx-", "C-", "t-shirt"]
     made = make_features("glove", labels, allow_missing=True)
     assert made.words == ("c-", "t-shirt", "zqx-")

@@ -113,7 +113,8 @@ def test_every_feature_is_what_its_definition_says():
             )
 
 
-def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(known):
+def test_the_tables_count_recipes_that_speak_for_a_goal(known):
+    """The tables count recipes and say which of them may speak for a goal."""
     graph = random_graph(0, SIZE, 70)
     recipes = graph.recipes.tolist()
     alike = normalised(Base.of(graph.recipes, known.words[:-1, :-1].float()).kernel) ** 2
@@ -178,7 +179,8 @@ def _reason_order(one, goal):
     return not is_for_goal, -one.share
 
 
-def test_reasons_for_the_goal_itself_come_before_stronger_ones_for_other_results():
+def test_reasons_for_the_goal_come_before_stronger_others():
+    """Reasons for the goal itself come before stronger ones for other results."""
     known, goals_first, weak = knowledge(0), 0, 0
     for a, b, goal in product(range(SIZE), repeat=3):
         found = known.supporting_recipes(a, b, goal, limit=EVIDENCE)

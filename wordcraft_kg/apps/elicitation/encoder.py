@@ -37,7 +37,7 @@ def encode_labels(
     Args:
         labels: N texts.
         path: model folder that ``sentence_transformers`` loads, with weights in safetensors.
-        report: called with the numbers of encoded and of all labels, and no figures.
+        report: called with the numbers of encoded and of all labels, and no metrics.
 
     Returns:
         vectors of length 1, shape (N, D), and the SHA-256 hashes of the weights by file name.

@@ -1,9 +1,9 @@
 """Crafting games to train language models in: an environment and a data set for TRL.
 
 TRL's ``GRPOTrainer(environment_factory=CraftingEnvironment)`` makes an environment for each
-rollout, calls ``reset`` with a row of the data set, offers the public methods as tools, and asks for
-the reward at the end. The classes are plain: nothing here imports TRL, and any trainer that calls
-tools can use them::
+rollout, calls ``reset`` with a row of the data set, offers the public methods as tools, and asks
+for the reward at the end. The classes are plain: nothing here imports TRL, and any trainer that
+calls tools can use them::
 
     rows = crafting_rows("everyday", part="train", depth=2)
     environment = CraftingEnvironment()
@@ -205,7 +205,7 @@ class LookUpEnvironment(CraftingEnvironment):
         return _after_the_end(talk) or talk.look_up_item(_item(item))
 
 
-def crafting_rows(
+def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for a user
     graph: str = "everyday",
     *,
     part: TaskPart = "train",

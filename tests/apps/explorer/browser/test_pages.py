@@ -74,7 +74,8 @@ CUT = """() => [...document.querySelectorAll('.scroll')]
   .map(e => e.getAttribute('aria-label'))"""
 
 
-def test_on_a_usual_screen_no_table_is_cut_and_all_headings_begin_at_one_place(open_page, visits):
+def test_on_a_usual_screen_no_table_is_cut(open_page, visits):
+    """On a usual screen no table is cut and all headings begin at one place."""
     page, edges = open_page(viewport={"width": 1400, "height": 900}), set()
     for address in visits(page):
         assert page.evaluate(CUT) == [], address

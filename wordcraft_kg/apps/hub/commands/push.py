@@ -26,7 +26,7 @@ def hub_push(
 
     All files are one commit.
 
-    The card (README.md) has the licence, figures, command, versions and hashes of the inputs. A
+    The card (README.md) has the licence, metrics, command, versions and hashes of the inputs. A
     login is needed: hf auth login, or the variable HF_TOKEN.
 
     Args:

@@ -13,11 +13,13 @@ from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import Evidence, ScoreView, check_constants
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
-from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge, knowledge_of
+from wordcraft_kg.models.scorers.pair_features import knowledge_of
+from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipe_curve import KINDS, RecipeCurve
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.planning.search import KNOWN_LINK, NO_PLAN, PlanSearch
+from wordcraft_kg.planning.intermediates import KNOWN_LINK
+from wordcraft_kg.planning.search import NO_PLAN, PlanSearch
 
 P = Label(
     "p",
@@ -41,7 +43,7 @@ class BestPlan(BestRecipe):
     curve: Tensor
 
     def __init__(
-        self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None
+        self, num_entities: int, knowledge: PairKnowledge, fold_of_recipe: Tensor | None = None
     ):
         super().__init__(num_entities, knowledge, fold_of_recipe)
         self._search: PlanSearch | None = None
@@ -86,7 +88,7 @@ class BestPlan(BestRecipe):
     @property
     def search(self) -> PlanSearch:
         """The search for plans."""
-        if self._search is None or self._search.device != self.knowledge.parts.device:
+        if self._search is None or self._search.device != self.knowledge.bias.device:
             a, b, c, d, slope, shift, width = self.curve.tolist()
             curve = RecipeCurve(intercepts=(a, b, c, d), slope=slope, shift=shift)
             self._search = PlanSearch(self.knowledge, curve, width=int(width))

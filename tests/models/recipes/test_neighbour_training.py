@@ -1,4 +1,4 @@
-"""Training by neighbour lists: the same bytes again, nothing of a fold left out, and everything that uses the scorer."""
+"""Training by neighbour lists: the same bytes again, nothing of a fold left out, and all uses of the scorer."""
 
 from dataclasses import replace
 
@@ -184,7 +184,7 @@ def test_w_and_p_score_tables_and_are_restored_from_their_constants(small, book)
 
 def test_candidates_of_a_plan_begin_with_the_results_of_known_recipes(small):
     knowledge = load_scorer(small).whole.knowledge
-    recipes = {tuple(sorted(row[:2])) + (row[2],) for row in knowledge.recipes.tolist()}
+    recipes = {(*sorted(row[:2]), row[2]) for row in knowledge.recipes.tolist()}
     size = knowledge.num_entities
     table = torch.tensor([[0, 1, 2, size]])
     goal, model = torch.tensor([11]), torch.tensor([0])
@@ -233,8 +233,8 @@ def test_known_recipes_score_highest_if_held_out_goals_have_none(kitchen):
 def test_outside_knowledge_and_too_little_memory_are_refused_before_the_start(
     book, tmp_path, monkeypatch
 ):
+    config = RecipesConfig(str(book), replace(SMALL, with_=("everyday",)))
     with pytest.raises(ConfigError, match=r"`with` everyday.*12 entities.*Leave out"):
-        config = RecipesConfig(str(book), replace(SMALL, with_=("everyday",)))
         train_recipes(config, tmp_path / "model")
     monkeypatch.setattr(method, "memory", lambda: 2**20)
     with pytest.raises(ConfigError, match=r"12 entities and \d+ recipes takes about .* GiB"):

@@ -240,6 +240,17 @@ def test_scores_of_a_batch_are_those_of_single_tables_in_any_order_of_slots():
     torch.testing.assert_close(moved, scores[:, order][:, :, order], rtol=1e-4, atol=1e-4)
 
 
+def test_ids_outside_the_book_are_refused_and_a_missing_goal_has_no_features():
+    known = random_knowledge(0)
+    goal, table, model = torch.tensor([SIZE]), torch.tensor([[0, 1]]), torch.tensor([0])
+    assert not known.features(goal, table, model).any()
+    for wrong in (-1, SIZE + 1):
+        with pytest.raises(IndexError, match=r"0 \.\. 12"):
+            known.features(torch.tensor([wrong]), table, model)
+        with pytest.raises(IndexError, match=r"0 \.\. 12"):
+            known.features(torch.tensor([0]), torch.tensor([[0, wrong]]), model)
+
+
 def test_a_stack_answers_as_each_of_its_models_and_is_restored_from_its_constants():
     models = [random_knowledge(seed) for seed in range(3)]
     stack = NeighbourKnowledge.stacked(models)
@@ -251,7 +262,7 @@ def test_a_stack_answers_as_each_of_its_models_and_is_restored_from_its_constant
             found = stacked(goal, table, torch.full_like(goal, number))
             torch.testing.assert_close(found, alone, rtol=1e-5, atol=1e-5)
         assert stack.knows(one.recipes, number).all()
-        others = torch.tensor([row for row in product(range(SIZE), repeat=3)])
+        others = torch.tensor(list(product(range(SIZE), repeat=3)))
         own = {tuple(row) for row in one.recipes.tolist()}
         expected = [(min(a, b), max(a, b), c) in own for a, b, c in others.tolist()]
         assert stack.knows(others, number).tolist() == expected

@@ -27,7 +27,6 @@ from wordcraft_kg.models.recipes.fitting import (
     fit_ranker,
     with_known,
 )
-from wordcraft_kg.models.scorers.neighbours import loops
 from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, NeighbourKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, Numbers, make_lists, nearest_words
 from wordcraft_kg.models.scorers.pair_knowledge import pairs_of
@@ -146,6 +145,8 @@ def _examples(folds: Folds, lists: Lists, left_out: LeftOut, held_out: int, seed
 
     Every pair in a recipe that the scorer without ``left_out`` has seen is right.
     """
+    from wordcraft_kg.models.scorers.neighbours import loops
+
     rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
     known = folds.recipes(left_out)
     recipes = folds.recipes_of(held_out)

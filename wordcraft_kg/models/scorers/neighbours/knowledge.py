@@ -181,8 +181,8 @@ class NeighbourKnowledge(PairKnowledge):
         one, other = (
             slots.cpu().numpy() for slots in pairs or pairs_of(table.shape[1], table.device)
         )
-        goals = goal.cpu().numpy()
-        tables = table.masked_fill(table == self.num_entities, -1).cpu().numpy()
+        goals = self._ids(goal)
+        tables = self._ids(table)
         models = model.cpu().numpy()
         features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
         for number in np.unique(models).tolist():
@@ -212,6 +212,13 @@ class NeighbourKnowledge(PairKnowledge):
         known = _codes(self.recipes[self.seen[model]].long(), size)
         return torch.isin(_codes(recipes.long(), size), known)
 
+    def _ids(self, entities: Tensor) -> Ids:
+        """Return ids for compiled loops, which check no bounds: -1 for E, the empty slot."""
+        ids = entities.cpu().numpy()
+        if ids.size and not 0 <= ids.min() <= ids.max() <= self.num_entities:
+            raise IndexError(f"entity ids must be 0 .. {self.num_entities}")
+        return np.where(ids == self.num_entities, -1, ids)
+
     def intermediates(
         self, goal: Tensor, table: Tensor, model: Tensor, *, attempts: int, width: int, near: int
     ) -> Tensor:
@@ -227,8 +234,8 @@ class NeighbourKnowledge(PairKnowledge):
         """
         from wordcraft_kg.models.scorers.neighbours import loops
 
-        goals = goal.cpu().numpy()
-        tables = table.masked_fill(table == self.num_entities, -1).cpu().numpy()
+        goals = self._ids(goal)
+        tables = self._ids(table)
         models = model.cpu().numpy()
         found = np.full((len(goals), width), -1, dtype=np.int32)
         for number in np.unique(models).tolist():

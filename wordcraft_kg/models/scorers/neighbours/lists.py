@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.kernel import TEXT, profiles
-from wordcraft_kg.models.scorers.neighbours import loops
 
 Numbers = NDArray[np.int32]
 Floats = NDArray[np.float32]
@@ -112,6 +111,9 @@ def nearest_words(
     near = np.full((size - first, min(count, max(size - 1, 0))), -1, dtype=np.int32)
     if not vectors.shape[1]:
         return near
+    # Compiled loops are imported late: numba takes as long to import as all the rest.
+    from wordcraft_kg.models.scorers.neighbours import loops
+
     every = torch.tensor(vectors)
     # One thread, because more threads may add in another order and so break ties differently.
     with torch_threads(1):
@@ -147,7 +149,7 @@ def make_lists(
         rank: rank of the kernel regression; None for
             :data:`~wordcraft_kg.models.scorers.neighbours.regression.RANK`.
     """
-    from wordcraft_kg.models.scorers.neighbours import regression
+    from wordcraft_kg.models.scorers.neighbours import loops, regression
 
     size = len(vectors)
     ordered = _ordered(recipes)

@@ -4,15 +4,14 @@ Each function writes to its own arrays only, and visits entries in a fixed order
 """
 
 from math import log, log1p, sqrt
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled
 
-if TYPE_CHECKING:
-    from wordcraft_kg.graphs.arrays import Ids
-    from wordcraft_kg.models.scorers.neighbours.lists import Floats, Lists, Numbers
+# numba reads the types of arguments, so the interfaces are untyped: `lists` is a `Lists`, the rest are arrays.
+Array = Any
 
 FLOOR = np.float32(1e-4)
 """Added to evidence before the logarithm."""
@@ -59,7 +58,7 @@ def _insert(ids, values, count, new, value):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def largest(cosines: "Floats", start: int, near: "Numbers") -> None:
+def largest(cosines: Array, start: int, near: Array) -> None:
     """Write each row's largest positive cosines' columns, the row's own left out, into ``near``."""
     rows, size = cosines.shape
     width = near.shape[1]
@@ -252,7 +251,7 @@ def _place(keys, key):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def pair_table(pairs: "Ids", size: int):  # type: ignore[no-untyped-def]
+def pair_table(pairs: Array, size: int):  # type: ignore[no-untyped-def]
     """Return a hash table of ascending pair keys: keys, first recipe, number of recipes."""
     keys = np.full(size, -1, dtype=np.int64)
     starts = np.zeros(size, dtype=np.int32)
@@ -267,7 +266,7 @@ def pair_table(pairs: "Ids", size: int):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def count_table(links: "Ids", size: int):  # type: ignore[no-untyped-def]
+def count_table(links: Array, size: int):  # type: ignore[no-untyped-def]
     """Return a hash table of keys and their number."""
     keys = np.full(size, -1, dtype=np.int64)
     counts = np.zeros(size, dtype=np.int32)
@@ -461,17 +460,17 @@ def _of_pair(lists, a, b, goal, alike, other_alike, words, other_words, out):  #
 
 @compiled
 def table_features(  # type: ignore[no-untyped-def]
-    lists: "Lists", goals: "Ids", tables: "Ids", one: "Ids", other: "Ids", out: "Floats"
+    lists, goals, tables, one, other, out
 ):
     """Write the features of pairs of slots.
 
     Args:
         lists: the lists.
-        goals: shape (B,).
+        goals: shape (B,); negative for no goal.
         tables: shape (B, A); negative for empty slots.
         one: first slot of each pair, shape (P,).
         other: second slot of each pair, shape (P,).
-        out: zeros, shape (B, P, F); a pair with an empty slot keeps its zeros.
+        out: zeros, shape (B, P, F); a pair with an empty slot, or without goal, keeps its zeros.
     """
     slots = tables.shape[1]
     width = lists.support.shape[1]
@@ -480,6 +479,8 @@ def table_features(  # type: ignore[no-untyped-def]
     of_slots = np.empty((slots, OF_SLOTS), dtype=np.float32)
     for row in range(len(goals)):
         goal = goals[row]
+        if goal < 0:
+            continue
         for slot in range(slots):
             if tables[row, slot] >= 0:
                 _of_slot(lists, tables[row, slot], goal, of_slots[slot], alike[slot], words[slot])

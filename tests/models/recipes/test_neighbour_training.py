@@ -23,7 +23,7 @@ from wordcraft_kg.models.recipes.neighbour_fitting import Words, fit_by_neighbou
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourScorer
+from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
@@ -116,7 +116,7 @@ def test_a_fold_has_no_influence_on_the_scorer_without_it(what):
 def test_the_folder_has_words_once_and_a_scorer_for_each_fold(small, book):
     scorer, opened = load_scorer(small), open_graph(str(book))
     assert isinstance(scorer, CrossFitted)
-    assert isinstance(scorer.whole, NeighbourScorer)
+    assert isinstance(scorer.whole, NeighbourRecipeScorer)
     assert isinstance(scorer, FactoredScorer)
     np.testing.assert_array_equal(scorer.recipes, opened.split.recipes("train"))
     folds = make_folds(opened.split, 3)
@@ -205,12 +205,12 @@ def test_new_entities_are_scored_by_words_and_old_scores_stay(kitchen, tmp_path)
     settings = RecipeScorerConfig(kg="full", folds=2, features="glove")
     folder = train_recipes(RecipesConfig("kitchen", settings), tmp_path / "model").folder
     scorer = load_scorer(folder)
-    wider = with_words(folder, scorer, ["pancake", "lemonade"])
-    assert wider.entities == (*kitchen.entities, "pancake", "lemonade")
+    wider = with_words(folder, scorer, ["sorbet", "lemonade"])
+    assert wider.entities == (*kitchen.entities, "sorbet", "lemonade")
     recipe = "flour", "water", "dough"
     assert torch.equal(wider.score_recipes(*recipe), scorer.score_recipes(*recipe))
-    assert wider.score_recipes("flour", "milk", "pancake").isfinite()
-    assert wider.score("flour", "componentOf", "pancake").isfinite()
+    assert wider.score_recipes("flour", "milk", "sorbet").isfinite()
+    assert wider.score("flour", "componentOf", "sorbet").isfinite()
     with pytest.raises(ConfigError, match="exists already"):
         with_words(folder, scorer, ["flour"])
 

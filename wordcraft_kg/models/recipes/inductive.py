@@ -28,7 +28,7 @@ from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, make_features, named
 from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
-from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourScorer
+from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
@@ -81,8 +81,8 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
 
 
 def extended_lists(
-    scorer: NeighbourScorer, labels: Sequence[str], vectors: NDArray[np.floating]
-) -> NeighbourScorer:
+    scorer: NeighbourRecipeScorer, labels: Sequence[str], vectors: NDArray[np.floating]
+) -> NeighbourRecipeScorer:
     """Return a copy of a scorer by neighbour lists that scores n more entities, as :func:`extended`.
 
     ``vectors`` are unit word vectors of the new entities, shape (n, D). Old entities keep their lists, and so their
@@ -94,7 +94,7 @@ def extended_lists(
     size = len(scorer.entities)
     near = constants["near_words"].cpu()
     of_new = nearest_words(every.float().numpy(), near.shape[1], first=size)
-    return NeighbourScorer(
+    return NeighbourRecipeScorer(
         constants | {"vectors": every, "near_words": torch.cat([near, torch.from_numpy(of_new)])},
         _with_labels(scorer, labels),
         f"{scorer.graph_hash} and {len(labels)} more",
@@ -203,7 +203,7 @@ def with_words(
             "compared with the entities. Restore the vector file, or train again."
         )
     whole = whole_of(scorer)
-    uses_lists = isinstance(whole, NeighbourScorer)
+    uses_lists = isinstance(whole, NeighbourRecipeScorer)
     text = torch.empty(0) if uses_lists else cosines(torch.tensor(features.vectors))
     known = features.known
     why = f"No word in this label has a vector in {words}."
@@ -216,7 +216,7 @@ def with_words(
     for label, is_known in zip(labels, known[size:], strict=True):
         if not (is_known or allow_missing):
             raise unknown(label, why)
-    if isinstance(whole, NeighbourScorer):
+    if isinstance(whole, NeighbourRecipeScorer):
         return extended_lists(whole, labels, features.unit_vectors[size:])
     return extended(scorer, labels, text)
 

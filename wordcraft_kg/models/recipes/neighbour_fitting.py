@@ -103,10 +103,14 @@ def fit_by_neighbours(
                 if other in missing
             ]
 
-        with ThreadPoolExecutor(workers) as pool:
+        pool = ThreadPoolExecutor(workers)
+        try:
             for found in pool.map(made, new):
                 examples.update(found)
                 after()
+        finally:
+            # After Ctrl-C, sets that are not begun are never made.
+            pool.shutdown(cancel_futures=True)
         parts = [examples.pop((left_out, turn)) for turn in turns]
         missing.remove(left_out)
         yield left_out, _fitted(folds, words, left_out, parts, seed)

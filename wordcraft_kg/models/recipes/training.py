@@ -49,7 +49,7 @@ from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
 from wordcraft_kg.models.scorers.config import check_dense, fit_bytes
 from wordcraft_kg.models.scorers.features import make_features, named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
-from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourScorer
+from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
@@ -345,7 +345,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                         tensors = {
                             name: tensor
                             for name, tensor in tensors.items()
-                            if name not in NeighbourScorer.shared
+                            if name not in NeighbourRecipeScorer.shared
                         }
                     trained_on = triples_hash(folds.triples(left_out))
                     kept.save(every.index(left_out), tensors, FitDone(trained_on=trained_on))
@@ -396,7 +396,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     ) -> TrainedRecipes:
         graph, settings, folds = self.opened.graph, self.config.settings, self.folds
         tensors = kept.read(0).tensors
-        scorer: type[RecipeScorer] = NeighbourScorer if self.uses_lists else RecipeScorer
+        scorer: type[RecipeScorer] = NeighbourRecipeScorer if self.uses_lists else RecipeScorer
         write_scorer(run.path, scorer.kind, tensors, graph)
         outputs: tuple[str, ...] = OUTPUTS
         record = None

@@ -26,7 +26,7 @@ from wordcraft_kg.models.scorers.calibration import Probabilities, predictions
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
-from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourScorer
+from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
@@ -50,7 +50,7 @@ MODEL = "a model folder from train-complex, train-links or train-recipes"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
     "wordcraft_kg.models",
-    {kind.kind: kind for kind in (ComplExScorer, TableScorer, RecipeScorer, NeighbourScorer)},
+    {kind.kind: kind for kind in (ComplExScorer, TableScorer, RecipeScorer, NeighbourRecipeScorer)},
 )
 """Stored scorers by kind, the key in ``vocabulary.json``."""
 

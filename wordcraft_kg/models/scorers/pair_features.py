@@ -237,6 +237,18 @@ class RecipeKnowledge(PairKnowledge):
         crossed = alike[a, other].float() * alike[b, one]
         return supporting, alike[goal, result].float(), straight, crossed
 
+    def component_scores(self, entities: Tensor) -> Tensor:  # noqa: D102 - inherited
+        return self.parts[0, entities, :-1, 1].float()
+
+    def word_cosines(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
+        return self.words[entity, others].float()
+
+    def have_recipes(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
+        return self.numbers[0, entity, others] > 0
+
+    def log_uses(self) -> Tensor:  # noqa: D102 - inherited
+        return self.counts[0, :-1, 0]
+
     def knows(self, recipes: Tensor, model: int) -> Tensor:  # noqa: D102 - inherited
         one, other, result = recipes.T
         number = self.numbers[model, one, other].long()

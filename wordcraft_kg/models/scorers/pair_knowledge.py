@@ -87,6 +87,22 @@ class PairKnowledge(nn.Module, ABC):
     def knows(self, recipes: Tensor, model: int) -> Tensor:
         """Return a mask of the recipes, ids (n, 3), in a model's training data, shape (n,)."""
 
+    @abstractmethod
+    def component_scores(self, entities: Tensor) -> Tensor:
+        """Return componentOf scores of entities with all results by the first model, shape (n, E)."""
+
+    @abstractmethod
+    def word_cosines(self, entity: int, others: Tensor) -> Tensor:
+        """Return word cosines of an entity and n others, shape (n,)."""
+
+    @abstractmethod
+    def have_recipes(self, entity: int, others: Tensor) -> Tensor:
+        """Return whether the first model knows a recipe of an entity and each of n others, shape (n,), bool."""
+
+    @abstractmethod
+    def log_uses(self) -> Tensor:
+        """Return log(1 + recipes of the first model that use an entity), shape (E,)."""
+
     @property
     def num_models(self) -> int:
         """Number of models M."""

@@ -207,6 +207,23 @@ class NeighbourKnowledge(PairKnowledge):
         like_goal = torch.from_numpy(lists.support_alike[goal, : len(numbers)].copy())
         return torch.from_numpy(recipes.astype(np.int64)), like_goal, straight, crossed
 
+    def component_scores(self, entities: Tensor) -> Tensor:  # noqa: D102 - inherited
+        lists = self.lists()
+        return torch.from_numpy(lists.left[entities.cpu().numpy()] @ lists.right.T)
+
+    def word_cosines(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
+        vectors = self.vectors.float()
+        return vectors[others] @ vectors[entity]
+
+    def have_recipes(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
+        lists = self.lists()
+        first, second = (torch.from_numpy(part) for part in (lists.first, lists.second))
+        partners = torch.cat([second[first == entity], first[second == entity]])
+        return torch.isin(others, partners)
+
+    def log_uses(self) -> Tensor:  # noqa: D102 - inherited
+        return torch.from_numpy(self.lists().num_uses).float().log1p()
+
     def knows(self, recipes: Tensor, model: int) -> Tensor:  # noqa: D102 - inherited
         size = self.num_entities
         known = _codes(self.recipes[self.seen[model]].long(), size)

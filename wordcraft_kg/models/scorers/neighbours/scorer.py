@@ -22,7 +22,7 @@ _DTYPES = {
 """Stored tensor types, where not float32."""
 
 
-class NeighbourScorer(RecipeScorer):
+class NeighbourRecipeScorer(RecipeScorer):
     """A recipe scorer for books of any size: features come from neighbour lists, not from tables.
 
     Recipe scores are those of a ranker, as in :class:`RecipeScorer`. Link scores are a kernel

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import ClassVar, Self
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -12,7 +13,9 @@ from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import Evidence, ScoreView, check_constants
 from wordcraft_kg.models.policies.states import Attempts, States
+from wordcraft_kg.models.recipes.method import uses_lists
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
+from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
 from wordcraft_kg.models.scorers.pair_features import knowledge_of
 from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
@@ -116,13 +119,7 @@ class BestPlan(BestRecipe):
     @classmethod
     def of_recipes(cls, size: int, recipes: Ids) -> Self:
         """Return a source that plans with the given recipes alone, ids (n, 3), for a graph with ``size`` entities."""
-        nothing, links = torch.zeros(size, size), torch.zeros(size, size)
-        for part in (0, 1):
-            links[recipes[:, part].copy(), recipes[:, 2].copy()] = KNOWN_LINK
-        source = cls(
-            size,
-            knowledge_of(recipes, torch.eye(size), nothing, (nothing, links), (nothing, links)),
-        )
+        source = cls(size, _without_words(size, recipes))
         impossible = [10 * NO_PLAN] * KINDS
         source.register_buffer(
             "curve", torch.tensor([*impossible, 0.0, 0.0, 0.0], dtype=torch.float64)
@@ -157,6 +154,20 @@ class BestPlan(BestRecipe):
         return tuple(
             one and planned(entity, one) for entity, one in zip(entities, evidence, strict=True)
         )
+
+
+def _without_words(size: int, recipes: Ids) -> PairKnowledge:
+    """Return the knowledge of recipes, ids (n, 3), and nothing else, for a graph with ``size`` entities."""
+    if uses_lists(size):
+        no_words = np.zeros((size, 0))
+        return NeighbourKnowledge.of_recipes(
+            recipes, no_words.astype(np.float16), no_words.astype(np.int32)
+        )
+    nothing = torch.zeros(size, size)
+    links = torch.zeros(size, size)
+    for part in (0, 1):
+        links[recipes[:, part].copy(), recipes[:, 2].copy()] = KNOWN_LINK
+    return knowledge_of(recipes, torch.eye(size), nothing, (nothing, links), (nothing, links))
 
 
 def _forget(source: nn.Module, _: object) -> None:

@@ -181,7 +181,7 @@ def test_nearest_words_are_the_largest_positive_cosines_with_ties_by_id():
         assert near[row].tolist() == expected
     assert near[5, :2].tolist() == [3, 7]
     np.testing.assert_array_equal(nearest_words(vectors, 6, first=30), near[30:])
-    assert nearest_words(vectors[:, :0], 6).tolist() == [[-1] * 6] * 40
+    assert nearest_words(vectors[:, :0], 6).shape == (40, 0)
     assert nearest_words(vectors[:1], 6).shape == (1, 0)
 
 

@@ -86,7 +86,7 @@ def extended_lists(
     """Return a copy of a scorer by neighbour lists that scores n more entities, as :func:`extended`.
 
     ``vectors`` are unit word vectors of the new entities, shape (n, D). Old entities keep their lists, and so their
-    scores to the bit; the lists of new entities name old and new ones.
+    scores up to rounding; the lists of new entities name old and new ones.
     """
     constants = scorer.knowledge.constants()
     new = torch.from_numpy(vectors.astype(np.float16))

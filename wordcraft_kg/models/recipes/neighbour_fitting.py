@@ -165,7 +165,8 @@ def _examples(folds: Folds, lists: Lists, left_out: LeftOut, held_out: int, seed
     a = tables[:, one]
     b = tables[:, other]
     competes = (a >= 0) & (b >= 0)
-    is_right = np.isin(_codes(a, b, goals[:, None], size), _codes(*known.T, size)) & competes
+    of_known = _codes(known[:, 0], known[:, 1], known[:, 2], size)
+    is_right = np.isin(_codes(a, b, goals[:, None], size), of_known) & competes
     return _tensor(features), _tensor(competes), _tensor(is_right)
 
 

@@ -119,10 +119,10 @@ class RecipeKnowledge(PairKnowledge):
         return cls(constants)
 
     @classmethod
-    def stacked(cls, models: Sequence[PairKnowledge]) -> Self:
-        """Combine several models' knowledge along each array's first axis."""
+    def stacked(cls, models: Sequence[PairKnowledge]) -> Self:  # noqa: D102 - inherited
         nothing = models[0].num_entities
-        shape = [max(model.results.shape[axis] for model in models) for axis in (1, 2)]
+        results = [model.results for model in models if isinstance(model, RecipeKnowledge)]
+        shape = [max(each.shape[axis] for each in results) for axis in (1, 2)]
 
         def joined(name: str) -> Tensor:
             parts = [getattr(model, name) for model in models]

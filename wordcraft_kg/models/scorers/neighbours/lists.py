@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.kernel import TEXT, profiles
+from wordcraft_kg.models.scorers.neighbours.regression import RANK, link_factors
 
 Numbers = NDArray[np.int32]
 Floats = NDArray[np.float32]
@@ -102,14 +103,15 @@ def nearest_words(
     Exact, in blocks of rows: T² D operations, and memory for ``block`` x T cosines.
 
     Args:
-        vectors: unit vectors, shape (T, D); zeros have no neighbours.
+        vectors: unit vectors, shape (T, D); zeros have no neighbours, and without words lists are empty.
         count: length of the lists; -1 fills lists that are too short.
         block: rows at once.
         first: entity with the first list; the lists of others are known already.
     """
     size = len(vectors)
-    near = np.full((size - first, min(count, max(size - 1, 0))), -1, dtype=np.int32)
-    if not vectors.shape[1]:
+    width = min(count, max(size - 1, 0)) if vectors.shape[1] else 0
+    near = np.full((size - first, width), -1, dtype=np.int32)
+    if not width:
         return near
     # Compiled loops are imported late: numba takes as long to import as all the rest.
     from wordcraft_kg.models.scorers.neighbours import loops
@@ -133,7 +135,7 @@ def make_lists(
     made: int = MADE,
     support: int = SUPPORT,
     common: int = COMMON,
-    rank: int | None = None,
+    rank: int = RANK,
 ) -> Lists:
     """Make the lists of a set of recipes.
 
@@ -146,10 +148,9 @@ def make_lists(
         made: G, neighbours that are results.
         support: R, recipes for a goal.
         common: longest profile column in the search for neighbours.
-        rank: rank of the kernel regression; None for
-            :data:`~wordcraft_kg.models.scorers.neighbours.regression.RANK`.
+        rank: rank of the kernel regression.
     """
-    from wordcraft_kg.models.scorers.neighbours import loops, regression
+    from wordcraft_kg.models.scorers.neighbours import loops
 
     size = len(vectors)
     ordered = _ordered(recipes)
@@ -170,41 +171,55 @@ def make_lists(
     )
     # A profile has length 1, words add their part; entities with neither stay at the words' part.
     norms = ((np.diff(rows.indptr) > 0) + TEXT).astype(np.float32)
-    alike = vectors, near, near_cosines, norms
-    of_ingredients = loops.merged_neighbours(*alike, near_words, num_uses > 0, min(used, size))
-    of_goals = loops.merged_neighbours(*alike, near_words, num_makers > 0, min(made, size))
-    by_result = _by_result(ordered, size)
+    is_used = num_uses > 0
+    is_made = num_makers > 0
+    of_used, used_alike, used_words = loops.merged_neighbours(
+        vectors, near, near_cosines, norms, near_words, is_used, min(used, size)
+    )
+    of_made, made_alike, made_words = loops.merged_neighbours(
+        vectors, near, near_cosines, norms, near_words, is_made, min(made, size)
+    )
     starts = np.concatenate([[0], np.cumsum(num_makers)]).astype(np.int64)
-    supporting = loops.supporting(*of_goals, starts, by_result, min(support, max(len(ordered), 1)))
+    most = min(support, max(len(ordered), 1))
+    supporting, support_alike, support_words = loops.supporting(
+        of_made, made_alike, made_words, starts, _by_result(ordered), most
+    )
     pairs = first.astype(np.int64) * size + second
-    pair_table = loops.pair_table(pairs, _table_size(len(pairs)))
+    pair_keys, pair_starts, pair_counts = loops.pair_table(pairs, _table_size(len(pairs)))
+    # A recipe with twice the same ingredient is one link.
     is_other = first != second
-    links = np.concatenate(
-        [
-            first.astype(np.int64) * size + result,
-            second[is_other].astype(np.int64) * size + result[is_other],
-        ]
-    )
-    link_table = loops.count_table(links, _table_size(len(links)))
-    factors = regression.link_factors(
-        ordered, rows, vectors, regression.RANK if rank is None else rank
-    )
+    of_first = first.astype(np.int64) * size + result
+    of_second = second[is_other].astype(np.int64) * size + result[is_other]
+    links = np.concatenate([of_first, of_second])
+    link_keys, link_counts = loops.count_table(links, _table_size(len(links)))
+    left, right, pair_left = link_factors(ordered, rows, vectors, rank)
     return Lists(
-        vectors,
-        near,
-        near_cosines,
-        norms,
-        *of_ingredients,
-        *of_goals,
-        *supporting,
-        first,
-        second,
-        result,
-        *pair_table,
-        *link_table,
-        num_uses,
-        num_makers,
-        *factors,
+        vectors=vectors,
+        near=near,
+        near_cosines=near_cosines,
+        norms=norms,
+        used=of_used,
+        used_alike=used_alike,
+        used_words=used_words,
+        made=of_made,
+        made_alike=made_alike,
+        made_words=made_words,
+        support=supporting,
+        support_alike=support_alike,
+        support_words=support_words,
+        first=first,
+        second=second,
+        result=result,
+        pair_keys=pair_keys,
+        pair_starts=pair_starts,
+        pair_counts=pair_counts,
+        link_keys=link_keys,
+        link_counts=link_counts,
+        num_uses=num_uses,
+        num_makers=num_makers,
+        left=left,
+        right=right,
+        pair_left=pair_left,
     )
 
 
@@ -219,7 +234,7 @@ def _counted(ids: Numbers, size: int) -> Numbers:
     return np.bincount(ids, minlength=size).astype(np.int32)
 
 
-def _by_result(recipes: Ids, size: int) -> Numbers:
+def _by_result(recipes: Ids) -> Numbers:
     """Return recipe numbers by result, and within a result in an order that looks random.
 
     A hub has more recipes than a list holds, and a random part speaks for it better than the
@@ -227,7 +242,8 @@ def _by_result(recipes: Ids, size: int) -> Numbers:
     go do not change it.
     """
     # The finalizer of splitmix64 (Steele, Lea and Flood 2014); products wrap around.
-    mixed = recipes[:, 0].astype(np.uint64) * np.uint64(size) + recipes[:, 1].astype(np.uint64)
+    mixed = recipes[:, 0].astype(np.uint64) << np.uint64(32)
+    mixed |= recipes[:, 1].astype(np.uint64)
     mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     mixed ^= mixed >> np.uint64(31)

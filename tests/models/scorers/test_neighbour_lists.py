@@ -8,6 +8,7 @@ import pytest
 import torch
 from link_helpers import random_graph
 
+from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.models.scorers.kernel import TEXT, kernel_regression, link_matrices, profiles
 from wordcraft_kg.models.scorers.neighbours import loops
 from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, OF_PAIRS, NeighbourKnowledge
@@ -238,6 +239,16 @@ def test_scores_of_a_batch_are_those_of_single_tables_in_any_order_of_slots():
     order = torch.from_numpy(np.random.default_rng(3).permutation(table.shape[1]))
     moved = known(goal, table[:, order], model)
     torch.testing.assert_close(moved, scores[:, order][:, :, order], rtol=1e-4, atol=1e-4)
+
+
+def test_two_threads_compute_the_same_features_as_one():
+    known = random_knowledge(0)
+    goal, table = random_tables(rows=300)
+    model = torch.zeros_like(goal)
+    with torch_threads(1):
+        alone = known.features(goal, table, model)
+    with torch_threads(2):
+        assert torch.equal(known.features(goal, table, model), alone)
 
 
 def test_ids_outside_the_book_are_refused_and_a_missing_goal_has_no_features():

@@ -28,7 +28,12 @@ from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRe
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
 from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
+from wordcraft_kg.models.scorers.ranking import (
+    mean_reciprocal_rank,
+    rank_triples,
+    sampled,
+    sampled_for,
+)
 from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
 from wordcraft_kg.runs.files import RunFiles
@@ -42,6 +47,8 @@ FOLDS_TENSORS = "folds.safetensors"
 CALIBRATION = "calibration.json"
 FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 """Further files of a cross-fitted model."""
+FOLD_TRIPLES = 5_000
+"""Most triples of a fold that are ranked, by two models: the figures tell whether a fold was left out, to .01."""
 OF_RECIPE = "of_recipe"
 """Name of the tensor with each recipe's fold."""
 TRAIN_RESULTS = "train_results"
@@ -307,7 +314,8 @@ def write_folds(
         seen = folds.triples([number])
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
         own = recipe_triples(folds.recipes_of(number))
-        queries = sampled_for(graph, own[~is_in(own, seen, graph.num_entities)])
+        new = own[~is_in(own, seen, graph.num_entities)]
+        queries = sampled(sampled_for(graph, new), FOLD_TRIPLES)
         left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
         histograms.append(predictions(left_out, folds, number))
         # Filtered by all train triples: test recipes must not leak into a model folder.

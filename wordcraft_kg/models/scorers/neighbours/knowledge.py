@@ -1,6 +1,7 @@
 """Recipe knowledge by neighbour lists: features and scores of pairs at any size of a book."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -11,7 +12,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.scorers.neighbours.lists import Lists, make_lists
+from wordcraft_kg.models.scorers.neighbours.lists import Floats, Lists, make_lists
 from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, pairs_of
 from wordcraft_kg.models.scorers.ranker import RANKER
 
@@ -83,6 +84,8 @@ FEATURES = (
     *OF_PAIRS,
 )
 """All features, in the order of the ranker's weights."""
+_ROWS = 64
+"""Fewest tables for a thread: starting it takes as long as a few tables."""
 BUFFERS = ("vectors", "near_words", "recipes", "seen", *RANKER)
 """Names of the stored tensors."""
 
@@ -176,8 +179,6 @@ class NeighbourKnowledge(PairKnowledge):
     def features(  # noqa: D102 - inherited
         self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
     ) -> Tensor:
-        from wordcraft_kg.models.scorers.neighbours import loops
-
         one, other = (
             slots.cpu().numpy() for slots in pairs or pairs_of(table.shape[1], table.device)
         )
@@ -187,9 +188,7 @@ class NeighbourKnowledge(PairKnowledge):
         features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
         for number in np.unique(models).tolist():
             rows = np.flatnonzero(models == number)
-            of_rows = np.zeros((len(rows), *features.shape[1:]), dtype=np.float32)
-            loops.table_features(self.lists(number), goals[rows], tables[rows], one, other, of_rows)
-            features[rows] = of_rows
+            features[rows] = _features(self.lists(number), goals[rows], tables[rows], one, other)
         return torch.from_numpy(features).to(goal.device).permute(2, 0, 1)
 
     def support_of(  # noqa: D102 - inherited
@@ -264,6 +263,32 @@ class NeighbourKnowledge(PairKnowledge):
             found[rows] = of_rows
         ids = torch.from_numpy(found.astype(np.int64)).to(goal.device)
         return ids.masked_fill(ids < 0, self.num_entities)
+
+
+def _features(lists: Lists, goals: Ids, tables: Ids, one: Ids, other: Ids) -> Floats:
+    """Return the features of pairs of slots, shape (B, P, F), by as many threads as torch may use."""
+    from wordcraft_kg.models.scorers.neighbours import loops
+
+    features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
+    workers = min(torch.get_num_threads(), len(goals) // _ROWS)
+    if workers <= 1:
+        loops.table_features(lists, goals, tables, one, other, features)
+        return features
+    # Rows do not depend on each other, and compiled loops run without Python's lock.
+    blocks = [
+        slice(int(rows[0]), int(rows[-1]) + 1)
+        for rows in np.array_split(np.arange(len(goals)), workers)
+    ]
+    with ThreadPoolExecutor(workers) as pool:
+        done = [
+            pool.submit(
+                loops.table_features, lists, goals[rows], tables[rows], one, other, features[rows]
+            )
+            for rows in blocks
+        ]
+    for part in done:
+        part.result()
+    return features
 
 
 def _codes(recipes: Tensor, size: int) -> Tensor:

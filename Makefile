@@ -19,7 +19,7 @@ INSTALL_TORCH := -m pip install --quiet $(or $(TORCH),--constraint constraints.t
 help:
 	@echo "make demo     set up, then book -> graph -> scorers -> agents -> reports, on the book everyday"
 	@echo "make test     set up, then the tests, in minutes: of the core (make test-core) and of the apps (make test-apps)"
-	@echo "make install  set up .venv only; CPU build of torch with TORCH='--index-url URL', see docs/installation.md"
+	@echo "make install  set up .venv with the tools of tests; CPU build of torch with TORCH='--index-url URL', see docs/installation.md"
 	@echo "make slow     thorough and long tests; of some rooms with ROOMS='tests/runs tests/models'"
 	@echo "make browser  the tests of pages in Chromium"
 	@echo "make lint     ruff, mypy, directions of imports, generated pages"
@@ -36,14 +36,21 @@ help:
 
 install: .venv/installed
 
-.venv/installed: pyproject.toml constraints.txt
+# The package without the tools of tests, which the demo never needs.
+.venv/package: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@echo "installing torch and the package in .venv: a minute or two"
 	$(BIN)/python $(INSTALL_TORCH)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	touch $@
+
+.venv/installed: .venv/package
+	@echo "installing the tools of tests in .venv: browsers' clients, language-model clients, linters; some minutes"
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev]"
 	touch $@
 
 # ComplEx with 3 folds instead of 5: two thirds of the time.
-demo: install
+demo: .venv/package
 	$(BIN)/wordcraft-kg build-graph everyday --out $(DEMO)/graphs/everyday --force
 	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/everyday --folds 3 --out $(DEMO)/models/everyday-partial --force
 	$(BIN)/wordcraft-kg train-recipes $(DEMO)/graphs/everyday --out $(DEMO)/models/everyday-recipes --force
@@ -54,7 +61,7 @@ demo: install
 	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-partial \
 		--out $(DEMO)/runs/partial --force
 	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-recipes \
-		--use u,v,w --out $(DEMO)/runs/recipes --force
+		--use combines,component,recipe --out $(DEMO)/runs/recipes --force
 	$(BIN)/wordcraft-kg compare $(DEMO)/runs/no-kg $(DEMO)/runs/partial $(DEMO)/runs/recipes \
 		--out $(DEMO)/reports/agents --force
 	$(BIN)/wordcraft-kg explain $(DEMO)/runs/recipes --episodes 1
@@ -104,7 +111,7 @@ docs: install
 # 124: the time is over. All finished cells are stored, and the next call resumes the unfinished trainings.
 results: install
 	timeout --foreground --signal=INT $(MINUTES)m nice -n 19 $(BIN)/wordcraft-kg reproduce $(STUDY) \
-		--store docs/results/cells --out results --keep figures || [ $$? = 124 ]
+		--store docs/results/cells --out results --keep metrics || [ $$? = 124 ]
 
 .venv/installed-docs: .venv/installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"

@@ -1,13 +1,14 @@
-"""What learning adds: the success of trained agents minus the success of their scorers alone, on the same tables.
+"""What learning adds: the success of trained agents minus the success of their scorers alone, on
+the same tables.
 
     wordcraft-kg reproduce benchmarks/agent_against_scorer.toml --out results
     python benchmarks/agent_against_scorer.py results --json figures.json
 
-The agent of each run in the results folder plays all test tasks on 5 tables each, and so does w alone, the pair with
-the highest recipe score. Prints a row for each book, split kind and number of distractors: means over runs, then over
-splits, with an interval over splits that is never narrower than that of the tasks in one. For other books change
-``book`` in the study, and ``scorer_cost`` for small ones; ``reached_first`` in small_books.py shows how a large book
-is cut.
+The agent of each run in the results folder plays all test tasks on 5 tables each, and so does w
+alone, the pair with the highest recipe score. Prints a row for each book, split kind and number of
+distractors: means over runs, then over splits, with an interval over splits that is never narrower
+than that of the tasks in one. For other books change ``book`` in the study, and ``scorer_cost`` for
+small ones; ``reached_first`` in small_books.py shows how a large book is cut.
 """
 
 import argparse
@@ -84,9 +85,10 @@ def main() -> None:
             sum(row["interval"][1] < 0 for row in runs),
         )
         print(
-            f"{values[0]:18} {values[1]:10} {values[2]} distractors, penalty {values[3]}: agent {agent:.3f}, gain "
-            f"{np.mean(gains):+.4f} [{low:+.4f}, {high:+.4f}], splits {' '.join(f'{gain:+.3f}' for gain in gains)}; "
-            f"differs {differs:.2f}; lowest end {worst:+.3f}, {above} runs above 0, {below} below"
+            f"{values[0]:18} {values[1]:10} {values[2]} distractors, penalty {values[3]}: agent "
+            f"{agent:.3f}, gain {np.mean(gains):+.4f} [{low:+.4f}, {high:+.4f}], splits "
+            f"{' '.join(f'{gain:+.3f}' for gain in gains)}; differs {differs:.2f}; lowest end "
+            f"{worst:+.3f}, {above} runs above 0, {below} below"
         )
     if options.json:
         write_atomically(options.json, json.dumps(rows, indent=1) + "\n")

@@ -108,6 +108,21 @@ def check(run: Path, given: dict[str, object]) -> None:
         )
 
 
+def make_inputs(book: str, home: Path, *, is_choice: bool) -> Path:
+    """Build the graph and train both scorers, unless they are there; return the graph's folder."""
+    graph = home / "graph"
+    if not graph.exists():
+        split = ["--train-ratio", "0.8", "--seed", "0"]
+        # Choices are made on validation tasks.
+        if is_choice:
+            split += ["--valid-ratio", "0.1"]
+        command("build-graph", book, "--split", "by-recipe", *split, "--out", str(graph))
+    for kg in ("partial", "full"):
+        if not (home / kg).exists():
+            command("train-complex", str(graph), "--kg", kg, "--out", str(home / kg))
+    return graph
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -124,25 +139,14 @@ def main() -> None:
     is_choice = options.what == "choices"
     seeds = options.seeds or (2 if is_choice else 5)
     home = options.out / options.what
-    graph = home / "graph"
-    if not graph.exists():
-        split = [
-            "--train-ratio",
-            "0.8",
-            *(["--valid-ratio", "0.1"] if is_choice else []),
-            "--seed",
-            "0",
-        ]
-        command("build-graph", options.book, "--split", "by-recipe", *split, "--out", str(graph))
-    for kg in ("partial", "full"):
-        if not (home / kg).exists():
-            command("train-complex", str(graph), "--kg", kg, "--out", str(home / kg))
+    graph = make_inputs(options.book, home, is_choice=is_choice)
     variants = CHOICES if is_choice else AGENTS
     if options.only:
         variants = {name: variants[name] for name in options.only.split(";")}
     part = "valid" if is_choice else "test"
     print(
-        f"success on {part} tasks after {options.steps:,} steps, {seeds} seeds: mean [range] [95 % interval over seeds]"
+        f"success on {part} tasks after {options.steps:,} steps, {seeds} seeds: mean [range] [95 % "
+        "interval over seeds]"
     )
     for distractors in map(int, options.distractors.split(",")):
         evaluators = {}

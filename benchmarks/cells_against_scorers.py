@@ -50,7 +50,7 @@ def recipe_scorers(folder: Path) -> dict[tuple[str, int | None], Any]:
 
 def rates_alone(model: Any, depth: int, distractors: int, distractor_seeds: int) -> np.ndarray:
     """Return the success of a recipe scorer alone on each test task: by w at depth 1, by its plans at more."""
-    player = knowledge_player(make_sources(["p"], model.scorer))
+    player = knowledge_player(make_sources(["plan"], model.scorer))
     if depth == 1:
         player = scorer_players(model.opened.graph, model.scorer, model.triples)["w, best pair"]
     world = World(model.opened, WordCraftConfig("test", depth, distractors))
@@ -137,9 +137,9 @@ def main() -> None:
                 row,
             ]
             print(
-                f"{row['book']} {row['kind']}, depth {depth}, {distractors} distractors, {variant}: agent "
-                f"{row['agent']:.3f}, scorer {row['scorer']:.3f}, difference {value:+.3f} [{low:+.3f}, {high:+.3f}], "
-                f"p {p_value:.2g}, {len(runs)} seeds",
+                f"{row['book']} {row['kind']}, depth {depth}, {distractors} distractors, "
+                f"{variant}: agent {row['agent']:.3f}, scorer {row['scorer']:.3f}, difference "
+                f"{value:+.3f} [{low:+.3f}, {high:+.3f}], p {p_value:.2g}, {len(runs)} seeds",
                 flush=True,
             )
             rows.sort(key=lambda row: [str(row[name]) for name in KEY])

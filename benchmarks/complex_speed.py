@@ -114,11 +114,13 @@ def main() -> None:
             seconds["PyKEEN stock"] = [timed(stock.train, factory, num_epochs=1, **training)]
     medians = {name: float(np.median(values)) for name, values in seconds.items()}
     print(
-        f"{opened.graph.name}: {len(opened.split.partial):,} triples, {config.dim} dims, batch {config.batch_size}"
+        f"{opened.graph.name}: {len(opened.split.partial):,} triples, {config.dim} dims, batch "
+        f"{config.batch_size}"
     )
     for name, value in medians.items():
         print(
-            f"{name:<13} {value:8.3f} s an epoch   {value / medians['plain torch']:7.2f} x plain torch"
+            f"{name:<13} {value:8.3f} s an epoch   {value / medians['plain torch']:7.2f} x plain "
+            "torch"
         )
     if "PyKEEN stock" in medians:
         print(

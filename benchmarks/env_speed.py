@@ -2,8 +2,9 @@
 
     python benchmarks/env_speed.py little-alchemy-2
 
-Depth 1 and 8 distractors unless said otherwise; random legal actions, resets included. *Naive* is gymnasium's
-SyncVectorEnv over the single environment: a Python loop over environments, as one would write it without the engine.
+Depth 1 and 8 distractors unless said otherwise; random legal actions, resets included. *Naive* is
+gymnasium's SyncVectorEnv over the single environment: a Python loop over environments, as one would
+write it without the engine.
 """
 
 import argparse
@@ -120,7 +121,8 @@ def main() -> None:
         speed = rate(run)
         ratio = f", {speed / loop:.0f} times the naive loop" if num_envs == 1_024 else ""
         print(
-            f"batched, {num_envs:5,}            {speed:12,.0f} steps/s, {memory(state):.0f} bytes each{ratio}"
+            f"batched, {num_envs:5,}            {speed:12,.0f} steps/s, {memory(state):.0f} bytes "
+            f"each{ratio}"
         )
     run, _ = batched(opened, 1_024, depth=3)
     print(f"batched, 1,024, depth 3   {rate(run):12,.0f} steps/s")

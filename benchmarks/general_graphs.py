@@ -3,9 +3,10 @@
     python benchmarks/general_graphs.py senses everyday /usr/share/wordnet
     python benchmarks/general_graphs.py assertions everyday assertions.csv --lines 3000000
 
-``senses`` compares the chosen senses, and each word's first sense, with the senses in data/everyday/entities.csv.
-``assertions`` writes generated lines in ConceptNet's format; 15 % of the words are labels of the graph. For seconds and
-memory: ``/usr/bin/time -v wordcraft-kg import-knowledge everyday --conceptnet assertions.csv``.
+``senses`` compares the chosen senses, and each word's first sense, with the senses in
+data/everyday/entities.csv. ``assertions`` writes generated lines in ConceptNet's format; 15 % of
+the words are labels of the graph. For seconds and memory: ``/usr/bin/time -v wordcraft-kg
+import-knowledge everyday --conceptnet assertions.csv``.
 """
 
 import argparse
@@ -62,7 +63,8 @@ def senses(graph: str, wordnet: Path) -> None:
             sum(row[column] for row in inside) / max(len(inside), 1) for column in (0, 1)
         )
         print(
-            f"confidence {low:.2f}-{high:.2f}: {len(inside):4d} labels, mean {mean:.2f}, right {share:.2f}"
+            f"confidence {low:.2f}-{high:.2f}: {len(inside):4d} labels, mean {mean:.2f}, right "
+            f"{share:.2f}"
         )
 
 
@@ -84,7 +86,10 @@ def assertions(graph: str, out: Path, lines: int, seed: int = 0) -> None:
                 f"/r/{rng.choice(RELATIONS)}",
                 f"/c/en/{word()}",
             )
-            about = f'{{"dataset": "/d/generated", "license": "cc:by/4.0", "weight": {1 + 3 * rng.random():.1f}}}'
+            about = (
+                f'{{"dataset": "/d/generated", "license": "cc:by/4.0", "weight": '
+                f"{1 + 3 * rng.random():.1f}}}"
+            )
             file.write(f"/a/[{relation}/,{start}/,{end}/]\t{relation}\t{start}\t{end}\t{about}\n")
 
 

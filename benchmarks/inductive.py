@@ -65,11 +65,12 @@ def fit_links(folds: Folds, text: torch.Tensor) -> LinkRankers:
     )[1]
 
 
-# --- entities taken out ----------------------------------------------------------------------------------------------
+# --- entities taken out ---------------------------------------------------------------------------
 
 
 def without(graph: RecipeGraph, amount: int, seed: int) -> tuple[RecipeGraph, NDArray[np.bool_]]:
-    """Return the graph without some entities, and the remaining recipes' indices in the whole graph."""
+    """Return the graph without some entities, and the remaining recipes' indices in the whole
+    graph."""
     recipes = graph.recipes
     uses = np.bincount(
         np.concatenate([np.unique(row) for row in recipes]), minlength=graph.num_entities
@@ -81,7 +82,8 @@ def without(graph: RecipeGraph, amount: int, seed: int) -> tuple[RecipeGraph, ND
 
 
 def scored_by_words(graph: RecipeGraph, rest: RecipeGraph, seed: int) -> list[TripleScorer]:
-    """Return whole-graph scorers trained on the remaining recipes: rankers, kernel, rankers with permuted words."""
+    """Return whole-graph scorers trained on the remaining recipes: rankers, kernel, rankers with
+    permuted words."""
     new = [label for label in graph.entities if label not in rest]
     order = np.array([graph.id_of(label) for label in (*rest.entities, *new)])
     known = order[: rest.num_entities]
@@ -165,7 +167,7 @@ def test_removed(graph: RecipeGraph, amount: int, seeds: Sequence[int]) -> None:
             )
 
 
-# --- splits ----------------------------------------------------------------------------------------------------------
+# --- splits ---------------------------------------------------------------------------------------
 
 
 def test_splits(graph: RecipeGraph, kinds: Sequence[str], seeds: Sequence[int]) -> None:

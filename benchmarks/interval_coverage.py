@@ -1,15 +1,18 @@
-"""Simulate how often the printed 95 % intervals hold the truth, for few seeds and realistic variances.
+"""Simulate how often the printed 95 % intervals hold the truth, for few seeds and realistic
+variances.
 
     python benchmarks/interval_coverage.py --json docs/interval-coverage.json
 
-Agents: training s solves an attempt at task k with the logit ``mean + task_k + seed_s + rest_sk`` (normal, with the
-standard deviations of SUCCESS), and a task's score is the mean of five attempts. The scenarios span the means and the
-variances of the committed studies: the success of trainings has a standard deviation of .00 to .03, and of .02, .12 and
-.30 with the released code's settings; one scenario has single failed trainings. The truth is the mean over fresh seeds
-and tasks or, for an interval over seeds, over fresh seeds on these tasks.
+Agents: training s solves an attempt at task k with the logit ``mean + task_k + seed_s + rest_sk``
+(normal, with the standard deviations of SUCCESS), and a task's score is the mean of five attempts.
+The scenarios span the means and the variances of the committed studies: the success of trainings
+has a standard deviation of .00 to .03, and of .02, .12 and .30 with the released code's settings;
+one scenario has single failed trainings. The truth is the mean over fresh seeds and tasks or, for
+an interval over seeds, over fresh seeds on these tasks.
 
-Goals: tasks have a goal, and tasks of a goal are alike; goals have 1 to 40 tasks, as in Little Alchemy 2. Three to five
-splits of a book hold out a fifth of its goals each, with one training; the truth is that of fresh goals.
+Goals: tasks have a goal, and tasks of a goal are alike; goals have 1 to 40 tasks, as in Little
+Alchemy 2. Three to five splits of a book hold out a fifth of its goals each, with one training; the
+truth is that of fresh goals.
 """
 
 import argparse
@@ -86,7 +89,8 @@ def truth(name: str, *, of_one: bool = False) -> float:
 
 
 def scores(name: str, difficulty: Table, seeds: int, rng: np.random.Generator) -> Table:
-    """Return the success rates of ``seeds`` trainings, or of 0, an average one, on tasks, shape (seeds, tasks)."""
+    """Return the success rates of ``seeds`` trainings, or of 0, an average one, on tasks, shape
+    (seeds, tasks)."""
     mean, of_tasks, of_seeds, of_rest = SUCCESS[name]
     skill = of_seeds * rng.normal(size=(seeds, 1)) if seeds else np.zeros((1, 1))
     logits = (
@@ -107,7 +111,8 @@ def success(name: str, seeds: int, tasks: int) -> Trial:
 
 
 def failing(names: tuple[str, str], seeds: int, tasks: int) -> Trial:
-    """Success of trainings of the kind ``names[1]`` with the probability .2, and of the kind ``names[0]`` else."""
+    """Success of trainings of the kind ``names[1]`` with the probability .2, and of the kind
+    ``names[0]`` else."""
     expected = 0.8 * truth(names[0]) + 0.2 * truth(names[1])
 
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
@@ -149,7 +154,8 @@ STEPS = np.arange(21) * 50_000
 
 
 def curves(seeds: int, rng: np.random.Generator, speed: float) -> Table:
-    """Return learning curves from .016 to .3, shape (seeds, STEPS), with noise as of the agents without a graph."""
+    """Return learning curves from .016 to .3, shape (seeds, STEPS), with noise as of the agents
+    without a graph."""
     rates = speed * rng.lognormal(0, 0.15, (seeds, 1))
     ends = (
         0.284 + 0.004 * rng.normal(size=(seeds, 1)) + 0.002 * rng.normal(size=(seeds, len(STEPS)))
@@ -222,7 +228,8 @@ def of_players(names: tuple[str, str], _: int, tasks: int) -> Trial:
 
 
 WITHIN = 0.5
-"""Share of the variance of difficulty between goals; intervals by task are then 1.3 to 1.8 times too narrow."""
+"""Share of the variance of difficulty between goals; intervals by task are then 1.3 to 1.8 times
+too narrow."""
 
 
 def of_goals(goals: int) -> NDArray[np.int64]:
@@ -291,7 +298,8 @@ def of_players_by_goal(names: tuple[str, str], _: int, goals: int) -> Trial:
 
 
 def over_splits(name: str, splits: int, goals: int) -> Trial:
-    """Mean success over splits of a book with five times ``goals`` goals; a training for each split."""
+    """Mean success over splits of a book with five times ``goals`` goals; a training for each
+    split."""
     expected, groups = truth(name), of_goals(5 * goals)
 
     def trial(rng: np.random.Generator) -> tuple[tuple[float, float], float]:
@@ -364,11 +372,13 @@ KINDS: dict[str, tuple[Any, Any, tuple[int, ...], tuple[int, ...]]] = {
     "MRR of one scorer over recipes": (of_ranks, [2.0, 20.0], NONE, (200, 650)),
     "correlation over scorers": (of_points, ["pearson", "spearman"], NONE, (14,)),
 }
-"""Kinds of intervals: what makes a trial, scenarios, numbers of seeds (1: none) and numbers of tasks or points."""
+"""Kinds of intervals: what makes a trial, scenarios, numbers of seeds (1: none) and numbers of
+tasks or points."""
 
 
 def rows(times: int, only: str) -> Iterator[dict[str, Any]]:
-    """Yield the coverage of each kind: the mean over scenarios and numbers of tasks, the lowest and the highest."""
+    """Yield the coverage of each kind: the mean over scenarios and numbers of tasks, the lowest and
+    the highest."""
     for kind, (make, scenarios, seeds, sizes) in KINDS.items():
         for number in seeds if only in kind else ():
             found = []

@@ -1,11 +1,13 @@
-"""Count how often models' likeliest results for test pairs are in the book `everyday`, or accepted by a reader.
+"""Count how often models' likeliest results for test pairs are in the book `everyday`, or accepted
+by a reader.
 
     wordcraft-kg build-graph everyday --out graphs/everyday
     wordcraft-kg train-recipes graphs/everyday --features glove --out models/recipes
     wordcraft-kg train-complex graphs/everyday --out models/complex
     python benchmarks/judged_answers.py graphs/everyday models/recipes models/complex
 
-The verdicts are those of data/everyday/judged.csv, on the two likeliest results by these models for 300 test pairs.
+The verdicts are those of data/everyday/judged.csv, on the two likeliest results by these models for
+300 test pairs.
 """
 
 import argparse

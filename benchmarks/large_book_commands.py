@@ -1,9 +1,10 @@
-"""Run commands without training on large synthetic books, and print time and memory for each command.
+"""Run commands without training on large synthetic books, and print time and memory for each
+command.
 
 python benchmarks/large_book_commands.py --entities 30000 --recipes 250000
 
-Each command runs in a separate process. ``user`` is processor time, which hardly depends on machine load, ``wall`` the
-time from start to end, ``peak`` the maximum memory.
+Each command runs in a separate process. ``user`` is processor time, which hardly depends on machine
+load, ``wall`` the time from start to end, ``peak`` the maximum memory.
 """
 
 import argparse

@@ -3,8 +3,9 @@
     python benchmarks/large_book_links.py speed --entities 100000 --recipes 1000000 --batches 300
     python benchmarks/large_book_links.py quality GRAPH --epochs 5 --negatives 512 0
 
-`speed` times some batches on a synthetic book and extrapolates to an epoch, in CPU seconds on a single thread, which do
-not depend on machine load. `quality` trains on a folder's partial graph and ranks a sample of unseen triples.
+`speed` times some batches on a synthetic book and extrapolates to an epoch, in CPU seconds on a
+single thread, which do not depend on machine load. `quality` trains on a folder's partial graph and
+ranks a sample of unseen triples.
 """
 
 import argparse
@@ -63,7 +64,8 @@ def quality(graph: str, negatives: list[int], queries: int, config: dict[str, in
         return mean_reciprocal_rank(rank_triples(scorer, asked, known))
 
     print(
-        f"{opened.graph.name}: {opened.graph.num_entities:,} entities, {len(train):,} training triples",
+        f"{opened.graph.name}: {opened.graph.num_entities:,} entities, {len(train):,} training "
+        "triples",
         flush=True,
     )
     print(f"frequency       MRR {mrr(FrequencyScorer(opened.graph, train)):.4f}", flush=True)

@@ -89,7 +89,8 @@ def sweep_neighbours(graph: RecipeGraph) -> None:
                 ranking_metrics(rank_triples(scorer, split.held_out("valid"), graph.triples)).mrr
             )
         print(
-            f"a neighbour of n entities weighs n ** -{power}: validation MRR {np.mean(found):.4f}, mean of 3 splits"
+            f"a neighbour of n entities weighs n ** -{power}: validation MRR {np.mean(found):.4f}, "
+            "mean of 3 splits"
         )
 
 
@@ -105,7 +106,8 @@ def sweep_votes(graph: RecipeGraph) -> None:
             found.append([ranking_metrics(links).mrr, np.mean(1 / results)])
         of_links, of_results = np.mean(found, axis=0)
         print(
-            f"unseen {unseen}: validation MRR {of_links:.4f}, of the results of pairs {of_results:.4f}, 3 splits"
+            f"unseen {unseen}: validation MRR {of_links:.4f}, of the results of pairs "
+            f"{of_results:.4f}, 3 splits"
         )
 
 
@@ -156,15 +158,18 @@ def test(graph: RecipeGraph, folder: Path) -> None:
     split = make_split(graph, SplitConfig())
     full = train(split, ComplExConfig(kg="full"), folder)
     print(
-        f"full graph, on its own triples: MRR {full.metrics.train_mrr:.4f}  {full.metrics.seconds:.1f} s"
+        f"full graph, on its own triples: MRR {full.metrics.train_mrr:.4f}  "
+        f"{full.metrics.seconds:.1f} s"
     )
 
 
 def untrained(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
-    """Yield the figures of scorers without training, and of players by simple rules, on splits 0, 1 and 2.
+    """Yield the figures of scorers without training, and of players by simple rules, on splits 0, 1
+    and 2.
 
-    Each row has a name, a split seed, and either the filtered MRR on unseen triples (``no_near_synonym``: without
-    triples of recipes that repeat a train recipe with a near-synonym) or success with 8 and 1 distractors.
+    Each row has a name, a split seed, and either the filtered MRR on unseen triples
+    (``no_near_synonym``: without triples of recipes that repeat a train recipe with a near-synonym)
+    or success with 8 and 1 distractors.
     """
     features = glove_features(graph.entities)
     for seed in (0, 1, 2):

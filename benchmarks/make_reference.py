@@ -44,7 +44,7 @@ from wordcraft_kg.evaluation.reference import (
     ReferencePack,
     ReferenceRow,
     TaskPlay,
-    figures_of,
+    metrics_of,
     read_pack,
 )
 from wordcraft_kg.evaluation.reference_table import (
@@ -125,7 +125,8 @@ def alone(opened: OpenedGraph, named: Sequence[str]) -> Iterator[ReferenceRow]:
 
 
 def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow]:
-    """Yield rows for study variants that played depth 1 on this graph and split; equal runs once."""
+    """Yield rows for study variants that played depth 1 on this graph and split;
+    equal runs once."""
     seen: set[str] = set()
     for path in paths:
         results = read_record(path, StudyResults)
@@ -164,7 +165,7 @@ def studied(opened: OpenedGraph, paths: Sequence[Path]) -> Iterator[ReferenceRow
                 player=name if scorer or name.startswith("no graph") else PLAIN + name,
                 kind="agent",
                 measure="success",
-                figures=figures_of(found, own),
+                figures=metrics_of(found, own),
                 origin="ours",
                 source=f"{results.command} ({study.title})",
                 play=PLAYS[0][0],

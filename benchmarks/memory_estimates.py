@@ -1,9 +1,11 @@
-"""Compare the memory that commands expect with the memory that they take, on synthetic books of several sizes.
+"""Compare the memory that commands expect with the memory that they take, on synthetic books of
+several sizes.
 
 python benchmarks/memory_estimates.py --entities 500 1000 1500 2000 3000
 
-Each command runs in a process of its own, with a single fit (``--kg full``) and a thread. A row shows what the command
-expects for a fit, its largest resident memory, and the ratio; the difference should be within 15 %.
+Each command runs in a process of its own, with a single fit (``--kg full``) and a thread. A row
+shows what the command expects for a fit, its largest resident memory, and the ratio; the difference
+should be within 15 %.
 """
 
 import argparse

@@ -62,7 +62,8 @@ ZERO_SHOT = "zero-shot"
 def fitted(
     opened: OpenedGraph, name: str, words: str, specs: Sequence[str]
 ) -> tuple[RecipeKnowledge, LinkRankers]:
-    """Fit a scorer on the train recipes; a row that starts with "zero-shot" learns from other books only."""
+    """Fit a scorer on the train recipes; a row that starts with "zero-shot" learns from other books
+    only."""
     if not name.startswith(ZERO_SHOT):
         outside = open_outside(specs, opened, words)
         return fit_recipe_scorer(
@@ -93,8 +94,8 @@ def played(
         made: labels of goals that the other book makes; None for no figures by goal.
 
     Returns:
-        Success by group of tasks: all (the empty name), ``few``, and with ``made`` also ``made`` and ``other``; NaN for
-        a group without tasks.
+        Success by group of tasks: all (the empty name), ``few``, and with ``made`` also ``made``
+        and ``other``; NaN for a group without tasks.
     """
     world = World(opened, WordCraftConfig(part=part, num_distractors=distractors))  # type: ignore[arg-type]
     size, tasks = opened.graph.num_entities, np.arange(len(world.tasks))
@@ -136,7 +137,7 @@ def goals_among(world: World, labels: frozenset[str]) -> NDArray[np.bool_]:
     return np.array([label in labels for label in world.graph.labels(world.tasks.goals)])
 
 
-def scorer_figures(
+def scorer_metrics(
     opened: OpenedGraph, part: str, name: str, words: str, specs: Sequence[str], made_by: str | None
 ) -> dict[str, float]:
     """Return a scorer's MRR and success alone, on all tasks and by groups as in :func:`played`."""
@@ -163,10 +164,11 @@ def scorer_figures(
     return figures
 
 
-def agent_figures(
+def agent_metrics(
     opened: OpenedGraph, part: str, words: str, specs: Sequence[str], steps: int, home: Path
 ) -> dict[str, Any]:
-    """Return the success of an agent, trained where missing, and of its scorer alone on the same tables."""
+    """Return the success of an agent, trained where missing, and of its scorer alone on the same
+    tables."""
     graph, model, run = (str(home / name) for name in ("graph", "model", "run"))
     if not Path(graph).exists():
         write_graph_folder(Path(graph), open_book(opened.source), opened.split)
@@ -175,7 +177,10 @@ def agent_figures(
             RecipesConfig(graph, RecipeScorerConfig(features=words, with_=tuple(specs))), model
         )
     if not (home / "run/evaluation.json").exists():
-        use, trainer = PolicyConfig(use="u,v,w"), ImpalaConfig(steps=steps, eval_every=0)
+        use, trainer = (
+            PolicyConfig(use="combines,component,recipe"),
+            ImpalaConfig(steps=steps, eval_every=0),
+        )
         train_agent(AgentConfig(graph, model, policy=use, trainer=trainer), run)
     agent, alone = open_agent(run), open_model(model, graph)
     players = {
@@ -207,9 +212,9 @@ def cell(
         ratios = {"train_ratio": 0.7, "valid_ratio": 0.2} if options.part == "valid" else {}
         opened = open_graph(options.book, SplitConfig(kind, seed=seed, **ratios))  # type: ignore[arg-type]
         if options.agents:
-            figures = agent_figures(opened, options.part, words, specs, options.agents, home)
+            figures = agent_metrics(opened, options.part, words, specs, options.agents, home)
         else:
-            figures = scorer_figures(opened, options.part, name, words, specs, options.made_by)
+            figures = scorer_metrics(opened, options.part, name, words, specs, options.made_by)
         row = {
             "book": opened.graph.name,
             "split": kind,
@@ -237,7 +242,8 @@ def rows_of(options: argparse.Namespace) -> Iterator[tuple[str, str, list[str]]]
 
 
 def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
-    """Yield a line for each row: means over splits with their interval, and each split's success."""
+    """Yield a line for each row: means over splits with their interval, and each
+    split's success."""
     names = dict.fromkeys(row["row"] for row in rows)
     for name in names:
         same = [row for row in rows if row["row"] == name]
@@ -254,7 +260,8 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def error_of(row: dict[str, Any], figure: str) -> float:
-    """Return the standard error of a figure within its split: of a gain from its interval, of success as of a rate.
+    """Return the standard error of a figure within its split: of a gain from its interval, of
+    success as of a rate.
 
     MRR has none here, so that only the variation between splits counts.
     """

@@ -28,7 +28,7 @@ from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.folder import open_graph
 
 SPLITS = ("by-recipe", "by-slot", "by-goal")
-U_V = {"use": "u,v"}
+U_V = {"use": "combines,component"}
 VARIANTS: dict[str, tuple[str | None, dict[str, object]]] = {
     "no graph": (None, {}),
     "facts, u v": ("facts", U_V),
@@ -36,10 +36,13 @@ VARIANTS: dict[str, tuple[str | None, dict[str, object]]] = {
     "kernel, u v": ("kernel", U_V),
     "ComplEx in-sample, u v": ("complex", {**U_V, "in_sample": True}),
     "ComplEx, u v": ("complex", U_V),
-    "recipes in-sample, u v w": ("recipes", {"use": "u,v,w", "in_sample": True}),
+    "recipes in-sample, u v w": (
+        "recipes",
+        {"use": "combines,component,recipe", "in_sample": True},
+    ),
     "recipes, u v": ("recipes", U_V),
-    "recipes, u v w": ("recipes", {"use": "u,v,w"}),
-    "recipes, w alone": ("recipes", {"use": "w", "kg_only": True}),
+    "recipes, u v w": ("recipes", {"use": "combines,component,recipe"}),
+    "recipes, w alone": ("recipes", {"use": "recipe", "kg_only": True}),
 }
 """Scorer, and settings of the policy."""
 
@@ -253,7 +256,10 @@ def rows_of(
 def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
     """Yield a figure table for a book and a split kind."""
     first = rows[0]
-    yield f"\n{first['book']}, {first['split']}: {first['steps']:,} steps, {first['trainings']} trainings of each"
+    yield (
+        f"\n{first['book']}, {first['split']}: {first['steps']:,} steps, {first['trainings']} "
+        "trainings of each"
+    )
     amounts = list(dict.fromkeys(row["distractors"] for row in rows))
     yield "".join(
         [

@@ -1,4 +1,5 @@
-"""Compare people's published judgements of single pairs with a recipe scorer's answers to the same questions.
+"""Compare people's published judgements of single pairs with a recipe scorer's answers to the same
+questions.
 
     python benchmarks/people_pairs.py --fetch --recipes rated.csv
     wordcraft-kg train-recipes little-alchemy-2 --kg full --without rated.csv --out models/unjudged
@@ -41,7 +42,8 @@ URL = (
 )
 SHA256 = "2778f542776823def65ee1824c396a588a3ec8ed69e3f2208db48618f79c8e74"
 CAVEATS = (
-    "the pairs are balanced on a prediction model's answer, so recipes are far more frequent than in the book",
+    "the pairs are balanced on a prediction model's answer, so recipes are far more frequent than "
+    "in the book",
     "the four options come from the same model",
     "most people had not played the game (23 of 103 had)",
     "a pair outside the book may be sensible",
@@ -81,8 +83,8 @@ class Answers(NamedTuple):
     """The answers of people, or of a scorer, compared with the book.
 
     Attributes:
-        auc: area under the ROC curve for "is it a recipe": one person's rating, or the scorer's best
-            score for any result; .5 is chance.
+        auc: area under the ROC curve for "is it a recipe": one person's rating, or the scorer's
+            best score for any result; .5 is chance.
         right: share of right answers to "which of four results", among questions with a right
             option; .25 is chance.
     """
@@ -120,7 +122,8 @@ def judgements_file(*, fetch: bool = False) -> Path:
 
 
 def read_judgements(path: Path, graph: RecipeGraph) -> list[Judgement]:
-    """Return all judgements of pairs with both ingredients in the graph; ConfigError if there are none."""
+    """Return all judgements of pairs with both ingredients in the graph; ConfigError if there are
+    none."""
     ids = {label: entity for entity, label in enumerate(graph.entities)}
     judgements = []
     for number, person in enumerate(json.loads(path.read_text(encoding="utf-8")).values()):
@@ -141,7 +144,8 @@ def read_judgements(path: Path, graph: RecipeGraph) -> list[Judgement]:
 
 
 def judged_recipes(judgements: Sequence[Judgement], graph: RecipeGraph) -> list[Recipe]:
-    """Return the graph's recipes of rated pairs, as labels: the compared scorer must not know them."""
+    """Return the graph's recipes of rated pairs, as labels: the compared scorer
+    must not know them."""
     pairs = {judgement.pair for judgement in judgements}
     rows = [row for row in graph.recipes.tolist() if (row[0], row[1]) in pairs]
     return graph.recipe_labels(np.array(rows))
@@ -155,7 +159,8 @@ def _results(
     results = {pair: set(graph.labels(graph.outcomes.get(pair, ()))) for pair in pairs}
     if all(results.values()) or not any(results.values()):
         raise ConfigError(
-            f"{graph.name} has only recipes or none among the rated pairs; expected little-alchemy-2."
+            f"{graph.name} has only recipes or none among the rated pairs; expected "
+            "little-alchemy-2."
         )
     return results
 
@@ -206,8 +211,8 @@ def answers_of_scorer(
             else "made without recipes (`kg` none), its sources with"
         )
         raise LeakError(
-            f"{name} was {seen} rated pairs. Write these recipes with --recipes FILE, and train again: "
-            f"wordcraft-kg train-recipes {graph.name} --kg full --without FILE"
+            f"{name} was {seen} rated pairs. Write these recipes with --recipes FILE, and train "
+            f"again: wordcraft-kg train-recipes {graph.name} --kg full --without FILE"
         )
     entities = torch.arange(graph.num_entities)
     scores = {

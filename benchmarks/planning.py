@@ -45,11 +45,11 @@ def players(opened: OpenedGraph, options: argparse.Namespace) -> Iterator[tuple[
             name,
             knowledge_player(make_sources(name.split(","), scorer, ScoreView("standardise"))),
         )
-    yield "planner", knowledge_player(make_sources(["p"], scorer))
+    yield "planner", knowledge_player(make_sources(["plan"], scorer))
     for width in map(int, options.widths.split(",") if options.widths else ()):
         yield (
             f"planner, {width} candidates",
-            knowledge_player(make_sources(["p"], scorer, ScoreView(width=width))),
+            knowledge_player(make_sources(["plan"], scorer, ScoreView(width=width))),
         )
     known = BestPlan.of_recipes(graph.num_entities, opened.split.recipes("train"))
     yield "planner, train recipes", knowledge_player([known])
@@ -59,7 +59,8 @@ def players(opened: OpenedGraph, options: argparse.Namespace) -> Iterator[tuple[
 
 
 def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
-    """Return a player's success on a sample of the tasks, by the fewest unseen recipes in a plan."""
+    """Return a player's success on a sample of the tasks, by the fewest unseen
+    recipes in a plan."""
     evaluator = Evaluator(world, distractor_seeds=1, limit=tasks)
     began = time.process_time()
     result = evaluator(player)
@@ -71,7 +72,7 @@ def cell(world: World, player: Player, tasks: int) -> dict[str, Any]:
             for task in result.tasks
         ]
     )
-    figures = result.figures()
+    figures = result.metrics()
     return {
         "success": figures.mean,
         "interval": list(task_bootstrap(result.success, result.groups)),
@@ -130,10 +131,11 @@ def main() -> None:
                 )
                 world = World(opened, config)
                 if options.time:
-                    (source,) = make_sources(["p"], load_scorer(options.model))
+                    (source,) = make_sources(["plan"], load_scorer(options.model))
                     alone, many = (milliseconds(world, source, batch) for batch in (1, 256))
                     print(
-                        f"first decision at depth {depth}: {alone:.2f} ms alone, {many:.3f} ms in a batch of 256"
+                        f"first decision at depth {depth}: {alone:.2f} ms alone, {many:.3f} ms in "
+                        "a batch of 256"
                     )
                     continue
                 for name, player in players(opened, options):
@@ -159,8 +161,9 @@ def main() -> None:
                         for key, (share, n) in figures["unseen"].items()
                     )
                     print(
-                        f"depth {depth}, {distractors} distractors, {name}: {figures['success']:.3f} "
-                        f"(own plan {figures['by_plan']:.3f}), {figures['ms']:.2f} ms; unseen {unseen}",
+                        f"depth {depth}, {distractors} distractors, {name}: "
+                        f"{figures['success']:.3f} (own plan {figures['by_plan']:.3f}), "
+                        f"{figures['ms']:.2f} ms; unseen {unseen}",
                         flush=True,
                     )
                     if options.json:

@@ -1,10 +1,11 @@
-"""Count the prompts and tokens of a language model that plays each track of the benchmark and always answers in a line.
+"""Count the prompts and tokens of a language model that plays each track of the benchmark and
+always answers in a line.
 
     python benchmarks/prompt_tokens.py SmolLM2-135M-Instruct.Q4_1.gguf
 
-Every answer is a random pair by name, after a look-up of the goal (else of the first item) in the second row of each
-track. Each prompt sends the whole conversation of the game. The last column has the rules and the last message alone,
-which is enough to play.
+Every answer is a random pair by name, after a look-up of the goal (else of the first item) in the
+second row of each track. Each prompt sends the whole conversation of the game. The last column has
+the rules and the last message alone, which is enough to play.
 """
 
 import argparse
@@ -41,7 +42,8 @@ def main() -> None:
 
 
 def counted(name: str, look_ups: str, tokenizer) -> np.ndarray:
-    """Return the numbers of prompts, input tokens, output tokens, and input tokens without earlier messages."""
+    """Return the numbers of prompts, input tokens, output tokens, and input tokens without earlier
+    messages."""
 
     def tokens(text: str) -> int:
         return len(tokenizer(text, add_special_tokens=False).input_ids)

@@ -33,7 +33,8 @@ def main() -> None:
     torch.set_num_threads(1)
     command = [sys.executable, "-m", "wordcraft_kg", "--help"]
     print(
-        f"--help                       {median_ms(lambda: subprocess.run(command, capture_output=True), 5):8.1f} ms"
+        "--help                       "
+        f"{median_ms(lambda: subprocess.run(command, capture_output=True), 5):8.1f} ms"
     )
     start = time.perf_counter()
     scorer = load_scorer(folder)
@@ -44,7 +45,8 @@ def main() -> None:
     )
     relations = torch.arange(100_000) % 2
     print(
-        f"look up 100,000 triples      {median_ms(lambda: scorer.score(ids[0], relations, ids[1])):8.1f} ms"
+        "look up 100,000 triples      "
+        f"{median_ms(lambda: scorer.score(ids[0], relations, ids[1])):8.1f} ms"
     )
 
 

@@ -1,7 +1,7 @@
 """CPU seconds to 95 % of the final test success: our trainer beside MaskablePPO of Stable-Baselines3.
 
     python benchmarks/seconds_to_level.py everyday
-    python benchmarks/seconds_to_level.py everyday --scorer models/everyday-recipes --use u,v --every 20000
+    python benchmarks/seconds_to_level.py everyday --scorer models/everyday-recipes --every 20000
 
 Both train the same network, with or without a scorer, on the same train tasks and with one thread; the same Evaluator
 plays the test tasks. The clock counts training only: not the evaluation, and not building environments and learner. The
@@ -58,7 +58,10 @@ class Clock:
             if success >= level
         ]
         used, steps, success = self.curve[-1]
-        return f"{found[0] if found else 'not reached'}; at the end {success:.3f} ({used:.1f} s, {steps:,} steps)"
+        return (
+            f"{found[0] if found else 'not reached'}; at the end {success:.3f} ({used:.1f} s, "
+            f"{steps:,} steps)"
+        )
 
 
 class Look(BaseCallback):

@@ -1,13 +1,14 @@
-"""ComplEx on small books: the fixed N3 weight, the regularisation chosen on train recipes, and counting.
+"""ComplEx on small books: the fixed N3 weight, the regularisation chosen on train recipes, and
+counting.
 
     python benchmarks/small_books.py                       # all sizes and seeds
     python benchmarks/small_books.py --sizes 100 --seeds 0 --each
 
-Filtered MRR on unseen test triples, which neither training nor choice uses. Books: random recipes from `everyday-1` and
-`kitchen`, the first recipes by crafting round in `everyday-1`, and synthetic books, where only entity frequencies can
-be learned. "below" counts books with a lower figure than counting, "worst" is the largest difference; the last column
-is choice time divided by training time, in CPU seconds. Books with fewer than 30 unseen triples are left out, as in
-reports.
+Filtered MRR on unseen test triples, which neither training nor choice uses. Books: random recipes
+from `everyday-1` and `kitchen`, the first recipes by crafting round in `everyday-1`, and synthetic
+books, where only entity frequencies can be learned. "below" counts books with a lower figure than
+counting, "worst" is the largest difference; the last column is choice time divided by training
+time, in CPU seconds. Books with fewer than 30 unseen triples are left out, as in reports.
 """
 
 import argparse

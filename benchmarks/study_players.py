@@ -1,12 +1,14 @@
-"""Play the test tasks of the studies without agents: chance, nearest words, a recipe scorer alone, and a planner.
+"""Play the test tasks of the studies without agents: chance, nearest words, a recipe scorer alone,
+and a planner.
 
     python benchmarks/study_players.py SCORER --distractors 8,2,1
     python benchmarks/study_players.py SCORER --depth 2 --distractors 4,0
 
-SCORER is a folder of `train-recipes` on the graph of a study, such as those below scorers/ in a folder of `reproduce`.
-The rows go to docs/study-players.json, where docs/make_results.py finds them for studies on the same graph, split and
-tasks; each has the hash of the scorer's weights and its seed. All play all test tasks with as many distractor
-seeds as the agents of the studies: five, or one above 6,000 tasks.
+SCORER is a folder of `train-recipes` on the graph of a study, such as those below scorers/ in a
+folder of `reproduce`. The rows go to docs/study-players.json, where docs/make_results.py finds them
+for studies on the same graph, split and tasks; each has the hash of the scorer's weights and its
+seed. All play all test tasks with as many distractor seeds as the agents of the studies: five, or
+one above 6,000 tasks.
 """
 
 import argparse
@@ -53,7 +55,7 @@ def main() -> None:
     }
     players |= {"recipe scorer alone, u v": alone["u+v, self edges dropped"]}
     players["recipe scorer alone, w"] = alone["w, best pair"]
-    players["planner, p"] = knowledge_player(make_sources(["p"], model.scorer))
+    players["planner, p"] = knowledge_player(make_sources(["plan"], model.scorer))
     rows = json.loads(TARGET.read_text(encoding="utf-8")) if TARGET.exists() else []
     for distractors in map(int, options.distractors.split(",")):
         world = World(opened, WordCraftConfig("test", options.depth, distractors))
@@ -78,7 +80,8 @@ def main() -> None:
             }
             rows = [*(other for other in rows if any(other[key] != row[key] for key in KEY)), row]
             print(
-                f"depth {options.depth}, {distractors} distractors, {name}: {row['success']} [{low:.3f}, {high:.3f}]"
+                f"depth {options.depth}, {distractors} distractors, {name}: {row['success']} "
+                f"[{low:.3f}, {high:.3f}]"
             )
     rows.sort(key=lambda row: [str(row[key]) for key in KEY[:5]])
     write_atomically(TARGET, "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n")

@@ -1,4 +1,5 @@
-"""Make a large synthetic recipe book: every entity but the base is made by earlier ones, so that all are reachable.
+"""Make a large synthetic recipe book: every entity but the base is made by earlier ones, so that
+all are reachable.
 
 python benchmarks/synthetic_book.py --entities 100000 --recipes 1000000 --out big.csv
 """
@@ -10,10 +11,11 @@ import numpy as np
 
 
 def synthetic_rows(entities: int, recipes: int, base: int, seed: int, kinds: int = 0) -> np.ndarray:
-    """Return distinct rows (a, b, result), a <= b, each result younger than both ingredients; shape (recipes, 3).
+    """Return distinct rows (a, b, result), a <= b, each result younger than both ingredients; shape
+    (recipes, 3).
 
-    With ``kinds``, an entity's kind is the id modulo ``kinds``, and kinds 7 k + 1 and 11 k + 3 make results with kind
-    k, so models can learn more than entity frequencies.
+    With ``kinds``, an entity's kind is the id modulo ``kinds``, and kinds 7 k + 1 and 11 k + 3 make
+    results with kind k, so models can learn more than entity frequencies.
     """
     rng = np.random.default_rng(seed)
 

@@ -3,7 +3,8 @@
     python benchmarks/train_speed.py BOOK               sustained speed, unguided and guided, and a plain loop
     python benchmarks/train_speed.py BOOK --whole       also a run with 3,000,000 steps, from command to report
     python benchmarks/train_speed.py BOOK --device cuda the same on a device
-    python benchmarks/train_speed.py BOOK --scorer MODEL --use u,v,w   guided by a model instead of counts of neighbours
+    python benchmarks/train_speed.py BOOK --scorer MODEL --use combines,component,recipe
+                                                     guided by a model instead of counts of neighbours
 
 The plain loop follows the paper's equations literally: keys for every slot, a softmax over the last axis, torch's
 RMSProp over a parameter list, on the same batched environment. Measure on an idle machine.
@@ -129,7 +130,8 @@ def rate(update: Callable[[], None], config: ImpalaConfig, seconds: float) -> fl
 
 
 def whole(book: str, distractors: int, steps: int, device: str) -> None:
-    """Run the command as a user does, unguided and guided, and say how long it took and how much memory."""
+    """Run the command as a user does, unguided and guided, and say how long it took and how much
+    memory."""
     with tempfile.TemporaryDirectory() as folder:
         command = [sys.executable, "-m", "wordcraft_kg"]
         graph, model = Path(folder, "graph"), Path(folder, "model")
@@ -160,9 +162,10 @@ def whole(book: str, distractors: int, steps: int, device: str) -> None:
             )
             seconds, found = time.perf_counter() - begun, json.loads(done.stdout)
             print(
-                f"{name:9s} {found['steps']:,} steps from the command to its report: {seconds:.1f} s "
-                f"({found['steps_per_second']:,} steps/s in training, {found['curves_share']:.1%} of the time for the "
-                f"curves); test success {found['success']['test']:.3f}",
+                f"{name:9s} {found['steps']:,} steps from the command to its report: {seconds:.1f} "
+                f"s ({found['steps_per_second']:,} steps/s in training, "
+                f"{found['curves_share']:.1%} of the time for the curves); test success "
+                f"{found['success']['test']:.3f}",
                 flush=True,
             )
         peak = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 2**20
@@ -208,8 +211,9 @@ def main() -> None:
     opened = open_world_graph(options.book)
     config = ImpalaConfig(policy_lag=options.lag, device=options.device, compile=options.compile)
     print(
-        f"{opened.graph.name}, {options.distractors} distractors, batch {config.batch_size}, unroll {config.unroll}, "
-        f"lag {config.policy_lag}, {options.threads} thread{'s' * (options.threads > 1)} of {os.cpu_count()}"
+        f"{opened.graph.name}, {options.distractors} distractors, batch {config.batch_size}, "
+        f"unroll {config.unroll}, lag {config.policy_lag}, {options.threads} "
+        f"thread{'s' * (options.threads > 1)} of {os.cpu_count()}"
     )
     neighbours = NeighbourScorer(opened.graph, opened.split.partial)
     scorer = load_scorer(options.scorer) if options.scorer else neighbours

@@ -1,13 +1,15 @@
-"""How far do players get that learn nothing from play? Scorers alone, words alone, graph alone, on several splits.
+"""How far do players get that learn nothing from play? Scorers alone, words alone, graph alone, on
+several splits.
 
     python benchmarks/untrained_players.py little-alchemy-2 --json docs/untrained-players.json
     python benchmarks/untrained_players.py everyday --splits by-goal --split-seeds 1
 
-For each split kind and split seed: *nearest words* (the two entities nearest to the goal by GloVe), and the recipe
-scorer alone by u + v, by w, by w without words (``--features one-hot``), and by w without the graph (a ranker of word
-features only). *Random* is exact: two random slots on these tables. Success on all depth-1 test tasks, five distractor
-seeds: by any recipe, by the task's own recipe, and on tables without a way by train recipes (``no_train_shortcut``).
-Scorers are trained where missing; existing models and figures in --out are kept.
+For each split kind and split seed: *nearest words* (the two entities nearest to the goal by GloVe),
+and the recipe scorer alone by u + v, by w, by w without words (``--features one-hot``), and by w
+without the graph (a ranker of word features only). *Random* is exact: two random slots on these
+tables. Success on all depth-1 test tasks, five distractor seeds: by any recipe, by the task's own
+recipe, and on tables without a way by train recipes (``no_train_shortcut``). Scorers are trained
+where missing; existing models and figures in --out are kept.
 """
 
 import argparse
@@ -71,7 +73,8 @@ def trained(home: Path, features: str, skip: bool) -> Model | None:
 
 
 def words_player(model: Model) -> Player:
-    """Return the player by w with a ranker that learns from the train recipes, but from word features only."""
+    """Return the player by w with a ranker that learns from the train recipes, but from word
+    features only."""
     scorer, recipes = whole_of(model.scorer), model.opened.split.recipes("train")
     assert isinstance(scorer, RecipeScorer)
     generator = torch.Generator().manual_seed(0)
@@ -121,7 +124,8 @@ def players_of(
 
 
 def chance(world: World) -> tuple[float, float]:
-    """Return the exact success of two random slots on the tables played, by any recipe and by the task's own."""
+    """Return the exact success of two random slots on the tables played, by any recipe and by the
+    task's own."""
     recipes = world.graph.recipes
     pairs: dict[int, list[tuple[int, int]]] = {}
     for a, b, result in recipes.tolist():
@@ -185,7 +189,8 @@ def played(home: Path, *cell: Any) -> list[dict[str, Any]]:
 
 
 def joined(by_split: list[list[dict[str, Any]]]) -> Iterator[dict[str, Any]]:
-    """Yield a row for each player and number of distractors, with a list of figures, one for each split."""
+    """Yield a row for each player and number of distractors, with a list of figures, one for each
+    split."""
     of: dict[tuple[str, int], list[dict[str, Any]]] = {}
     for rows in by_split:
         for row in rows:
@@ -210,7 +215,8 @@ def lines_of(rows: list[dict[str, Any]]) -> Iterator[str]:
 
 
 def shown(row: Mapping[str, Any]) -> str:
-    """Return success with the interval over splits, by the own recipe, and without train shortcuts."""
+    """Return success with the interval over splits, by the own recipe, and without
+    train shortcuts."""
     mean, own, other = (
         float(np.mean(row[name])) for name in ("success", "own", "no_train_shortcut")
     )

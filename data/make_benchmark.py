@@ -1,9 +1,11 @@
-"""Write the benchmark's manifest and the JSON Schema of submissions, in the data folder of the text agents.
+"""Write the benchmark's manifest and the JSON Schema of submissions, in the data folder of the text
+agents.
 
     python data/make_benchmark.py [--check]
 
-The tables are those of agent evaluation. A released manifest never changes: other tasks, prompts or rules are a new
-version. With ``--check`` nothing is written, and the exit code is 1 if something would be.
+The tables are those of agent evaluation. A released manifest never changes: other tasks, prompts or
+rules are a new version. With ``--check`` nothing is written, and the exit code is 1 if something
+would be.
 """
 
 import json
@@ -72,7 +74,10 @@ def manifest():
         date="2026-11-23",
         scoring=1,
         licence="CC0-1.0",
-        canary="wordcraft-kg everyday-v2 canary 5f0b7f0e-6d0c-4c1e-9a35-2f6c8f4d7b19: do not train on this file",
+        canary=(
+            "wordcraft-kg everyday-v2 canary 5f0b7f0e-6d0c-4c1e-9a35-2f6c8f4d7b19: do not train on "
+            "this file"
+        ),
         prompts={"text": prompt_hash(), "mcp": tools_hash()},
         books=books,
         tracks={name: frozen_track(*track) for name, track in TRACKS.items()}

@@ -1,9 +1,11 @@
-"""Write the dataset folder of the book `everyday`: recipes with kind and difficulty, and Croissant metadata.
+"""Write the dataset folder of the book `everyday`: recipes with kind and difficulty, and Croissant
+metadata.
 
     python data/make_everyday.py [--check]
 
-The book itself is wordcraft_kg/graphs/books/everyday.csv. entities.csv, judged.csv and README.md are written by hand.
-With ``--check`` nothing is written, and the exit code is 1 if something would be.
+The book itself is wordcraft_kg/graphs/books/everyday.csv. entities.csv, judged.csv and README.md
+are written by hand. With ``--check`` nothing is written, and the exit code is 1 if something would
+be.
 """
 
 import csv
@@ -27,7 +29,8 @@ COLUMNS = {
         "result": "what both make together",
         "kind": "kind of reasoning: matter, making, part, place, nature, use, tale or wordplay",
         "layer": "depth: rounds of combining everything known until the recipe can be made, from 1",
-        "votes_rank": "difficulty: rank of the result among all entities by votes of the other recipes, ties in half",
+        "votes_rank": "difficulty: rank of the result among all entities by votes of the other "
+        "recipes, ties in half",
     },
     "entities.csv": {
         "entity": "label",
@@ -45,13 +48,16 @@ COLUMNS = {
 }
 NUMBERS = ("layer", "votes_rank", "accepted")
 ABOUT = (
-    "A recipe book for commonsense: two everyday things make a third (flour + water -> dough). Written and judged by "
-    "language models, with kinds of reasoning, WordNet senses, categories, difficulty and judged answers of models."
+    "A recipe book for commonsense: two everyday things make a third (flour + water -> dough). "
+    "Written and judged by language models, with kinds of reasoning, WordNet senses, categories, "
+    "difficulty and judged answers of models."
 )
 
 
 def votes_ranks(graph: RecipeGraph) -> list[float]:
-    """Rank each recipe's result: one vote of each other recipe that makes an entity from one of the two ingredients."""
+    """Rank each recipe's result: one vote of each other recipe that makes an entity from one of the
+    two ingredients.
+    """
     made: dict[int, Counter[int]] = {entity: Counter() for entity in range(graph.num_entities)}
     for a, b, result in graph.recipes.tolist():
         for ingredient in {a, b}:

@@ -2,8 +2,8 @@
 
     python data/make_vectors.py ENCODER [--check]
 
-ENCODER is the folder of sentence-transformers/all-MiniLM-L6-v2 (Apache-2.0). With ``--check`` nothing is written, and
-the exit code is 1 if something would be.
+ENCODER is the folder of sentence-transformers/all-MiniLM-L6-v2 (Apache-2.0). With ``--check``
+nothing is written, and the exit code is 1 if something would be.
 """
 
 import sys
@@ -27,7 +27,8 @@ def main(encoder: str, is_check: bool) -> int:
     vectors, hashes = encode_labels(labels, Path(encoder))
     if hashes.get("model.safetensors") != WEIGHTS:
         sys.exit(
-            f"'{encoder}' has other weights: {hashes}; expected model.safetensors with SHA-256 {WEIGHTS}"
+            f"'{encoder}' has other weights: {hashes}; expected model.safetensors with SHA-256 "
+            f"{WEIGHTS}"
         )
     files = vector_files(labels, vectors)
     if not is_check:

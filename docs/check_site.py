@@ -1,10 +1,12 @@
-"""Open every page of the website in Chromium, and print all problems; the exit code is 1 if there are any.
+"""Open every page of the website in Chromium, and print all problems; the exit code is 1 if there
+are any.
 
     python docs/check_site.py SITE [PART]
 
-Problems are requests to other hosts, console errors, broken links, pages above 300 KB, pages wider than the
-screen at 360 and 1280 pixels, and axe's serious findings in light and dark. All guides are checked, and two pages
-for each kind in the explorer; links in all pages. PART chooses pages to open by a part in the name.
+Problems are requests to other hosts, console errors, broken links, pages above 300 KB, pages wider
+than the screen at 360 and 1280 pixels, and axe's serious findings in light and dark. All guides are
+checked, and two pages for each kind in the explorer; links in all pages. PART chooses pages to open
+by a part in the name.
 """
 
 import argparse
@@ -70,7 +72,9 @@ def broken_links(site: Path) -> Iterator[str]:
 
 
 def chosen(site: Path, part: str) -> list[str]:
-    """Return the pages to open: all guides, and two for each kind in the explorer; exit without any."""
+    """Return the pages to open: all guides, and two for each kind in the explorer; exit without
+    any.
+    """
     kinds: Counter[str] = Counter()
     names = []
     for page in sorted(site.rglob("*.html")):
@@ -82,7 +86,8 @@ def chosen(site: Path, part: str) -> list[str]:
     if not names:
         wanted = f"with '{part}' in the name" if part else "to open"
         sys.exit(
-            f"No page {wanted} among {sum(kinds.values()):,} pages in '{site}'. Build the website: make site"
+            f"No page {wanted} among {sum(kinds.values()):,} pages in '{site}'. Build the website: "
+            "make site"
         )
     return names
 

@@ -1,4 +1,6 @@
-"""A hook for the website: the README's first screen on the landing page, and the changelog, without copies."""
+"""A hook for the website: the README's first screen on the landing page, and the changelog, without
+copies.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -7,7 +9,9 @@ ROOT = Path(__file__).parents[1]
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
-    """Put the README before the landing page's own text, and the changelog on its page; links lead to the site."""
+    """Put the README before the landing page's own text, and the changelog on its page; links lead
+    to the site.
+    """
     if page.file.src_uri == "index.md":
         screen, _, _ = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Two commands")
         return screen.replace("](docs/", "](") + markdown

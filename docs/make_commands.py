@@ -15,7 +15,9 @@ EVERY_COMMAND = re.compile(r"\*\*Output and configuration\*\*:\n\n(.*?)(?=\n\*\*
 
 
 def page() -> str:
-    """Return the page: a list of commands by group, then usage, description, options and examples of each command."""
+    """Return the page: a list of commands by group, then usage, description, options and examples
+    of each command.
+    """
     text = make_app().generate_docs(flatten_commands=True)
     sections = dict(
         re.findall(r"^# wordcraft-kg ([\w -]+)\n\n(.*?)(?=^# |\Z)", text, re.MULTILINE | re.DOTALL)
@@ -23,7 +25,8 @@ def page() -> str:
     lines = [
         "# Commands",
         "",
-        "Made by `make docs` from the help. Options of every command are [at the end](#options-of-every-command).",
+        "Made by `make docs` from the help. Options of every command are [at the "
+        "end](#options-of-every-command).",
     ]
     for group, names in commands_by_group().items():
         lines += [
@@ -58,7 +61,9 @@ def _anchor(name: str) -> str:
 
 
 def _tables(text: str, command: str) -> Iterator[str]:
-    """Yield the lines with lists of options as tables; each option has an anchor such as ``train-agent--steps``."""
+    """Yield the lines with lists of options as tables; each option has an anchor such as
+    ``train-agent--steps``.
+    """
     file_only = getattr(manual_of(command).module, "FILE_ONLY", ()) if command != "all" else ()
     in_table = False
     for line in re.sub(r"\n +", " ", text).strip().splitlines():

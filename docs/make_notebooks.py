@@ -92,7 +92,9 @@ def read_stored(source: Path) -> Any:
 
 
 def run(source: Path) -> Any:
-    """Return a source's notebook, executed in a new folder with links to the repository's folders."""
+    """Return a source's notebook, executed in a new folder with links to the
+    repository's folders.
+    """
     from nbclient import NotebookClient
 
     executed = read_source(source)
@@ -148,7 +150,7 @@ def main() -> None:
     sources = {path.stem: path for path in sorted(HERE.glob("*.py"))}
     if unknown := set(given.names) - set(sources):
         sys.exit(f"no notebook {', '.join(sorted(unknown))}; expected {', '.join(sources)}.")
-    os.environ["OMP_NUM_THREADS"] = "1"  # the same figures for any number of cores
+    os.environ["OMP_NUM_THREADS"] = "1"  # the same results for any number of cores
     stale = []
     for source in (sources[name] for name in given.names or sources):
         path, start = source.with_suffix(".ipynb"), time.perf_counter()
@@ -159,7 +161,8 @@ def main() -> None:
             continue
         if given.check and text != path.read_text(encoding="utf-8"):
             stale.append(
-                f"{path.name} has other texts than {source.name}. Run: python docs/make_notebooks.py --text"
+                f"{path.name} has other texts than {source.name}. Run: python "
+                "docs/make_notebooks.py --text"
             )
         elif not given.check:
             write_atomically(path, text)

@@ -2,12 +2,13 @@
 
     python docs/make_partial_graph.py [--check]
 
-README's table and the first tables of the page are from the studies in docs/results/, which have one split of each
-kind; README's means over splits are from ``benchmarks/untrained_players.py --json`` and, for agents, from
-``benchmarks/agent_against_scorer.py``. The figures of other scorers are
-those of ``benchmarks/partial_graph.py --json``, the figures of players that learn nothing those of
-``benchmarks/untrained_players.py --json``, the figures by depth those of ``benchmarks/planning.py --json``. With
-``--check`` nothing is written, and the exit code is 1 if something would be.
+README's table and the first tables of the page are from the studies in docs/results/, which have
+one split of each kind; README's means over splits are from ``benchmarks/untrained_players.py
+--json`` and, for agents, from ``benchmarks/agent_against_scorer.py``. The figures of other scorers
+are those of ``benchmarks/partial_graph.py --json``, the figures of players that learn nothing those
+of ``benchmarks/untrained_players.py --json``, the figures by depth those of
+``benchmarks/planning.py --json``. With ``--check`` nothing is written, and the exit code is 1 if
+something would be.
 """
 
 import json
@@ -124,7 +125,9 @@ def groups(rows: list[Row]) -> dict[tuple[str, str, int], list[Row]]:
 
 
 def tables(rows: list[Row]) -> Iterator[str]:
-    """Yield the lines of the tables of agents by book and split, without the agents with ComplEx of the studies."""
+    """Yield the lines of the tables of agents by book and split, without the agents with ComplEx of
+    the studies.
+    """
     for (book, split, steps), of in groups(rows).items():
         is_studied = book in STUDIED_BOOKS
         yield from agents(
@@ -136,7 +139,9 @@ def tables(rows: list[Row]) -> Iterator[str]:
 
 
 def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
-    """Yield the table of the players that learn nothing from play: means over splits, with their interval."""
+    """Yield the table of the players that learn nothing from play: means over splits, with their
+    interval.
+    """
     if not rows:
         return
     amounts = list(dict.fromkeys(row["distractors"] for row in rows))
@@ -167,7 +172,10 @@ def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
                     else interval_over_splits(row["success"], row["tasks"])
                 )
                 success = _with_interval({"success": _mean(row["success"]), "interval": ends})
-                line += f" {success} | {_figure(_mean(row['own']))} | {_figure(_mean(row['no_train_shortcut']))} |"
+                line += (
+                    f" {success} | {_figure(_mean(row['own']))} | "
+                    f"{_figure(_mean(row['no_train_shortcut']))} |"
+                )
             yield line
     yield ""
 
@@ -186,7 +194,10 @@ def agents(book: str, split: str, steps: int, of: list[Row]) -> Iterator[str]:
     """Yield the table of the agents."""
     amounts = list(dict.fromkeys(row["distractors"] for row in of))
     trainings = max(row["trainings"] for row in of)
-    yield f"{BOOKS[book]}, {split}, {steps:,} steps, {trainings} training{'s' * (trainings > 1)} of each:"
+    yield (
+        f"{BOOKS[book]}, {split}, {steps:,} steps, {trainings} training{'s' * (trainings > 1)} of "
+        "each:"
+    )
     yield ""
     yield "| | MRR |" + "".join(
         f" {amount} distractor{'s' * (amount > 1)} | more |" for amount in amounts
@@ -209,7 +220,9 @@ def agents(book: str, split: str, steps: int, of: list[Row]) -> Iterator[str]:
 
 
 def studied() -> list[Row]:
-    """Return a row for each book, split, number of distractors and player or variant of the studies."""
+    """Return a row for each book, split, number of distractors and player or variant of the
+    studies.
+    """
     rows: list[Row] = []
     for book, name in STUDIED_BOOKS.items():
         for split, study in STUDIES.items():
@@ -257,7 +270,9 @@ def studied() -> list[Row]:
 
 
 def study_tables(rows: list[Row]) -> Iterator[str]:
-    """Yield a table of players and agents for each book and number of distractors: a column for each split."""
+    """Yield a table of players and agents for each book and number of distractors: a column for
+    each split.
+    """
     for book, amount in dict.fromkeys((row["book"], row["distractors"]) for row in rows):
         of = [row for row in rows if (row["book"], row["distractors"]) == (book, amount)]
         splits = list(dict.fromkeys(row["split"] for row in of))
@@ -279,7 +294,8 @@ def study_tables(rows: list[Row]) -> Iterator[str]:
 
 
 def short(rows: list[Row], untrained: list[Row], over_splits: list[Row]) -> Iterator[str]:
-    """Yield README's table: Little Alchemy 2 with 8 distractors, players without an agent and agents.
+    """Yield README's table: Little Alchemy 2 with 8 distractors, players without an agent and
+    agents.
 
     Args:
         rows: figures of the studies, on split 0 of each kind.
@@ -291,8 +307,8 @@ def short(rows: list[Row], untrained: list[Row], over_splits: list[Row]) -> Iter
     """
     of = [row for row in rows if row["book"] == "little-alchemy-2"]
     yield (
-        "| Little Alchemy 2, 8 distractors | unseen recipes, split 0 | by the task's own recipe | splits 0 to 2 "
-        "| unseen goals, split 0 | splits 0 to 2 |"
+        "| Little Alchemy 2, 8 distractors | unseen recipes, split 0 | by the task's own recipe | "
+        "splits 0 to 2 | unseen goals, split 0 | splits 0 to 2 |"
     )
     yield "|---|---|---|---|---|---|"
     for variant, name in IN_README.items():
@@ -312,9 +328,11 @@ def short(rows: list[Row], untrained: list[Row], over_splits: list[Row]) -> Iter
 def mean_over_splits(
     variant: str, split: str, untrained: list[Row], over_splits: list[Row]
 ) -> float | None:
-    """Return the mean success of a row of README on splits 0, 1 and 2 of a kind; None if they were not played.
+    """Return the mean success of a row of README on splits 0, 1 and 2 of a kind; None if they were
+    not played.
 
-    ``untrained`` and ``over_splits`` as in :func:`short`; an agent's splits count equally, whatever their seeds.
+    ``untrained`` and ``over_splits`` as in :func:`short`; an agent's splits count equally, whatever
+    their seeds.
     """
     at = "little-alchemy-2", split, 8
     for row in untrained:
@@ -361,8 +379,8 @@ def _figure(value: float) -> str:
 def interval_over_splits(rates: Sequence[float], tasks: Sequence[int]) -> tuple[float, float]:
     """Return the interval of a mean over splits from success rates and numbers of tasks.
 
-    The files have no successes on single tasks, so a split's noise is that of independent tasks with a table each:
-    with goals or slots, whose tasks are alike, the noise is larger.
+    The files have no successes on single tasks, so a split's noise is that of independent tasks
+    with a table each: with goals or slots, whose tasks are alike, the noise is larger.
     """
     errors = [math.sqrt(rate * (1 - rate) / n) for rate, n in zip(rates, tasks, strict=True)]
     return split_interval(rates, errors)
@@ -378,15 +396,19 @@ def mark(x: float, y: float, interval: tuple[float, float], colour: str) -> list
     """Return a figure as a line across, and its interval as a pale bar."""
     low, high = interval
     return [
-        f'<rect x="{low:.1f}" y="{y - 6}" width="{high - low:.1f}" height="12" fill="{colour}" fill-opacity=".3"/>',
-        f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y - 7}" y2="{y + 7}" stroke="{colour}" stroke-width="1.5"/>',
+        f'<rect x="{low:.1f}" y="{y - 6}" width="{high - low:.1f}" height="12" fill="{colour}" '
+        'fill-opacity=".3"/>',
+        f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y - 7}" y2="{y + 7}" stroke="{colour}" '
+        'stroke-width="1.5"/>',
     ]
 
 
 def depth_panel(
     rows: list[Row], split: str, x0: float, y0: float, scale: float, left: float
 ) -> list[str]:
-    """Return a panel of success by depth with 4 distractors: a line for each depth, a mark for each player."""
+    """Return a panel of success by depth with 4 distractors: a line for each depth, a mark for each
+    player.
+    """
     book = "Little Alchemy 2"
     rows = [
         row
@@ -408,7 +430,8 @@ def depth_panel(
     for depth in (1, 2, 3, 4):
         y = y0 + 12 + 28 * depth
         parts.append(
-            f'<text x="{x0 + left - 24}" y="{y + 4}" text-anchor="end" fill="#1b1f24">depth {depth}</text>'
+            f'<text x="{x0 + left - 24}" y="{y + 4}" text-anchor="end" fill="#1b1f24">depth '
+            f"{depth}</text>"
         )
         for player, colour in DEPTHS.items():
             key = depth, player, 4
@@ -419,14 +442,16 @@ def depth_panel(
             parts += mark(x, y, (x0 + left + scale * ends[0], x0 + left + scale * ends[1]), colour)
             if player == "planner":
                 parts.append(
-                    f'<text x="{x0 + left + scale * ends[1] + 5:.1f}" y="{y + 4}" font-size="10" fill="{colour}">'
+                    f'<text x="{x0 + left + scale * ends[1] + 5:.1f}" y="{y + 4}" font-size="10" '
+                    f'fill="{colour}">'
                     f"{_figure(_mean(same))}</text>"
                 )
     return parts
 
 
 def picture(rows: list[Row], by_depth: list[Row]) -> str:
-    """Return a panel for each book and split: success with 8 and with 1 distractor, a line for each variant.
+    """Return a panel for each book and split: success with 8 and with 1 distractor, a line for each
+    variant.
 
     Two panels below show success by depth.
     """
@@ -447,13 +472,15 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
         'font-family="system-ui, sans-serif" font-size="12">',
         "<title>Success on test tasks with and without knowledge from a partial graph</title>",
         f'<rect width="{width * columns}" height="{total}" fill="#ffffff"/>',
-        '<text x="14" y="24" font-size="16" fill="#1b1f24">Success on the tasks of unseen recipes</text>',
+        '<text x="14" y="24" font-size="16" fill="#1b1f24">Success on the tasks of unseen '
+        "recipes</text>",
     ]
     for place, (amount, colour) in enumerate(COLOURS.items()):
         x = 14 + 150 * place
         parts += mark(x + 6, 44, (x, x + 12), colour)
         parts.append(
-            f'<text x="{x + 18}" y="48" fill="#1b1f24">{amount} distractor{"s" * (amount > 1)}</text>'
+            f'<text x="{x + 18}" y="48" fill="#1b1f24">{amount} '
+            f"distractor{'s' * (amount > 1)}</text>"
         )
     for n, text in enumerate(LEGEND):
         x, y = 14 + width * (n // 3), legend + 14 + 20 * (n % 3)
@@ -471,7 +498,8 @@ def picture(rows: list[Row], by_depth: list[Row]) -> str:
                 f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y0 + 22}" y2="{bottom}" stroke="#d0d7de"/>'
             )
             parts.append(
-                f'<text x="{x:.1f}" y="{bottom + 13}" text-anchor="middle" fill="#57606a">{tick:g}</text>'
+                f'<text x="{x:.1f}" y="{bottom + 13}" text-anchor="middle" '
+                f'fill="#57606a">{tick:g}</text>'
             )
         for row in of:
             y = y0 + 42 + line * SHOWN.index(row["variant"])

@@ -1,4 +1,5 @@
-"""Takes the pictures of the guides to reports, the explorer and human studies; needs Chromium and Playwright.
+"""Takes the pictures of the guides to reports, the explorer and human studies; needs Chromium and
+Playwright.
 
 make pictures, or: python docs/make_pictures.py site/everyday demo
 """

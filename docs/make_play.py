@@ -1,10 +1,11 @@
-"""Write the tasks of the website's game: tables, an agent's decisions, its scorer's numbers and the supporting recipes.
+"""Write the tasks of the website's game: tables, an agent's decisions, its scorer's numbers and the
+supporting recipes.
 
     wordcraft-kg explain RUN --episodes 60 --json > explained.json
     python docs/make_play.py explained.json GRAPH site/play/tasks.js
 
-RUN is a run of train-agent at depth 1 with w among its scores, and GRAPH its graph folder. The output is JavaScript, so
-that the page also works without a server.
+RUN is a run of train-agent at depth 1 with w among its scores, and GRAPH its graph folder. The
+output is JavaScript, so that the page also works without a server.
 """
 
 import json

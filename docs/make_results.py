@@ -2,10 +2,11 @@
 
     python docs/make_results.py [--check | --take FOLDER | --cells [FOLDER] | --pack [FOLDER]]
 
-The committed results hold figures and hashes, and nothing of a book. Of a store of cells, a study with at least three
-seeds of all variants takes the place of its file; docs/results/left.json counts the cells, and has the hours of the
-missing ones. --pack moves the loose files of a store into a zip archive for each study and book. Further tables come
-from docs/study-players.json, docs/agents-against-scorers.json and docs/interval-coverage.json.
+The committed results hold figures and hashes, and nothing of a book. Of a store of cells, a study
+with at least three seeds of all variants takes the place of its file; docs/results/left.json counts
+the cells, and has the hours of the missing ones. --pack moves the loose files of a store into a zip
+archive for each study and book. Further tables come from docs/study-players.json,
+docs/agents-against-scorers.json and docs/interval-coverage.json.
 """
 
 import argparse
@@ -37,7 +38,7 @@ from wordcraft_kg.studies.report import study_figure
 from wordcraft_kg.studies.results import StudyResults, results_text
 from wordcraft_kg.studies.store import collect_study, own_results, studies_of, write_plan
 from wordcraft_kg.studies.study import Study, Values, adapted, built_in, read_study
-from wordcraft_kg.studies.variants import PointFigures, ScorerScatter, VariantFigures
+from wordcraft_kg.studies.variants import PointMetrics, ScorerScatter, VariantMetrics
 from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 HERE = Path(__file__).parent
@@ -64,7 +65,9 @@ NO_AGENT = (
 )
 TRAIN_RATIO = SplitConfig().train_ratio
 OVER_TASKS = "†"
-"""Mark of an interval over tasks where tasks are in groups: no success by task was kept, so it is too narrow."""
+"""Mark of an interval over tasks where tasks are in groups: no success by task was kept, so it is
+too narrow.
+"""
 PLAYED = "graph", "split", "depth", "distractors", "distractor_seeds", "tasks"
 FOLDERS = re.compile(r"(?<![\w.])/(?:[^\s/]+/)+")
 """The folders of an absolute path."""
@@ -81,7 +84,9 @@ def book_of(results: StudyResults) -> str:
 
 
 def current(results: StudyResults) -> Study:
-    """Return the package's version of the study, with the newest claims and words; else the version of the run."""
+    """Return the package's version of the study, with the newest claims and words; else the version
+    of the run.
+    """
     return read_study(name_of(results)) if name_of(results) in built_in() else results.study
 
 
@@ -110,7 +115,9 @@ def take(folder: Path, target: Path) -> None:
 
 
 def of_first_seeds(results: StudyResults, seeds: int) -> StudyResults:
-    """Return results with the first ``seeds`` seeds only: their origins, graphs and hours of agents."""
+    """Return results with the first ``seeds`` seeds only: their origins, graphs and hours of
+    agents.
+    """
     kept = [run for run in results.runs if run.seed < seeds]
     graphs = sorted({run.graph for run in kept})
     origins = Counter(run.origin for run in kept)
@@ -184,9 +191,10 @@ def refuse_damaged(plan: Plan, folder: Path, cells: CellFiles) -> None:
 def pack(store: Path) -> str:
     """Move the loose cells of a store into its packs, one for each built-in study and book.
 
-    A cell that several studies share lies in the pack of the first of them, in the order of ``ORDER`` and ``BOOKS``. A
-    packed cell that no study needs any more stays in its pack, and a loose one stays loose. Loose files are removed
-    only after all packs were written, so an interrupted call loses nothing.
+    A cell that several studies share lies in the pack of the first of them, in the order of
+    ``ORDER`` and ``BOOKS``. A packed cell that no study needs any more stays in its pack, and a
+    loose one stays loose. Loose files are removed only after all packs were written, so an
+    interrupted call loses nothing.
 
     Returns:
         A sentence for the terminal.
@@ -214,7 +222,8 @@ def pack(store: Path) -> str:
 
 
 def places_of(files: dict[str, Path]) -> dict[str, str]:
-    """Return the file name of the pack for each cell, in the order of ``files``; loose cells of no study are left out.
+    """Return the file name of the pack for each cell, in the order of ``files``; loose cells of no
+    study are left out.
 
     Args:
         files: all cells of a store, each with its file.
@@ -232,7 +241,9 @@ def places_of(files: dict[str, Path]) -> dict[str, str]:
 
 
 def left_table(path: Path) -> Iterator[str]:
-    """Yield a sentence if all declared trainings are there, or else the lines of a table of the missing ones."""
+    """Yield a sentence if all declared trainings are there, or else the lines of a table of the
+    missing ones.
+    """
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     declared, here = (sum(row[name] for row in rows) for name in ("trainings", "here"))
     if here == declared:
@@ -240,19 +251,29 @@ def left_table(path: Path) -> Iterator[str]:
         return
     yield f"{here:,} of {declared:,} declared trainings are there. The others:"
     yield ""
-    yield "| study | book | declared trainings | there | hours of one core for the rest, estimated |"
+    yield (
+        "| study | book | declared trainings | there | hours of one core for the rest, estimated |"
+    )
     yield "|---|---|---|---|---|"
     for row in rows:
         if row["here"] < row["trainings"]:
-            yield f"| {row['study']} | {row['book']} | {row['trainings']} | {row['here']} | {row['hours']:.1f} |"
+            yield (
+                f"| {row['study']} | {row['book']} | {row['trainings']} | {row['here']} | "
+                f"{row['hours']:.1f} |"
+            )
 
 
 def against_table(path: Path) -> Iterator[str]:
-    """Yield the lines of a table of agents against their own scorers; p has Holm's correction over all rows."""
+    """Yield the lines of a table of agents against their own scorers; p has Holm's correction over
+    all rows.
+    """
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     order = {name: number for number, name in enumerate(BOOKS)}
     corrected = dict(zip(map(id, rows), holm([row["p"] for row in rows]), strict=True))
-    yield "| book, split | depth | distractors | agent | success | its scorer alone | difference | p |"
+    yield (
+        "| book, split | depth | distractors | agent | success | its scorer alone | difference | p "
+        "|"
+    )
     yield "|---|---|---|---|---|---|---|---|"
 
     def key(row: dict[str, Any]) -> tuple[Any, ...]:
@@ -270,8 +291,8 @@ def against_table(path: Path) -> Iterator[str]:
         mark = OVER_TASKS if is_grouped and "groups" not in row else ""
         difference = f"{signed(row['difference'])} [{ends}]{mark} | {p_value}{mark}"
         yield (
-            f"| {BOOKS[row['book']]}, {split} | {row['depth']} | {row['distractors']} | {row['variant']} | "
-            f"{share(row['agent'])} | {share(row['scorer'])} | {difference} |"
+            f"| {BOOKS[row['book']]}, {split} | {row['depth']} | {row['distractors']} | "
+            f"{row['variant']} | {share(row['agent'])} | {share(row['scorer'])} | {difference} |"
         )
 
 
@@ -282,7 +303,8 @@ def read_all(folder: Path) -> list[StudyResults]:
     size = sum(path.stat().st_size for path in paths)
     if size > MOST_BYTES:
         sys.exit(
-            f"the results take {size:,} bytes; {MOST_BYTES:,} are the most to commit. Leave studies out."
+            f"the results take {size:,} bytes; {MOST_BYTES:,} are the most to commit. Leave "
+            "studies out."
         )
     order = {name: number for number, name in enumerate(ORDER)}
     books = {name: number for number, name in enumerate(BOOKS)}
@@ -307,19 +329,28 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
     for results, view in zip(found, views, strict=True):
         trainings = f"{len(results.runs)}" + f" | {len(results.missing) or ''}" * has_gaps
         yield (
-            f"| [{current(results).title}](#{anchor(results)}) | {shown_book(results)} | {steps_of(view)} | "
-            f"{seeds_of(view)} | {trainings} |"
+            f"| [{current(results).title}](#{anchor(results)}) | {shown_book(results)} | "
+            f"{steps_of(view)} | {seeds_of(view)} | {trainings} |"
         )
     yield ""
     number = len({run.run for results in found for run in results.runs})
-    yield f"In all {number:,} different trainings: one that several studies or points of a grid share runs once, and"
+    yield (
+        f"In all {number:,} different trainings: one that several studies or points of a grid "
+        "share runs once, and"
+    )
     yield f"counts in each. Platform and versions: {origins_of(found)}."
     yield ""
     evaluated = [(results, view_claims(results, current(results).claims)) for results in found]
     yield "## Claims"
     yield ""
-    yield f"Of the paper: {verdicts(evaluated, of_paper=True)}. Of this project: {verdicts(evaluated, of_paper=False)}."
-    yield "Each claim counts at each point that it is about, on each book; [the rule](#how-to-read-this-page) is below."
+    yield (
+        f"Of the paper: {verdicts(evaluated, of_paper=True)}. Of this project: "
+        f"{verdicts(evaluated, of_paper=False)}."
+    )
+    yield (
+        "Each claim counts at each point that it is about, on each book; [the "
+        "rule](#how-to-read-this-page) is below."
+    )
     yield ""
     yield from summary_table(evaluated)
     yield ""
@@ -333,7 +364,9 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
 
 
 def summary_table(evaluated: list[tuple[StudyResults, tuple[ClaimVerdict, ...]]]) -> Iterator[str]:
-    """Yield the lines of a table with a row for each claim, and the number of its points by verdict and book."""
+    """Yield the lines of a table with a row for each claim, and the number of its points by verdict
+    and book.
+    """
     counts: dict[tuple[str, str], dict[str, Counter[Verdict]]] = {}
     for results, claims in evaluated:
         for claim in claims:
@@ -404,7 +437,7 @@ def _ends(values: Iterable[int]) -> list[int]:
     return sorted({min(found), max(found)})
 
 
-def _entries(view: StudyView) -> list[VariantFigures]:
+def _entries(view: StudyView) -> list[VariantMetrics]:
     return [entry for point in view.points for entry in point.variants]
 
 
@@ -431,7 +464,9 @@ def section(results: StudyResults, view: StudyView) -> Iterator[str]:
     yield ""
     yield f"{' '.join(study.about.split())} *{study.source}.*"
     yield ""
-    yield f"![{study.title} ({shown_book(results).strip('`')})](images/results-{anchor(results)}.svg)"
+    yield (
+        f"![{study.title} ({shown_book(results).strip('`')})](images/results-{anchor(results)}.svg)"
+    )
     yield ""
     if view.scatters:
         for scatter in view.scatters:
@@ -450,7 +485,9 @@ def section(results: StudyResults, view: StudyView) -> Iterator[str]:
 
 
 def origins_of(found: list[StudyResults]) -> str:
-    """Return the platforms of the trainings, and the versions of packages that all trainings on a platform had."""
+    """Return the platforms of the trainings, and the versions of packages that all trainings on a
+    platform had.
+    """
     made: dict[str, dict[str, str]] = {}
     for of in (of for results in found for of in results.origins):
         versions = made.setdefault(of.platform, of.versions)
@@ -464,7 +501,7 @@ def origins_of(found: list[StudyResults]) -> str:
     return "; ".join(texts) or "not recorded"
 
 
-def without_agent(results: StudyResults, point: PointFigures) -> Iterator[tuple[str, str, str]]:
+def without_agent(results: StudyResults, point: PointMetrics) -> Iterator[tuple[str, str, str]]:
     """Yield name, success and success by the own recipe of players without an agent, on the tasks of a point."""
     path = HERE / "study-players.json"
     settings = {"depth": 1, "distractors": 1} | results.study.settings | point.values
@@ -481,12 +518,15 @@ def without_agent(results: StudyResults, point: PointFigures) -> Iterator[tuple[
             yield f"*no agent: {row['player']}*", success, share(row["by_plan"])
 
 
-def point_table(results: StudyResults, view: StudyView, point: PointFigures) -> Iterator[str]:
+def point_table(results: StudyResults, view: StudyView, point: PointMetrics) -> Iterator[str]:
     """Yield the lines of a table of all variants at a point of the grid, and of players without an agent."""
     has_mrr = any(entry.mrr is not None for entry in point.variants)
     yield f"{point.title[0].upper()}{point.title[1:]}, {counted(point.tasks, 'test task')}:"
     yield ""
-    yield f"| | seeds |{' MRR |' * has_mrr} success | more than {view.reference} | own recipe | on train tasks |"
+    yield (
+        f"| | seeds |{' MRR |' * has_mrr} success | more than {view.reference} | own recipe | on "
+        "train tasks |"
+    )
     yield f"|---|---|{'---|' * has_mrr}---|---|---|---|"
     for entry in point.variants:
         mrr = f" {'' if entry.mrr is None else share(entry.mrr)} |" * has_mrr
@@ -498,7 +538,9 @@ def point_table(results: StudyResults, view: StudyView, point: PointFigures) -> 
             more = f"{signed(entry.comparison.difference)} [{signed(low)}, {signed(high)}]"
         train = "" if entry.train is None else share(entry.train)
         own = share(entry.by_plan)
-        yield f"| {entry.variant} | {len(entry.seeds)} |{mrr} {success} | {more} | {own} | {train} |"
+        yield (
+            f"| {entry.variant} | {len(entry.seeds)} |{mrr} {success} | {more} | {own} | {train} |"
+        )
     for name, success, own in without_agent(results, point):
         yield f"| {name} | |{' |' * has_mrr} {success} | | {own} | |"
     yield ""
@@ -508,7 +550,10 @@ def point_table(results: StudyResults, view: StudyView, point: PointFigures) -> 
         if len(entry.success) > 1 and np.std(entry.success, ddof=1) > WIDE
     ]
     for entry in uneven:
-        yield f"Seeds of *{entry.variant}* differ much: {', '.join(share(rate) for rate in entry.success)}."
+        yield (
+            f"Seeds of *{entry.variant}* differ much: "
+            f"{', '.join(share(rate) for rate in entry.success)}."
+        )
     if uneven:
         yield ""
 
@@ -527,7 +572,10 @@ def scatter_table(results: StudyResults, view: StudyView, scatter: ScorerScatter
     for at in scatter.points:
         low, high = at.interval
         reached = "never" if at.reached is None else f"{at.reached:,}"
-        yield f"| {at.label} | {share(at.mrr)} | {share(at.success)} [{share(low)}, {share(high)}] | {reached} |"
+        yield (
+            f"| {at.label} | {share(at.mrr)} | {share(at.success)} [{share(low)}, {share(high)}] | "
+            f"{reached} |"
+        )
     at = [point for point in view.points if point.values.items() >= scatter.values.items()]
     rows = dict.fromkeys(
         (name, success) for point in at for name, success, _ in without_agent(results, point)
@@ -546,12 +594,14 @@ def scatter_table(results: StudyResults, view: StudyView, scatter: ScorerScatter
         if of
     ]
     if said:
-        yield f"Correlation over these scorers, with the 95 % interval over them: {', '.join(said)}."
+        yield (
+            f"Correlation over these scorers, with the 95 % interval over them: {', '.join(said)}."
+        )
         yield ""
 
 
 def missing_text(results: StudyResults) -> str:
-    """Return which trainings have no figures, and why."""
+    """Return which trainings have no results, and why."""
     reasons: dict[str, list[tuple[str, Values, int]]] = {}
     for lost in results.missing:
         reasons.setdefault(lost.why, []).append((lost.variant, lost.values, lost.seed))
@@ -620,7 +670,10 @@ def main() -> None:
         nargs="?",
         const=cells,
         metavar="FOLDER",
-        help="first collect the built-in studies from a store of cells (default: docs/results/cells), without training",
+        help=(
+            "first collect the built-in studies from a store of cells (default: "
+            "docs/results/cells), without training"
+        ),
     )
     choice.add_argument(
         "--pack",
@@ -628,13 +681,17 @@ def main() -> None:
         nargs="?",
         const=cells,
         metavar="FOLDER",
-        help="only move the loose cells of a store into an archive for each study and book (default: as for --cells)",
+        help=(
+            "only move the loose cells of a store into an archive for each study and book "
+            "(default: as for --cells)"
+        ),
     )
     options = parser.parse_args()
     store = options.cells or options.pack
     if store and not store.is_dir():
         sys.exit(
-            f"'{store}' is not a folder; expected a store of cells (`wordcraft-kg reproduce --store`)."
+            f"'{store}' is not a folder; expected a store of cells (`wordcraft-kg reproduce "
+            "--store`)."
         )
     try:
         if options.pack:

@@ -1,6 +1,6 @@
-"""Write docs/terms.md from the glossary of the reports and further terms; ``--check`` only compares."""
-
-# ruff: noqa: E501 (a definition a line)
+"""Write docs/terms.md from the glossary of the reports and further terms; ``--check`` only
+compares.
+"""
 
 import sys
 from pathlib import Path

@@ -6,7 +6,9 @@ import griffe
 
 
 class Roles(griffe.Extension):
-    """Makes roles plain code, the double colon before a literal block a single one, and Example the name it knows."""
+    """Makes roles plain code, the double colon before a literal block a single one, and Example the
+    name it knows.
+    """
 
     def on_object(self, *, obj: griffe.Object, **kwargs: object) -> None:
         """Rewrite the docstring of an object."""

@@ -1,18 +1,44 @@
-"""A player for `wordcraft-kg evaluate-text`: a language model behind an address on this machine, without an account.
+r"""A player for `wordcraft-kg evaluate-text`.
 
-    wordcraft-kg evaluate-text everyday --tasks 100 --player "python examples/chat_player.py gemma3:1b"
+A language model behind an address on this machine, without an account.
 
-The default address is Ollama's; give another address after the model's name. Any server with OpenAI's API works, such
-as llama.cpp, Ollama and vLLM. Each request sends the whole conversation, and each game begins a new conversation.
+    wordcraft-kg evaluate-text everyday --tasks 100 \
+        --player "python examples/chat_player.py gemma3:1b"
+
+The default address is Ollama's; give another address after the model's name. Any server with
+OpenAI's API works, such as llama.cpp, Ollama and vLLM. Each request sends the whole conversation,
+and each game begins a new conversation. Addresses of this machine and its private network are
+reached directly, all others by the proxy of the environment.
 """
 
 import json
 import sys
+from ipaddress import ip_address
 from typing import Any
-from urllib.request import Request, urlopen
+from urllib.parse import urlsplit
+from urllib.request import OpenerDirector, ProxyHandler, Request, build_opener
 
 MODEL = sys.argv[1]
 ADDRESS = sys.argv[2] if len(sys.argv) > 2 else "http://127.0.0.1:11434/v1"
+
+
+def is_local(host: str) -> bool:
+    """Return whether a host name or number is this machine, or in its private network."""
+    name = host.rstrip(".").lower()
+    try:
+        address = ip_address(name)
+    except ValueError:  # a name; those without a point are never public
+        return "." not in name or name.endswith((".localhost", ".local"))
+    return address.is_loopback or address.is_private or address.is_link_local
+
+
+def make_opener(address: str) -> OpenerDirector:
+    """Return what opens an address: a proxy knows nothing of servers on this machine."""
+    is_direct = is_local(urlsplit(address).hostname or "")
+    return build_opener(ProxyHandler({}) if is_direct else ProxyHandler())
+
+
+OPENER = make_opener(ADDRESS)
 
 
 def answer(messages: list[dict[str, str]]) -> str:
@@ -23,7 +49,7 @@ def answer(messages: list[dict[str, str]]) -> str:
         json.dumps(body).encode(),
         {"Content-Type": "application/json"},
     )
-    with urlopen(request, timeout=55) as response:
+    with OPENER.open(request, timeout=55) as response:
         reply: dict[str, Any] = json.load(response)
     return str(reply["choices"][0]["message"]["content"])
 

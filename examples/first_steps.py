@@ -1,4 +1,6 @@
-"""From a recipe book to a guided agent, in Python; `make lint` checks that a type checker sees real types here.
+"""From a recipe book to a guided agent, in Python.
+
+`make lint` checks that a type checker sees real types here.
 
 Run it in an empty folder: it writes models/kitchen and runs/kitchen, in about ten seconds.
 """
@@ -25,7 +27,7 @@ from wordcraft_kg.models.scorers.scorer import Scorer
 
 
 def main() -> None:
-    """Train a scorer and an agent with the scorer's knowledge; evaluate the agent on the test tasks."""
+    """Train a scorer, and an agent with its knowledge; evaluate the agent on the test tasks."""
     opened = open_graph("kitchen")
     assert_type(opened, OpenedGraph)
     print(
@@ -44,7 +46,7 @@ def main() -> None:
     assert_type(policy, Policy)
     result = evaluate(policy, opened, num_distractors=4)
     assert_type(result, Evaluation)
-    print(f"success on test tasks: {result.figures().mean:.3f}")
+    print(f"success on test tasks: {result.metrics().mean:.3f}")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,12 @@
-"""IMPALA on crafting tasks in one file: environment, attention policy, V-trace, training, and a CSV of the curve.
+"""IMPALA on crafting tasks in one file.
+
+Environment, attention policy, V-trace, training, and a CSV of the curve.
 
     python examples/impala_single_file.py --graph kitchen --steps 20000 --out curve.csv
 
-This script is `wordcraft-kg train-agent` without files, checkpoints, knowledge and speed: the same seed gives the same
-tasks, weights and actions, and the same curve up to rounding. Copy the file and change the part that you study.
+This script is `wordcraft-kg train-agent` without files, checkpoints, knowledge and speed: the same
+seed gives the same tasks, weights and actions, and the same curve up to rounding. Copy the file and
+change the part that you study.
 """
 
 import argparse
@@ -30,7 +33,7 @@ GOAL = 1  # outcome of an episode that made the goal
 DISTRACTOR_SEEDS = 5  # tables with other distractors, for each test task
 
 
-# --- environment: pure functions, (state, actions) -> (state, outcome of the step) -----------------------------------
+# --- environment: pure functions, (state, actions) -> (state, outcome of the step) ----------------
 
 
 def make_world(graph: str, part: TaskPart, distractors: int) -> World:
@@ -47,16 +50,23 @@ def observe(state: State) -> tuple[Tensor, Tensor, Tensor]:
     )
 
 
-# --- policy: attention of goal and selection over the table ----------------------------------------------------------
+# --- policy: attention of goal and selection over the table ---------------------------------------
 
 
 class AttentionPolicy(nn.Module):
-    """``α_i = Q([x_goal; x_sel]) · K(x_i) / √d`` are the logits of the slots, ``V = MLP(Σ_i softmax(α)_i x_i)``."""
+    """Attention of goal and selection over the table.
+
+    ``α_i = Q([x_goal; x_sel]) · K(x_i) / √d`` are the logits of the slots, ``V = MLP(Σ_i
+    softmax(α)_i x_i)``.
+    """
 
     vectors: Tensor
 
     def __init__(self, vectors: Tensor, size: int = 300):
-        """Take the vectors of all entities, shape (E, F); nothing, with the id E, gets a zero vector."""
+        """Take the vectors of all entities, shape (E, F).
+
+        Nothing, with the id E, gets a zero vector.
+        """
         super().__init__()
         dim = vectors.shape[1]
         self.register_buffer("vectors", nn.functional.pad(vectors, (0, 0, 0, 1)))
@@ -65,7 +75,10 @@ class AttentionPolicy(nn.Module):
         self.value = nn.Sequential(nn.Linear(dim, size), nn.ReLU(), nn.Linear(size, 1))
 
     def forward(self, goal: Tensor, selection: Tensor, table: Tensor) -> tuple[Tensor, Tensor]:
-        """Return log-probabilities of the slots (B, A), -inf where a slot is empty, and the value (B,)."""
+        """Return log-probabilities of the slots, (B, A), and the value, (B,).
+
+        An empty slot has -inf.
+        """
         slots, is_empty = self.vectors[table], table == len(self.vectors) - 1
         query = self.query(torch.cat([self.vectors[goal], self.vectors[selection]], dim=1))
         logits = (self.key(slots) @ query[:, :, None])[:, :, 0] / math.sqrt(self.key.out_features)
@@ -75,18 +88,24 @@ class AttentionPolicy(nn.Module):
 
 
 def draw_slots(log_probs: Tensor, noise: Tensor) -> Tensor:
-    """Draw a slot for each row with one uniform number: the first whose cumulative probability exceeds it."""
+    """Draw a slot for each row with one uniform number.
+
+    It is the first slot whose cumulative probability exceeds the number.
+    """
     shares = log_probs.exp().cumsum(dim=1)
     return (shares <= noise[:, None] * shares[:, -1:]).sum(dim=1)
 
 
-# --- V-trace (Espeholt et al. 2018), with all truncation levels 1 ----------------------------------------------------
+# --- V-trace (Espeholt et al. 2018), with all truncation levels 1 ---------------------------------
 
 
 def v_trace(
     log_rhos: Tensor, discounts: Tensor, rewards: Tensor, values: Tensor, bootstrap: Tensor
 ) -> tuple[Tensor, Tensor]:
-    """Return targets of the values and advantages of the actions; arguments and results of shape (T, B) but (B,)."""
+    """Return targets of the values and advantages of the actions.
+
+    Arguments and results of shape (T, B) but (B,).
+    """
     rhos = log_rhos.exp().clamp(max=1)
     following = torch.cat([values[1:], bootstrap[None]])
     deltas = rhos * (rewards + discounts * following - values)
@@ -100,7 +119,7 @@ def v_trace(
     return targets, advantages
 
 
-# --- training --------------------------------------------------------------------------------------------------------
+# --- training -------------------------------------------------------------------------------------
 
 
 def learn(
@@ -109,7 +128,10 @@ def learn(
     actions: Tensor,
     steps: dict[str, Tensor],
 ) -> Tensor:
-    """Return the loss of an unroll: T + 1 states, T actions, and what the steps gave, shape (T, B) each."""
+    """Return the loss of an unroll.
+
+    It has T + 1 states, T actions, and the outcomes of the steps, shape (T, B) each.
+    """
     log_policies, values = policy(*(torch.cat(parts) for parts in zip(*states, strict=True)))
     values = values.view(UNROLL + 1, BATCH)
     log_policies = log_policies.view(UNROLL + 1, BATCH, -1)[:UNROLL]
@@ -131,7 +153,7 @@ def learn(
 
 @torch.no_grad()
 def evaluate(policy: AttentionPolicy, world: World) -> float:
-    """Return the success rate of the greedy policy, over all tasks of a part and distractor seeds."""
+    """Return the success rate of the greedy policy, over all tasks and distractor seeds."""
     engine, made = BatchEngine(world, len(world.tasks)), []
     for distractor_seed in range(DISTRACTOR_SEEDS):
         state = engine.pose(np.arange(len(world.tasks)), distractor_seed)

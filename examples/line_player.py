@@ -1,8 +1,11 @@
-"""A player for `wordcraft-kg evaluate-text`: the two things whose words lie nearest to the goal's, by GloVe vectors.
+"""A player for `wordcraft-kg evaluate-text`.
+
+The two things whose words lie nearest to the goal's, by GloVe vectors.
 
     wordcraft-kg evaluate-text everyday --player "python examples/line_player.py"
 
-It needs no account and no download. Replace `choose` by anything: a rule, a model, a person at another screen.
+It needs no account and no download. Replace `choose` by anything: a rule, a model, a person at
+another screen.
 """
 
 import json

@@ -1,7 +1,9 @@
-"""A kind of model of one's own: it trains, resumes after Ctrl-C, and serves every command that takes a model.
+"""A kind of model of one's own.
 
-Run it in an empty folder, in a few seconds; repeat it after Ctrl-C. The line at ``MODELS`` is all that the package has
-to know. A package of your own has its module imported by an entry point:
+It trains, resumes after Ctrl-C, and serves every command that takes a model.
+
+Run it in an empty folder, in a few seconds; repeat it after Ctrl-C. The line at ``MODELS`` is all
+that the package has to know. A package of your own has its module imported by an entry point:
 [project.entry-points."wordcraft_kg.models"], hubs = "my_package.hubs".
 """
 
@@ -27,7 +29,7 @@ from wordcraft_kg.runs.training import Training, train
 
 @dataclass(frozen=True)
 class HubsConfig(RunConfig):
-    """Settings of a model in which each entity has a score as head and as tail of each relation, and nothing else."""
+    """Settings of a model in which each entity has a score as head and as tail of each relation."""
 
     commands: ClassVar[tuple[str, ...]] = ("train-hubs",)
 
@@ -37,7 +39,10 @@ class HubsConfig(RunConfig):
 
 
 class HubsTraining(Training[HubsConfig, int, Path]):
-    """Logistic regression on the train triples against random ones; a checkpoint's progress is its epoch."""
+    """Logistic regression on the train triples against random ones.
+
+    A checkpoint's progress is its epoch.
+    """
 
     kind: ClassVar[RunKind[int]] = RunKind(HubsConfig.commands, "hubs", unit="epoch", progress=int)
     config_type = HubsConfig

@@ -1,4 +1,6 @@
-"""An own player for the reference table: choose the entities with the most similar names to the goal's name.
+"""An own player for the reference table.
+
+Choose the entities with the most similar names to the goal's name.
 
 A package makes its player known to `wordcraft-kg evaluate-agent kitchen` by an entry point:
 [project.entry-points."wordcraft_kg.players"], alike = "my_package.players:alike_player".
@@ -15,7 +17,10 @@ from wordcraft_kg.graphs import Split
 
 
 def alike_player(split: Split) -> Player:
-    """Return a player for a split. A player may learn from the split; this player compares names only."""
+    """Return a player for a split.
+
+    A player may learn from the split; this player compares names only.
+    """
     names = split.graph.entities
     alike = np.array(
         [[SequenceMatcher(None, one, goal).ratio() for one in (*names, "")] for goal in names]

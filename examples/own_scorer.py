@@ -14,7 +14,10 @@ from wordcraft_kg.models.scorers.scorer import Scorer
 
 
 class AlikeScorer(Scorer):
-    """Holds that things combine, and are made of each other, if their names are used alike: cosine of GloVe vectors."""
+    """Holds that things combine, and are made of each other, if their names are used alike.
+
+    Cosine of GloVe vectors.
+    """
 
     def __init__(self, opened: OpenedGraph):
         """Look up the vectors of the graph's entities."""

@@ -1,7 +1,8 @@
 """A source of one's own guides an agent: the letters that an entity shares with the goal.
 
-Run it in an empty folder; it takes ten seconds. A package makes its source known to `--use u,v,letters` by an entry
-point: [project.entry-points."wordcraft_kg.sources"], letters = "my_package.sources:SharedLetters".
+Run it in an empty folder; it takes ten seconds. A package makes its source known to
+`--use combines,component,letters` by an entry point:
+[project.entry-points."wordcraft_kg.sources"], letters = "my_package.sources:SharedLetters".
 """
 
 import torch
@@ -32,7 +33,10 @@ class SharedLetters(Source):
     label = Label("letters", "x", "letters shared with the goal")
 
     def __init__(self, num_entities: int):
-        """Prepare a table that is saved with the policy; its last row and column are those of nothing."""
+        """Prepare a table that is saved with the policy.
+
+        Its last row and column are those of nothing.
+        """
         super().__init__(num_entities)
         self.register_buffer("shared", torch.zeros(num_entities + 1, num_entities + 1))
 
@@ -53,7 +57,7 @@ class SharedLetters(Source):
 def main() -> None:
     """Train an agent that weighs letters in addition to link scores."""
     train_links(LinksConfig("kitchen", ComplExConfig(epochs=10)), "models/kitchen")
-    policy, trainer = PolicyConfig(use="u,v,letters"), ImpalaConfig(steps=5_000)
+    policy, trainer = PolicyConfig(use="combines,component,letters"), ImpalaConfig(steps=5_000)
     trained = train_agent(
         AgentConfig("kitchen", "models/kitchen", TaskConfig(), policy, trainer), "runs/letters"
     )

@@ -1,6 +1,7 @@
-"""A tracker of one's own: the figures of two trainings in one CSV file while they run.
+"""A tracker of one's own: the metrics of two trainings in one CSV file while they run.
 
-Run it in an empty folder: it writes figures.csv, models/tracked and runs/tracked, in about ten seconds.
+Run it in an empty folder: it writes metrics.csv, models/tracked and runs/tracked, in about ten
+seconds.
 """
 
 import csv
@@ -18,14 +19,14 @@ from wordcraft_kg import (
 
 
 class Table:
-    """Appends a row for each figure: run, step, name, value."""
+    """Appends a row for each metric: run, step, name, value."""
 
     def __init__(self, path: Path, run: str):
         """Take the file, and what to call the run in it."""
         self.path, self.run = path, run
 
     def log(self, step: int, values: Mapping[str, float]) -> None:
-        """Append the figures of an epoch or a line of metrics."""
+        """Append the metrics of an epoch or a line of metrics."""
         with self.path.open("a", newline="") as file:
             csv.writer(file).writerows(
                 (self.run, step, name, value) for name, value in values.items()
@@ -38,7 +39,7 @@ class Table:
 
 def main() -> None:
     """Train a link predictor and an agent."""
-    path = Path("figures.csv")
+    path = Path("metrics.csv")
     links = LinksConfig("kitchen", ComplExConfig(dim=16, epochs=10))
     train_links(links, "models/tracked", trackers=[Table(path, "links")], progress=True)
     agent = AgentConfig("kitchen", trainer=ImpalaConfig(steps=40_000, eval_every=20_000))

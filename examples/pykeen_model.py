@@ -37,7 +37,8 @@ def main() -> None:
     comparison = compare([Contender(name, [open_model(f"models/{name}")]) for name in names])
     for model in comparison.models:
         print(
-            f"{model.name}: MRR {model.mrr:.3f}, difference {model.difference}, {model.difference_ci}"
+            f"{model.name}: MRR {model.mrr:.3f}, difference {model.difference}, "
+            f"{model.difference_ci}"
         )
     print("more: wordcraft-kg evaluate-links models/transe")
 

@@ -1,13 +1,16 @@
-"""Stable-Baselines3 trains on the environment: MaskablePPO with our policy as its network, guided by a scorer.
+"""Stable-Baselines3 trains on the environment.
 
-The scorer is cross-fitted: with the number of the task in the observations, the policy asks a model that has not seen
-the task's recipe, and does not learn to rely on memory.
+MaskablePPO with our policy as its network, guided by a scorer.
 
-The training shows how the parts fit together and is too short to improve the policy: even ten times the steps
-reach only .352 [.273, .435] on the test tasks, from .330. Train agents for results with `train_agent`.
+The scorer is cross-fitted: with the number of the task in the observations, the policy asks a model
+that has not seen the task's recipe, and does not learn to rely on memory.
 
-Needs the extra interop. Run it in an empty folder: it writes models/kitchen and policies/ppo, in less than half a
-minute.
+The training shows how the parts fit together and is too short to improve the policy: even ten times
+the steps reach only .352 [.273, .435] on the test tasks, from .330. Train agents for results with
+`train_agent`.
+
+Needs the extra interop. Run it in an empty folder: it writes models/kitchen and policies/ppo, in
+less than half a minute.
 """
 
 import gymnasium as gym
@@ -56,9 +59,10 @@ def main() -> None:
     model.learn(2_048)
     trained: Policy = model.policy.network  # a copy: `policy` is as it was
     for name, player in (("before", policy), ("after", trained)):
-        figures = evaluate(player, opened, num_distractors=4).figures()
+        figures = evaluate(player, opened, num_distractors=4).metrics()
         print(
-            f"success on test tasks {name}: {figures.mean:.3f} [{figures.ci_low:.3f}, {figures.ci_high:.3f}]"
+            f"success on test tasks {name}: {figures.mean:.3f} [{figures.ci_low:.3f}, "
+            f"{figures.ci_high:.3f}]"
         )
     save_policy("policies/ppo", trained)
     print(trained.act(goal="bread", table=["flour", "fire", "water", "egg"]))

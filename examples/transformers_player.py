@@ -1,12 +1,15 @@
-"""A player for `wordcraft-kg bench run` and `evaluate-text`: a language model of `transformers` on this machine.
+"""A player for `wordcraft-kg bench run` and `evaluate-text`.
+
+A language model of `transformers` on this machine.
 
     wordcraft-kg bench run craft-8-lite --out submission --weights model.gguf --timeout 600 \
         --player "program:python examples/transformers_player.py model.gguf --by probabilities"
 
-The model is a folder, a .gguf file or a name on the Hugging Face hub, with a chat template. By generation, the model
-writes an answer of a few tokens, each the most probable. By probabilities, the answer is the text "first + second"
-with the highest probability, over all pairs of items that were not tried in this game; if look-ups are offered, the
-goal is looked up first (the first item in open-ended games). The rules and, while they fit, all turns are the context.
+The model is a folder, a .gguf file or a name on the Hugging Face hub, with a chat template. By
+generation, the model writes an answer of a few tokens, each the most probable. By probabilities,
+the answer is the text "first + second" with the highest probability, over all pairs of items that
+were not tried in this game; if look-ups are offered, the goal is looked up first (the first item in
+open-ended games). The rules and, while they fit, all turns are the context.
 """
 
 import argparse
@@ -33,7 +36,8 @@ class Reader:
     def __init__(self, name: str):
         """Load a model folder, a .gguf file, or a model on the hub."""
         path, where = Path(name), name
-        # Without False, the library asks on stdin, where the games come from, whether to run the model's own code.
+        # Without False, the library asks on stdin, where the games come from, whether to run the
+        # model's own code.
         options: dict[str, Any] = {"trust_remote_code": False}
         if path.is_file():
             where, options["gguf_file"] = str(path.parent), path.name
@@ -53,7 +57,10 @@ class Reader:
         return list(self.tokenizer(text, add_special_tokens=False).input_ids)
 
     def chat(self, messages: list[Message], is_asked: bool) -> list[int]:
-        """Return the tokens of a conversation, with the beginning of an answer if the model is asked for one."""
+        """Return the tokens of a conversation.
+
+        They end with the beginning of an answer if the model is asked for one.
+        """
         text = self.tokenizer.apply_chat_template(
             messages, add_generation_prompt=is_asked, tokenize=False
         )
@@ -79,7 +86,9 @@ class Reader:
         self.ids, self.next = ids, logits[0, -1].log_softmax(-1)
 
     def log_probs(self, texts: list[list[int]]) -> list[float]:
-        """Return the log-probability of each text (tokens) as the continuation: one forward pass over a tree of texts.
+        """Return the log-probability of each text (tokens) as the continuation.
+
+        One forward pass over a tree of texts.
 
         Equal beginnings are read once, and a token sees only its own beginning.
         """
@@ -126,7 +135,8 @@ def by_probabilities(
 ) -> str:
     """Return the most probable answer "first + second" whose pair was not tried.
 
-    No answer is more probable than its first half, so the search may end before it has read all answers.
+    No answer is more probable than its first half, so the search may end before it has read all
+    answers.
     """
     reader.read(prompt)
     halves = reader.log_probs([reader.tokens(f"{item} +") for item in items])
@@ -160,7 +170,8 @@ def play(reader: Reader, by: str, context: int, most: int) -> None:
         if message["new"]:
             rules, _, text = text.partition("\n\n")
             messages, tried = [{"role": "system", "content": rules}], set()
-            # The rules are the same in all games. Nothing else stays, so no game depends on the games before.
+            # The rules are the same in all games. Nothing else stays, so no game depends on the
+            # games before.
             if reader.ids[: len(kept := reader.chat(messages, False))] == kept:
                 reader.cut(len(kept))
             else:

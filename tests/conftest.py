@@ -1,4 +1,5 @@
-"""Shared by all tests: hypothesis settings, commands in this process, books, and trained folders."""
+"""Shared by all tests: hypothesis settings, commands in this process, books, and
+trained folders."""
 
 import gc
 import logging
@@ -21,7 +22,8 @@ from wordcraft_kg.graphs import RecipeGraph, open_book, open_graph
 from wordcraft_kg.graphs.library import DATA_VARIABLE
 from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES
 
-# Ray reads these once, when it is imported, which torchrl does; a token in the home folder would count otherwise.
+# Ray reads these once, when it is imported, which torchrl does; a token in the home folder would
+# count otherwise.
 os.environ.setdefault("RAY_AUTH_MODE", "token")
 os.environ.setdefault("RAY_AUTH_TOKEN", uuid.uuid4().hex)
 
@@ -34,7 +36,8 @@ OFFICIAL_FILE = "alchemy2.json"
 
 @dataclass(frozen=True)
 class Outcome:
-    """The end of a command: exit code, stdout, stderr, and kind and setting of its failure if there was one."""
+    """The end of a command: exit code, stdout, stderr, and kind and setting of its failure if there
+    was one."""
 
     code: int
     out: str
@@ -59,7 +62,8 @@ def interruptible():
 
 @pytest.fixture(scope="session", autouse=True)
 def one_core():
-    """Use one thread: two are slower on tensors this small, and give other last bits; and train folds one by one."""
+    """Use one thread: two are slower on tensors this small, and give other last bits; and train
+    folds one by one."""
     torch.set_num_threads(1)
     with pytest.MonkeyPatch.context() as patch:
         for name in (CORES_VARIABLE, *THREADS_VARIABLES):  # of the processes that tests start
@@ -135,7 +139,8 @@ def opened(opened_kitchen):
 
 @pytest.fixture(scope="session")
 def made_once(tmp_path_factory):
-    """Make a folder once for all processes of this test session: `made_once(name, make)`; read only."""
+    """Make a folder once for all processes of this test session: `made_once(name, make)`; read
+    only."""
     root = tmp_path_factory.getbasetemp()
     if "PYTEST_XDIST_WORKER" in os.environ:
         root = root.parent

@@ -65,7 +65,8 @@ def fabricate(
 
 
 def three_train_fractions():
-    """Return results of three shares of the recipes, with scores out of sample (folds) and in-sample (memory)."""
+    """Return results of three shares of the recipes, with scores out of sample (folds) and
+    in-sample (memory)."""
     rows = {0.2: ["50000", "50000"], 0.5: ["55000", "55500"], 1.0: ["55500", "55550"]}
     points = [
         (

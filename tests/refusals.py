@@ -1,4 +1,5 @@
-"""Expecting errors by their class and the setting that they refuse; their texts are in `test_error_texts.py`."""
+"""Expecting errors by their class and the setting that they refuse; their texts are in
+`test_error_texts.py`."""
 
 from contextlib import contextmanager
 

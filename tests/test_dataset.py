@@ -1,4 +1,5 @@
-"""The dataset folder data/everyday belongs to the book of the package, and its metadata are valid Croissant."""
+"""The dataset folder data/everyday belongs to the book of the package, and its metadata are valid
+Croissant."""
 
 import csv
 import runpy

@@ -14,34 +14,35 @@ from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 TEXTS = [
     (
         lambda: wk.open_book("half.csv"),
-        "RecipeFileError: half.csv, line 2: 'flour' is the only ingredient; a recipe needs two. Write it twice, or "
-        "build the graph with `single_ingredient` self, which reads flour + flour, or the name of what it is combined "
-        "with.",
+        "RecipeFileError: half.csv, line 2: 'flour' is the only ingredient; a recipe needs two. "
+        "Write it twice, or build the graph with `single_ingredient` self, which reads flour + "
+        "flour, or the name of what it is combined with.",
     ),
     (
         lambda: wk.SplitConfig("by-goals"),
-        "ConfigError: `kind` 'by-goals': expected one of by-recipe, by-recipe-plain, by-slot, by-goal, by-kind, "
-        "none. Did you mean 'by-goal'?",
+        "ConfigError: `kind` 'by-goals': expected one of by-recipe, by-recipe-plain, by-slot, "
+        "by-goal, by-kind, none. Did you mean 'by-goal'?",
     ),
     (
         lambda: wk.make_split(wk.RecipeGraph.from_recipes([("a", "b", "c")]), wk.SplitConfig()),
-        "SplitError: the test part of a by-recipe split of 1 recipe in 1 group is empty; choose another `train_ratio` "
-        "or `valid_ratio`, or `kind` none for the full graph only.",
+        "SplitError: the test part of a by-recipe split of 1 recipe in 1 group is empty; choose "
+        "another `train_ratio` or `valid_ratio`, or `kind` none for the full graph only.",
     ),
     (
         lambda: wk.open_graph("damaged"),
-        "ArtefactError: damaged/graph.json, line 1, column 2: not JSON (Expecting property name enclosed in double "
-        "quotes). The graph folder is damaged; build it again.",
+        "ArtefactError: damaged/graph.json, line 1, column 2: not JSON (Expecting property name "
+        "enclosed in double quotes). The graph folder is damaged; build it again.",
     ),
     (
         lambda: export_graph(wk.open_graph("kitchen"), "owl", Path("graph.owl")),
-        "ConfigError: `format` 'owl': expected one of tsv, graphml, nt, parquet, csv, json.",
+        "ConfigError: `format` 'owl': expected one of tsv, graphml, nt, parquet, csv, json, hif.",
     ),
     (
         lambda: WordCraftEnv("kitchen", distractors=2),
-        "UnknownSettingError: unexpected keyword argument 'distractors'; expected one of part, depth, num_distractors, "
-        "max_attempts, reward, distractor_weighting, distractor_policy, task_weighting, ambiguity, illegal_action, "
-        "num_tasks, task_seed. Did you mean 'num_distractors', 'distractor_policy', 'distractor_weighting'?",
+        "UnknownSettingError: unexpected keyword argument 'distractors'; expected one of part, "
+        "depth, num_distractors, max_attempts, reward, distractor_weighting, distractor_policy, "
+        "task_weighting, ambiguity, illegal_action, num_tasks, task_seed. Did you mean "
+        "'num_distractors', 'distractor_policy', 'distractor_weighting'?",
     ),
     (
         lambda: wk.ComplExConfig(dim=1.5),
@@ -53,8 +54,8 @@ TEXTS = [
     ),
     (
         lambda: wk.load_scorer("model", graph=wk.open_graph("paper-examples").graph),
-        "GraphMismatchError: model was trained on graph 43fe37e2e912 (80 entities) but 'paper-examples' is "
-        "8e9614822341 (93). Train on this graph, or use the training graph.",
+        "GraphMismatchError: model was trained on graph 43fe37e2e912 (80 entities) but "
+        "'paper-examples' is 8e9614822341 (93). Train on this graph, or use the training graph.",
     ),
 ]
 

@@ -1,4 +1,5 @@
-"""All that is computed is the same in a process with another hash seed: one such process makes everything."""
+"""All that is computed is the same in a process with another hash seed: one such process makes
+everything."""
 
 import contextlib
 import hashlib

@@ -32,7 +32,8 @@ def script(tmp_path, monkeypatch):
     return call
 
 
-def test_a_stored_notebook_has_the_cells_of_its_source_and_the_outputs_of_stdout(script, tmp_path):
+def test_a_stored_notebook_has_its_sources_cells_and_stdout(script, tmp_path):
+    """A stored notebook has the cells of its source and the outputs of stdout."""
     script("--check")
     stored = json.loads((tmp_path / "one.ipynb").read_text())
     assert ["".join(cell["source"]) for cell in stored["cells"]] == [

@@ -1,4 +1,5 @@
-"""The script that compares people's judgements of single pairs; the published file may be missing."""
+"""The script that compares people's judgements of single pairs; the published file
+may be missing."""
 
 import json
 import runpy
@@ -62,7 +63,8 @@ def test_people_and_a_scorer_answer_the_same_questions(graph, judgements):
         pairs.answers_of_people(judgements[:2], graph)
 
 
-def test_a_scorer_that_knows_a_judged_pair_is_refused_and_its_recipes_are_listed(graph, judgements):
+def test_a_scorer_that_knows_a_judged_pair_is_refused(graph, judgements):
+    """A scorer that knows a judged pair is refused and its recipes are listed."""
     expected = [("a", "b", "c"), ("a", "b", "d"), ("b", "c", "d")]
     assert pairs.judged_recipes(judgements, graph) == expected
     leaky = Fixed({}, [[1, 0, 3], [0, 0, 1]])

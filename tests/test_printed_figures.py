@@ -107,7 +107,8 @@ COLUMNS = {
 
 
 def means_of(book, split):
-    """Return the mean over splits of each row and figure of outside-knowledge.json; None where a split lacks it."""
+    """Return the mean over splits of each row and figure of outside-knowledge.json; None where a
+    split lacks it."""
     rows = {}
     for row in stored("outside-knowledge.json"):
         if (row["book"], row["split"]) == (book, split):
@@ -147,7 +148,8 @@ def test_the_guide_on_outside_knowledge_prints_the_stored_means():
     assert compared > 150
 
 
-def test_the_gain_by_goal_stands_in_one_sentence_with_the_goals_that_the_other_book_makes():
+def test_the_gain_by_goal_is_printed_with_its_goals():
+    """The gain by goal stands in one sentence with the goals that the other book makes."""
     means = means_of("little-alchemy-2", "by-goal")
     before, after = means["and GloVe"], means["all"]
     expected = [
@@ -189,7 +191,8 @@ def test_readme_gives_the_scorer_on_five_splits_beside_split_0():
     assert number(row[5]) == pytest.approx(np.mean([alone[seed] for seed in (0, 1, 2)]), abs=CLOSE)
 
 
-def test_the_guide_on_partial_graphs_says_that_split_0_is_an_easy_split_by_goal():
+def test_the_guide_says_that_split_0_is_easy_by_goal():
+    """The guide on partial graphs says that split 0 is an easy split by goal."""
     (rates,) = [
         row["success"]
         for row in stored("untrained-players.json")
@@ -229,7 +232,8 @@ def shown(value):
     return f"{value:.3f}".removeprefix("0")
 
 
-def test_the_guide_on_environments_prints_the_stored_success_of_the_degree_shortcut():
+def test_the_guide_prints_the_stored_degree_shortcut():
+    """The guide on environments prints the stored success of the degree shortcut."""
     stored_rates = {
         (row["book"], row["distractors"]): row["success"][0]
         for row in stored("untrained-players.json")
@@ -260,7 +264,8 @@ PLAYED = {
 }
 
 
-def test_the_guide_on_link_prediction_prints_the_stored_figures_of_scorers_without_training():
+def test_the_guide_prints_stored_metrics_without_training():
+    """The guide on link prediction prints the stored figures of scorers without training."""
     rows = stored("link-quality.json")
     compared = 0
     for head, lines in tables("link-prediction.md"):
@@ -282,7 +287,8 @@ def test_the_guide_on_link_prediction_prints_the_stored_figures_of_scorers_witho
     assert compared >= 18
 
 
-def test_the_guide_on_link_prediction_prints_the_stored_success_of_simple_rules():
+def test_the_guide_prints_stored_success_of_simple_rules():
+    """The guide on link prediction prints the stored success of simple rules."""
     rows = stored("link-quality.json")
     printed = {
         name: cells

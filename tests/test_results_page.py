@@ -29,7 +29,8 @@ def script():
 
 
 def results_of(won, *, study=None, mrr=None, **changed):
-    """Return results of 100 tasks; ``won`` has, for each variant and seed, the share of five draws that won, as 0-5."""
+    """Return results of 100 tasks; ``won`` has, for each variant and seed, the share of five draws
+    that won, as 0-5."""
     points = won if isinstance(won, list) else [({"distractors": 8}, won)]
     cells = [
         {name: [str(digit) * 100 for digit in digits] for name, digits in won.items()}
@@ -175,12 +176,13 @@ def test_a_study_of_train_samples_shows_mrr_success_and_their_correlation(script
     assert "| none |  | .200 |  |" in text
     assert "| train_fraction 0.5 | .250 | .400 [.309, .498] | 1,000 |" in text
     assert (
-        "Correlation over these scorers, with the 95 % interval over them: of MRR and success, Pearson +1.00"
-        in text
+        "Correlation over these scorers, with the 95 % interval over them: of MRR and success, "
+        "Pearson +1.00" in text
     )
 
 
-def test_the_page_names_uneven_seeds_counts_verdicts_and_says_that_all_is_there(script, tmp_path):
+def test_the_page_names_uneven_seeds_and_counts_verdicts(script, tmp_path):
+    """The page names uneven seeds counts verdicts and says that all is there."""
     text = text_of(script, results_of({"none": [1, 1], "guided": [1, 4]}))
     assert "Seeds of *guided* differ much: .200, .800." in text
     assert "| Guided is better. *(paper, Somewhere)* | 1 undecided, 1 not run |" in text

@@ -1,15 +1,16 @@
 """Knowledge graphs of crafting worlds, and agents that use them.
 
-What most users need can be imported from here, and each of these names has an example. ``open_...`` opens something on
-disk with everything that belongs to it, ``load_...`` loads one thing that computes, ``train_...`` takes a configuration
-and a folder::
+What most users need can be imported from here, and each of these names has an example. ``open_...``
+opens something on disk with everything that belongs to it, ``load_...`` loads one thing that
+computes, ``train_...`` takes a configuration and a folder::
 
     opened = open_graph("everyday")
     train_links(LinksConfig("everyday"), "models/everyday")
     train_agent(AgentConfig("everyday", "models/everyday"), "runs/guided")
-    evaluate(load_policy("runs/guided"), "everyday", num_distractors=8).figures()
+    evaluate(load_policy("runs/guided"), "everyday", num_distractors=8).metrics()
 
-Importing this package imports neither torch nor PyKEEN; a name imports what it needs when it is first used.
+Importing this package imports neither torch nor PyKEEN; a name imports what it needs when it is
+first used.
 """
 
 from importlib.metadata import version as _version
@@ -44,5 +45,6 @@ def _register_environments(_: object) -> None:
     register()
 
 
-# gymnasium knows the environments by name as soon as both are imported, in either order; we need not import it here.
+# gymnasium knows the environments by name as soon as both are imported, in either order; we need
+# not import it here.
 _after_import(_register_environments, "gymnasium.envs.registration")

@@ -49,7 +49,7 @@ train_recipes(RecipesConfig("kitchen"), "models/recipes")
 for seed in range(3):
     trainer = ImpalaConfig(steps=100_000, eval_every=25_000, seed=seed)
     train_agent(AgentConfig("kitchen", tasks=tasks, trainer=trainer), f"runs/no-graph/seed-{seed}")
-    guided = AgentConfig("kitchen", "models/recipes", tasks, PolicyConfig(use="u,v,w"), trainer)
+    guided = AgentConfig("kitchen", "models/recipes", tasks, PolicyConfig(use="combines,component,recipe"), trainer)
     train_agent(guided, f"runs/guided/seed-{seed}")
 
 # %% [markdown]
@@ -62,12 +62,12 @@ for seed in range(3):
 agents = [open_agent(path) for path in sorted(Path("runs").glob("*/*"))]
 scripted = knowledge_players(opened.split)
 players = {name: scripted[name] for name in ("random", "nearest words", "partial KG, votes")}
-players["recipe scorer alone"] = knowledge_player(make_sources(["w"], load_scorer("models/recipes")))
+players["recipe scorer alone"] = knowledge_player(make_sources(["recipe"], load_scorer("models/recipes")))
 players |= {agent.name: agent.policy for agent in agents}
 
 
 def success(player, **settings):
-    figures = evaluate(player, opened, **settings).figures()
+    figures = evaluate(player, opened, **settings).metrics()
     return f"{figures.mean:.3f} [{figures.ci_low:.3f}, {figures.ci_high:.3f}]"
 
 

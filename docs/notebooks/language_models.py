@@ -14,7 +14,7 @@ import pandas as pd
 from wordcraft_kg import WordCraftConfig, World
 from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGames
-from wordcraft_kg.apps.text_agents.submission import figures_text, verify
+from wordcraft_kg.apps.text_agents.submission import metrics_text, verify
 from wordcraft_kg.cli import main
 
 games = TaskGames(World("everyday", WordCraftConfig(part="test", num_distractors=8)))
@@ -69,7 +69,7 @@ submissions = [
 table = pd.DataFrame(
     {
         "player": one.player,
-        "success": figures_text(one.figures),
+        "success": metrics_text(one.figures),
         "look-ups": one.look_ups,
         "invalid answers": one.invalid_actions,
         "tokens": "" if one.tokens is None else f"{sum(one.tokens.values()):,}",

@@ -37,7 +37,7 @@ opened = open_graph("kitchen")
 
 
 def success(player, graph=opened):
-    figures = evaluate(player, graph, num_distractors=4).figures()
+    figures = evaluate(player, graph, num_distractors=4).metrics()
     return f"{figures.mean:.3f} [{figures.ci_low:.3f}, {figures.ci_high:.3f}]"
 
 
@@ -79,7 +79,7 @@ save_scorer("models/alike", scorer, opened, kg="none", origin="cosine of GloVe v
 # ## A source
 #
 # A source scores table slots for a decision. This source counts the letters that an entity shares with the goal.
-# `register_source` makes its name known to `PolicyConfig(use="u,v,letters")`.
+# `register_source` makes its name known to `PolicyConfig(use="combines,component,letters")`.
 
 
 # %%

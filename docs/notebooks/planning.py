@@ -40,11 +40,11 @@ scorer = load_scorer("models/recipes")
 # %%
 players = {
     "chance": random_distinct,
-    "w: the best pair": knowledge_player(make_sources(["w"], scorer)),
+    "w: the best pair": knowledge_player(make_sources(["recipe"], scorer)),
     "planner, train recipes only": knowledge_player(
         [BestPlan.of_recipes(len(opened.graph), opened.split.recipes("train"))]
     ),
-    "planner": knowledge_player(make_sources(["p"], scorer)),
+    "planner": knowledge_player(make_sources(["plan"], scorer)),
     "recipe oracle": recipe_oracle,
 }
 results = {}
@@ -55,7 +55,7 @@ for depth in (1, 2, 3):
 
 
 def figure(result):
-    figures = result.figures()
+    figures = result.metrics()
     return f"{figures.mean:.3f} [{figures.ci_low:.3f}, {figures.ci_high:.3f}]"
 
 
@@ -78,12 +78,13 @@ pd.DataFrame({"tasks": fewest.value_counts().sort_index()} | shares).round(3)
 # %% [markdown]
 # ## An agent that plans
 #
-# An agent with the source p begins as the planner and learns from play. The agent here is trained for a moment, and
-# is level with the planner.
+# An agent with the source plan (p) begins as the planner and learns from play. The agent here is trained for a moment,
+# and has no significant difference from the planner.
 
 # %%
 tasks, trainer = TaskConfig(depth=2, distractors=4), ImpalaConfig(steps=10_000, eval_every=0)
-train_agent(AgentConfig("kitchen", "models/recipes", tasks, PolicyConfig(use="u,v,w,p"), trainer), "runs/deep")
+all_sources = PolicyConfig(use="combines,component,recipe,plan")
+train_agent(AgentConfig("kitchen", "models/recipes", tasks, all_sources, trainer), "runs/deep")
 policy = load_policy("runs/deep")
 agent = evaluate(policy, world, distractor_seeds=1)
 pd.Series({"agent with u, v, w, p": figure(agent), "planner": figure(results["planner", 2])}, name="depth 2").to_frame()

@@ -78,8 +78,8 @@ pd.DataFrame(
 ).T
 
 # %%
-level = ", ".join(comparison.not_told_apart) or "no other model"
-print(f"{comparison.triples} unseen triples; the best model is {comparison.best}; level with it: {level}")
+others = ", ".join(comparison.not_significant) or "no other model"
+print(f"{comparison.triples} unseen triples; the best model is {comparison.best}; no significant difference: {others}")
 
 # %% [markdown]
 # ## Predictions

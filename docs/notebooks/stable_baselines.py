@@ -63,7 +63,7 @@ players = {"before": policy, "after": model.policy.network}
 rows = {}
 for part in ("train", "test"):
     for name, player in players.items():
-        figures = evaluate(player, opened, part=part, num_distractors=4).figures()
+        figures = evaluate(player, opened, part=part, num_distractors=4).metrics()
         rows[part, name] = f"{figures.mean:.3f} [{figures.ci_low:.3f}, {figures.ci_high:.3f}]"
 pd.Series(rows).unstack().loc[["train", "test"], ["before", "after"]]
 

@@ -21,7 +21,7 @@ study = Study(
     variants={
         "no graph": {},
         "facts": {"scorer": "facts"},
-        "recipe scorer": {"scorer": "recipes", "use": "u,v,w"},
+        "recipe scorer": {"scorer": "recipes", "use": "combines,component,recipe"},
     },
     scorers={"facts": {"command": "facts"}, "recipes": {"command": "train-recipes"}},
     settings={"book": "kitchen", "steps": 50_000},

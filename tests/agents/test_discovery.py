@@ -66,9 +66,8 @@ def test_nearest_words_tries_the_most_similar_untried_pair(kitchen):
 
 
 @pytest.mark.parametrize("name", PLAYERS)
-def test_a_player_in_the_environment_draws_the_same_curve_and_is_never_illegal(
-    kitchen, curves, name
-):
+def test_a_player_in_the_environment_has_the_same_curve(kitchen, curves, name):
+    """A player in the environment draws the same curve and is never illegal."""
     player = everybody(kitchen)[name]
     env = OpenEndedEnv(kitchen, max_attempts=ATTEMPTS, illegal_action="raise")
     for run in range(3):
@@ -86,9 +85,8 @@ def test_a_player_in_the_environment_draws_the_same_curve_and_is_never_illegal(
         assert (rows["known"][len(seen) :] == info["known"]).all()
 
 
-def test_curves_begin_with_the_base_and_never_fall_and_only_the_plain_random_player_repeats_a_pair(
-    kitchen, curves
-):
+def test_curves_begin_with_the_base_and_never_fall(kitchen, curves):
+    """Curves begin with the base and never fall and only the plain random player repeats a pair."""
     assert set(curves[curves["repeated"]]["player"]) == {"random"}
     for _, run in curves.groupby(["player", "run"]):
         assert run["attempt"].tolist() == list(range(ATTEMPTS + 1))

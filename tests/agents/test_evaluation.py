@@ -42,7 +42,8 @@ def policy_for(opened, num_slots, scorer=None, **settings):
 
 
 def scripted(state, rng):
-    """Picks that depend on the state alone and lead to every ending: plans, other ways, loops, chance, empty slots."""
+    """Picks that depend on the state alone and lead to every ending: plans, other ways, loops,
+    chance, empty slots."""
     number = 7 * state.goal + 5 * state.selection + 3 * state.attempts_left + state.table[:, 0]
     slots, again = (
         number % state.engine.num_slots,
@@ -55,7 +56,8 @@ def scripted(state, rng):
 
 
 def other_ways(state):
-    """The next pick of a pair on the table that makes the goal and ends no plan; -1 where there is none."""
+    """The next pick of a pair on the table that makes the goal and ends no plan; -1 where there is
+    none."""
     actions, graph = np.full(state.num_envs, -1), state.world.graph
     facts = list(zip(graph.recipes.tolist(), graph.pair_of_recipe.tolist(), strict=True))
     for row, (goal, selection, table) in enumerate(
@@ -76,7 +78,8 @@ def assert_equal(one, other):
 @pytest.mark.parametrize("part", ["train", "test"])
 @pytest.mark.parametrize(("depth", "attempts"), [(1, None), (1, 3), (2, None), (2, 3)])
 def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part, depth, attempts):
-    """In the released code the rate can exceed 1; here a task counts once a draw, however long its episodes."""
+    """In the released code the rate can exceed 1; here a task counts once a draw, however long its
+    episodes."""
     config = WordCraftConfig(part=part, depth=depth, num_distractors=4, max_attempts=attempts)
     evaluator = Evaluator(World(opened, config), distractor_seeds=3, limit=100)
     result = evaluator(recipe_oracle)
@@ -84,12 +87,13 @@ def test_a_perfect_player_scores_exactly_one_in_all_tasks_and_draws(opened, part
     assert result.success.all()
     assert result.by_plan.all()
     assert not result.terminations.any()
-    assert result.figures().mean == 1.0
+    assert result.metrics().mean == 1.0
     assert set(result.actions.ravel().tolist()) == {2 * depth}
 
 
 def play_singly(opened, config, player, distractor_seeds, tasks):
-    """Play each task and draw alone in the readable environment, on the tables of a batch of the same seed."""
+    """Play each task and draw alone in the readable environment, on the tables of a batch of the
+    same seed."""
     engine = BatchEngine(World(opened, config), len(tasks))
     settings = {
         name: getattr(config, name)
@@ -129,7 +133,8 @@ def play_singly(opened, config, player, distractor_seeds, tasks):
 
 
 def termination(env, info, pair, recipes):
-    """Say in words how an episode ended, from its last pair; one pick of it may have been an empty slot."""
+    """Say in words how an episode ended, from its last pair; one pick of it may have been an empty
+    slot."""
     if info["outcome"] == "goal":
         return "goal"
     names = env.world.graph.entities
@@ -246,7 +251,7 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     policy.register_forward_pre_hook(lambda *_: graphs.append(torch.is_grad_enabled()))
     states = np.random.get_state()[1].copy(), torch.get_rng_state()  # noqa: NPY002
     evaluator(PolicyPlayer(policy))
-    evaluator(random_entity).figures()
+    evaluator(random_entity).metrics()
     assert policy.training == before[1]
     assert all(torch.equal(tensor, before[0][name]) for name, tensor in policy.state_dict().items())
     assert set(graphs) == {False}
@@ -254,9 +259,7 @@ def test_an_evaluation_changes_neither_the_policy_nor_global_random_states(opene
     assert torch.equal(torch.get_rng_state(), states[1])
 
 
-def test_an_evaluation_amid_training_sees_one_set_of_weights_and_does_not_disturb_it(
-    opened, monkeypatch
-):
+def test_an_evaluation_amid_training_sees_one_set_of_weights(opened, monkeypatch):
     """In the released code weights change during a test; here a point of a curve is one checkpoint's."""
     config = WordCraftConfig(depth=2, num_distractors=2, reward="official")
     ends = []
@@ -308,7 +311,7 @@ def test_a_limit_takes_evenly_spaced_tasks(opened, limit):
 def test_figures_are_means_over_tasks_and_draws(opened):
     world = World(opened, WordCraftConfig(part="test", num_distractors=3, max_attempts=2))
     result = Evaluator(world, distractor_seeds=4)(scripted)
-    figures = result.figures()
+    figures = result.metrics()
     sums = [array.sum() / (63 * 4) for array in (result.success, result.by_plan, result.actions)]
     assert [figures.mean, figures.by_plan, figures.actions] == pytest.approx(sums)
     assert (figures.tasks, figures.distractor_seeds) == (63, 4)
@@ -338,7 +341,8 @@ def test_players_go_by_name(opened):
         assert_equal(evaluator(player_of(policy, kind)), evaluator(player))
 
 
-def test_decisions_are_equal_exactly_where_the_same_pairs_are_combined_in_the_same_order(opened):
+def test_decisions_are_equal_where_pairs_and_order_are(opened):
+    """Decisions are equal exactly where the same pairs are combined in the same order."""
     evaluator = Evaluator(
         World(opened, WordCraftConfig(part="test", num_distractors=1, max_attempts=2)),
         distractor_seeds=1,
@@ -418,7 +422,7 @@ def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeyp
         f"{amount:,} train tasks are too many: evaluating a sample of {len(evaluator.tasks)} tasks"
         in caplog.text
     )
-    assert evaluator(random_entity).figures().tasks == len(evaluator.tasks)
+    assert evaluator(random_entity).metrics().tasks == len(evaluator.tasks)
     assert len(Evaluator(world, limit=None).tasks) == amount
 
 

@@ -1,4 +1,5 @@
-"""Explained actions: against evaluated episodes, against the formula in loops, and in several threads."""
+"""Explained actions: against evaluated episodes, against the formula in loops, and in several
+threads."""
 
 import math
 from concurrent.futures import ThreadPoolExecutor
@@ -57,7 +58,8 @@ def random_policy(graph, num_slots, scorer=None, tasks=None, **settings):
 
 @pytest.fixture(scope="module")
 def made(opened, scorer):
-    """Make a world and a policy of random weights, large enough that its picks differ from state to state."""
+    """Make a world and a policy of random weights, large enough that its picks differ from state to
+    state."""
     links = FrequencyScorer(opened.graph, opened.split.partial)
     kinds = {
         "no scorer": (None, {}),
@@ -223,7 +225,8 @@ def test_a_table_of_ones_own_is_explained_as_the_formula_says(opened, made, kind
 
 
 def test_what_is_made_is_on_the_table_for_the_next_attempt():
-    """A pair with two results, one of them there already, and then one that makes the goal with its own result."""
+    """A pair with two results, one of them there already, and then one that makes the goal with its
+    own result."""
     rows = [["a", "b", "c"], ["a", "b", "d"], ["d", "d", "goal"], ["c", "e", "f"]]
     explainer = made_up(rows, ["a", "b", "e"], depth=2, max_attempts=3)
     # The policy picks something; the picks are followed by hand.
@@ -300,7 +303,8 @@ def test_no_model_that_has_seen_its_recipes_answers_a_task(opened, scorer, expla
 
 
 def assert_ways(graph, scorer, found):
-    """The ways are the recipes on the table, and what is remembered is what the model that answers was trained on."""
+    """The ways are the recipes on the table, and what is remembered is what the model that answers
+    was trained on."""
     ways = {
         (one.ingredient_a, one.ingredient_b, one.result): one for way in found.ways for one in way
     }
@@ -318,9 +322,8 @@ def assert_ways(graph, scorer, found):
     assert {*found.in_sample} == {one for one in ways.values() if one.is_in_sample}
 
 
-def test_a_table_of_ones_own_is_answered_by_a_model_that_has_not_seen_how_the_goal_is_made_on_it(
-    opened, scorer, explaining
-):
+def test_an_own_table_is_scored_out_of_sample(opened, scorer, explaining):
+    """A table of ones own is answered by a model that has not seen how the goal is made on it."""
     explainer, graph, rng = explaining("recipes"), opened.graph, np.random.default_rng(5)
     recipes, found_models = graph.recipes.tolist(), []
     for a, b, goal in recipes[::5]:
@@ -367,7 +370,8 @@ def test_where_every_model_was_trained_on_a_plan_it_is_marked_as_in_sample(
     table = sorted({part for row in rows for part in graph.recipes[row, :2].tolist()})
     found = explainer.table(goal, table)
     assert (found.model, bool(found.in_sample)) == ("train_recipes", True)
-    # Made from a task, it stays that task: its own model answers, which has seen the other way only.
+    # Made from a task, it stays that task: its own model answers, which has seen the other way
+    # only.
     plans = {task: plan for task, plan in enumerate(world.tasks.plans) if (rows[0],) in plan}
     (task,) = plans
     like = explainer.table(goal, table, like=task)
@@ -381,7 +385,8 @@ def test_where_every_model_was_trained_on_a_plan_it_is_marked_as_in_sample(
 
 
 @pytest.mark.parametrize(("kg", "model"), [("full", "all_recipes"), ("partial", "train_recipes")])
-def test_recipes_are_in_sample_for_a_scorer_without_folds_that_was_trained_on_them(made, kg, model):
+def test_a_scorer_without_folds_has_in_sample_recipes(made, kg, model):
+    """Recipes are in sample for a scorer without folds that was trained on them."""
     world, policy = made("links", "all")
     explainer = Explainer(policy, world, kg=kg)
     for task in range(0, len(world.tasks), 5):

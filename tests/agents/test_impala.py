@@ -1,4 +1,5 @@
-"""The trainer against updates and V-trace written out state by state, and what a training must keep to."""
+"""The trainer against updates and V-trace written out state by state, and what a training must keep
+to."""
 
 import copy
 import csv
@@ -27,7 +28,7 @@ from wordcraft_kg import (
     open_graph,
     train_agent,
 )
-from wordcraft_kg.agents.impala import FIGURES, LOSSES, Impala, check_compiler
+from wordcraft_kg.agents.impala import LOSSES, METRICS, Impala, check_compiler
 from wordcraft_kg.agents.vtrace import v_trace
 from wordcraft_kg.base.errors import ConfigError, TrainingError
 from wordcraft_kg.envs.batch import GOAL, BatchEngine
@@ -94,9 +95,11 @@ def assert_same_state(one, other):
 
 
 class SlowImpala:
-    """The same training with loops: an environment, a step, a state and a parameter at a time, in double precision.
+    """The same training with loops: an environment, a step, a state and a parameter at a time, in
+    double precision.
 
-    Only the actions are taken from the trainer under test; environments, values, behaviour and optimiser are its own.
+    Only the actions are taken from the trainer under test; environments, values, behaviour and
+    optimiser are its own.
     """
 
     def __init__(self, impala):
@@ -135,7 +138,8 @@ class SlowImpala:
         )
 
     def play(self, actions):
-        """Return the states of each step and after the last, rewards, which episodes ended, and which made the goal."""
+        """Return the states of each step and after the last, rewards, which episodes ended, and
+        which made the goal."""
         states, rewards, over, won = [self.states()], [], [], []
         for row in actions.numpy():
             self.envs, step = self.envs.engine.step(self.envs, row)
@@ -146,7 +150,8 @@ class SlowImpala:
         return states, np.array(rewards), np.array(over), np.array(won)
 
     def update(self, actions):
-        """Learn from the steps that these actions make; return what should be logged, and the clipped gradient."""
+        """Learn from the steps that these actions make; return what should be logged, and the
+        clipped gradient."""
         config = self.config
         self.actors = [*self.actors, copy.deepcopy(self.policy)][-1 - config.policy_lag :]
         states, rewards, over, won = self.play(actions)
@@ -256,7 +261,7 @@ def test_updates_are_those_of_the_formulas_written_out(
         torch.testing.assert_close(flat(impala).double(), reference, atol=5e-5, rtol=1e-3)
         assert impala.update_number == number + 1
 
-    figures = impala.take_figures()
+    figures = impala.take_metrics()
     for name in LOSSES:
         assert figures[name] == pytest.approx(
             np.mean([row[name] for row in logged]), rel=2e-3, abs=1e-4
@@ -276,7 +281,8 @@ def test_updates_are_those_of_the_formulas_written_out(
             expected = torch.cat(rows)[:, i].mean().item()
             assert figures[f"lambda_{source}_{pick}"] == pytest.approx(expected, rel=1e-3)
 
-    # What these cases are for: episodes that are cut and need the value after them, and such that are not.
+    # What these cases are for: episodes that are cut and need the value after them, and such that
+    # are not.
     ended = over[:, -1].all(axis=1)
     assert ended.all() if (depth, unroll) == (1, 2) else not ended.all()
     assert any(abs(row["rewards"]) > 0.05 for row in logged)
@@ -286,14 +292,14 @@ def test_updates_are_those_of_the_formulas_written_out(
 def test_figures_begin_anew_each_time_and_are_none_where_no_episode_ended(trainer):
     impala = trainer(depth=1, unroll=1)
     impala.update()  # the first pick of all: nothing can have ended
-    first = impala.take_figures()
+    first = impala.take_metrics()
     assert first["return"] is first["success"] is None
     impala.update()
-    second = impala.take_figures()
+    second = impala.take_metrics()
     assert 0 <= second["success"] <= 1
     assert second["loss"] != first["loss"]
     assert not any(name.startswith("lambda") for name in second)
-    assert impala.take_figures()["loss"] == 0
+    assert impala.take_metrics()["loss"] == 0
 
 
 def test_each_uniform_number_picks_the_slot_whose_share_it_falls_into(trainer):
@@ -326,7 +332,8 @@ def test_an_entity_whose_probability_is_rounded_to_zero_is_never_picked(trainer,
 
 
 def test_the_environments_of_a_batch_see_different_tasks(opened, trainer):
-    """In the released code all actors see the same tasks; here n environments draw n streams, by one seed."""
+    """In the released code all actors see the same tasks; here n environments draw n streams, by
+    one seed."""
 
     def streams(env_seed):
         impala = trainer(batch_size=16, env_seed=env_seed)
@@ -365,10 +372,11 @@ def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll,
         other.update()
         assert torch.equal(one._unroll.actions, other._unroll.actions)
         torch.testing.assert_close(one._unroll.rewards, other._unroll.rewards)
-        # Rows are summed in batches of another size, so that last bits differ, by processor, and a unit near 0 may
-        # be on in the one and off in the other: a single parameter says little, all of them together much.
+        # Rows are summed in batches of another size, so that last bits differ, by processor, and a
+        # unit near 0 may be on in the one and off in the other: a single parameter says little, all
+        # of them together much.
         assert (flat(one) - flat(other)).norm() < 1e-3 * (flat(one) - begun).norm()
-    assert one.take_figures() == pytest.approx(other.take_figures(), rel=1e-3, abs=1e-3)
+    assert one.take_metrics() == pytest.approx(other.take_metrics(), rel=1e-3, abs=1e-3)
 
 
 def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):
@@ -381,7 +389,9 @@ def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):
 
 @pytest.mark.parametrize("lag", [0, 2])
 @pytest.mark.parametrize("momentum", [0.0, 0.9])
-@pytest.mark.parametrize(("guided", "updates"), [(False, 7), (True, 7), (False, 0)])
+@pytest.mark.parametrize(
+    ("guided", "updates"), [pytest.param(False, 7, marks=pytest.mark.slow), (True, 7), (False, 0)]
+)
 def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, guided, updates):
     settings = {
         "depth": 2,
@@ -406,7 +416,7 @@ def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, 
     other.restore(state)
     train(other, 25)
     assert_same_state(one, other)
-    assert one.take_figures() == other.take_figures()
+    assert one.take_metrics() == other.take_metrics()
 
 
 def test_a_state_is_a_copy_on_both_ways(trainer):
@@ -426,7 +436,8 @@ def test_a_state_is_a_copy_on_both_ways(trainer):
     assert all(torch.equal(tensor, after[name]) for name, tensor in restored.state().items())
 
 
-def test_a_state_that_lacks_something_or_is_of_other_environments_is_refused(trainer):
+def test_an_incomplete_or_foreign_state_is_refused(trainer):
+    """A state that lacks something or is of other environments is refused."""
     impala = trainer(momentum=0.5)
     train(impala, 2)
     state = impala.state()
@@ -441,9 +452,8 @@ def test_a_state_that_lacks_something_or_is_of_other_environments_is_refused(tra
         trainer(momentum=0.5, policy={"key_size": 6}).restore(state)
 
 
-def test_a_reward_that_is_no_number_stops_the_training_and_leaves_the_parameters(
-    trainer, monkeypatch
-):
+def test_a_reward_that_is_not_finite_stops_the_training(trainer, monkeypatch):
+    """A reward that is no number stops the training and leaves the parameters."""
     impala, undisturbed = trainer(), trainer()
     before = train(impala, 2)
     squares = impala.optimizer.state[impala._flat]["square_avg"].clone()
@@ -461,15 +471,15 @@ def test_a_reward_that_is_no_number_stops_the_training_and_leaves_the_parameters
     assert torch.equal(flat(impala), before)
     assert torch.equal(impala.optimizer.state[impala._flat]["square_avg"], squares)
     assert impala.update_number == 2
-    assert impala.take_figures()["loss"] == pytest.approx(figures_after(undisturbed, 2)["loss"])
+    assert impala.take_metrics()["loss"] == pytest.approx(metrics_after(undisturbed, 2)["loss"])
     monkeypatch.undo()
     assert not torch.equal(train(impala, 1), before)
     assert flat(impala).isfinite().all()
 
 
-def figures_after(impala, updates):
+def metrics_after(impala, updates):
     train(impala, updates)
-    return impala.take_figures()
+    return impala.take_metrics()
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -487,11 +497,11 @@ def test_a_parameter_that_is_no_number_stops_the_training(trainer, value):
 def test_who_reads_the_figures_learns_of_a_loss_that_was_not_finite(trainer):
     impala = trainer()
     train(impala, 1)
-    impala._sums[FIGURES.index("grad_norm")] = (
+    impala._sums[METRICS.index("grad_norm")] = (
         math.nan
     )  # what a device leaves, where no update asks
     with pytest.raises(TrainingError, match="no longer a finite number"):
-        impala.take_figures()
+        impala.take_metrics()
 
 
 @pytest.mark.parametrize(
@@ -544,10 +554,10 @@ def test_a_tiny_world_is_learned_within_two_hundred_updates(lag):
     )
     config = ImpalaConfig(steps=200 * 32, batch_size=16, learning_rate=0.02, policy_lag=lag)
     impala = Impala(policy, engine.reset(1), config)
-    early = figures_after(impala, 20)
+    early = metrics_after(impala, 20)
     train(impala, 150)
-    impala.take_figures()
-    late = figures_after(impala, 30)
+    impala.take_metrics()
+    late = metrics_after(impala, 30)
     assert early["success"] < 0.5  # chance is about 1 in 8
     assert late["success"] > 0.9
     assert late["entropy"] < early["entropy"]
@@ -560,7 +570,8 @@ CLIPS, LIMITS = ("clip_rho", "clip_c", "clip_pg_rho"), (0.0, 0.4, 1.0, 2.5, math
 def slow_v_trace(
     log_rhos, discounts, rewards, values, bootstrap_value, clip_rho=1.0, clip_c=1.0, clip_pg_rho=1.0
 ):
-    """Espeholt et al. 2018, equation 1 as it stands: for each start a sum over later steps, with products of c."""
+    """Espeholt et al. 2018, equation 1 as it stands: for each start a sum over later steps, with
+    products of c."""
     steps, batch = rewards.shape
     vs, advantages = np.zeros((steps, batch)), np.zeros((steps, batch))
     for b in range(batch):
@@ -609,9 +620,8 @@ def unrolls(draw):
 
 
 @given(unrolls(), st.fixed_dictionaries({}, optional=dict.fromkeys(CLIPS, st.sampled_from(LIMITS))))
-def test_targets_and_advantages_are_those_of_the_papers_sum_and_clips_are_one_by_default(
-    unroll, clips
-):
+def test_targets_and_advantages_are_the_papers_sums(unroll, clips):
+    """Targets and advantages are those of the papers sum and clips are one by default."""
     for one, other in zip(
         v_trace(*tensors(unroll), **clips), slow_v_trace(*unroll, **clips), strict=True
     ):
@@ -645,7 +655,8 @@ def test_its_learning_curve_is_that_of_the_trainer(tmp_path):
         == [2_560, 5_120, 7_680]
     )
     for row, other in zip(found, expected, strict=True):
-        # Counts of the same episodes; losses differ by rounding, because the trainer folds keys into the query.
+        # Counts of the same episodes; losses differ by rounding, because the trainer folds keys
+        # into the query.
         assert float(row["success"]) == other["success"]
         assert float(row["test_success"]) == pytest.approx(other["test_success"], abs=1e-12)
         assert float(row["loss"]) == pytest.approx(other["loss"], abs=1e-3)

@@ -1,4 +1,5 @@
-"""Commands that need no training on a book of thousands of entities: none may hold a table of all pairs."""
+"""Commands that need no training on a book of thousands of entities: none may hold a table of all
+pairs."""
 
 import os
 import subprocess
@@ -43,7 +44,10 @@ def book(tmp_path_factory):
         f"t{a},t{b},t{result}\n"
         for (a, b), result in zip(parts.tolist(), results.tolist(), strict=True)
     ]
-    head = f"# base: {', '.join(f't{entity}' for entity in range(10))}\ningredient_a,ingredient_b,result\n"
+    head = (
+        "# base: "
+        f"{', '.join(f't{entity}' for entity in range(10))}\ningredient_a,ingredient_b,result\n"
+    )
     path.write_text("".join([head, *lines]), encoding="utf-8")
     return path
 

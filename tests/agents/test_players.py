@@ -100,7 +100,8 @@ def test_train_uses_count_recipes_with_an_ingredient_and_weigh_distractors(opene
     assert weights.tolist() == [1 + number for number in uses]
 
 
-def test_the_two_items_with_the_fewest_train_uses_are_chosen_whatever_the_goal(opened):
+def test_fewest_uses_ignores_the_goal(opened):
+    """The two items with the fewest train uses are chosen whatever the goal."""
     uses, size = opened.split.train_uses, opened.graph.num_entities
     checked = []
 
@@ -118,7 +119,8 @@ def test_the_two_items_with_the_fewest_train_uses_are_chosen_whatever_the_goal(o
 
 
 def test_rare_items_are_a_shortcut_where_distractors_are_drawn_by_use():
-    """Recipes are random, so nothing but the draw of distractors can help a player that ignores the goal."""
+    """Recipes are random, so nothing but the draw of distractors can help a player that ignores the
+    goal."""
     rng = np.random.default_rng(0)
     pairs = sorted({(int(min(pair)), int(max(pair))) for pair in rng.integers(800, size=(1600, 2))})
     recipes = [(f"e{a}", f"e{b}", f"made {rng.integers(60)}") for a, b in pairs]
@@ -148,9 +150,8 @@ def test_more_knowledge_wins_more(opened):
 
 
 @pytest.mark.parametrize("cells", [1, 40, 1_000_000])
-def test_the_pair_player_picks_a_best_pair_of_the_table_whatever_is_scored_at_a_time(
-    opened, monkeypatch, cells
-):
+def test_the_pair_player_picks_a_best_pair_in_any_chunks(opened, monkeypatch, cells):
+    """The pair player picks a best pair of the table whatever is scored at a time."""
     monkeypatch.setattr("wordcraft_kg.agents.players.CELLS", cells)
     graph, world = opened.graph, World(opened, WordCraftConfig(part="test", num_distractors=3))
     scores = torch.rand((graph.num_entities,) * 3, generator=torch.Generator().manual_seed(0))
@@ -171,7 +172,8 @@ def test_the_pair_player_picks_a_best_pair_of_the_table_whatever_is_scored_at_a_
         )
 
 
-def test_a_pair_of_two_entities_comes_before_one_of_the_same_score_with_itself(opened):
+def test_two_entities_come_before_an_equal_pair_with_itself(opened):
+    """A pair of two entities comes before one of the same score with itself."""
     indifferent = pair_player(
         lambda a, b, c: torch.zeros(torch.broadcast_shapes(a.shape, b.shape, c.shape))
     )
@@ -182,7 +184,8 @@ def test_a_pair_of_two_entities_comes_before_one_of_the_same_score_with_itself(o
     )
 
 
-def test_votes_make_more_goals_than_chance_and_no_more_where_no_slot_of_the_goal_is_known(opened):
+def test_votes_beat_chance_only_where_the_goal_has_train_recipes(opened):
+    """Votes make more goals than chance and no more where no slot of the goal is known."""
     by_slot = make_split(opened.graph, SplitConfig("by-slot"))
     rates = []
     for split in (opened.split, by_slot):
@@ -261,7 +264,9 @@ def test_facts_score_slots_like_tables_of_all_pairs_do(opened, known):
         )
 
 
-def test_intervals_are_those_over_tasks_because_the_draws_of_a_task_resemble_each_other(opened):
+def test_intervals_resample_tasks_not_draws(opened):
+    """Intervals are those over tasks because the draws of a task resemble each other."""
+
     def picky(state, rng):
         return np.where(state.task % 2, recipe_oracle(state, rng), 0)
 
@@ -294,7 +299,8 @@ def test_a_foreign_scorer_is_refused(opened):
     ],
 )
 def test_little_alchemy_2_gives_the_reference_figures(alchemy_table, player, distractors, expected):
-    # One split of 653 tasks, five tables each: a standard error of up to .009 around the mean of five splits.
+    # One split of 653 tasks, five tables each: a standard error of up to .009 around the mean of
+    # five splits.
     assert success(alchemy_table, player, distractors) == pytest.approx(expected, abs=0.025)
 
 

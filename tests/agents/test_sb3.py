@@ -74,7 +74,8 @@ def make_model(algorithm, network=None, env=None, **settings):
 
 
 def states(count=64, **settings):
-    """States of random play, half of them with something in hand: what an environment gives, stacked."""
+    """States of random play, half of them with something in hand: what an environment gives,
+    stacked."""
     env, rng, seen = make_env(**settings), np.random.default_rng(0), []
     observation, _ = env.reset(seed=0)
     while len(seen) < count:
@@ -123,9 +124,8 @@ def test_training_changes_the_parameters_of_a_copy_and_no_scores(algorithm):
 
 @both
 @every_kind
-def test_probabilities_and_values_are_those_of_the_policy_and_empty_slots_have_probability_zero(
-    algorithm, kind
-):
+def test_probabilities_and_values_are_the_policys(algorithm, kind):
+    """Probabilities and values are those of the policy and empty slots have probability zero."""
     network, seen = make_network(**KINDS[kind]), states()
     assert (seen["action_mask"] == 0).any()
     model = make_model(algorithm, network)

@@ -1,4 +1,5 @@
-"""The run folder of an agent: what it holds, and what a resumed run ends with; see tests/runs for its life cycle."""
+"""The run folder of an agent: what it holds, and what a resumed run ends with; see tests/runs for
+its life cycle."""
 
 import json
 import re
@@ -172,9 +173,8 @@ def test_metrics_after_the_checkpoint_are_cut_off_when_a_run_goes_on(done, inter
     assert_same_training(folder, done)
 
 
-def test_a_loss_that_is_not_finite_stops_the_run_and_keeps_the_last_good_checkpoint(
-    config, tmp_path, monkeypatch
-):
+def test_a_loss_that_is_not_finite_keeps_the_last_checkpoint(config, tmp_path, monkeypatch):
+    """A loss that is not finite stops the run and keeps the last good checkpoint."""
     collect = Impala._collect
 
     def poisoned(self, weights):
@@ -226,9 +226,8 @@ def test_settings_that_were_changed_after_the_start_are_refused(config, interrup
             use(path.parent)
 
 
-def test_tensorboard_gets_the_figures_of_the_metrics_and_goes_on_with_a_resumed_run(
-    interrupted, monkeypatch
-):
+def test_tensorboard_gets_the_metrics_also_of_a_resumed_run(interrupted, monkeypatch):
+    """Tensorboard gets the figures of the metrics and goes on with a resumed run."""
     written, begun = [], []
 
     class Writer:
@@ -273,7 +272,8 @@ def test_metrics_that_are_shorter_than_the_checkpoint_says_are_an_error(interrup
         resume(folder)
 
 
-def test_a_link_in_the_place_of_the_metrics_is_refused_and_its_target_stays(interrupted, tmp_path):
+def test_a_link_as_the_metrics_file_is_refused(interrupted, tmp_path):
+    """A link in the place of the metrics is refused and its target stays."""
     metrics, other = interrupted() / "metrics.jsonl", tmp_path / "other.jsonl"
     metrics.rename(other)
     metrics.symlink_to(other)
@@ -283,9 +283,8 @@ def test_a_link_in_the_place_of_the_metrics_is_refused_and_its_target_stays(inte
     assert other.read_bytes() == before
 
 
-def test_features_without_half_of_the_words_are_refused_before_anything_is_written(
-    config, opened, tmp_path
-):
+def test_features_without_half_of_the_words_are_refused(config, opened, tmp_path):
+    """Features without half of the words are refused before anything is written."""
     words = tmp_path / "words.txt"
     words.write_text(
         "".join(f"{label} 1.0 2.0\n" for label in opened.graph.entities[::2] if " " not in label)
@@ -310,9 +309,10 @@ SELF_PAIRS = "a,a,c\nb,b,d\na,b,e\n"
     ("pairs", "self_edges", "warns"),
     [(SELF_PAIRS, "observed", True), (SELF_PAIRS, "keep", False), ("a,b,c\n", "observed", False)],
 )
-def test_a_book_of_self_pairs_is_warned_about_where_only_observed_self_edges_are_kept(
+def test_self_pairs_with_observed_self_edges_give_a_warning(
     config, tmp_path, caplog, pairs, self_edges, warns
 ):
+    """A book of self pairs is warned about where only observed self edges are kept."""
     book = tmp_path / "book.csv"
     book.write_text("ingredient_a,ingredient_b,result\n" + pairs, encoding="utf-8")
     config = replace(config, scorer="models/mine", policy=PolicyConfig(self_edges=self_edges))

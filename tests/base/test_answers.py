@@ -1,6 +1,8 @@
-"""The answer grammar: forms in which language models write a pair, and traps that must not be read."""
+"""The answer grammar: forms in which language models write a pair, and traps that
+must not be read."""
 
 import time
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -220,3 +222,38 @@ def test_a_long_message_is_read_at_once_among_thousands_of_labels():
         with pytest.raises(ActionError):
             read_answer(message, labels)
     assert time.perf_counter() - began < 5  # half a second on an idle core
+
+
+NASTY = [
+    ("7", "-7", "1.0", "10", "1", "2", "3.14", "+1"),
+    ("C", "C-", "C+", "O2", "O2-", "H+", "OH", "OH-", "e-", "e"),
+    ("\u2764", "\u2764\ufe0f", "\U0001f525", "\u2615\ufe0e", "\u2615"),
+    ("a+b", "a", "b", "salt/pepper", "salt", "x, y", "y", "d and e", "d"),
+    ("oak_log", "oak log", "oak-log", "OakLog", "minecraft:stick", "stick"),
+    ("1", "2", "item 1", "1 item", "2 x", "x"),
+]
+
+
+@pytest.mark.parametrize("labels", NASTY)
+def test_exact_names_of_any_kind_are_read_back(labels):
+    for one in labels:
+        for other in labels:
+            first, second = read_answer(f"{one} + {other}", labels)
+            assert (labels[first], labels[second]) == (one, other)
+
+
+@given(st.permutations([str(number) for number in range(-3, 12)]))
+def test_a_number_is_a_name_before_it_is_a_place(labels):
+    for one, other in pairwise(labels):
+        first, second = read_answer(f"{one} + {other}", labels)
+        assert (labels[first], labels[second]) == (one, other)
+
+
+@pytest.mark.parametrize("written", ["C-", '"C-"', "the C-", "O2", "-7", "\u22127", ".5", "H"])
+def test_an_item_is_not_named_without_its_sign_or_with_another(written):
+    with pytest.raises(ActionError):
+        read_answer(f"{written} + water", ("C", "O2-", "7", "5", "H+", "carbon", "water"))
+
+
+def test_the_published_grammar_reads_signs_as_before():
+    assert read_answer("C- + water", ("C", "water"), grammar=1) == (0, 1)

@@ -1,4 +1,5 @@
-"""Files: what has no end is not read, what is not finite is not a weight, and no device is replaced."""
+"""Files: what has no end is not read, what is not finite is not a weight, and no device is
+replaced."""
 
 import os
 import socket
@@ -143,9 +144,10 @@ def to_a_file(out):
     ],
 )
 @pytest.mark.parametrize("write", [to_a_folder, to_a_file])
-def test_an_output_never_replaces_a_device_a_pipe_or_a_link_that_leads_nowhere(
+def test_an_output_never_replaces_a_device_pipe_or_dead_link(
     tmp_path, monkeypatch, make, says, write
 ):
+    """An output never replaces a device a pipe or a link that leads nowhere."""
     monkeypatch.chdir(tmp_path)  # the name of a socket is short
     make(Path("out"))
     before = {path.name: shape(path) for path in Path().iterdir()}

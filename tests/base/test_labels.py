@@ -195,7 +195,8 @@ def test_the_last_line_of_a_message_counts(message, line):
 
 
 @pytest.mark.parametrize("book", ["everyday", "kitchen"])
-def test_every_label_of_a_book_means_itself_in_every_case_and_with_an_article(book):
+def test_every_label_means_itself_in_every_case(book):
+    """Every label of a book means itself in every case and with an article."""
     labels = sorted({label for recipe in open_book(book).recipes for label in recipe})
     for place in range(0, len(labels), 7):
         label = labels[place]
@@ -212,7 +213,8 @@ LABELS = st.lists(LABEL, min_size=1, max_size=6, unique=True)
 
 
 @given(LABELS, st.data())
-def test_a_label_always_means_itself_and_two_numbers_always_mean_their_pair(labels, data):
+def test_a_label_means_itself_and_two_numbers_a_pair(labels, data):
+    """A label always means itself and two numbers always mean their pair."""
     place = data.draw(st.integers(0, len(labels) - 1))
     other = data.draw(st.integers(0, len(labels) - 1))
     assert read_label(labels[place], labels) == place
@@ -271,3 +273,11 @@ def test_an_index_of_labels_reads_as_the_reader_does_one_by_one():
             expected = None
         assert index.find(text) == expected, text
     assert index.find("the") is None  # the beginning of a label
+
+
+def test_an_index_keeps_signs_and_forgives_variation_selectors():
+    index = LabelIndex(["C", "7", "H+", "water", "\u2764\ufe0f"])
+    for text in ("C-", "C+", "-7", "H", "H-", ".7"):
+        assert index.find(text) is None, text
+    for place, text in enumerate(("the C", "7.", '"H+"', "-water", "\u2764")):
+        assert index.find(text) == place

@@ -117,7 +117,8 @@ def test_the_schema_has_the_descriptions_of_the_docstring():
     assert described == {"rows": "all rows, in order.", "by_name": "rows again."}
 
 
-def test_descriptions_go_to_the_names_in_json_and_to_records_inside_records():
+def test_descriptions_reach_names_in_json_and_inner_records():
+    """Descriptions go to the names in json and to records inside records."""
     schema = schema_of(dict[str, list[Longer]], "urn:x", "x")["$defs"]["Longer"]
     assert schema["properties"]["hits@1"]["description"] == "share of first places."
     assert schema["properties"]["again"]["description"] == "the same record, inside itself."
@@ -163,8 +164,10 @@ def test_a_field_is_named_in_quotes_because_backticks_are_for_settings():
     with pytest.raises(ArtefactError) as of_values:
         records.as_record({"dim": -1}, ComplExConfig, "config.toml")
     assert str(of_bytes.value) == (
-        "row.json is damaged: Expected 'str', got 'int' - at '$.name'. Make it again, or restore a copy."
+        "row.json is damaged: Expected 'str', got 'int' - at '$.name'. Make it again, or restore a "
+        "copy."
     )
     assert str(of_values.value) == (
-        "config.toml is damaged: 'dim' -1: expected a whole number, 1 or more. Make it again, or restore a copy."
+        "config.toml is damaged: 'dim' -1: expected a whole number, 1 or more. Make it again, or "
+        "restore a copy."
     )

@@ -7,7 +7,8 @@ from wordcraft_kg.base.registry import Registry
 
 
 def installed(monkeypatch, **things):
-    """Pretend that packages with entry points are installed; a function stands for what loading does."""
+    """Pretend that packages with entry points are installed; a function stands for what loading
+    does."""
     points = [SimpleNamespace(name=name, load=load) for name, load in things.items()]
     monkeypatch.setattr(registry, "entry_points", lambda group: points)
 
@@ -23,7 +24,8 @@ def test_an_entry_point_names_a_thing_or_a_module_that_adds_things(monkeypatch):
     assert dict(colours) == {"red": 1, "green": 3, "blue": 2}
 
 
-def test_what_a_program_registers_itself_comes_before_an_entry_point_of_the_name(monkeypatch):
+def test_own_registrations_come_before_entry_points(monkeypatch):
+    """What a program registers itself comes before an entry point of the name."""
     colours = Registry("colours")
     colours["green"] = 1
     installed(monkeypatch, green=lambda: 3)

@@ -1,4 +1,5 @@
-"""Statistics over seeds and tasks: against cases by hand, slow references, exhaustive resampling, and by coverage."""
+"""Statistics over seeds and tasks: against cases by hand, slow references, exhaustive resampling,
+and by coverage."""
 
 import itertools
 import math
@@ -26,13 +27,16 @@ TASKS = np.array([[1, 1, 0], [0, 0, 0], [1, 1, 1], [1, 1, 1]])
 
 
 def assert_between_quantiles(bounds, values):
-    """Bounds of 20,000 draws lie between the exact quantiles of slightly lower and higher probability."""
+    """Bounds of 20,000 draws lie between the exact quantiles of slightly lower and higher
+    probability."""
     for bound, p in zip(bounds, (0.025, 0.975), strict=True):
         low, high = np.quantile(values, [p - 0.01, p + 0.01])
         assert low - 1e-12 <= bound <= high + 1e-12
 
 
-def test_intervals_are_repeatable_follow_the_seed_and_leave_the_global_generator_alone():
+def test_intervals_follow_the_seed_without_global_randomness():
+    """Intervals are repeatable follow the seed and leave the global generator alone."""
+
     def bounds(seed):
         table = np.random.default_rng(0).integers(0, 2, (50, 7))
         return task_bootstrap(table, None, draws=200, seed=seed)
@@ -289,7 +293,8 @@ def test_a_paired_difference_is_that_of_a_slow_bootstrap():
     assert [low, high] == pytest.approx(np.quantile(slow, [0.025, 0.975]), abs=0.015)
 
 
-def test_a_difference_over_seeds_and_tasks_adds_the_variances_of_a_two_way_table():
+def test_a_difference_adds_the_variances_of_a_two_way_table():
+    """A difference over seeds and tasks adds the variances of a two way table."""
     table = (np.random.default_rng(0).random((3, 5)) + np.array([[0.0], [0.5], [0.2]])) / 4
     size, number = table.shape
     squares = {"seeds": 0.0, "tasks": 0.0, "rest": 0.0}
@@ -306,7 +311,8 @@ def test_a_difference_over_seeds_and_tasks_adds_the_variances_of_a_two_way_table
     assert [value - low, high - value] == pytest.approx([(variance / table.size) ** 0.5] * 2)
 
 
-def test_seeds_that_differ_less_than_the_rest_add_nothing_and_one_task_leaves_students_t():
+def test_alike_seeds_add_nothing_and_one_task_leaves_students_t():
+    """Seeds that differ less than the rest add nothing and one task leaves students t."""
     table = np.array([[0.0, 0.4, 0.3], [0.4, 0.0, 0.3], [0.2, 0.2, 0.3]])
     half = 4.302653 * (0.01 / 9) ** 0.5
     assert crossed_difference(table, None)[0] == pytest.approx(

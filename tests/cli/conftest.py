@@ -1,4 +1,5 @@
-"""Commands that are expected to print values, or to be refused, and trained folders that all files here share."""
+"""Commands that are expected to print values, or to be refused, and trained folders that all files
+here share."""
 
 import json
 
@@ -9,7 +10,8 @@ from quick import QUICK, SMALL, TINY, succeed
 
 @pytest.fixture(scope="session")
 def trained(made_once):
-    """A folder with a graph, two models of its partial graph, one of its full graph, and two seeds; read only."""
+    """A folder with a graph, two models of its partial graph, one of its full graph, and two seeds;
+    read only."""
 
     def make(root):
         write_graph(root / "graph")
@@ -26,7 +28,8 @@ def trained(made_once):
 
 @pytest.fixture(scope="session")
 def world(made_once):
-    """A folder with a graph, a scorer with folds, and runs: two unguided seeds, a guided one, more attempts."""
+    """A folder with a graph, a scorer with folds, and runs: two unguided seeds, a guided one, more
+    attempts."""
 
     def make(root):
         write_graph(root / "graph")

@@ -66,7 +66,8 @@ def test_the_figures_of_a_training_are_those_of_its_evaluation(printed, world, p
     assert values["outcomes"]["2"] == recorded["outcomes"][part]
 
 
-def test_the_oracle_makes_every_goal_chance_few_and_the_scorer_alone_plays_too(printed, world):
+def test_the_oracle_makes_every_goal_and_chance_few(printed, world):
+    """The oracle makes every goal chance few and the scorer alone plays too."""
     players = (("plain/seed-0", "oracle"), ("plain/seed-0", "random"), ("guided", "kg-only"))
     oracle, chance, scorer = (
         printed("evaluate-agent", world / run, "--agent", agent) for run, agent in players
@@ -126,7 +127,8 @@ def test_compare_prints_the_interval_over_tasks_beside_that_over_seeds(
         )
 
 
-def test_a_report_that_was_not_written_any_more_is_written_by_the_same_command(world, tmp_path):
+def test_a_missing_report_is_written_by_the_same_command(world, tmp_path):
+    """A report that was not written any more is written by the same command."""
     shutil.copytree(
         world / "plain/seed-0", tmp_path / "run", ignore=shutil.ignore_patterns("report")
     )
@@ -170,9 +172,8 @@ def test_a_run_s_own_settings_reproduce_it(world, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(
-    printed, refused, run, tmp_path
-):
+def test_a_book_too_small_for_8_distractors_gets_advice(printed, refused, run, tmp_path):
+    """A book too small for 8 distractors says what to give and then trains."""
     book = tmp_path / "small.csv"
     pairs = [(a, b) for a in "abcd" for b in "abcd" if a < b]
     rows = [f"{a},{b},{'uvwx'[i % 4]}" for i, (a, b) in enumerate(pairs)]
@@ -189,9 +190,8 @@ def test_a_book_too_small_for_8_distractors_says_what_to_give_and_then_trains(
 
 
 @pytest.mark.parametrize("depth", [2, pytest.param(3, marks=pytest.mark.slow)])
-def test_agents_with_another_task_weighting_are_compared_only_if_it_does_not_decide_the_tasks(
-    train, run, tmp_path, depth
-):
+def test_weighting_matters_only_where_it_decides_the_tasks(train, run, tmp_path, depth):
+    """Agents with another task weighting are compared only if it does not decide the tasks."""
     small = ("--steps", 64, *MOMENT[2:], "--depth", depth, "--distractors", 1)
     runs = [train(*small, "--task-weighting", name, name=name) for name in ("task", "goal")]
     options = "--distractor-seeds 1 --episodes 0 --distractors 1 --part train --out"
@@ -285,7 +285,10 @@ def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printe
 
 
 # Each depth-2 task of this book has one plan, so the text below can be read off the book.
-BREWERY = "# base: barley,water,yeast\ningredient_a,ingredient_b,result\nbarley,water,malt\nmalt,yeast,beer\n"
+BREWERY = (
+    "# base: "
+    "barley,water,yeast\ningredient_a,ingredient_b,result\nbarley,water,malt\nmalt,yeast,beer\n"
+)
 
 
 @pytest.fixture
@@ -359,7 +362,8 @@ def test_a_limit_beyond_the_tasks_shows_each_once(shown):
     )
 
 
-def test_without_options_the_tasks_are_those_of_the_environment_without_settings(shown):
+def test_without_options_the_environments_tasks_are_played(shown):
+    """Without options the tasks are those of the environment without settings."""
     values, env = shown(), WordCraftEnv("everyday")
     assert (values["graph"], values["tasks"]) == ("everyday", len(env.tasks))
     assert (values["depth"], values["part"]) == (env.config.depth, env.config.part)

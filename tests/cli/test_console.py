@@ -1,4 +1,5 @@
-"""The command line as a whole: how it answers misuse and failure, what it shows meanwhile, completion."""
+"""The command line as a whole: how it answers misuse and failure, what it shows meanwhile,
+completion."""
 
 import errno
 import json
@@ -14,7 +15,7 @@ import pytest
 from graph_folders import write_graph
 
 from wordcraft_kg.cli import ALL, CORE, command_in, make_app, manual_of
-from wordcraft_kg.cli.console import aligned
+from wordcraft_kg.cli.console import aligned, lines_of
 from wordcraft_kg.cli.failures import OPTIONS, with_options
 from wordcraft_kg.cli.options import Force
 from wordcraft_kg.runs.record import end_run, start_run
@@ -136,26 +137,32 @@ for name in sys.argv[1:]:
     assert all(f" {name.split()[0]} " in page for name in ALL)
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_help_has_the_usage_two_examples_and_arguments_by_their_place_alone(run, name):
-    outcome = run(*name.split(), "--help")
-    assert (outcome.code, outcome.err) == (0, "")
-    usage = outcome.out.splitlines()[0]
-    assert re.fullmatch(rf"Usage: wordcraft-kg {name}\b(?!.*ARGS).*\[OPTIONS\]", usage)
-    assert not re.search(r"│[ *]+[A-Z_]+ --", outcome.out)
-    examples = manual_of(name).module.EXAMPLES
-    assert len(examples) >= 2
-    assert all(example in outcome.out for example in (*examples, "--json"))
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_help_shows_at_most_twenty_options(run, name):
+def test_every_help_has_usage_examples_and_at_most_twenty_options(run):
+    """One test renders all helps: rendering costs most, and each check needs all of them."""
     option = re.compile(r"^│ (?:\*  |   )?(--[a-z0-9-]+)", re.MULTILINE)
-    shown = option.findall(run(*name.split(), "--help").out)
-    assert len(shown) <= 20
-    module = manual_of(name).module
-    assert set(getattr(module, "SHOWN", ())) <= set(shown)
-    assert not set(getattr(module, "FILE_ONLY", ())) & set(shown)
+    core = [name for names in CORE.values() for name in names]
+    forced = set()
+    for name in ALL:
+        outcome = run(*name.split(), "--help")
+        assert (outcome.code, outcome.err) == (0, ""), name
+        usage = outcome.out.splitlines()[0]
+        assert re.fullmatch(rf"Usage: wordcraft-kg {name}\b(?!.*ARGS).*\[OPTIONS\]", usage), name
+        # Arguments are shown by their place alone.
+        assert not re.search(r"│[ *]+[A-Z_]+ --", outcome.out), name
+        module = manual_of(name).module
+        assert len(module.EXAMPLES) >= 2, name
+        assert all(example in outcome.out for example in (*module.EXAMPLES, "--json")), name
+        shown = option.findall(outcome.out)
+        assert len(shown) <= 20, name
+        assert set(getattr(module, "SHOWN", ())) <= set(shown), name
+        assert not set(getattr(module, "FILE_ONLY", ())) & set(shown), name
+        if "--force" in outcome.out:
+            forced.add(name)
+            # One command has not taken part yet: evaluate-text deletes first.
+            if name in core or name.split()[0] in ("people", "explore"):
+                meant = Force.__metadata__[-1].help
+                assert meant in " ".join(outcome.out.split()), name
+    assert forced >= {"build-graph", "train-agent", "compare", "score", "discover", "export"}
 
 
 def test_options_of_the_file_are_refused_on_the_command_line(run, refused, tmp_path):
@@ -242,7 +249,8 @@ def test_an_output_that_exists_is_refused_before_torch_is_imported(
 def test_torch_without_memory_is_an_error_in_a_sentence(refused, monkeypatch):
     def fail(*_):
         raise RuntimeError(
-            "[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you tried"
+            "[enforce fail at alloc_cpu.cpp:127] DefaultCPUAllocator: can't allocate memory: you "
+            "tried"
         )
 
     monkeypatch.setattr("wordcraft_kg.graphs.folder.open_graph", fail)
@@ -258,7 +266,8 @@ def test_a_command_of_two_words_runs_and_the_first_alone_lists_all(run):
     assert run("help", "people", "serve").out == run("people", "serve", "--help").out
 
 
-def test_misuse_and_failure_of_a_command_of_two_words_are_said_as_those_of_others(refused):
+def test_misuse_of_two_word_commands_is_said_as_of_others(refused):
+    """Misuse and failure of a command of two words are said as those of others."""
     usage = "usage:   wordcraft-kg people serve GRAPH --out OUT [OPTIONS]"
     assert refused("people", "serve", code=2).splitlines()[:2] == [
         "error: GRAPH is missing.",
@@ -422,7 +431,8 @@ SHORTER = {
         "discover": "--attempts 20",
     },
 }
-"""What is added to examples that would take minutes; recipe scorers are trained on the smaller book, too."""
+"""What is added to examples that would take minutes; recipe scorers are trained on the smaller
+book, too."""
 IN_ORDER = (
     *(
         "books",
@@ -462,17 +472,6 @@ def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, mo
             example = example.replace("train-recipes everyday", "train-recipes kitchen")
             outcome = run(*shlex.split(f"{example} {SHORTER.get(name, '')}")[1:])
             assert outcome.code == 0, (example, outcome.err)
-
-
-def test_force_means_the_same_in_all_commands(run):
-    """One command has not taken part yet: evaluate-text deletes first."""
-    meant = Force.__metadata__[-1].help
-    forced = [name for name in ALL if "--force" in run(*name.split(), "--help").out]
-    core = [name for names in CORE.values() for name in names]
-    assert {"build-graph", "train-agent", "compare", "score", "discover", "export"} <= {*forced}
-    for name in forced:
-        if name in core or name.split()[0] in ("people", "explore"):
-            assert meant in " ".join(run(*name.split(), "--help").out.split()), name
 
 
 BAD_VALUES = {
@@ -678,15 +677,22 @@ TORN = {
 }
 
 
+def each_write():
+    """Yield commands and numbers of a write that fails; all but the first and the last are slow."""
+    for line, writes in TORN.items():
+        for write in writes:
+            is_fast = write in (writes[0], writes[-1])
+            yield pytest.param(line, write, marks=() if is_fast else pytest.mark.slow)
+
+
 @pytest.mark.parametrize(
     "number", [errno.ENOSPC, pytest.param(errno.EROFS, marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize(
-    ("command", "write"), [(line, write) for line, writes in TORN.items() for write in writes]
-)
-def test_a_disk_that_takes_no_more_files_is_one_line_and_the_same_command_goes_on(
+@pytest.mark.parametrize(("command", "write"), each_write())
+def test_a_full_disk_is_one_line_and_the_command_goes_on(
     run, refused, home, monkeypatch, command, write, number
 ):
+    """A disk that takes no more files is one line and the same command goes on."""
     make, made = tempfile.mkstemp, []
 
     def fail_late(**options):
@@ -741,7 +747,8 @@ sys.exit(main(["train-complex", "kitchen", "--out", "model"]))
     assert done.stderr.count("\n") == 1
 
 
-def test_a_folder_that_pykeen_cannot_make_is_named_with_the_variable_that_moves_it(tmp_path):
+def test_pykeens_missing_folder_is_named_with_its_variable(tmp_path):
+    """A folder that pykeen cannot make is named with the variable that moves it."""
     (tmp_path / "home").touch()  # a file where the folder would be
     command = [sys.executable, "-m", "wordcraft_kg", "train-complex", "kitchen", "--out", "model"]
     variables = {name: value for name, value in os.environ.items() if name != "PYSTOW_HOME"}
@@ -766,3 +773,72 @@ def test_a_user_without_a_home_folder_is_told_to_set_one(refused, monkeypatch):
     monkeypatch.setattr(Path, "home", home)
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     refused("describe", "kitchen", kind="RuntimeError", says="no home folder. Set HOME")
+
+
+def test_help_ends_at_any_width_of_the_terminal():
+    script = """
+import os
+from wordcraft_kg.cli import main
+for width in (0, 1, 2, 3, 7, 19, 20, 21, 40, 300):
+    os.environ["COLUMNS"] = str(width)
+    for words in (["--help"], ["describe", "--help"], ["train-agent", "--help"]):
+        assert main(words) == 0
+"""
+    # In a process of its own: a table that never ends would stop all tests.
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+
+
+SIGNS = "water,fire,\U0001f525\n\U0001f525,water,\u03bb\n\u03bb,fire,steam\n"
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-8", "utf-16"])
+def test_stdout_in_any_encoding_has_the_whole_result(tmp_path, encoding):
+    book = tmp_path / "book.csv"
+    text = f"ingredient_a,ingredient_b,result\n{SIGNS}"
+    book.write_text(text, encoding="utf-8")
+
+    def printed(*words):
+        # A process of its own: the encoding of stdout is set at its start.
+        command = [sys.executable, "-m", "wordcraft_kg", "describe", *words]
+        variables = os.environ | {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
+        done = subprocess.run(command, capture_output=True, env=variables, timeout=60)
+        assert b"Traceback" not in done.stderr
+        return done.returncode, done.stdout.decode(encoding)
+
+    code, out = printed(str(book), "--entity", "steam")
+    is_unicode = encoding.startswith("utf")
+    assert code == 0
+    assert ("\u03bb" if is_unicode else "<U+03BB>") in out
+    assert ("\U0001f525" if is_unicode else "<U+1F525>") in out
+    code, out = printed(str(book), "--entity", "steam", "--json")
+    assert code == 0
+    assert {"\u03bb", "\U0001f525"} <= set(re.findall(r"[^ -~]", str(json.loads(out))))
+    code, out = printed("\u03bb.csv", "--json")
+    assert code == 1
+    assert "\u03bb.csv" in json.loads(out)["error"]["message"]
+
+
+def test_lists_of_labels_quote_those_with_commas():
+    values = {
+        "base": ["water", "salt, pepper"],
+        "most_used": [{"label": "a, b", "uses": 1_200}],
+        "path": "one, two",
+    }
+    assert lines_of(values) == [
+        "base       water, 'salt, pepper'",
+        "most used  'a, b': 1,200",
+        "path       one, two",
+    ]
+
+
+def test_the_warning_about_the_base_quotes_labels_with_commas(run, tmp_path, caplog):
+    book = tmp_path / "book.csv"
+    book.write_text(
+        '# base: "salt, pepper", fire\ningredient_a,ingredient_b,result\n'
+        '"salt, pepper",fire,smoke\n"x, y",fire,ash\nash,"x, y",dust\n'
+        "smoke,fire,soot\n",
+        encoding="utf-8",
+    )
+    run("build-graph", book, "--split", "none", "--out", tmp_path / "graph")
+    assert "cannot be made from the base (fire, 'salt, pepper'): ash, dust, 'x, y'" in caplog.text

@@ -76,7 +76,8 @@ def test_the_page_is_one_file_with_all_curves_and_people(tmp_path, trained):
     assert "Brändle" in html
 
 
-def test_players_that_never_repeat_a_pair_are_named_instead_of_drawn_at_zero(run, tmp_path):
+def test_players_that_never_repeat_a_pair_are_named(run, tmp_path):
+    """Players that never repeat a pair are named instead of drawn at zero."""
     page = tmp_path / "page.html"
     assert (
         run(
@@ -105,12 +106,14 @@ def test_players_that_never_repeat_a_pair_are_named_instead_of_drawn_at_zero(run
     assert page.read_text(encoding="utf-8").count("<svg") == 1
 
 
-def test_a_recipe_scorer_of_another_book_explores_and_published_figures_stand_beside_long_runs(
+def test_a_scorer_of_another_book_explores_beside_published_runs(
     printed, recipes_folder, tmp_path, refused
 ):
+    """A recipe scorer of another book explores and published figures stand beside long runs."""
     book = tmp_path / "other.csv"
     book.write_text(
-        "ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed wine\nfire,water,steam\n"
+        "ingredient_a,ingredient_b,result\nseed,water,weed\nweed,water,weed "
+        "wine\nfire,water,steam\n"
     )
     start = ("discover", book, "--base", "seed,water,fire", "--scorer", recipes_folder)
     unseen = printed(*start, *QUICK)

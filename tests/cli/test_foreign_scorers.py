@@ -1,4 +1,5 @@
-"""A scorer that was not trained here, and a model of PyKEEN's, in all commands that take a model folder."""
+"""A scorer that was not trained here, and a model of PyKEEN's, in all commands that take a model
+folder."""
 
 import pytest
 from pykeen.pipeline import pipeline
@@ -48,9 +49,8 @@ def test_links_commands_take_it(printed, name, run, models, tmp_path):
     assert run("evaluate-agent", "kitchen", *options).code == 0
 
 
-def test_a_scorer_that_has_seen_no_recipe_is_compared_with_baselines_of_the_train_recipes(
-    printed, models, tmp_path
-):
+def test_an_unseeing_scorer_meets_baselines_of_train_recipes(printed, models, tmp_path):
+    """A scorer that has seen no recipe is compared with baselines of the train recipes."""
     opened = open_graph("kitchen")
     scorer = NeighbourScorer(opened.graph, opened.split.partial)
     folder = save_scorer(tmp_path / "model", scorer, opened, kg="none")

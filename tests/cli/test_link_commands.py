@@ -28,7 +28,8 @@ def workshop(trained, tmp_path):
 
 @pytest.fixture(scope="module")
 def evaluated(trained, tmp_path_factory):
-    """The folder of a report of ``one``, what the command printed, and what it printed with --json."""
+    """The folder of a report of ``one``, what the command printed, and what it
+    printed with --json."""
     out = tmp_path_factory.mktemp("evaluated") / "report"
     command = ("evaluate-links", trained / "one", "--out", out, "--quiet")
     return out, text_of(*command), json.loads(text_of(*command, "--json", "--force"))
@@ -180,7 +181,8 @@ def test_ctrl_c_ends_with_130_and_the_same_command_goes_on(
     assert same(WEIGHTS, tmp_path / "model", tmp_path / "undisturbed")
 
 
-def test_evaluate_links_prints_one_object_with_the_headline_and_its_baselines(evaluated, trained):
+def test_evaluate_links_prints_one_object_with_baselines(evaluated, trained):
+    """Evaluate links prints one object with the headline and its baselines."""
     values = evaluated[2]
     for metric in METRICS:
         assert set(values[metric]) == {"all", *RELATIONS}
@@ -341,9 +343,8 @@ def test_the_models_that_can_be_trained_are_listed_with_their_commands(printed, 
 
 
 @pytest.mark.slow
-def test_complex_with_its_defaults_predicts_unseen_links_better_than_frequency(
-    printed, run, tmp_path
-):
+def test_complex_with_its_defaults_beats_frequency(printed, run, tmp_path):
+    """Complex with its defaults predicts unseen links better than frequency."""
     assert run("train-complex", "kitchen", "--out", tmp_path / "partial").code == 0
     values = printed("evaluate-links", tmp_path / "partial")
     assert values["mrr"]["all"] > 1.2 * values["baselines"]["frequency"]["all"]

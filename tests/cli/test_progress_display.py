@@ -1,4 +1,5 @@
-"""What is shown while a command works: bars on a terminal, plain lines elsewhere, nothing with --quiet."""
+"""What is shown while a command works: bars on a terminal, plain lines elsewhere, nothing with
+--quiet."""
 
 import json
 import re
@@ -8,12 +9,13 @@ import pytest
 
 from wordcraft_kg.cli.progress import MIN_BAR, Progress, Stages
 
-FIGURES = {"success": 0.9407, "test_success": 0.3175, "steps_per_second": 12_439.0}
+METRICS = {"success": 0.9407, "test_success": 0.3175, "steps_per_second": 12_439.0}
 
 
 @pytest.fixture
 def terminal(monkeypatch):
-    """Make stderr look like a terminal of some columns; return how to read what was drawn, without colours."""
+    """Make stderr look like a terminal of some columns; return how to read what was drawn, without
+    colours."""
     for name in ("NO_COLOR", "FORCE_COLOR"):
         monkeypatch.delenv(name, raising=False)
     for name, value in (("TERM", "xterm"), ("TTY_COMPATIBLE", "1"), ("TTY_INTERACTIVE", "1")):
@@ -44,7 +46,7 @@ def test_a_training_bar_has_room_and_its_figures_are_whole(
     with Progress.session():
         progress = Progress("agent", unit="step")
         for done in (9_984, 1_500_000, 3_000_000):
-            progress(done, 3_000_000, FIGURES)
+            progress(done, 3_000_000, METRICS)
     last = terminal(capsys.readouterr().err)[-1]
     assert len(last.rstrip()) <= width
     assert len(re.findall("[━╸╺]", last)) >= MIN_BAR

@@ -1,4 +1,5 @@
-"""Recipe scores on the command line: what a pair makes, why, what is remembered, and why an agent picked something."""
+"""Recipe scores on the command line: what a pair makes, why, what is remembered, and why an agent
+picked something."""
 
 import json
 
@@ -77,7 +78,8 @@ def test_what_is_no_recipe_is_said(refused, recipes_folder, words, kind, said):
 
 
 def test_an_arrow_that_a_shell_has_read_as_a_redirection_is_explained(refused, recipes_folder):
-    """A shell reads `flour + water -> dough` as these words, and writes the output to a file `dough`."""
+    """A shell reads `flour + water -> dough` as these words, and writes the output to a file
+    `dough`."""
     message = refused("score", recipes_folder, "flour", "+", "water", "-", code=2)
     assert "a shell has read the > as a redirection to a file: write a + b = c" in message
 

@@ -108,9 +108,8 @@ def test_a_graph_without_a_pack_is_measured_as_baselines_does(printed, run):
     assert "with 1 distractor, because" in run(*TWO[:3], "1").out
 
 
-def test_ours_and_the_literature_are_apart_in_the_text_and_each_of_the_latter_has_a_source(
-    run, pack
-):
+def test_ours_and_the_literature_are_apart_in_the_text(run, pack):
+    """Ours and the literature are apart in the text and each of the latter has a source."""
     ours, theirs = run(*TWO).out.split("\nFrom the literature")
     assert "our agent" in ours
     assert "gpt-4o-mini" not in ours
@@ -129,7 +128,7 @@ def test_figures_that_the_pack_lacks_are_measured_and_the_rest_is_not(printed, r
     assert rows["our agent"]["figures"].keys() == {"4"}
     assert "of depth 2" not in rows
     assert next(iter(rows)) == "random"
-    assert "has no figures for 2 distractors" in run(*TWO[:3], "4,2").out
+    assert "has no results for 2 distractors" in run(*TWO[:3], "4,2").out
     write_graph(tmp_path / "graph", seed=5)
     values = printed("reference", tmp_path / "graph", "--distractors", "1")
     assert (values["pack"], values["measured"]) == (None, [1])

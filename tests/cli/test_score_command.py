@@ -18,7 +18,8 @@ QUERIES = (
 
 @functools.cache
 def parts_of(graph):
-    """The triples of a graph by label, each with the part whose recipes give it, train before test."""
+    """The triples of a graph by label, each with the part whose recipes give it,
+    train before test."""
     opened = open_graph(graph)
     parts = {}
     for part in ("test", "valid", "train"):
@@ -110,7 +111,8 @@ def test_score_says_how_probable_triples_outside_training_are(printed, run, worl
     assert float(first.rsplit(",", 1)[1]) == pytest.approx(new["probability"], rel=1e-4)
 
 
-def test_score_says_that_a_model_of_the_full_graph_has_seen_the_test_triples(run, trained):
+def test_score_says_that_a_full_model_has_seen_the_test(run, trained):
+    """Score says that a model of the full graph has seen the test triples."""
     note = "trained on the full graph, test triples included"
     triple = next(triple for triple, part in parts_of(trained / "graph").items() if part == "test")
     assert note in run("score", trained / "full", *triple).out

@@ -109,9 +109,8 @@ def test_ctrl_c_leaves_the_rest_to_the_same_command(run, world, tmp_path, monkey
     assert (tmp_path / "plain/seed-2/report/index.html").is_file()
 
 
-def test_a_seed_that_was_killed_at_once_begins_again_and_a_missing_report_is_written(
-    world, tmp_path
-):
+def test_a_killed_seed_begins_again_and_its_report_is_written(world, tmp_path):
+    """A seed that was killed at once begins again and a missing report is written."""
     shutil.copytree(world / "plain", tmp_path / "plain")
     shutil.rmtree(tmp_path / "plain/seed-0/report")
     killed = tmp_path / "plain/seed-1"
@@ -154,9 +153,8 @@ def test_a_seed_with_other_settings_or_data_is_not_taken_for_the_same(
     assert contents(world / "plain") == before
 
 
-def test_the_same_graph_by_another_name_keeps_the_seeds_and_another_trainer_does_not(
-    run, refused, world, trained
-):
+def test_the_same_graph_by_another_name_keeps_the_seeds(run, refused, world, trained):
+    """The same graph by another name keeps the seeds and another trainer does not."""
     before = contents(world / "plain")
     assert (
         run("train-agent", "kitchen", *AGENT, "--seeds", "0-1", "--out", world / "plain").code == 0
@@ -189,9 +187,8 @@ def test_the_same_graph_by_another_name_keeps_the_seeds_and_another_trainer_does
         "train-agent kitchen --out {trained}/links/never --scorer {trained}/links",
     ],
 )
-def test_where_one_run_is_needed_a_folder_of_seeds_is_refused_with_one_of_them(
-    refused, world, trained, command
-):
+def test_a_folder_of_seeds_is_refused_where_one_run_is_needed(refused, world, trained, command):
+    """Where one run is needed a folder of seeds is refused with one of them."""
     message = refused(*command.format(world=world, trained=trained).split(), kind="ArtefactError")
     folder = world / "plain" if "{world}" in command else trained / "links"
     assert f"holds a run for each of 2 seeds; give one run, such as {folder / 'seed-0'}." in message

@@ -190,7 +190,7 @@ def test_a_file_of_results_is_shown(run, file):
     metrics = {
         "by-plan": "0.367  3 seeds",
         "train": "0.500  3 seeds",
-        "mrr": "0.210 [0.200, 0.220]",
+        "mrr": "0.210 (0.200–0.220)",
         "steps": "1,000  ",
     }
     for metric, text in metrics.items():
@@ -214,7 +214,7 @@ def test_json_has_all_figures_and_the_report(printed, run, file, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ("--out {folder}/empty", "has no study yet; name a study"),
+        ("--out {folder}/empty", "has no results yet. Run a study first"),
         ("x --out {folder}/empty", "has no study 'x'"),
         ("{folder}/broken.json", "damaged"),
         ("{folder}/none.json --plot", "no finished run"),

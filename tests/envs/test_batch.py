@@ -24,7 +24,8 @@ SHAPED = RewardConfig(wrong_pair_penalty=0.25, irrelevant_penalty=0.5, intermedi
 
 @pytest.fixture(scope="module")
 def ambiguous():
-    """Few entities, many pairs with two and three results, self pairs, several plans: everything happens often."""
+    """Few entities, many pairs with two and three results, self pairs, several plans: everything
+    happens often."""
     rng = np.random.default_rng(3)
     rows = [
         (f"e{a:02d}", f"e{b:02d}", f"e{c:02d}")
@@ -207,7 +208,8 @@ def test_two_engines_of_any_size_see_what_a_whole_one_sees(opened_kitchen):
         BatchEngine(world, 4, first_env=-1)
 
 
-def test_the_seed_decides_the_tasks_and_global_random_states_are_left_alone(opened_kitchen):
+def test_the_seed_decides_tasks_without_global_randomness(opened_kitchen):
+    """The seed decides the tasks and global random states are left alone."""
     np.random.seed(0)  # noqa: NPY002 - the state that must not change
     torch.manual_seed(0)
     before = np.random.get_state()[1].copy(), torch.get_rng_state().clone()  # noqa: NPY002
@@ -263,7 +265,8 @@ def test_tables_hold_the_start_and_distractors_that_may_lie_there(opened_kitchen
 
 
 def pairs_to(goal, have, recipes, attempts):
-    """The pairs of entities at hand, or made by one attempt before, that make the goal by these recipes."""
+    """The pairs of entities at hand, or made by one attempt before, that make the goal by these
+    recipes."""
     pairs = {(a, b) for a, b, result in recipes if result == goal and {a, b} <= have}
     for first in {(a, b) for a, b, _ in recipes if {a, b} <= have and attempts > 1}:
         there = have | {result for a, b, result in recipes if (a, b) == first and result != goal}
@@ -284,7 +287,8 @@ def test_without_shortcuts_only_the_plans_make_the_goal(
     ambiguous, opened_kitchen, depth, attempts, tables, policy
 ):
     policy, part = policy.split("-")
-    # The ambiguous graph is so dense that at depth 2 some goals have a shortcut with any distractors.
+    # The ambiguous graph is so dense that at depth 2 some goals have a shortcut with any
+    # distractors.
     opened = ambiguous if attempts == 1 else opened_kitchen
     settings = {"num_distractors": 3, "distractor_policy": policy, "max_attempts": attempts}
     world = World(opened, WordCraftConfig(part=part, depth=depth, **settings))
@@ -311,7 +315,8 @@ def test_without_shortcuts_only_the_plans_make_the_goal(
 
 @pytest.mark.parametrize("weighting", ["use", "uniform"])
 def test_both_engines_draw_distractors_from_the_same_distribution(opened_kitchen, weighting):
-    """First two distractors drawn, as a set: exact probabilities of drawing without replacement, by a chi-square."""
+    """First two distractors drawn, as a set: exact probabilities of drawing without replacement, by
+    a chi-square."""
     from scipy.stats import chisquare
 
     settings = {"part": "test", "num_distractors": 2, "distractor_weighting": weighting}
@@ -334,7 +339,8 @@ def test_both_engines_draw_distractors_from_the_same_distribution(opened_kitchen
         counts = counts[there]
         assert counts.sum() == 8_000
         frequencies = expected[there] / expected[there].sum() * counts.sum()
-        # Both members of a set are counted, so the statistic is a little too small: the test is on the safe side.
+        # Both members of a set are counted, so the statistic is a little too small: the test is on
+        # the safe side.
         assert chisquare(counts, frequencies).pvalue > 1e-3
 
 
@@ -356,7 +362,8 @@ def test_tasks_are_drawn_by_their_weights(opened_kitchen, weighting):
 
 
 def played(state, rng, steps):
-    """The last state, and what a batch shows and gives over steps of which many end an episode at once."""
+    """The last state, and what a batch shows and gives over steps of which many end an episode at
+    once."""
     engine, rows = state.engine, []
     for _ in range(steps):
         legal = np.asarray(state.random_actions(engine.arrays.array(rng.random(state.num_envs))))
@@ -367,9 +374,8 @@ def played(state, rng, steps):
     return state, rows
 
 
-def test_a_step_changes_neither_the_state_that_it_begins_with_nor_a_later_step_from_there(
-    opened_kitchen, device
-):
+def test_a_step_changes_no_earlier_and_no_later_state(opened_kitchen, device):
+    """A step changes neither the state that it begins with nor a later step from there."""
     settings = {"depth": 2, "num_distractors": 4, "reward": "official"}
     state = batch(opened_kitchen, 6, 3, device=device, **settings)
     kept, states = [], []

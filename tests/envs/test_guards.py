@@ -29,7 +29,8 @@ def world(request):
 
 
 def guarded(world, task):
-    """The guarded recipes of a task's goal, and what is there or can be made without distractors."""
+    """The guarded recipes of a task's goal, and what is there or can be made
+    without distractors."""
     recipes = world.graph.recipes[world.guarded_recipes]
     pairs = recipes[recipes[:, 2] == world.tasks.goals[task], :2].tolist()
     near = {*world.tasks.starts[task].tolist(), *world.makeable[task].tolist()} - {world.nothing}
@@ -139,7 +140,8 @@ def test_nothing_is_at_risk_where_nothing_is_guarded(world):
     assert not guards.at_risk(np.arange(6)[:, None], np.zeros(1, dtype=np.int64)).any()
 
 
-def test_the_memory_of_guards_grows_with_recipes_not_with_goals_times_entities():
+def test_guards_need_memory_for_recipes_only():
+    """The memory of guards grows with recipes not with goals times entities."""
     rows = np.random.default_rng(0).integers(0, 3_000, size=(15_000, 3)).tolist()
     graph = RecipeGraph.from_recipes([tuple(f"e{entity:04d}" for entity in row) for row in rows])
     world = World(

@@ -95,9 +95,10 @@ def test_every_step_equals_a_slow_reading_of_the_book(kitchen, pairs):
 
 
 @pytest.mark.parametrize("pair", [[FIRE, WATER], [WATER, FIRE]])
-def test_all_results_become_known_and_a_pair_is_repeated_in_the_other_order_but_not_in_the_next_episode(
+def test_all_results_become_known_and_pairs_repeat_in_both_orders(
     pair,
 ):
+    """All results become known and a pair is repeated in the other order but not in the next episode."""
     env = make()
     first, _ = env.reset()
     _, reward, _, _, info = env.step(pair)
@@ -111,7 +112,8 @@ def test_all_results_become_known_and_a_pair_is_repeated_in_the_other_order_but_
     assert not env.step(pair[::-1])[4]["repeated"]
 
 
-def test_an_entity_that_is_not_known_may_be_an_error_that_wastes_no_attempt():
+def test_an_unknown_entity_may_be_an_error_without_an_attempt():
+    """An entity that is not known may be an error that wastes no attempt."""
     strict = make(illegal_action="raise")
     with pytest.raises(ActionError, match="'blaze' is not known yet"):
         strict.step([FIRE, BLAZE])

@@ -129,8 +129,9 @@ def test_an_empty_slot_loses_the_attempt_and_conjures_nothing(world):
 )
 def test_shaped_rewards_follow_the_rules(world, picks, expected):
     reward = RewardConfig(wrong_pair_penalty=0.25, irrelevant_penalty=0.5, intermediate_reward=2.0)
-    env = posed(world, "brick", ["earth", "water", "clay", "fire"], depth=2, max_attempts=3, reward=reward,
-                num_distractors=2)  # fmt: skip
+    table = ["earth", "water", "clay", "fire"]
+    rules = {"depth": 2, "max_attempts": 3, "num_distractors": 2}
+    env = posed(world, "brick", table, reward=reward, **rules)
     assert [pick(env, label)[1] for label in picks] == expected
     assert (REWARDS["sparse"], REWARDS["official"]) == (RewardConfig(), RewardConfig(0.1, 0.1, 1.0))
 
@@ -181,9 +182,10 @@ def test_it_renders_in_words(opened_kitchen):
     assert WordCraftEnv(opened_kitchen).render() is None
 
 
-def test_a_graph_too_small_to_split_is_played_as_a_whole_with_as_many_distractors_as_it_has_room_for(
+def test_a_graph_too_small_to_split_is_played_as_a_whole(
     world,
 ):
+    """A graph too small to split is played as a whole with as many distractors as it has room for."""
     env = WordCraftEnv(RecipeGraph.from_recipes(ROWS[:2]), part="all", num_distractors=0)
     assert len(env.tasks) == 2
     most = WordCraftEnv(world, part="all", num_distractors=0).world.max_distractors
@@ -340,7 +342,10 @@ def test_bad_reset_options_are_refused(opened_kitchen, options, error, says):
     "first", ["import gymnasium, wordcraft_kg", "import wordcraft_kg, gymnasium"]
 )
 def test_gymnasium_knows_the_environments_in_either_order(first):
-    code = f"{first}\nfor name in ('WordCraft-v0', 'WordCraft-OpenEnded-v0'): print(gymnasium.spec(name).id)"
+    code = (
+        f"{first}\nfor name in ('WordCraft-v0', 'WordCraft-OpenEnded-v0'): "
+        "print(gymnasium.spec(name).id)"
+    )
     out = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout

@@ -204,7 +204,7 @@ def test_evaluation_by_goal_resamples_goals():
     split = make_split(graph, SplitConfig("by-goal"))
     world = World(OpenedGraph(graph, split, "everyday"), WordCraftConfig("test", 1, 8))
     result = Evaluator(world, distractor_seeds=2)(nearest_words(graph))
-    figures = result.figures()
+    figures = result.metrics()
     goals = world.tasks.goals
     assert (figures.ci_low, figures.ci_high) == task_bootstrap(result.success, goals)
     low, high = task_bootstrap(result.success, None)

@@ -40,7 +40,8 @@ def vector(num_envs=5, **more):
     )
 
 
-def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets():
+def test_the_vector_environment_stays_within_its_spaces():
+    """The vector environment stays within its spaces and says how it resets."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         envs = vector()
@@ -55,7 +56,8 @@ def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets()
             )
             assert rewards.shape == terminated.shape == truncated.shape == (5,)
             assert not truncated.any()
-            assert ((infos["outcome"] == "in_progress") == ~terminated).all()
+            assert (infos["outcome"] == "in_progress").all()
+            assert ("final_info" in infos) == terminated.any()
             assert (seen["attempts_left"][terminated] == 2).all()
             ended += int(terminated.sum())
     assert ended > 50
@@ -63,24 +65,109 @@ def test_the_vector_environment_stays_within_its_spaces_and_says_how_it_resets()
         np.testing.assert_array_equal(value, copy[key])
 
 
-def test_without_autoreset_the_caller_begins_the_same_episodes():
+def test_without_autoreset_the_same_episodes_begin():
+    """Without autoreset the caller sees the same ends and begins the same episodes."""
     same, other = vector(), vector(autoreset_mode="Disabled")
     assert (same.reset(seed=3)[0]["table"] == other.reset(seed=3)[0]["table"]).all()
     rng = np.random.default_rng(0)
+    ends = 0
     for _ in range(60):
         actions = rng.integers(same.single_action_space.n, size=5)
         seen, rewards, over, _, infos = same.step(actions)
         shown, paid, ended, _, told = other.step(actions)
         np.testing.assert_array_equal(over, ended)
         np.testing.assert_array_equal(rewards, paid)
-        np.testing.assert_array_equal(infos["outcome"], told["outcome"])
         assert (shown["attempts_left"][ended] == 0).all()
         if ended.any():
             with pytest.raises(EpisodeError, match="has ended"):
                 other.step(actions)
-            shown, _ = other.reset(options={"reset_mask": ended})
+            np.testing.assert_array_equal(infos["_final_obs"], ended)
+            np.testing.assert_array_equal(infos["_final_info"], ended)
+            for env in np.flatnonzero(ended):
+                for name, values in shown.items():
+                    np.testing.assert_array_equal(infos["final_obs"][env][name], values[env])
+                assert same.single_observation_space.contains(infos["final_obs"][env])
+                for name, values in told.items():
+                    assert infos["final_info"][name][env] == values[env]
+            assert all(infos["final_obs"][env] is None for env in np.flatnonzero(~ended))
+            shown, began = other.reset(options={"reset_mask": ended})
+            told = {name: np.where(ended, values, told[name]) for name, values in began.items()}
+            ends += int(ended.sum())
+        else:
+            assert "final_obs" not in infos
+        for name, values in told.items():
+            np.testing.assert_array_equal(infos[name], values)
         for name, values in seen.items():
             np.testing.assert_array_equal(values, shown[name])
+    assert ends > 50
+
+
+def first_end(envs):
+    """Return the infos of the first step that ends an episode."""
+    while True:
+        infos = envs.step(np.zeros(3, dtype=np.int64))[4]
+        if "final_obs" in infos:
+            return infos
+
+
+def test_ends_of_episodes_have_gymnasiums_form():
+    """Ends of episodes have the form of gymnasiums own vector environments."""
+    mode = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    naive = gym.make_vec(
+        "WordCraft-v0", 3, vectorization_mode="sync", vector_kwargs=mode, **SETTINGS
+    )
+    ours = vector(3)
+    for envs in (naive, ours):
+        envs.reset(seed=[4, 5, 6])
+    infos, expected = map(first_end, (ours, naive))
+    assert {key for key in expected if "final" in key} == {key for key in infos if "final" in key}
+    assert (infos["final_obs"].dtype, infos["final_obs"].shape) == (object, (3,))
+    # The single environment also names the goal.
+    own = {key for key in expected["final_info"] if not key.endswith("goal")}
+    assert set(infos["final_info"]) == own
+    for key in own:
+        assert infos["final_info"][key].dtype == expected["final_info"][key].dtype, key
+    wrapped = gym.wrappers.vector.DictInfoToList(ours)
+    wrapped.step(np.zeros(3, dtype=np.int64))
+    *_, listed = wrapped.step(np.zeros(3, dtype=np.int64))
+    assert any("final_info" in info for info in listed)
+
+
+def test_a_list_of_seeds_gives_each_environment_the_episodes_of_its_seed():
+    several = vector(4)
+    alone = {seed: vector(1) for seed in (7, 8)}
+    shown, _ = several.reset(seed=[7, 8, 7, None])
+    single_shown = {seed: envs.reset(seed=seed)[0] for seed, envs in alone.items()}
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        for env, seed in enumerate((7, 8, 7)):
+            for name, values in single_shown[seed].items():
+                np.testing.assert_array_equal(shown[name][env], values[0])
+        # Equal actions where seeds are equal.
+        first, second = rng.integers(several.single_action_space.n, size=2)
+        shown, *_ = several.step(np.array([first, second, first, 0]))
+        actions = {7: first, 8: second}
+        single_shown = {seed: envs.step(actions[seed][None])[0] for seed, envs in alone.items()}
+
+
+def test_a_seed_of_none_continues_and_a_mask_takes_its_seeds():
+    """A seed of none in a list continues and a mask takes the seeds it marks."""
+    one, other = vector(3), vector(3)
+    for envs in (one, other):
+        envs.reset(seed=2)
+    continued = one.reset()[0]
+    seeded = other.reset(seed=[None, 5, None])[0]
+    first = vector(1).reset(seed=5)[0]
+    for name, values in seeded.items():
+        np.testing.assert_array_equal(values[[0, 2]], continued[name][[0, 2]])
+        np.testing.assert_array_equal(values[1], first[name][0])
+    envs = vector(3, autoreset_mode="Disabled")
+    before, _ = envs.reset(seed=2)
+    mask = np.array([False, True, False])
+    after, _ = envs.reset(seed=np.array([9, 5, 9]), options={"reset_mask": mask})
+    for name, values in after.items():
+        np.testing.assert_array_equal(values[[0, 2]], before[name][[0, 2]])
+        np.testing.assert_array_equal(values[1], first[name][0])
 
 
 def test_with_next_step_an_ended_environment_ignores_the_action_and_begins():
@@ -118,9 +205,14 @@ def test_one_seed_decides_all_streams_and_a_reset_without_one_goes_on():
     [
         (lambda envs: envs.step(np.zeros(5, dtype=np.int64)), EpisodeError, "call reset"),
         (
-            lambda envs: envs.reset(seed=[1, 2, 3, 4, 5]),
+            lambda envs: envs.reset(seed=[1, 2, 3, 4]),
             ConfigError,
-            "`seed`: expected one integer",
+            "`seed`: 4 seeds for 5 environments; expected one for each",
+        ),
+        (
+            lambda envs: envs.reset(seed=[1, 2, 3, 4, "five"]),
+            ConfigError,
+            "`seed` 'five': expected a whole number, 0 or more",
         ),
         (lambda envs: envs.reset(options={"task": 1}), ConfigError, "unknown reset option 'task'"),
         (
@@ -181,7 +273,12 @@ def test_batched_scores_are_the_single_ones(scorer):
             expected = one.observation(row)
             np.testing.assert_array_equal(seen["u"][i], expected["u"])
             np.testing.assert_array_equal(seen["v"][i], expected["v"])
-        seen, *_ = envs.step(np.full(5, step % 2))
+        seen, _, over, _, infos = envs.step(np.full(5, step % 2))
+        for i in np.flatnonzero(over):
+            last = infos["final_obs"][i]
+            row = {key: value for key, value in last.items() if key not in ("u", "v")}
+            np.testing.assert_array_equal(last["u"], one.observation(row)["u"])
+            assert envs.single_observation_space.contains(last)
 
 
 def test_a_scorer_of_another_graph_and_other_environments_are_refused():

@@ -1,4 +1,5 @@
-"""Figures of a scorer that learned from another book: goals that this book makes, and goals that it does not make."""
+"""Figures of a scorer that learned from another book: goals that this book makes, and goals that it
+does not make."""
 
 import json
 
@@ -22,7 +23,8 @@ from wordcraft_kg.models.recipes.training import train_recipes
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
-    """A graph split by goal, and a model that learned from another book, which makes every second test goal."""
+    """A graph split by goal, and a model that learned from another book, which makes every second
+    test goal."""
     home = tmp_path_factory.mktemp("by-goal")
     opened = open_graph("kitchen", SplitConfig("by-goal", train_ratio=0.6, seed=1))
     write_graph_folder(home / "graph", open_book("kitchen"), opened.split)
@@ -44,7 +46,8 @@ def model(home):
     return open_model(home / "model")
 
 
-def test_a_model_folder_lists_the_goals_that_the_other_book_makes_in_a_hashed_file(home, model):
+def test_a_model_folder_lists_the_goals_of_the_other_book(home, model):
+    """A model folder lists the goals that the other book makes in a hashed file."""
     goals = {model.opened.graph.entities[goal] for goal in model.opened.split.recipes("test")[:, 2]}
     assert model.made_by_other_books == frozenset(sorted(goals)[::2])
     metrics = home / "model" / "metrics.json"
@@ -103,9 +106,8 @@ def test_the_link_report_shows_both_kinds_of_goals(run, home, model, tmp_path):
     assert f"componentOf, {MADE}" in outcome.out
 
 
-def test_an_agent_with_such_a_scorer_shows_both_kinds_of_goals_and_so_does_its_reference(
-    run, home, tmp_path
-):
+def test_agents_and_reports_show_success_by_goals_of_other_books(run, home, tmp_path):
+    """An agent with such a scorer shows both kinds of goals and so does its reference."""
     trainer = ImpalaConfig(steps=640, eval_every=0)
     graph = str(home / "graph")
     policy = PolicyConfig(use="u,v,w")

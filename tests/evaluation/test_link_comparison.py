@@ -67,15 +67,15 @@ def test_a_model_does_not_differ_from_itself(frequency):
     assert (other.difference, other.difference_ci, other.probability_better) == (0, (0, 0), 0.5)
     assert (one.difference, one.difference_ci, one.probability_better) == (None, None, None)
     assert one.mrr == other.mrr
-    assert values.not_told_apart == (other.name,)
+    assert values.not_significant == (other.name,)
 
 
-def test_a_model_that_knows_the_answers_is_surely_better(facts, frequency):
+def test_a_model_that_knows_the_answers_is_significantly_better(facts, frequency):
     values = compared(frequency, facts)
     assert values.models[1].probability_better == 1
     assert values.models[1].difference_ci[0] > 0
     assert values.models[1].mrr == 1
-    assert (values.best, values.not_told_apart) == (facts.scorer.name, ())
+    assert (values.best, values.not_significant) == (facts.scorer.name, ())
 
 
 def test_the_difference_is_that_of_the_mean_reciprocal_ranks(facts, frequency, opened_kitchen):
@@ -127,7 +127,8 @@ def test_the_comparison_is_determined_by_its_seed(noises):
     assert second(one, two, seed=3).difference_ci != second(one, two, seed=4).difference_ci
 
 
-def test_more_models_widen_the_intervals_of_differences_but_not_those_of_models(noises):
+def test_more_models_widen_intervals_of_differences_only(noises):
+    """More models widen the intervals of differences but not those of models."""
     two, four = compared(*noises[:2]), compared(*noises)
     assert (two.pairs, four.pairs) == (1, 6)
     assert two.models[0] == four.models[0]
@@ -145,11 +146,11 @@ def test_the_best_is_the_one_with_the_highest_mrr_and_says_who_is_as_good(facts,
     _, one, two, _ = noises
     values = compared(one, facts, two, facts)
     assert values.best == facts.scorer.name
-    assert values.not_told_apart == (facts.scorer.name,)
+    assert values.not_significant == (facts.scorer.name,)
     values = compared(one, two)
     mrr = {found.name: found.mrr for found in values.models}
     assert values.best == max(mrr, key=mrr.__getitem__)
-    assert values.not_told_apart == (min(mrr, key=mrr.__getitem__),)
+    assert values.not_significant == (min(mrr, key=mrr.__getitem__),)
 
 
 def test_a_model_of_the_full_graph_is_marked_and_is_never_the_best(
@@ -159,7 +160,7 @@ def test_a_model_of_the_full_graph_is_marked_and_is_never_the_best(
     values = compared(full, frequency)
     assert [found.has_seen_the_test_recipes for found in values.models] == [True, False]
     assert values.best == frequency.scorer.name
-    assert values.not_told_apart == ()
+    assert values.not_significant == ()
     assert compared(full, full).best is None
 
 

@@ -1,4 +1,5 @@
-"""The reference pack: its files are sound, are what the package measures, and keep ours and others apart."""
+"""The reference pack: its files are sound, are what the package measures, and keep ours and others
+apart."""
 
 import json
 from dataclasses import replace
@@ -26,8 +27,8 @@ from wordcraft_kg.evaluation.reference import (
     PACK,
     OpenPlay,
     TaskPlay,
-    figures_of,
     literature,
+    metrics_of,
     pack_of,
     play_of,
     read_pack,
@@ -97,7 +98,7 @@ def test_a_scripted_player_has_exactly_the_figure_of_the_pack(everyday):
     world = World(everyday, WordCraftConfig(part="test", num_distractors=2))
     (measured,) = play_all(world, {"random, distinct": random_distinct}, [2])
     row = row_of(DEPTH_1, "random, distinct")
-    expected = figures_of(
+    expected = metrics_of(
         {2: (measured.success, measured.low, measured.high)}, {2: measured.by_plan}
     )
     assert row.figures["2"] == expected["2"]
@@ -171,7 +172,8 @@ def test_people_are_the_same_in_the_pack_and_in_discover():
     assert {int(at): found.value for at, found in people.figures.items()} == HUMAN_CURVE
 
 
-def test_every_row_of_the_literature_says_what_was_played_and_where_it_is_printed():
+def test_every_published_row_has_its_game_and_source():
+    """Every row of the literature says what was played and where it is printed."""
     rows = literature(["success", "entities known", "new combinations"])
     assert {row.kind for row in rows} == {"people", "language model"}
     for row in rows:

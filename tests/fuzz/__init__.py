@@ -1,8 +1,10 @@
-"""Bad input by the thousand: whatever a command is given, it answers with an exit code and a sentence.
+"""Bad input by the thousand: whatever a command is given, it answers with an exit code and a
+sentence.
 
-Three parts: :mod:`.books` spoils recipe books, :mod:`.artefacts` spoils what the package itself wrote, :mod:`.values`
-gives every option of every command odd values. A case is a part's name and a number, and the number alone decides what
-is done: ``python -m tests.fuzz --replay artefacts:123`` does it again and shows what the commands said.
+Three parts: :mod:`.books` spoils recipe books, :mod:`.artefacts` spoils what the package itself
+wrote, :mod:`.values` gives every option of every command odd values. A case is a part's name and a
+number, and the number alone decides what is done: ``python -m tests.fuzz --replay artefacts:123``
+does it again and shows what the commands said.
 
 ``python -m tests.fuzz --books 10000 --artefacts 5000 --values`` runs many of them.
 """

@@ -1,4 +1,5 @@
-"""Run many cases: ``python -m tests.fuzz --books 10000 --artefacts 5000 --values``, or one: ``--replay books:123``."""
+"""Run many cases: ``python -m tests.fuzz --books 10000 --artefacts 5000 --values``, or one:
+``--replay books:123``."""
 
 import argparse
 import re
@@ -17,7 +18,8 @@ PARTS = {"books": books.trial, "artefacts": artefacts.trial, "values": values.tr
 
 
 def run_case(part, number, home, *, is_shown=False):
-    """Run a case in a sandbox of its own and return its faults; show the answers of its commands before, if asked."""
+    """Run a case in a sandbox of its own and return its faults; show the answers of its commands
+    before, if asked."""
     if is_shown:
         with tempfile.TemporaryDirectory() as folder:
             trial = PARTS[part](number, home, Path(folder))

@@ -1,4 +1,5 @@
-"""Folders that the package wrote itself, spoilt by accident or, with the hashes mended, on purpose."""
+"""Folders that the package wrote itself, spoilt by accident or, with the hashes
+mended, on purpose."""
 
 import json
 import os
@@ -172,7 +173,8 @@ READERS = {
 
 
 def trial(number, home, sandbox):
-    """Spoil a copy of an artefact and choose two commands that read it; kinds and their files take turns."""
+    """Spoil a copy of an artefact and choose two commands that read it; kinds and their files take
+    turns."""
     rng = random.Random(f"artefacts {number}")
     (sandbox / IN).mkdir()
     for kind in ("graph", "model", "agent"):

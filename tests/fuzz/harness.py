@@ -1,4 +1,5 @@
-"""Running a command on bad input in this process, and what must hold afterwards whatever the input was."""
+"""Running a command on bad input in this process, and what must hold afterwards whatever the input
+was."""
 
 import faulthandler
 import gc
@@ -65,7 +66,8 @@ class Outcome:
 
 @contextmanager
 def limits(*, is_server: bool = False) -> Iterator[None]:
-    """Press Ctrl-C for a command that computes for long; end one that does not heed it, or waits for ever."""
+    """Press Ctrl-C for a command that computes for long; end one that does not heed it, or waits
+    for ever."""
     seconds, computed, is_pressed = 0, time.process_time(), False
 
     def tick(signum: int, frame: FrameType | None) -> None:
@@ -113,7 +115,8 @@ def limits(*, is_server: bool = False) -> Iterator[None]:
 
 @contextmanager
 def as_in_a_new_process(folder: Path, typed: bytes) -> Iterator[tuple[io.BytesIO, io.BytesIO]]:
-    """Work in a folder, with streams that are as strict as the real ones, and put all global state back."""
+    """Work in a folder, with streams that are as strict as the real ones, and put all global state
+    back."""
     out, err = io.BytesIO(), io.BytesIO()
     streams = (io.TextIOWrapper(out, "utf-8"), io.TextIOWrapper(err, "utf-8", "backslashreplace"))
     where, collection, stdin = Path.cwd(), gc.get_threshold(), sys.stdin
@@ -137,7 +140,8 @@ def as_in_a_new_process(folder: Path, typed: bytes) -> Iterator[tuple[io.BytesIO
 
 
 def _log_to(stream: Any) -> None:
-    """Let the handlers that libraries made for themselves write to a stream: they keep the one they began with."""
+    """Let the handlers that libraries made for themselves write to a stream: they keep the one they
+    began with."""
     for logger in logging.root.manager.loggerDict.values():
         for handler in getattr(logger, "handlers", ()):
             if type(handler) is logging.StreamHandler:
@@ -183,7 +187,8 @@ def state_of(folder: Path) -> dict[str, tuple[Any, ...]]:
 
 
 def problems_of(trial: Trial, sandbox: Path) -> list[str]:
-    """Run a case's commands in its sandbox and return what is wrong with their answers; nothing should be."""
+    """Run a case's commands in its sandbox and return what is wrong with their answers; nothing
+    should be."""
     problems = []
     after = state_of(sandbox)
     for number, command in enumerate(trial.commands):
@@ -219,7 +224,8 @@ def _of_files(
     after: dict[str, tuple[Any, ...]],
     sandbox: Path,
 ) -> Iterator[str]:
-    """Name inputs that changed, temporary files that stayed, and outputs that a failed command left behind."""
+    """Name inputs that changed, temporary files that stayed, and outputs that a failed command left
+    behind."""
     changed = [path for path in before | after if before.get(path) != after.get(path)]
     for path in changed:
         if path.startswith(f"{IN}/") and not path.startswith(CONTINUED):
@@ -232,7 +238,8 @@ def _of_files(
 
 
 def _may_stay(outcome: Outcome, out: Path) -> bool:
-    """Return whether an output of a command that failed is whole nevertheless, or a run that can be resumed."""
+    """Return whether an output of a command that failed is whole nevertheless, or a run that can be
+    resumed."""
     if "CHECK FAILED" in outcome.err or (outcome.code == 1 and (out / "report.json").is_file()):
         return True
     if (

@@ -13,7 +13,8 @@ from .harness import call
 
 
 def make_home(home):
-    """Make a graph, and on it models and agents, finished and interrupted, and a study with people."""
+    """Make a graph, and on it models and agents, finished and interrupted, and a
+    study with people."""
     from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
     from wordcraft_kg.agents.training import train_agent
     from wordcraft_kg.models.links.config import ComplExConfig, LinkModelConfig, LinksConfig
@@ -86,7 +87,8 @@ def records_of(folder, name):
 
 
 def mended(folder, name):
-    """Record the hash that a run's file has now, wherever it is on record, as somebody would who hides a change."""
+    """Record the hash that a run's file has now, wherever it is on record, as somebody would who
+    hides a change."""
     path = folder / name
     record = path.with_suffix(".json")
     if path.parent.name == "checkpoints" and path.suffix == ".safetensors":

@@ -120,7 +120,8 @@ def spoilt_lines(text, rng):
 
 
 def spoilt_value(value, rng):
-    """Change one value somewhere in a tree of values: another type, another key, one more or one less."""
+    """Change one value somewhere in a tree of values: another type, another key, one more or one
+    less."""
     what, new, _ = _spoilt(value, rng)
     return what, new
 
@@ -176,7 +177,8 @@ def as_json(value):
 
 
 def toml_of(value):
-    """Write a value as TOML as far as it can be; some come out as no TOML at all, which is meant."""
+    """Write a value as TOML as far as it can be; some come out as no TOML at all,
+    which is meant."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key} = {toml_of(entry)}" for key, entry in value.items()) + "}"
     if isinstance(value, float):

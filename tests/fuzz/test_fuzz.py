@@ -1,4 +1,5 @@
-"""A few of the cases that ``python -m tests.fuzz`` runs by the thousand; ``make slow`` runs many."""
+"""A few of the cases that ``python -m tests.fuzz`` runs by the thousand; ``make
+slow`` runs many."""
 
 import pytest
 

@@ -1,7 +1,7 @@
 """Odd values for every option of every command, on the command line and in a TOML file.
 
-The options are taken from the application itself, so a new one is tried without a line here, unless it is required and
-its name says nothing: then :data:`GIVEN` needs a sound value for it.
+The options are taken from the application itself, so a new one is tried without a line here, unless
+it is required and its name says nothing: then :data:`GIVEN` needs a sound value for it.
 """
 
 import os
@@ -45,9 +45,8 @@ GIVEN = {
     # A list, and a file that is not there: a study would train for minutes.
     "study": "list",
 }
-"""Sound values that make a command quick, by option, and by command and option where it means something else there;
-``folder`` is added where the option is a path.
-"""
+"""Sound values that make a command quick, by option, and by command and option where it means
+something else there; ``folder`` is added where the option is a path."""
 NUMBERS = (
     *(
         "0",
@@ -213,7 +212,8 @@ def _of(command):
 
 @cache
 def cases():
-    """Return every option with each of its odd values, and whether it comes from the command line or a file."""
+    """Return every option with each of its odd values, and whether it comes from the command line
+    or a file."""
     chosen = []
     for option in (option for name in ALL for option in _of(name)):
         sources = () if option.parameter == "out" else SOURCES
@@ -241,7 +241,8 @@ def trial(number, home, sandbox):
             continue
         if given is None and other.is_required:
             raise LookupError(
-                f"`{other.parameter}` of {other.command} is required; give GIVEN a sound value for it"
+                f"`{other.parameter}` of {other.command} is required; give GIVEN a sound value for "
+                "it"
             )
         if given is not None:
             command.append(f"{other.name}={given}" if other.name.startswith("--") else given)

@@ -20,7 +20,8 @@ def rows(letters=FEW, **size):
 
 @st.composite
 def graphs(draw, letters=FEW, min_size=0, max_size=24):
-    """Graphs with self results, duplicates, self pairs, ambiguous pairs, idle entities, kinds, any base or none."""
+    """Graphs with self results, duplicates, self pairs, ambiguous pairs, idle entities, kinds, any
+    base or none."""
     recipes = draw(rows(letters, min_size=min_size, max_size=max_size))
     listed = draw(st.sets(st.sampled_from(IDLE)))
     entities = sorted({label for recipe in recipes for label in recipe} | listed)
@@ -50,7 +51,8 @@ PRINTED = st.characters(
 
 
 def labels():
-    """Any label that a book may hold: commas, quotes, outer blanks, '#', and anything of Unicode but controls."""
+    """Any label that a book may hold: commas, quotes, outer blanks, '#', and anything of Unicode
+    but controls."""
     return st.text(AWKWARD | PRINTED, min_size=1, max_size=6).filter(
         lambda label: not label.isspace()
     )

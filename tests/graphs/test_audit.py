@@ -67,7 +67,8 @@ def test_lists_of_the_audit_are_cut_but_counts_are_complete():
     assert counts == (0, 0, 0, 0)
 
 
-def test_the_audit_of_a_graph_without_its_book_says_nothing_of_dropped_rows():
+def test_an_audit_without_the_book_has_no_dropped_rows():
+    """The audit of a graph without its book says nothing of dropped rows."""
     book = RecipeBook.of(
         "book", [("a", "b", "c"), ("a", "b", "c"), ("a", "b", "a")], base=["a", "b"]
     )

@@ -44,7 +44,8 @@ def data(home, monkeypatch):
 
 @pytest.fixture
 def server(monkeypatch):
-    """Answer each download with the next of the given answers, bytes or an error, and keep the addresses."""
+    """Answer each download with the next of the given answers, bytes or an error, and keep the
+    addresses."""
     answers, addresses = [], []
 
     def urlopen(url):
@@ -80,7 +81,7 @@ def test_a_file_or_graph_folder_of_the_same_name_goes_before_a_known_book(home, 
     monkeypatch.chdir(home)
     book = open_book("kitchen")
     (home / "kitchen").write_text("not a book", encoding="utf-8")
-    with pytest.raises(RecipeFileError, match="unknown ending"):
+    with pytest.raises(RecipeFileError, match=r"none is named as ingredients and result"):
         open_book("kitchen")
     (home / "kitchen").unlink()
     (home / "kitchen").mkdir()
@@ -89,7 +90,7 @@ def test_a_file_or_graph_folder_of_the_same_name_goes_before_a_known_book(home, 
     with pytest.raises(RecipeFileError, match=r"mine' is an empty folder; expected a recipe book"):
         open_book("mine")
     (home / "kitchen" / "graph.json").write_text("{}", encoding="utf-8")
-    with pytest.raises(RecipeFileError, match="neither of the known layouts"):
+    with pytest.raises(RecipeFileError, match="recipes in a known shape are missing"):
         open_book("kitchen")
 
 
@@ -244,7 +245,8 @@ def test_a_redirect_is_not_followed(home, published, monkeypatch):
             fetch_book(NAME)
 
 
-def test_a_file_placed_in_the_data_folder_by_hand_is_known_by_the_published_name(data, published):
+def test_a_file_in_the_data_folder_has_the_published_name(data, published):
+    """A file placed in the data folder by hand is known by the published name."""
     (data / "alchemy2.json").write_bytes(PUBLISHED)
     assert origins()[NAME] == "data folder"
     assert RecipeGraph.from_book(open_book(NAME)).base == BASE

@@ -1,4 +1,5 @@
-"""Figures that are known from elsewhere, or were once looked through by eye and must not change unnoticed."""
+"""Figures that are known from elsewhere, or were once looked through by eye and must not change
+unnoticed."""
 
 from collections import Counter
 
@@ -58,7 +59,8 @@ def test_little_alchemy_2_has_its_known_hash_and_size(alchemy):
     assert not len(make_split(alchemy, SplitConfig()).uncovered)
 
 
-def test_little_alchemy_2_as_read_has_nine_self_results_and_hardly_reaches_anything(alchemy_path):
+def test_little_alchemy_2_as_read_has_nine_self_results(alchemy_path):
+    """Little alchemy 2 as read has nine self results and hardly reaches anything."""
     book = read_book(alchemy_path)
     inferred = RecipeGraph.from_book(book)
     assert (book.dropped_self_results, inferred.base) == (9, ("earth", "fire", "time"))
@@ -68,7 +70,8 @@ def test_little_alchemy_2_as_read_has_nine_self_results_and_hardly_reaches_anyth
     assert Counter(np.diff(kept.pair_starts).tolist()) == {1: 3151, 2: 127, 3: 7}
 
 
-def test_little_alchemy_2_is_reached_in_sixteen_rounds_with_time_and_not_without(alchemy):
+def test_little_alchemy_2_takes_sixteen_rounds_with_time(alchemy):
+    """Little alchemy 2 is reached in sixteen rounds with time and not without."""
     known = [5, 15, 27, 37, 53, 84, 109, 128, 178, 293, 396, 468, 560, 640, 687, 698, 700]
     assert rounds(layers(alchemy)) == known
     layer = layers(alchemy, ["air", "earth", "fire", "water"])

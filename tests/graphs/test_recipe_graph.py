@@ -51,7 +51,8 @@ def test_a_graph_keeps_each_distinct_recipe_once_and_no_other(recipes):
 
 
 @given(graphs())
-def test_recipes_and_uses_of_every_entity_equal_a_search_through_all_recipes(graph):
+def test_recipes_and_uses_equal_a_search_through_all_recipes(graph):
+    """Recipes and uses of every entity equal a search through all recipes."""
     recipes = graph.recipe_labels()
     for entity in graph.entities:
         making = [i for i, recipe in enumerate(recipes) if recipe.result == entity]
@@ -91,9 +92,8 @@ def test_membership_and_keys_of_triples_equal_sets_of_tuples(graph, data):
 
 
 @given(rows(min_size=1), st.randoms(use_true_random=False))
-def test_graphs_are_equal_whatever_the_order_of_rows_and_ingredients_and_the_name(
-    recipes, shuffler
-):
+def test_graphs_do_not_depend_on_row_order_or_name(recipes, shuffler):
+    """Graphs are equal whatever the order of rows and ingredients and the name."""
     shuffled = [
         (b, a, result) if shuffler.random() < 0.5 else (a, b, result) for a, b, result in recipes
     ]
@@ -263,6 +263,7 @@ def test_what_a_graph_and_a_split_look_like_fits_on_a_line():
     opened = open_graph("kitchen")
     assert repr(opened) == (
         "OpenedGraph(graph=RecipeGraph('kitchen', 80 entities, 326 recipes, hash 43fe37e2e912), "
-        "split=Split('by-recipe', seed 0, 260 train, 0 valid, 66 test recipes of 'kitchen'), source='kitchen')"
+        "split=Split('by-recipe', seed 0, 260 train, 0 valid, 66 test recipes of 'kitchen'), "
+        "source='kitchen')"
     )
     assert str(opened.graph.recipe_labels()[0]) == "animal + earth -> pig"

@@ -13,8 +13,9 @@ from refusals import refuses
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import Recipe, RecipeBook, RecipeGraph, read_book, write_book
-from wordcraft_kg.graphs.book_files import book_name, trimmed
-from wordcraft_kg.graphs.recipes import check_label
+from wordcraft_kg.graphs.book_files import book_name
+from wordcraft_kg.graphs.book_files.dialects import trimmed
+from wordcraft_kg.graphs.recipes import alike_labels, case_variants, check_label
 
 TABLE = "ingredient_a,ingredient_b,result\n"
 
@@ -53,9 +54,8 @@ def test_a_book_written_and_read_back_is_equal(shelf, ending, book):
 
 
 @pytest.mark.parametrize(("ending", "delimiter"), [("csv", ","), ("tsv", "\t")])
-def test_a_row_that_starts_with_a_hash_is_quoted_so_that_no_reader_takes_it_for_a_comment(
-    tmp_path, ending, delimiter
-):
+def test_a_row_that_starts_with_a_hash_is_quoted(tmp_path, ending, delimiter):
+    """A row that starts with a hash is quoted so that no reader takes it for a comment."""
     path = tmp_path / f"book.{ending}"
     write_book(RecipeBook.of("book", [("#a", "b", "c")]), path)
     assert path.read_text(encoding="utf-8").splitlines()[1] == delimiter.join(
@@ -146,9 +146,8 @@ def test_spaces_around_a_cell_do_not_belong_to_it(read, row, ending, delimiter):
     around=st.lists(st.text(" ", max_size=2), min_size=6, max_size=6),
     delimiter=st.sampled_from(",\t"),
 )
-def test_trimming_a_line_takes_the_spaces_outside_of_quotes_and_nothing_else(
-    cells, around, delimiter
-):
+def test_trimming_takes_only_spaces_outside_of_quotes(cells, around, delimiter):
+    """Trimming a line takes the spaces outside of quotes and nothing else."""
     quoted = ['"' + cell.replace('"', '""') + '"' for cell in cells]
     padded = zip(around[::2], quoted, around[1::2], strict=True)
     loose = delimiter.join("".join(parts) for parts in padded)
@@ -176,7 +175,6 @@ def test_a_fourth_column_names_kinds(read):
             KINDS + "a,b,c,d\nb,a,c,e\n",
             "line 3: a . b -> c has the kind 'e' here, and 'd' above",
         ),
-        ("book.csv", "ingredient_a,ingredient_b,result,type\na,b,c,d\n", "; kind may follow"),
         ("book.csv", TABLE + "a,b,c,d\n", "line 2: 'a,b,c,d' has 3 ingredients"),
         (
             "book.json",
@@ -203,12 +201,14 @@ def test_bad_kinds_are_refused(read, name, text, says):
 UNKNOWN_BASE = {
     "book.csv, line 2": "# a book\n# base: water, fier\n" + TABLE + "water,fire,steam\n",
     "book.tsv, line 1": ("# base: fier\n" + TABLE + "water,fire,steam\n").replace(",", "\t"),
-    "book.json: base[1]": '{"base": ["fire", "fier"], "entities": ["fire", "s"], "recipes": [["fire", "fire", "s"]]}',
+    "book.json: base[1]": '{"base": ["fire", "fier"], "entities": ["fire", "s"], '
+    '"recipes": [["fire", "fire", "s"]]}',
 }
 
 
 @pytest.mark.parametrize("where", UNKNOWN_BASE)
-def test_a_base_entity_that_is_no_entity_is_refused_with_its_place_and_the_nearest_one(read, where):
+def test_an_unknown_base_entity_is_refused_with_a_hint(read, where):
+    """A base entity that is no entity is refused with its place and the nearest one."""
     with pytest.raises(RecipeFileError, match=f"{re.escape(where)}.*'fier'.*Did you mean 'fire'"):
         read(UNKNOWN_BASE[where], re.split("[,:]", where)[0])
 
@@ -241,7 +241,8 @@ def test_recipes_of_one_ingredient_are_read_as_asked(read, name):
         }
 
 
-def test_a_label_that_xml_cannot_hold_is_refused_and_any_other_can_be_written_as_xml():
+def test_labels_that_xml_cannot_hold_are_refused():
+    """A label that xml cannot hold is refused and any other can be written as xml."""
     planes = [*range(0x3000), *range(0xD000, 0x10100), *range(0x1F000, 0x1F100), 0x10FFFF]
     for char in map(chr, planes):
         label = f"a{char}b"
@@ -254,7 +255,8 @@ def test_a_label_that_xml_cannot_hold_is_refused_and_any_other_can_be_written_as
 
 
 @pytest.mark.parametrize("stem", ["a\x01b", "a\udce9b", "a\ufffeb"])
-def test_a_files_name_that_no_label_may_have_is_replaced_in_the_name_of_the_book(stem):
+def test_a_bad_file_name_is_replaced_in_the_books_name(stem):
+    """A files name that no label may have is replaced in the name of the book."""
     assert book_name(Path(f"{stem}.csv")) == "a_b"
 
 
@@ -274,3 +276,13 @@ def test_entities_of_the_official_layout_that_no_recipe_mentions_are_idle(read):
     entry = {"a": {"recipes": []}, "b": {"recipes": [["a", "a"]]}, "lone": {"recipes": []}}
     book = read(json.dumps({"entities": entry}), "book.json")
     assert (book.idle, book.entities) == (("lone",), ("a", "b", "lone"))
+
+
+def test_case_variants_are_grouped_and_other_spellings_are_not():
+    labels = ("LAVA", "Lava", "ice cream", "ice-cream", "lava", "\u2764", "\u2764\ufe0f", "C", "C-")
+    assert case_variants(labels) == [("LAVA", "Lava", "lava"), ("\u2764", "\u2764\ufe0f")]
+    assert alike_labels(labels) == [
+        ("LAVA", "Lava", "lava"),
+        ("ice cream", "ice-cream"),
+        ("\u2764", "\u2764\ufe0f"),
+    ]

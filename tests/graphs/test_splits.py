@@ -135,7 +135,8 @@ def test_a_split_made_again_or_read_back_from_its_json_is_the_same(split):
 
 
 @given(splittable_graphs(), configs("by-recipe"))
-def test_a_by_recipe_split_moves_whole_pairs_to_train_until_every_entity_is_covered(graph, config):
+def test_by_recipe_moves_whole_pairs_until_all_is_covered(graph, config):
+    """A by recipe split moves whole pairs to train until every entity is covered."""
     split, plain = drawn(graph, config), drawn(graph, replace(config, kind="by-recipe-plain"))
     assert all(len(parts) == 1 for parts in parts_by(split, slice(2)).values())
     assert set(graph.labels(split.uncovered)) == set(graph.entities) - mentioned(graph)
@@ -158,9 +159,8 @@ def test_pairs_goals_and_kinds_are_held_out_whole_in_exact_shares(kind, key, gra
 
 
 @given(splittable_graphs(), configs("by-slot"))
-def test_in_a_by_slot_split_no_ingredient_and_result_of_a_held_out_recipe_occur_in_an_earlier_part(
-    graph, config
-):
+def test_by_slot_never_repeats_an_ingredient_with_its_result(graph, config):
+    """In a by slot split no ingredient and result of a held out recipe occur in an earlier part."""
     split = drawn(graph, config)
     seen = [
         {(x, r.result) for r in graph.recipe_labels(split.recipes(part)) for x in r[:2]}
@@ -170,9 +170,8 @@ def test_in_a_by_slot_split_no_ingredient_and_result_of_a_held_out_recipe_occur_
 
 
 @given(splittable_graphs(), configs("by-slot"))
-def test_the_groups_of_a_by_slot_split_are_as_small_as_they_can_be_and_drawn_in_exact_shares(
-    graph, config
-):
+def test_by_slot_groups_are_smallest_and_in_exact_shares(graph, config):
+    """The groups of a by slot split are as small as they can be and drawn in exact shares."""
     # Merge groups that share a slot until none do: a slow search for the connected components.
     groups = [
         ({row}, {(x, r.result) for x in r[:2]}) for row, r in enumerate(graph.recipe_labels())
@@ -204,9 +203,9 @@ def test_the_hash_of_a_split_covers_its_graph(kitchen):
     assert one.hash != two.hash
 
 
-def test_a_split_registered_from_outside_is_made_read_back_and_offered_by_the_command(
-    kitchen, monkeypatch
-):
+def test_a_registered_split_is_made_read_and_offered(kitchen, monkeypatch):
+    """A split registered from outside is made read back and offered by the command."""
+
     def by_first_letter(graph, config, rng):
         return Draw(
             np.where([graph.entities[i] < "m" for i in graph.recipes[:, 2]], 0, 2).astype(np.int8)
@@ -322,3 +321,18 @@ def test_the_hash_of_a_split_by_kind_covers_the_kinds():
     parts = np.zeros(graphs[0].num_recipes, dtype=np.int8)
     hashes = {Split(graph, SplitConfig("by-kind"), Draw(parts)).hash for graph in graphs}
     assert len(hashes) == 2
+
+
+@pytest.mark.parametrize("train_ratio", [0.1, 0.8])
+def test_a_test_part_that_the_cover_of_entities_empties_names_this_cause(train_ratio):
+    # Each recipe has three entities of its own, so no recipe can be held out.
+    graph = RecipeGraph.from_recipes([(f"a{i}", f"b{i}", f"c{i}") for i in range(30)])
+    drawn = 30 - round(train_ratio * 30) - round(0.1 * 30)
+    with pytest.raises(SplitError) as error:
+        make_split(graph, SplitConfig("by-recipe", train_ratio, 0.1))
+    assert f"the {drawn} recipes drawn for it moved to train, so that train covers" in str(
+        error.value
+    )
+    assert "Choose `kind` by-recipe-plain, which moves none" in str(error.value)
+    plain = make_split(graph, SplitConfig("by-recipe-plain", train_ratio, 0.1))
+    assert len(plain.recipes("test")) == drawn

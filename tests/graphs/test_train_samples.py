@@ -1,4 +1,5 @@
-"""Train samples and folds: which recipes are trained on, with which results, and what they must not reveal."""
+"""Train samples and folds: which recipes are trained on, with which results, and what they must not
+reveal."""
 
 from itertools import pairwise
 
@@ -71,7 +72,8 @@ def test_what_is_wrong_with_less_noise_is_wrong_with_more():
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("label_noise", [0.2, 1.0])
-def test_a_wrong_recipe_keeps_its_pair_and_is_part_of_nothing_that_the_book_has(kind, label_noise):
+def test_a_wrong_recipe_keeps_its_pair_and_is_in_no_book(kind, label_noise):
+    """A wrong recipe keeps its pair and is part of nothing that the book has."""
     split = split_of(kind)
     train_sample = draw_train_sample(split, 0.8, label_noise, seed=1)
     graph, wrong = split.graph, train_sample.among(train_sample.is_wrong)
@@ -157,9 +159,8 @@ def test_a_train_sample_says_what_it_is():
 
 
 @given(splittable_graphs(), st.sampled_from(HELD_OUT_KINDS).flatmap(configs))
-def test_folds_partition_the_train_recipes_and_keep_together_what_the_split_keeps_together(
-    graph, config
-):
+def test_folds_partition_train_and_keep_groups_together(graph, config):
+    """Folds partition the train recipes and keep together what the split keeps together."""
     split = drawn(graph, config)
     groups = groups_of(graph, config.kind)
     train = split.is_in("train")

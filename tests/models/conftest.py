@@ -24,7 +24,8 @@ def distmult_folder(opened_kitchen, made_once):
 
 @pytest.fixture
 def spoilt(complex_folder, tmp_path):
-    """Copy the ComplEx model and return the copy, with the path of one of its files, for a test to damage."""
+    """Copy the ComplEx model and return the copy, with the path of one of its files, for a test to
+    damage."""
 
     def copy(name):
         folder = tmp_path / "copy"

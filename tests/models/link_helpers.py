@@ -55,7 +55,8 @@ def same_files(one, other, *more):
 
 
 def rewritten(folder, out, tensors=None, record=None, inputs=None):
-    """Copy a cross-fitted model with its folds' tensors or record changed, as if it had been written that way."""
+    """Copy a cross-fitted model with its folds' tensors or record changed, as if it had been
+    written that way."""
     shutil.copytree(folder, out)
     run = json.loads((out / "run.json").read_text())
     if tensors:

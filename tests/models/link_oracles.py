@@ -13,7 +13,8 @@ def equation_1(subject, predicate, obj):
 
 
 def equation_2(entity, relation, triples, candidates=None):
-    """Mean over triples of ``log sum_o exp phi(s, p, o) + log sum_s exp phi(s, p, o) - 2 phi(s, p, o)``.
+    """Mean over triples of ``log sum_o exp phi(s, p, o) + log sum_s exp phi(s, p, o) - 2 phi(s, p,
+    o)``.
 
     The sums are over all entities, or over the vectors of some ``candidates``.
     """
@@ -31,7 +32,8 @@ def equation_2(entity, relation, triples, candidates=None):
 
 
 def n3(entity, relation, triples):
-    """Mean over triples of the cubed moduli of subject, predicate and object, summed over dimensions."""
+    """Mean over triples of the cubed moduli of subject, predicate and object, summed over
+    dimensions."""
     total = 0.0
     for s, p, o in triples:
         for vector in (entity[s], relation[p], entity[o]):
@@ -40,7 +42,8 @@ def n3(entity, relation, triples):
 
 
 def slow_ranks(table, triples, known):
-    """Rank each triple's tail, then each triple's head, among all entities but the other known answers."""
+    """Rank each triple's tail, then each triple's head, among all entities but the other known
+    answers."""
     facts = {tuple(int(i) for i in triple) for triple in known}
     rows = []
     for side, (head, relation, tail) in product(

@@ -40,7 +40,8 @@ def complex_scorer(size, dim, seed=0, scale=1.0, shift=0.0):
 
 
 class BareScorer:
-    """The least that follows the protocol: not one of ours, asymmetric, and with scores that somebody trains."""
+    """The least that follows the protocol: not one of ours, asymmetric, and with scores that
+    somebody trains."""
 
     graph_hash = "of no graph"
 
@@ -65,7 +66,8 @@ def scaled_scorer(scorer, *, scale="standardise", self_edges="keep", observed=No
 
 
 def states(num_entities, size=9, num_slots=5, seed=0):
-    """Goals, selections and tables: with nothing held and something held, empty slots, full tables and repeats."""
+    """Goals, selections and tables: with nothing held and something held, empty slots, full tables
+    and repeats."""
     generator = torch.Generator().manual_seed(seed)
     goal = torch.randint(num_entities, (size,), generator=generator)
     selection = torch.randint(num_entities, (size,), generator=generator)

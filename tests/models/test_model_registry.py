@@ -1,4 +1,5 @@
-"""A kind of model from outside the package needs one line; the example's serves everything that takes a model."""
+"""A kind of model from outside the package needs one line; the example's serves everything that
+takes a model."""
 
 import importlib.util
 import signal

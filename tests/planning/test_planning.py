@@ -39,7 +39,8 @@ CURVE = RecipeCurve(intercepts=(-2.0, -1.0, -3.0, -1.5), slope=0.8, shift=0.25)
 
 
 def random_search(seed, width=SIZE, recipes=6):
-    """A search with random features, weights and known recipes; as many candidates as entities by default."""
+    """A search with random features, weights and known recipes; as many candidates as entities by
+    default."""
     generator = torch.Generator().manual_seed(seed)
     rng = np.random.default_rng(seed)
     known = np.unique(np.sort(rng.integers(SIZE, size=(recipes, 3)), axis=1), axis=0)
@@ -233,7 +234,11 @@ def test_planning_beats_recipe_scores_at_depth_2(opened, scorer):
     world = World(opened, WordCraftConfig(part="test", depth=2, num_distractors=4))
     p, w = make_sources(["p", "w"], scorer)
     assert success(world, p) > success(world, w) + 0.2
-    assert list(scorer_alone({"u": w, "w": w, "p": p})) == ["u, w, p", "w", "p"]
+    assert list(scorer_alone({"u": w, "w": w, "p": p})) == [
+        "combines (u), recipe (w), plan (p)",
+        "recipe (w)",
+        "plan (p)",
+    ]
 
 
 def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened, scorer):
@@ -317,7 +322,7 @@ def test_evidence_is_a_plan_whose_probability_is_p(scorer, opened):
 
 def test_a_scorer_without_probabilities_of_recipes_is_refused():
     scorer = TableScorer(torch.zeros(2, 5, 5), [f"e{i}" for i in range(5)], "0" * 64)
-    with pytest.raises(ConfigError, match="`use` p needs probabilities of recipes"):
+    with pytest.raises(ConfigError, match=r"`use` plan \(p\) needs probabilities of recipes"):
         make_sources(["p"], scorer)
 
 

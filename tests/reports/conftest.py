@@ -1,7 +1,7 @@
 """A trained model of the kitchen and its report, made once a session."""
 
 import pytest
-from link_reports import link_report
+from report_helpers import link_report
 
 from wordcraft_kg.graphs import OpenedGraph, RecipeGraph, SplitConfig, make_split
 from wordcraft_kg.models.folder import open_model
@@ -46,7 +46,8 @@ AWKWARD = "<i>&\"'</i>,"
 
 @pytest.fixture(scope="session")
 def awkward_graph():
-    """A graph whose labels would break a page, an attribute or a table that does not escape them."""
+    """A graph whose labels would break a page, an attribute or a table that does
+    not escape them."""
     import numpy as np
 
     rows = np.random.default_rng(0).integers(14, size=(110, 3))

@@ -1,4 +1,5 @@
-"""The agent report: numbers of the evaluation, a whole page, and no comparison of what cannot be compared."""
+"""The agent report: numbers of the evaluation, a whole page, and no comparison of what cannot be
+compared."""
 
 import re
 from dataclasses import replace
@@ -6,7 +7,7 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
-from html_page import Page, text_of
+from report_helpers import Page, text_of
 
 from wordcraft_kg.agents.agent_folder import open_agent
 from wordcraft_kg.agents.config import AgentConfig, ImpalaConfig, TaskConfig
@@ -19,7 +20,7 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.records import as_values, schema_of
 from wordcraft_kg.base.statistics import student_interval
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.agent_figures import AgentSuccess
+from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
 from wordcraft_kg.evaluation.agents import AgentsView, group_agents, view_agents
 from wordcraft_kg.graphs import SplitConfig, open_graph
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
@@ -184,13 +185,13 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents
         if mlp.difference_ci[0] > 0
         else "below"
         if mlp.difference_ci[1] < 0
-        else "level with"
+        else "no significant difference from"
     )
-    assert re.search(f"mlp is {verdict} +plain: +paired difference", first_line(report))
+    assert re.search(f"mlp : {verdict} +plain: +paired difference", first_line(report))
     assert "difference between agents may be due to the seeds" in first_line(report)
     alone = first_line(report_of({"one": [agents[0]]}, distractor_seeds=1, episodes=0))
     assert "difference" not in alone
-    assert "One seed: another seed may give another figure." in alone
+    assert "One seed: another seed may give another result." in alone
 
 
 def test_bars_of_contributions_fill_the_width_at_the_largest_sum():
@@ -242,7 +243,8 @@ def test_agents_of_another_split_or_depth_cannot_be_compared(agents):
             report_of({"a": [agents[0]], "b": [other]})
 
 
-def test_an_agent_is_compared_with_the_scores_that_it_saw_and_the_page_says_how(tmp_path):
+def test_an_agent_is_compared_with_the_scores_that_it_saw(tmp_path):
+    """An agent is compared with the scores that it saw and the page says how."""
     links = ComplExConfig(dim=8, epochs=6, n3=0.1, folds=3)
     model = train_links(LinksConfig("kitchen", links), tmp_path / "model").folder
     policies = {"folds": PolicyConfig(), "whole": PolicyConfig(in_sample=True)}
@@ -263,13 +265,13 @@ def test_an_agent_is_compared_with_the_scores_that_it_saw_and_the_page_says_how(
             )
         )
         gain = mine.success.mean() - alone.success.mean()
-        assert (beside.scorer, beside.gain) == ("u, v", pytest.approx(gain))
+        assert (beside.scorer, beside.gain) == ("combines (u), component (v)", pytest.approx(gain))
         assert (
             beside.differs
             == (mine.decisions != alone.decisions).mean()
             > (mine.success != alone.success).mean()
         )
-        assert f"<td>u, v</td><td>{100 * beside.differs:.1f} %</td>" in html
+        assert f"<td>{beside.scorer}</td><td>{100 * beside.differs:.1f} %</td>" in html
     out_of_sample = (
         r"On train tasks <b>folds</b> is scored\s+.*out of sample.*, by models trained.*\(3 folds\)"
     )

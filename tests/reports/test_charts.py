@@ -1,4 +1,5 @@
-"""Charts as inline SVG and pictures as inline PNG: they parse, hold their data, and survive awkward data."""
+"""Charts as inline SVG and pictures as inline PNG: they parse, hold their data, and survive awkward
+data."""
 
 import itertools
 import re
@@ -149,7 +150,8 @@ def test_a_curve_goes_up_with_its_values_and_its_band_lies_around_it():
     assert line[0, 1] - upper[0, 1] == pytest.approx((grid[0] - grid[-1]) / 20, abs=0.15)
 
 
-def test_the_axis_of_shares_goes_from_0_to_100_percent_and_the_other_one_with_the_data():
+def test_the_axis_of_shares_goes_from_0_to_100_percent():
+    """The axis of shares goes from 0 to 100 percent and the other one with the data."""
     for percent, expected in (
         (True, "0% 20% 40% 60% 80% 100%"),
         (False, "0.2 0.3 0.4 0.5 0.6 0.7"),
@@ -184,7 +186,8 @@ def test_the_axis_of_steps_holds_0():
     )
 
 
-def test_a_band_is_only_where_there_are_bounds_and_a_lone_interval_is_a_whisker():
+def test_a_band_needs_bounds_and_a_lone_interval_is_a_whisker():
+    """A band is only where there are bounds and a lone interval is a whisker."""
     bounds = [
         (0.1, 0.3),
         (0.1, 0.3),
@@ -222,7 +225,8 @@ def test_names_of_curves_do_not_overlap_and_keep_the_order_of_the_ends(ends):
     assert all(0 < y < HEIGHT - BOTTOM + 5 for y in heights)
 
 
-def test_names_that_fit_stand_at_their_ends_and_others_are_tied_to_them_by_a_line():
+def test_names_stand_at_line_ends_or_are_tied_to_them():
+    """Names that fit stand at their ends and others are tied to them by a line."""
     apart = drawn({"a": straight(0.9), "b": straight(0.5)})
     ends = [points_of(line)[-1] for line in of_class(apart, "line")]
     for (x, y), end in zip(end_labels(apart).values(), ends, strict=True):
@@ -249,7 +253,8 @@ def test_long_names_have_room_and_very_long_ones_are_cut():
     assert all(float(grid.get("x2")) < labels["a"][0] for grid in of_class(root, "grid"))
 
 
-def test_a_curve_of_a_single_point_is_a_dot_with_a_whisker_and_one_of_two_a_line():
+def test_a_curve_of_one_point_is_a_dot_with_a_whisker():
+    """A curve of a single point is a dot with a whisker and one of two a line."""
     root = drawn({"one": [(5e5, 0.5, 0.4, 0.7)]})
     (dot,) = of_class(root, "dot")
     assert dot.find("title").text == "one, 500,000: 50.0% [40.0%, 70.0%]"
@@ -344,7 +349,8 @@ def estimates(*shares):
     return [(share, share - 0.1, share + 0.05) for share in shares]
 
 
-def test_dots_stand_in_their_categories_side_by_side_with_whiskers_and_a_legend():
+def test_dots_stand_in_categories_with_whiskers():
+    """Dots stand in their categories side by side with whiskers and a legend."""
     labels = ["0", "1–2", "3+"]
     root = parse(
         charts.dots(
@@ -375,7 +381,8 @@ def test_dots_stand_in_their_categories_side_by_side_with_whiskers_and_a_legend(
     assert {"x", "y", "a", "b"} <= set(texts_of(root))
 
 
-def test_a_share_may_be_missing_or_have_no_interval_and_a_series_without_any_keeps_its_colour():
+def test_a_share_may_be_missing_or_have_no_interval():
+    """A share may be missing or have no interval and a series without any keeps its colour."""
     root = parse(charts.dots(["x", "y"], {"a": [None, (0.5, None, None)]}, "", "", ""))
     assert titles_of(of_class(root, "dot")) == ["a, y: 50.0%", "a"]
     assert not of_class(root, "whisker")
@@ -407,7 +414,8 @@ RELIABILITY = [
 
 
 @pytest.mark.parametrize("points", RELIABILITY)
-def test_a_reliability_chart_keeps_its_points_on_the_axes_and_has_the_diagonal(points):
+def test_a_reliability_chart_has_axes_and_a_diagonal(points):
+    """A reliability chart keeps its points on the axes and has the diagonal."""
     root = parse(charts.log_reliability({"a": points, "b": []}, "d"))
     assert len(list(root.iter("circle"))) == len(points)
     assert [line.get("class") for line in root.iter("polyline")].count("diagonal") == 1
@@ -428,7 +436,8 @@ def test_a_tenth_is_as_far_from_a_hundredth_as_from_one():
     np.testing.assert_allclose(np.diff(y, 2), 0, atol=0.2)
 
 
-def test_positive_contributions_go_right_of_the_middle_and_negative_ones_left():
+def test_positive_contributions_go_right_and_negative_left():
+    """Positive contributions go right of the middle and negative ones left."""
     numbers = {"alpha": 0, "u": 1, "v": 2}
     bar = contribution_bar({"alpha": 1.0, "u": -2.0, "v": 3.0}, 4.0, numbers)
     places = {
@@ -486,7 +495,8 @@ def test_a_figure_holds_its_own_style_without_what_only_browsers_know():
     assert not any(unknown in svg for unknown in ("var(", "color-mix", "{{"))
 
 
-def test_mixed_colours_are_those_of_a_browser_and_there_are_no_points_to_hover_over():
+def test_mixed_colours_are_a_browsers_without_hover_points():
+    """Mixed colours are those of a browser and there are no points to hover over."""
     assert resolved("fill: color-mix(in srgb, var(--s0) 50%, #000000);") == "fill: #003959;"
     chart = charts.curves({"a": straight(0.5)}, "", "", "")
     assert ['class="hit"' in svg for svg in (chart, charts.figure("", [("", chart)], ""))] == [
@@ -495,7 +505,8 @@ def test_mixed_colours_are_those_of_a_browser_and_there_are_no_points_to_hover_o
     ]
 
 
-def test_a_scatter_has_a_whisker_for_each_interval_and_labels_that_do_not_overlap():
+def test_a_scatter_has_whiskers_and_apart_labels():
+    """A scatter has a whisker for each interval and labels that do not overlap."""
     points = [
         (f"share {i}", (i / 10, i / 10 - 0.01, i / 10 + 0.01), (0.5, 0.4, 0.6)) for i in range(1, 6)
     ]

@@ -1,4 +1,5 @@
-"""``config.toml``: what is written is read back, paths move with the folder, and damage is named."""
+"""``config.toml``: what is written is read back, paths move with the folder, and
+damage is named."""
 
 from pathlib import Path
 
@@ -113,7 +114,7 @@ def test_a_setting_of_another_type_or_out_of_range_is_named(folder, line, proble
         AgentConfig.read(folder)
 
 
-# --- a configuration is the whole run, and checks itself ------------------------------------------------------------
+# --- a configuration is the whole run, and checks itself ------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,5 @@
-"""The life cycle of run folders of both kinds: lock, replacement, failure, full disk, damaged checkpoints."""
+"""The life cycle of run folders of both kinds: lock, replacement, failure, full disk, damaged
+checkpoints."""
 
 import errno
 import json
@@ -59,7 +60,8 @@ class Agent:
 
 
 def learned(folder):
-    """The hashes of a run's outputs that hold no time of the training, and the figures that are no speed."""
+    """The hashes of a run's outputs that hold no time of the training, and the figures that are no
+    speed."""
     outputs = read_run(folder).outputs
     weights = {name: value for name, value in outputs.items() if name.endswith(".safetensors")}
     lines = [
@@ -118,9 +120,8 @@ def test_a_finished_run_has_results_instead_of_checkpoints(trainer, tmp_path):
         pass
 
 
-def test_checkpoints_of_a_run_killed_after_its_last_record_leave_with_the_next_command(
-    trainer, tmp_path
-):
+def test_checkpoints_of_a_run_killed_late_leave_later(trainer, tmp_path):
+    """Checkpoints of a run killed after its last record leave with the next command."""
     folder = trainer.train(tmp_path / "run").folder
     (folder / "checkpoints").mkdir()
     with pytest.raises(OutputExistsError):
@@ -153,9 +154,8 @@ def test_a_second_ctrl_c_acts_at_once_and_says_what_is_saved(trainer, tmp_path, 
     assert learned(trainer.train(tmp_path / "run").folder) == whole
 
 
-def test_a_run_interrupted_more_than_once_keeps_two_checkpoints_and_ends_with_the_bits_of_an_undisturbed_one(
-    trainer, tmp_path, whole
-):
+def test_a_run_interrupted_twice_ends_with_the_same_bits(trainer, tmp_path, whole):
+    """A run interrupted more than once keeps two checkpoints and ends with the bits of an undisturbed one."""
     for number in trainer.numbers[:4:2]:
         assert trainer.train(tmp_path / "run", progress=after(number, ctrl_c)).interrupted
     assert read_run(tmp_path / "run").status == "interrupted"
@@ -297,7 +297,7 @@ def test_a_run_of_one_kind_does_not_go_on_as_the_other(tmp_path):
             other.train(folder)
 
 
-# --- killed before the first checkpoint ------------------------------------------------------------------------------
+# --- killed before the first checkpoint -----------------------------------------------------------
 
 
 def kill(moment, folder):
@@ -330,9 +330,8 @@ def resume_killed(folder):
     ],
     ids=["the next one fails", "the next one ends", "resumed without a checkpoint"],
 )
-def test_what_a_killed_run_was_to_replace_comes_back_unless_it_is_replaced_after_all(
-    killed, act, error, result
-):
+def test_what_a_killed_run_was_to_replace_comes_back(killed, act, error, result):
+    """What a killed run was to replace comes back unless it is replaced after all."""
     with pytest.raises((RuntimeError, ArtefactError), match=error) if error else nullcontext():
         act(killed)
     assert (killed / "result").read_text() == result
@@ -343,9 +342,8 @@ BEGINNINGS = ["before the first file", "while the first file is written"]
 
 
 @pytest.mark.parametrize("moment", BEGINNINGS)
-def test_a_trainer_starts_again_where_it_was_killed_before_the_first_record(
-    trainer, tmp_path, whole, moment
-):
+def test_a_trainer_starts_again_before_the_first_record(trainer, tmp_path, whole, moment):
+    """A trainer starts again where it was killed before the first record."""
     folder = kill(moment, tmp_path / "run")
     assert not (folder / "run.json").exists()
     assert learned(trainer.train(folder).folder) == whole
@@ -386,7 +384,7 @@ def test_a_first_run_that_fails_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-# --- killed at any moment --------------------------------------------------------------------------------------------
+# --- killed at any moment -------------------------------------------------------------------------
 
 COMMAND = "import sys; from wordcraft_kg.cli import main; sys.exit(main(sys.argv[1:]))"
 LONG = {
@@ -425,9 +423,7 @@ def start(*arguments):
 @pytest.mark.parametrize(
     ("command", "moments"), [("train-complex", 10), ("train-recipes", 5), ("train-agent", 20)]
 )
-def test_a_run_killed_at_random_moments_ends_with_the_bits_of_an_undisturbed_one(
-    tmp_path, command, moments
-):
+def test_a_run_killed_at_random_ends_with_the_same_bits(tmp_path, command, moments):
     """Several runs, if need be: one ends after a few kills. A process may also be killed when its work is done."""
     rng, whole, began = np.random.default_rng(0), tmp_path / "whole", time.monotonic()
     assert start(command, "everyday", *LONG[command], "--out", whole).wait() == 0
@@ -450,7 +446,8 @@ def test_a_run_killed_at_random_moments_ends_with_the_bits_of_an_undisturbed_one
         assert {path.name for path in folder.iterdir()} == {path.name for path in whole.iterdir()}
 
 
-def test_a_training_through_a_link_fills_the_folder_at_its_end_and_the_link_stays(tmp_path):
+def test_a_training_through_a_link_fills_its_target_at_the_end(tmp_path):
+    """A training through a link fills the folder at its end and the link stays."""
     (tmp_path / "disk").mkdir()
     (tmp_path / "out").symlink_to("disk")
     plain_run.train(tmp_path / "out", "first")
@@ -462,7 +459,8 @@ def test_a_training_through_a_link_fills_the_folder_at_its_end_and_the_link_stay
     assert sorted(path.name for path in tmp_path.iterdir()) == ["disk", "out"]
 
 
-def test_a_training_into_a_link_that_leads_nowhere_is_refused_before_it_begins(tmp_path):
+def test_a_training_into_a_dead_link_is_refused(tmp_path):
+    """A training into a link that leads nowhere is refused before it begins."""
     (tmp_path / "out").symlink_to("missing")
     for check in (
         lambda out: check_run_output(out, force=True),

@@ -116,6 +116,30 @@ def test_bytes_that_differ_or_that_the_record_does_not_know_are_refused(folder, 
         files.bytes(name)
 
 
+@pytest.mark.parametrize(
+    ("written", "checked_out", "is_read"),
+    [
+        (b'{\n"a": 1\n}\n', b'{\r\n"a": 1\r\n}\r\n', True),
+        (b"a\r\nb\n", b"a\r\nb\n", True),  # unchanged, so it is as it was written
+        (b"a\nb\n", b"a\r\nB\r\n", False),
+        (b"a\nb\n", b"a\r\nb\r\n\r\n", False),
+        (b"a\nb\n", b"a\rb\r", False),
+    ],
+)
+def test_a_text_with_the_line_ends_of_windows_is_read_as_it_was_written(
+    folder, written, checked_out, is_read
+):
+    (folder / "weights").write_bytes(written)
+    run = end_run(folder, start_run(folder, "train-complex", seed=3), "done", ("weights",))
+    (folder / "weights").write_bytes(checked_out)
+    files = RunFiles(folder, run)
+    if is_read:
+        assert files.bytes("weights") == written
+    else:
+        with pytest.raises(ArtefactError, match="weights is damaged"):
+            files.bytes("weights")
+
+
 def test_a_loop_of_links_has_a_name_too(tmp_path):
     (tmp_path / "loop").symlink_to("loop")
     assert run_name(tmp_path / "loop") == "loop"

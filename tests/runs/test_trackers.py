@@ -133,16 +133,16 @@ def test_an_unknown_tracker_is_an_error_with_the_nearest_names(tmp_path):
 
 @pytest.mark.parametrize("name", TRACKERS)
 @pytest.mark.parametrize("train", [train_links, train_agent])
-def test_a_missing_library_is_an_error_that_names_the_extra_and_leaves_nothing(
-    train, name, tmp_path, monkeypatch
-):
+def test_a_missing_library_names_the_extra(train, name, tmp_path, monkeypatch):
+    """A missing library is an error that names the extra and leaves nothing."""
     monkeypatch.setitem(sys.modules, TRACKERS[name].library, None)
     with pytest.raises(MissingExtraError, match=rf"pip install '{name}>="):
         train(LINKS if train is train_links else AGENT, tmp_path / "run", trackers=[name])
     assert not list(tmp_path.iterdir())
 
 
-def test_wandb_gets_settings_and_figures_offline_and_nothing_of_the_machine(tmp_path, monkeypatch):
+def test_wandb_gets_settings_and_metrics_offline(tmp_path, monkeypatch):
+    """Wandb gets settings and figures offline and nothing of the machine."""
     begun = []
     rows = []
     ended = []

@@ -1,4 +1,5 @@
-"""A study of the kitchen that takes seconds, and workers that perform tasks where they are asked to."""
+"""A study of the kitchen that takes seconds, and workers that perform tasks where they are asked
+to."""
 
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
@@ -8,7 +9,7 @@ from wordcraft_kg.runs.record import end_run, start_run
 from wordcraft_kg.studies.engine import run_plan
 from wordcraft_kg.studies.perform import perform
 from wordcraft_kg.studies.plan import make_plan
-from wordcraft_kg.studies.results import RunFigures, ScorerFigures, write_figures
+from wordcraft_kg.studies.results import RunMetrics, ScorerMetrics, write_metrics
 from wordcraft_kg.studies.study import parse_study
 from wordcraft_kg.studies.tasks import Outcome
 
@@ -44,7 +45,7 @@ HALF = {
     "won": "4" * len(World(KITCHEN, WordCraftConfig(part="test")).tasks),
     "distractor_seeds": 8,
 }
-RUN_FIGURES = RunFigures(
+RUN_METRICS = RunMetrics(
     **HALF,
     seconds=1.0,
     versions={"torch": "2"},
@@ -54,7 +55,7 @@ RUN_FIGURES = RunFigures(
     steps=10,
     steps_per_second=10,
 )
-SCORER_FIGURES = ScorerFigures(
+SCORER_METRICS = ScorerMetrics(
     seconds=1.0, versions={"torch": "2"}, platform="here", mrr=0.5, kg="partial"
 )
 
@@ -66,7 +67,7 @@ def pretend(task, root):
     with (folder / "made").open("a") as file:
         file.write("once\n")
     end_run(folder, start_run(folder, "pretend"), "done")
-    write_figures(folder, RUN_FIGURES if task.kind == "runs" else SCORER_FIGURES)
+    write_metrics(folder, RUN_METRICS if task.kind == "runs" else SCORER_METRICS)
     return Outcome(task.address, "done")
 
 

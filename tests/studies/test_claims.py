@@ -183,7 +183,8 @@ def test_a_claim_about_all_points_is_judged_at_each():
     assert len(check_claim(results, msgspec.structs.replace(CLAIM, at={"distractors": 1}))) == 1
 
 
-def test_steps_are_counted_until_the_curve_of_the_other_is_reached_or_else_are_all():
+def test_steps_are_counted_until_the_other_curve_is_reached():
+    """Steps are counted until the curve of the other is reached or else are all."""
     of_steps = msgspec.structs.replace(CLAIM, measure="steps", expected="less")
     (entry,) = check_claim(both(0.6, 0.4, curve=((0, 0.0), (100, 0.39), (1000, 0.6))), of_steps)
     # .38 is 38/39 of the way to 100, and the right curve has a line from .39 at 100 to .4 at 1,000.
@@ -250,7 +251,8 @@ def test_a_note_is_shown_where_a_claim_does_not_hold():
     ]
 
 
-def test_the_claims_of_a_study_are_those_of_its_record_unless_others_are_given():
+def test_claims_come_from_the_record_unless_others_are_given():
+    """The claims of a study are those of its record unless others are given."""
     results = results_of(a_run("left", 0.6), a_run("right", 0.3), claims=[CLAIM])
     assert [entry.text for entry in view_claims(results)] == [CLAIM.text]
     assert not view_claims(results, [])

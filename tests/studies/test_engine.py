@@ -14,7 +14,7 @@ from refusals import refuses
 from small_study import (
     HALF,
     KITCHEN,
-    RUN_FIGURES,
+    RUN_METRICS,
     TEXT,
     TRAINED,
     Inline,
@@ -42,12 +42,12 @@ from wordcraft_kg.studies.perform import make_graph, perform
 from wordcraft_kg.studies.plan import agent_config, make_plan
 from wordcraft_kg.studies.report import make_study_report
 from wordcraft_kg.studies.results import (
-    RunFigures,
+    RunMetrics,
     StudyResults,
     hash_of,
-    read_figures,
+    read_metrics,
     results_text,
-    write_figures,
+    write_metrics,
 )
 from wordcraft_kg.studies.store import collect_study, failure_of, own_results
 from wordcraft_kg.studies.study import adapted
@@ -182,7 +182,8 @@ def test_a_damaged_scorer_that_is_still_needed_is_made_again(done, tmp_path):
     assert run_small(done).began == [scorer.title, "guided, distractors 2, seed 0"]
 
 
-def test_a_run_whose_scorer_was_made_again_with_other_weights_is_begun_again(done, tmp_path):
+def test_a_run_with_a_remade_scorer_is_begun_again(done, tmp_path):
+    """A run whose scorer was made again with other weights is begun again."""
     plan = small_plan()
     task = plan.tasks[plan.runs[2]]
     folder = interrupted(task, done, tmp_path)
@@ -283,9 +284,9 @@ def test_a_full_disk_is_recognised_behind_the_error_that_names_the_run(done, tmp
 
 
 @pytest.mark.parametrize("again", [False, True])
-def test_ctrl_c_once_or_again_ends_a_study_and_its_workers_and_says_what_is_done(
-    tmp_path, monkeypatch, again
-):
+def test_ctrl_c_ends_a_study_and_says_what_is_done(tmp_path, monkeypatch, again):
+    """Ctrl c once or again ends a study and its workers and says what is done."""
+
     def stop(self):
         self.stopped = True
         if again:
@@ -372,10 +373,10 @@ def test_a_run_without_test_tasks_is_missing_and_says_why(tmp_path):
         outcome = pretend(task, root)
         if task.address == plan.runs[0]:
             path = task.folder(root)
-            write_figures(
+            write_metrics(
                 path,
                 msgspec.structs.replace(
-                    read_figures(path, RunFigures), success={"train": 0.5}, by_plan={"train": 0.5}
+                    read_metrics(path, RunMetrics), success={"train": 0.5}, by_plan={"train": 0.5}
                 ),
             )
         return outcome
@@ -404,7 +405,8 @@ def the_run(plan=None):
     return plan.tasks[plan.runs[-1]]
 
 
-def test_a_cell_that_is_made_again_has_the_same_bytes_and_needs_its_scorer_trained_again(tmp_path):
+def test_a_remade_cell_has_the_same_bytes_and_a_remade_scorer(tmp_path):
+    """A cell that is made again has the same bytes and needs its scorer trained again."""
     plan = small_plan(text=TRAINED.replace("seeds = 2", "seeds = 1"))
     run_small(tmp_path / "one", plan, store=tmp_path / "cells")
     cells = {path: path.read_bytes() for path in tmp_path.glob("cells/*/*.json")}
@@ -538,12 +540,14 @@ def test_what_cannot_be_recomputed_from_single_tasks_is_taken_as_it_is(tmp_path,
     assert the_run().title not in run_small(tmp_path / "second", work=pretend, store=store).began
 
 
-def test_results_of_fewer_tasks_in_a_results_folder_are_missing_with_a_reason(tmp_path):
+def test_results_of_fewer_tasks_are_missing_with_a_reason(tmp_path):
+    """Results of fewer tasks in a results folder are missing with a reason."""
+
     def cut(task, root):
         outcome = pretend(task, root)
         if task.address == the_run().address:
-            figures = msgspec.structs.replace(RUN_FIGURES, won=ALL_WON[:-1])
-            write_figures(task.folder(root), figures)
+            figures = msgspec.structs.replace(RUN_METRICS, won=ALL_WON[:-1])
+            write_metrics(task.folder(root), figures)
         return outcome
 
     run_small(tmp_path, work=cut)
@@ -566,9 +570,9 @@ def test_results_of_a_study_have_the_groups_of_their_tasks(tmp_path):
         if task.kind == "runs":
             opened = open_graph(str(root / task.needs[0]))
             figures = msgspec.structs.replace(
-                RUN_FIGURES, won="4" * len(goals), graph=PlayedGraph.of(opened)
+                RUN_METRICS, won="4" * len(goals), graph=PlayedGraph.of(opened)
             )
-            write_figures(task.folder(root), figures)
+            write_metrics(task.folder(root), figures)
         return outcome
 
     run_small(tmp_path, plan, of_goals)
@@ -581,15 +585,15 @@ def test_results_of_a_study_have_the_groups_of_their_tasks(tmp_path):
     assert parse_record(results_text(results).encode(), StudyResults, "results.json") == results
 
 
-def test_other_results_of_the_same_platform_are_warned_of_and_the_cell_stays(
-    tmp_path, store, caplog
-):
+def test_other_results_on_one_platform_give_a_warning(tmp_path, store, caplog):
+    """Other results of the same platform are warned of and the cell stays."""
+
     def another(task, root, platform="here"):
         outcome = pretend(task, root)
         if task.kind == "runs":
-            won = "35" + RUN_FIGURES.won[2:]
-            figures = msgspec.structs.replace(RUN_FIGURES, won=won, seconds=9.0, platform=platform)
-            write_figures(task.folder(root), figures)
+            won = "35" + RUN_METRICS.won[2:]
+            figures = msgspec.structs.replace(RUN_METRICS, won=won, seconds=9.0, platform=platform)
+            write_metrics(task.folder(root), figures)
         return outcome
 
     before = read_cell(the_run(), CellFiles(store))

@@ -1,4 +1,5 @@
-"""Packs of cells: read as loose cells are, the same bytes each time, and refused by name if damaged or hostile."""
+"""Packs of cells: read as loose cells are, the same bytes each time, and refused by name if damaged
+or hostile."""
 
 import struct
 import zipfile
@@ -45,7 +46,8 @@ def archive(path, *members, method=zipfile.ZIP_DEFLATED):
     return path
 
 
-def test_packed_cells_give_the_results_of_loose_ones_and_nothing_is_extracted(tmp_path, store):
+def test_packed_cells_give_the_results_of_loose_ones(tmp_path, store):
+    """Packed cells give the results of loose ones and nothing is extracted."""
     plan = small_plan()
     assert run_small(tmp_path / "loose", work=pretend, store=store).began == []
     loose = collect_study(tmp_path / "loose", "small")

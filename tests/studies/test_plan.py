@@ -57,6 +57,16 @@ def test_equal_trainings_have_one_address_in_all_studies():
     )
 
 
+@pytest.mark.parametrize(
+    ("spelled", "short"), [("recipe", "w"), ("plan,combines", "p,u"), ("component", "v")]
+)
+def test_spelled_sources_have_the_addresses_of_their_letters(spelled, short):
+    plans = []
+    for use in (spelled, short):
+        plans.append(small_plan(f'[variants.other]\nscorer = "partial"\nuse = "{use}"'))
+    assert plans[0].runs == plans[1].runs
+
+
 @pytest.mark.parametrize("scorer", [False, True])
 def test_a_file_of_vectors_that_changes_makes_other_trainings(tmp_path, scorer):
     path = tmp_path / "vectors.txt"
@@ -97,8 +107,14 @@ def test_all_variants_come_with_their_first_seed_first():
 
 
 def test_what_a_study_leaves_out_has_the_default_of_the_command():
-    text = 'title = "x"\nseeds = 1\n[scorers.recipes]\ncommand = "train-recipes"\n[grid]\ndepth = [1, 2]\n'
-    text += '[variants."u v"]\nscorer = "recipes"\nscorer_cost = 0.3\n[variants.w]\nscorer = "recipes"\nuse = "u,v,w"'
+    text = (
+        'title = "x"\nseeds = 1\n[scorers.recipes]\ncommand = "train-recipes"\n[grid]\ndepth = [1, '
+        "2]\n"
+    )
+    text += (
+        '[variants."u v"]\nscorer = "recipes"\nscorer_cost = 0.3\n[variants.w]\nscorer = '
+        '"recipes"\nuse = "u,v,w"'
+    )
     scorer, *runs = (
         task.settings for task in small_plan(text=text).tasks.values() if task.kind != "graphs"
     )
@@ -108,7 +124,8 @@ def test_what_a_study_leaves_out_has_the_default_of_the_command():
 
 
 def test_defaults_are_those_that_addresses_stand_for():
-    """An address leaves out what is at its default: where one changes, VERSIONS has to change too."""
+    """An address leaves out what is at its default: where one changes, VERSIONS has
+    to change too."""
     assert VERSIONS == {"graphs": 1, "scorers": 1, "runs": 1}
     policy = (
         "attention",
@@ -185,7 +202,10 @@ def test_defaults_are_those_that_addresses_stand_for():
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        ('[variants.odd]\nscorer = "partial"\nuse = "x"', "variant 'odd', distractors 2: `use` 'x'"),
+        (
+            '[variants.odd]\nscorer = "partial"\nuse = "x"',
+            "variant 'odd', distractors 2: `use` 'x'",
+        ),
         ('[variants.odd]\nkg_only = true', "`kg_only` configures the use of a scorer"),
         ('[variants.odd]\nsplit = "none"', "has no test tasks to compare agents on"),
         ('[variants.odd]\nuse = 3', "`use` 3: expected text"),
@@ -193,10 +213,19 @@ def test_defaults_are_those_that_addresses_stand_for():
         ('[variants.odd]\ntrain_ratio = "most"', "`train_ratio` 'most': expected a number"),
         ('[variants.odd]\ncompile = 1', "`compile` 1: expected true or false"),
         ('[variants.odd]\nfeatures = "glvoe"', "`features` 'glvoe': expected a file"),
-        ('[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "facts"\nkg = "ful"', "Did you mean 'full'"),
-        ('[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "train-links"\nmodel = 3', "`model` 3"),
+        (
+            '[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "facts"\nkg = "ful"',
+            "Did you mean 'full'",
+        ),
+        (
+            '[variants.odd]\nscorer = "odd"\n[scorers.odd]\ncommand = "train-links"\nmodel = 3',
+            "`model` 3",
+        ),
         ('[variants.odd]\nsplit = "by-gaol"', "Did you mean 'by-goal'"),
-        ('[variants.odd]\nscorer = "partial"\n"scorer.model" = "rotate"', "no setting 'scorer.model'"),
+        (
+            '[variants.odd]\nscorer = "partial"\n"scorer.model" = "rotate"',
+            "no setting 'scorer.model'",
+        ),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_before_anything_starts(more, said):
@@ -256,7 +285,10 @@ def test_a_built_in_study_is_read_and_says_what_it_compares(name):
 
 
 def test_points_are_crossed_with_the_grid_and_keep_their_order():
-    more = '[[points]]\nsplit = "by-goal"\ntrain_ratio = 0.1\n[[points]]\nsplit = "by-slot"\ntrain_ratio = 0.8'
+    more = (
+        '[[points]]\nsplit = "by-goal"\ntrain_ratio = 0.1\n[[points]]\nsplit = '
+        '"by-slot"\ntrain_ratio = 0.8'
+    )
     study = parse_study(SMALL + more, "x")
     expected = [
         (*split, amount) for split in (("by-goal", 0.1), ("by-slot", 0.8)) for amount in (2, 1)

@@ -1,7 +1,8 @@
-"""Some small cells are made again, and compared with their committed figures: the guard of VERSIONS in addresses.
+"""Some small cells are made again, and compared with their committed figures: the guard of VERSIONS
+in addresses.
 
-After a change that is meant to change what scorers or agents learn, raise VERSIONS and run this file, which writes the
-figures anew.
+After a change that is meant to change what scorers or agents learn, raise VERSIONS and run this
+file, which writes the figures anew.
 """
 
 import sys
@@ -25,7 +26,8 @@ from wordcraft_kg.studies.study import parse_study
 FILE = Path(__file__).parent / "data" / "kitchen.json"
 COMMAND = "python tests/studies/test_reproduction.py"
 PROCESSOR = "AVX512"
-"""With another set of instructions sums are rounded otherwise, so that an agent may learn something slightly else."""
+"""With another set of instructions sums are rounded otherwise, so that an agent may learn something
+slightly else."""
 STUDY = """
 title = "Cells that are made again"
 seeds = 1
@@ -83,7 +85,8 @@ def test_a_cell_that_is_made_again_has_the_same_inputs_and_figures(was, now):
     assert now.graphs == was.graphs
     if not is_alike(was):
         pytest.skip(
-            f"the figures are of torch {was.versions['torch']} on {PROCESSOR}; compared roughly below"
+            f"the figures are of torch {was.versions['torch']} on {PROCESSOR}; compared roughly "
+            "below"
         )
     assert untimed(now) == untimed(was), (
         "raise VERSIONS in wordcraft_kg/studies/plan.py, then run this file"
@@ -120,6 +123,7 @@ if __name__ == "__main__":
         untimed(before).get(address, run) != run for address, run in untimed(made).items()
     ) and is_alike(before):
         sys.exit(
-            "other figures at the same address: raise VERSIONS in wordcraft_kg/studies/plan.py first"
+            "other figures at the same address: raise VERSIONS in wordcraft_kg/studies/plan.py "
+            "first"
         )
     write_atomically(FILE, results_text(made))

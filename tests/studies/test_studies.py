@@ -26,7 +26,8 @@ def test_means_of_a_variant_are_those_of_its_runs():
     assert found.interval[0] < 0.8 < found.interval[1] < 1
 
 
-def test_a_variant_is_compared_with_the_reference_on_the_same_seeds_and_tasks():
+def test_variants_are_paired_by_seed_and_task():
+    """A variant is compared with the reference on the same seeds and tasks."""
     view = view_study(fabricate(BOTH))
     assert of(view, "no graph").comparison is None
     found = of(view, "guided").comparison
@@ -168,7 +169,8 @@ def test_a_dose_is_labelled_by_what_is_not_whole(values, label):
     assert scatter.points[0].label == label
 
 
-def test_a_view_has_a_place_for_each_of_its_values_and_equal_results_have_equal_ones():
+def test_a_view_places_values_and_equal_results_alike():
+    """A view has a place for each of its values and equal results have equal ones."""
     view = view_study(three_train_fractions())
     assert msgspec.convert(checked_values(view), StudyView) == view
     assert as_values(view_study(three_train_fractions())) == as_values(view)

@@ -1,4 +1,5 @@
-"""The report of a study: its tables say what its view says, in every format, and its files are the same each time."""
+"""The report of a study: its tables say what its view says, in every format, and its files are the
+same each time."""
 
 import csv
 import io

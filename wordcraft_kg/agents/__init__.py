@@ -12,6 +12,6 @@ network. A cross-fitted scorer has a model for each fold of the train recipes; o
 task index selects the model (``states``).
 
 Free to change: how an update computes its loss, as long as the tests against a slow reference pass
-and published figures are made again (``VERSIONS`` in ``studies/plan.py``). Not free: field names in
+and published results are made again (``VERSIONS`` in ``studies/plan.py``). Not free: field names in
 ``records``, which are those in existing run folders, and names of the metrics.
 """

@@ -118,7 +118,7 @@ class OpenedAgent(AgentRun):
         try:
             history = read_history(self.config.scorer, weights)
         except WordCraftKGError as error:
-            logging.getLogger(__name__).warning("no figures by goals of other books: %s", error)
+            logging.getLogger(__name__).warning("no results by goals of other books: %s", error)
             return None
         return None if history is None else history.made_by_other_books
 

@@ -233,8 +233,9 @@ class AgentConfig(RunConfig):
     def __post_init__(self) -> None:
         if self.scorer is not None:
             return
+        default = PolicyConfig()
         for name in KNOWLEDGE_SETTINGS:
-            if getattr(self.policy, name) != getattr(PolicyConfig, name):
+            if getattr(self.policy, name) != getattr(default, name):
                 raise ConfigError(f"`{name}` configures the use of a scorer: give a `scorer` too.")
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited

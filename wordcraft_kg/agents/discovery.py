@@ -158,7 +158,8 @@ class OracleDiscoverer(Discoverer):
         super().learn(entity)
         self.is_known[entity] = True
         uses = self.graph.uses_of(entity)
-        is_open = self.is_known[self.graph.recipes[uses, :2]].all(axis=1)
+        ingredients = self.graph.recipes[uses, :2]
+        is_open = self.is_known[ingredients].all(axis=1)
         self._open = np.union1d(self._open, uses[is_open])
 
     @abstractmethod
@@ -168,7 +169,8 @@ class OracleDiscoverer(Discoverer):
     def choose(self) -> Pair:  # noqa: D102
         graph = self.graph
         # A recipe whose result has become known gains nothing any more.
-        self._open = self._open[~self.is_known[graph.recipes[self._open, 2]]]
+        is_made = self.is_known[graph.recipes[self._open, 2]]
+        self._open = self._open[~is_made]
         pairs, index = np.unique(graph.pair_of_recipe[self._open], return_inverse=True)
         # A pair with several results makes all of them.
         worth = self.worth(graph.recipes[self._open, 2])
@@ -204,14 +206,18 @@ class EmpowermentDiscoverer(OracleDiscoverer):
         wanted, position = np.unique(entities, return_inverse=True)
         uses = [self.graph.uses_of(entity) for entity in wanted.tolist()]
         # The recipes of all wanted entities in one array; index tells whose recipe each one is.
-        index = np.repeat(np.arange(len(wanted)), [len(rows) for rows in uses])
+        numbers = [len(rows) for rows in uses]
+        index = np.repeat(np.arange(len(wanted)), numbers)
         a, b, result = self.graph.recipes[np.concatenate(uses)].T
         # a + b minus the wanted entity is the other ingredient, whichever of the two it is.
-        counts = self.is_known[a + b - wanted[index]] & ~self.is_known[result]
+        other = a + b - wanted[index]
+        counts = self.is_known[other] & ~self.is_known[result]
         size = self.graph.num_entities
         # A pair (entity, result) as one number: several recipes for a result count once.
         made = np.unique(index[counts] * size + result[counts])
-        return (1.0 + np.bincount(made // size, minlength=len(wanted)))[position]
+        within_reach = np.bincount(made // size, minlength=len(wanted))
+        worth = 1.0 + within_reach
+        return worth[position]
 
 
 class ScorerDiscoverer(Discoverer):
@@ -271,10 +277,14 @@ class ScorerDiscoverer(Discoverer):
         self._worth += self._odds[entity]
         self._is_new[entity] = False
         results, probabilities = self._guessed(entity)
-        pairs = np.column_stack([np.full(len(self.known), entity), self.known])
+        # With each known entity, itself among them.
+        one = np.full(len(self.known), entity)
+        pairs = np.column_stack([one, self.known])
         self._pairs = np.concatenate([self._pairs, pairs])
         self._results = np.concatenate([self._results, results[self.known]])
-        chances = self._odds[entity, self.known, None] * probabilities[self.known]
+        odds = self._odds[entity, self.known]
+        # Shape (n, 1) by (n, CANDIDATES).
+        chances = odds[:, None] * probabilities[self.known]
         self._chances = np.concatenate([self._chances, chances])
 
     def choose(self) -> Pair:  # noqa: D102
@@ -286,7 +296,8 @@ class ScorerDiscoverer(Discoverer):
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         for name in ("_pairs", "_results", "_chances"):
-            setattr(self, name, np.delete(getattr(self, name), self._chosen, axis=0))
+            rows = np.delete(getattr(self, name), self._chosen, axis=0)
+            setattr(self, name, rows)
         super().observe(pair, new)
 
     def _guessed(self, entity: int) -> tuple[NDArray[np.int64], Floats]:

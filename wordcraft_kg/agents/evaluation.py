@@ -102,7 +102,7 @@ class Evaluation:
     last: Ids
     decisions: Ids
 
-    def figures(self) -> Success:
+    def metrics(self) -> Success:
         """Return the mean success with a 95 % interval over groups of tasks, and sample sizes."""
         low, high = task_bootstrap(self.success, self.groups)
         tasks, distractor_seeds = self.success.shape
@@ -234,7 +234,7 @@ def evaluate(
         settings: task settings, see :class:`~wordcraft_kg.envs.config.WordCraftConfig`.
 
     Returns:
-        The outcomes; ``figures()`` has the success rate.
+        The outcomes; ``metrics()`` has the success rate.
 
     Raises:
         ConfigError: for an unknown setting or a value out of range.
@@ -243,7 +243,7 @@ def evaluate(
     Example:
         >>> settings = {"num_distractors": 2, "distractor_seeds": 1}
         >>> result = evaluate(load_policy("runs/kitchen"), "kitchen", **settings)
-        >>> result.success.shape, 0 <= result.figures().mean <= 1
+        >>> result.success.shape, 0 <= result.metrics().mean <= 1
         ((63, 1), True)
     """
     world = World.of(graph, settings if isinstance(graph, World) else {"part": "test", **settings})

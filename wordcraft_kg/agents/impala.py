@@ -36,7 +36,7 @@ from wordcraft_kg.models.policies.states import States
 
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
 """Names of the losses (summed over the batch) and of the gradient norm before clipping."""
-FIGURES = (*LOSSES, "rewards", "episodes", "successes", "updates")
+METRICS = (*LOSSES, "rewards", "episodes", "successes", "updates")
 """Names of the sums since metrics were last taken.
 
 Losses, rewards, and counts of episodes, goals and updates.
@@ -144,7 +144,7 @@ class Impala:
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
         self._unroll = self._empty_unroll()
         # Sums stay on the device, in float64 so that many small terms do not vanish.
-        self._sums = self._empty(len(FIGURES), dtype=torch.float64).zero_()
+        self._sums = self._empty(len(METRICS), dtype=torch.float64).zero_()
         self._last: _Last | None = None
         self._act = self._choose
         self._learn = self._losses
@@ -232,10 +232,11 @@ class Impala:
         # Clip the norm of all gradients together, as `clip_grad_norm_` does.
         norm = self._flat.grad.norm()
         # Checked only on the CPU: on a device a check would wait for all pending work, so
-        # take_figures and state check there.
+        # take_metrics and state check there.
         if self.device.type == "cpu" and not math.isfinite(norm.item()):
             raise TrainingError(self._not_finite())
-        self._flat.grad.mul_((self.config.clip / (norm + 1e-6)).clamp(max=1))
+        scale = self.config.clip / (norm + 1e-6)
+        self._flat.grad.mul_(scale.clamp(max=1))
 
         # The learning rate decays linearly to 0 at the end of training.
         remaining = max(0, 1 - self.update_number / self.config.updates)
@@ -260,14 +261,14 @@ class Impala:
         return self._snapshots[0]
 
     def _count(self, losses: _Loss, norm: Tensor) -> None:
-        """Add an update to the sums, in the order of :data:`FIGURES`, without waiting for them."""
+        """Add an update to the sums, in the order of :data:`METRICS`, without waiting for them."""
         unroll = self._unroll
         terms = [loss.detach() for loss in losses]
         terms += [norm, unroll.rewards.sum(), unroll.over.sum(), unroll.won.sum()]
         terms.append(torch.ones((), device=self.device))  # one update
         self._sums += torch.stack(terms)
 
-    def take_figures(self) -> dict[str, float | None]:
+    def take_metrics(self) -> dict[str, float | None]:
         """Return training metrics since the last call, by name, and reset the sums.
 
         Losses are batch sums, averaged over updates; ``entropy`` is a mean over steps; ``return``
@@ -281,7 +282,7 @@ class Impala:
         Raises:
             TrainingError: if the loss was not finite.
         """
-        sums = dict(zip(FIGURES, self._sums.tolist(), strict=True))
+        sums = dict(zip(METRICS, self._sums.tolist(), strict=True))
         self._sums.zero_()
         if not math.isfinite(sums["grad_norm"]):
             raise TrainingError(self._not_finite())
@@ -303,9 +304,13 @@ class Impala:
     def _mean_lambdas(self, lambdas: Tensor) -> dict[str, float | None]:
         """Return mean mixing weights in the last unroll by source and action of the attempt."""
         figures: dict[str, float | None] = {}
-        is_first = self._unroll.states.selection[:-1].reshape(-1) == self.policy.num_entities
+        # Without the states after the last step, in the order of the rows of `lambdas`.
+        selections = self._unroll.states.selection[:-1].reshape(-1)
+        is_first = selections == self.policy.num_entities
         for action, rows in (("first", is_first), ("second", ~is_first)):
-            means = lambdas[rows].mean(0).tolist() if rows.any() else [None] * lambdas.shape[1]
+            means: list[float | None] = [None] * lambdas.shape[1]
+            if rows.any():
+                means = lambdas[rows].mean(0).tolist()
             for label, mean in zip(self.policy.labels, means, strict=True):
                 figures[f"lambda_{label.name}_{action}"] = mean
         return figures
@@ -450,13 +455,16 @@ class Impala:
         config = self.config
         time = config.unroll
         num_states = time + 1 if is_cut else time
-        acted = (
-            unroll.actions.numel()
-        )  # T · B; rows from here on are the states after the last step
+        # T · B; rows from here on are the states after the last step.
+        acted = unroll.actions.numel()
 
         # One call of the policy for all states: time and environments become one batch axis.
-        goal, selection, table = (part[:num_states].flatten(0, 1) for part in unroll.states[:3])
-        states = States(goal, selection, table)
+        seen = unroll.states
+        states = States(
+            goal=seen.goal[:num_states].flatten(0, 1),
+            selection=seen.selection[:num_states].flatten(0, 1),
+            table=seen.table[:num_states].flatten(0, 1),
+        )
         external_scores = unroll.external_scores
         if external_scores is not None:
             external_scores = external_scores[:num_states].flatten(0, 1)
@@ -464,7 +472,8 @@ class Impala:
 
         # Log-probabilities of all slots, (A, T · B), and of the chosen slots, (T, B).
         log_policies = log_policy(output.logits[:acted])
-        log_probs = log_policies.gather(0, unroll.actions.view(1, -1)).view_as(unroll.log_probs)
+        chosen = log_policies.gather(0, unroll.actions.view(1, -1))
+        log_probs = chosen.view_as(unroll.log_probs)
         values = output.value.view(num_states, -1)
         bootstrap = values[time].detach() if is_cut else torch.zeros_like(values[0])
 
@@ -487,13 +496,16 @@ class Impala:
             # Stay near the policy of the scorer alone, the softmax of w, so that attention learns
             # corrections rather than train tasks by heart.
             assert external_scores is not None
-            scores = external_scores[:acted, list(self.policy.sources).index(W.name)]
+            place = list(self.policy.sources).index(W.name)
+            scores = external_scores[:acted, place]
             is_empty = output.logits[:acted] == -torch.inf
             scorer_policy = log_policy(scores.masked_fill(is_empty, -torch.inf))
             loss = loss + self._scorer_cost * divergence(log_policies, scorer_policy)
 
-        lambdas = output.lambdas
-        lambdas = loss.new_zeros(acted, 0) if lambdas is None else lambdas[:acted].detach()
+        if output.lambdas is None:
+            lambdas = loss.new_zeros(acted, 0)
+        else:
+            lambdas = output.lambdas[:acted].detach()
         return _Loss(loss, policy_loss, value_loss, entropy), _Last(log_rhos, lambdas)
 
     def _restored_optimizer(self, state: Mapping[str, Tensor]) -> dict[str, Tensor]:

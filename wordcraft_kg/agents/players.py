@@ -26,6 +26,7 @@ from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
+from wordcraft_kg.models.policies.sources import with_letters
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
@@ -63,9 +64,9 @@ def random_entity(state: State, rng: np.random.Generator) -> Ids:
 
 def random_distinct(state: State, rng: np.random.Generator) -> Ids:
     """Choose uniformly among the slots, without repeating the selected entity if possible."""
-    others = state.action_masks() & (state.table != state.selection[:, None])
+    is_other = state.table != state.selection[:, None]
     # Without another entity, repeat the selection.
-    return _best(np.where(others, 1.0, np.where(state.action_masks(), 0.0, -np.inf)), rng)
+    return _best(state, np.where(is_other, 1.0, 0.0), rng)
 
 
 def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
@@ -79,9 +80,12 @@ def recipe_oracle(state: State, rng: np.random.Generator) -> Ids:
         table = state.table[i].tolist()
         # The next recipe of the plan is the first whose result is not on the table; after the last
         # one, for an episode that goes on, the last is repeated.
-        plan = [recipes[row] for row in tasks.plans[state.task[i]][0]]
-        a, b, _ = next((recipe for recipe in plan if recipe[2] not in table), plan[-1])
-        slots[i] = table.index(b if state.selection[i] == a else a)
+        first_plan = tasks.plans[state.task[i]][0]
+        plan = [recipes[row] for row in first_plan]
+        missing = (recipe for recipe in plan if recipe[2] not in table)
+        a, b, _ = next(missing, plan[-1])
+        wanted = b if state.selection[i] == a else a
+        slots[i] = table.index(wanted)
     return slots
 
 
@@ -96,9 +100,11 @@ def knowledge_player(sources: Sequence[SlotScores]) -> Player:
         inputs = states_of(state)
         scores = np.zeros(state.table.shape)
         for start in range(0, state.num_envs, ROWS):
+            end = start + ROWS
+            rows = inputs.rows(start, end)
             for source in sources:
-                scores[start : start + ROWS] += source(inputs.rows(start, start + ROWS)).numpy()
-        return _best(np.where(state.action_masks(), scores, -np.inf), rng)
+                scores[start:end] += source(rows).numpy()
+        return _best(state, scores, rng)
 
     return choose
 
@@ -133,14 +139,20 @@ def pair_player(score_recipes: RecipeFunction) -> Player:
         scores = of_pairs(selection[:, None], table, goal[:, None], state.nothing)
         begins = torch.nonzero(selection == state.nothing).flatten()
         # In a large book, most slots may be empty, reserved for results.
-        slots = torch.nonzero((table[begins] != state.nothing).any(0)).flatten()
-        for rows in begins.split(max(1, CELLS // len(slots) ** 2)) if len(slots) else ():
+        is_used = (table[begins] != state.nothing).any(0)
+        slots = torch.nonzero(is_used).flatten()
+        # Without slots there is no state to score, and no block to divide by.
+        at_once = max(1, CELLS // max(1, len(slots)) ** 2)
+        blocks = begins.split(at_once) if len(slots) else ()
+        for rows in blocks:
             filled = table[rows][:, slots]
-            pairs = of_pairs(
-                filled[:, :, None], filled[:, None, :], goal[rows, None, None], state.nothing
-            )
+            # Shape (B, A, A): each slot as the first entity against each as the second.
+            one = filled[:, :, None]
+            other = filled[:, None, :]
+            pairs = of_pairs(one, other, goal[rows, None, None], state.nothing)
+            # The first entity of an attempt is worth what its best partner makes of it.
             scores[rows[:, None], slots] = pairs.max(dim=2).values
-        return _best(np.where(state.action_masks(), scores.numpy(), -np.inf), rng)
+        return _best(state, scores.numpy(), rng)
 
     return choose
 
@@ -150,14 +162,15 @@ def nearest_words(graph: RecipeGraph) -> Player:
 
     The player knows no recipe.
     """
+    vectors = glove_features(graph.entities).unit_vectors
     # The last row is for empty slots.
-    unit = np.pad(glove_features(graph.entities).unit_vectors, ((0, 1), (0, 0)))
+    unit = np.pad(vectors, ((0, 1), (0, 0)))
 
     def choose(state: State, rng: np.random.Generator) -> Ids:
         is_selected = state.table == state.selection[:, None]
         # Cosines differ by at most 2, so the selection is repeated only if alone on the table.
-        scores = np.einsum("nd,nsd->ns", unit[state.goal], unit[state.table]) - 3.0 * is_selected
-        return _best(np.where(state.action_masks(), scores, -np.inf), rng)
+        cosines = np.einsum("nd,nsd->ns", unit[state.goal], unit[state.table])
+        return _best(state, cosines - 3.0 * is_selected, rng)
 
     return choose
 
@@ -176,7 +189,7 @@ def fewest_uses(split: Split) -> Player:
         # Any other entity comes before the selection, which is repeated only if alone on the table.
         scores = np.where(is_selected, -np.inf, -uses[state.table].astype(float))
         scores = np.maximum(scores, -1.0 - uses.max())
-        return _best(np.where(state.action_masks(), scores, -np.inf), rng)
+        return _best(state, scores, rng)
 
     return choose
 
@@ -184,14 +197,15 @@ def fewest_uses(split: Split) -> Player:
 def scorer_alone(sources: Mapping[str, SlotScores]) -> dict[str, Player]:
     """Return players that follow an agent's score sources without learned weights.
 
-    All sources are summed; w alone and p alone follow, if the agent has them, in this order.
+    All sources are summed; w alone and p alone follow, if the agent has them, in this order. The
+    keys name the sources for people, such as ``combines (u), component (v)``.
     """
     players = {}
     if sources:
-        players[", ".join(sources)] = knowledge_player(list(sources.values()))
+        players[with_letters(sources)] = knowledge_player(list(sources.values()))
     for name in ("w", "p"):
         if name in sources:
-            players[name] = knowledge_player([sources[name]])
+            players[with_letters([name])] = knowledge_player([sources[name]])
     return players
 
 
@@ -414,7 +428,10 @@ def play_all(
     return tuple(rows)
 
 
-def _best(scores: NDArray[np.float64], rng: np.random.Generator) -> Ids:
+def _best(state: State, scores: NDArray[np.float64], rng: np.random.Generator) -> Ids:
+    """Return a slot with the highest score among the slots with an entity, for each state."""
+    allowed = np.where(state.action_masks(), scores, -np.inf)
+    is_best = allowed == allowed.max(axis=1, keepdims=True)
     # Ties at random: the first slot would favour starting ingredients or distractors by position.
-    is_best = scores == scores.max(axis=1, keepdims=True)
-    return np.asarray(np.where(is_best, rng.random(scores.shape), -1.0).argmax(axis=1))
+    order = np.where(is_best, rng.random(scores.shape), -1.0)
+    return np.asarray(order.argmax(axis=1))

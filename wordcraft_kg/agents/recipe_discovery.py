@@ -74,7 +74,9 @@ class RecipeDiscoverer(Discoverer):
         self._uses = self._knowledge.log_uses().double().numpy()
         self._width = min(CANDIDATES, self._own)
         self._scored: dict[Pair, tuple[NDArray[np.int64], Floats]] = {}
-        self._mean, self._variance = np.array(list(PRIOR.values())).T
+        # Two columns: mean and variance of each weight.
+        prior = np.array(list(PRIOR.values()))
+        self._mean, self._variance = prior.T
 
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self._pairs = np.empty((0, 2), dtype=np.int64)
@@ -109,7 +111,8 @@ class RecipeDiscoverer(Discoverer):
             self._knowledge.have_recipes(row, others).numpy(),
             partners == row,
         ]
-        pairs = np.column_stack([np.full(len(partners), entity), self.known])
+        one = np.full(len(partners), entity)
+        pairs = np.column_stack([one, self.known])
         self._pairs = np.concatenate([self._pairs, pairs])
         self._results = np.concatenate([self._results, results])
         self._scores = np.concatenate([self._scores, scores])
@@ -118,26 +121,31 @@ class RecipeDiscoverer(Discoverer):
     def choose(self) -> Pair:  # noqa: D102
         # A known result is nothing new; -inf would make a pair without other candidates undefined.
         scores = np.where(self._is_known[self._results], _NONE, self._scores)
-        features = np.insert(self._fixed, 1, logsumexp(scores, axis=1), axis=1)
+        # The second feature; all others do not change while a pair waits.
+        best = logsumexp(scores, axis=1)
+        features = np.insert(self._fixed, 1, best, axis=1)
         if len(self._made) < FREE:
             self._chosen = int(self.rng.integers(len(features)))
         else:
             shares = np.exp(log_softmax(scores, axis=1))
-            worth = 1 + (shares * self._uses[self._results]).sum(axis=1)
+            uses = self._uses[self._results]
+            worth = 1 + (shares * uses).sum(axis=1)
             values = expit(features @ self._weights) * worth
             if (len(self._made) + 1) % COVER == 0:
                 attempts = self._attempts[self._pairs].min(axis=1)
                 # Below all values, which are positive.
                 values[attempts > attempts.min()] = -1
             self._chosen = self.draw_best(values)
-        self._seen = np.concatenate([self._seen, features[self._chosen, None]])
+        chosen = features[self._chosen, None]
+        self._seen = np.concatenate([self._seen, chosen])
         one, other = self._pairs[self._chosen].tolist()
         self._attempts[[one, other]] += 1
         return one, other
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
         for name in ("_pairs", "_results", "_scores", "_fixed"):
-            setattr(self, name, np.delete(getattr(self, name), self._chosen, axis=0))
+            rows = np.delete(getattr(self, name), self._chosen, axis=0)
+            setattr(self, name, rows)
         self._made = np.append(self._made, len(new) > 0)
         self._fit()
         super().observe(pair, new)
@@ -155,19 +163,24 @@ class RecipeDiscoverer(Discoverer):
             scored = self._scorer.score_recipes(torch.tensor(row), others, likely)
             scores, best = scored.topk(self._width, dim=1)
             results = likely.gather(1, best).numpy()
-            for partner, *kept in zip(wanted, results, scores.numpy(), strict=True):
-                self._scored[_ordered(row, partner)] = kept[0], kept[1]
+            kept = zip(wanted, results, scores.numpy(), strict=True)
+            for partner, results_of_pair, scores_of_pair in kept:
+                self._scored[_ordered(row, partner)] = (results_of_pair, scores_of_pair)
 
     def _fit(self) -> None:
         weights = self._weights
         for _ in range(_STEPS):
             chances = expit(self._seen @ weights)
             # Gradient and Hessian of the negative log posterior: data, then the normal prior.
-            slope = self._seen.T @ (chances - self._made) + (weights - self._mean) / self._variance
-            of_data = (self._seen.T * (chances * (1 - chances))) @ self._seen
-            step = np.linalg.solve(of_data + np.diag(1 / self._variance), slope)
+            of_data = self._seen.T @ (chances - self._made)
+            of_prior = (weights - self._mean) / self._variance
+            slope = of_data + of_prior
+            curved = (self._seen.T * (chances * (1 - chances))) @ self._seen
+            hessian = curved + np.diag(1 / self._variance)
+            step = np.linalg.solve(hessian, slope)
             # Newton's method overshoots where outcomes are all equal, so steps are limited.
-            weights = weights - step / max(1.0, np.abs(step).max() / _STEP)
+            excess = np.abs(step).max() / _STEP
+            weights = weights - step / max(1.0, excess)
         self._weights = weights
 
 

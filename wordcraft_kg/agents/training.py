@@ -325,7 +325,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             done = self.impala.update_number
             is_point = done == trainer.updates or done % eval_every == 0
             # On a device, reading waits for pending work, so reading is part of the measured time.
-            figures = self.impala.take_figures() if is_point or done % log_every == 0 else None
+            figures = self.impala.take_metrics() if is_point or done % log_every == 0 else None
             self.seconds += time.perf_counter() - begun
             if figures is not None:
                 self._log(figures, is_point=is_point)
@@ -382,7 +382,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             steps_per_second=round(self.step / self.seconds) if self.seconds else 0,
             curves_share=round(self.metrics.eval_seconds / self.elapsed, 4),
             parameters=sum(parameter.numel() for parameter in self.policy.parameters()),
-            success={part: result.figures() for part, result in results.items()},
+            success={part: result.metrics() for part, result in results.items()},
             outcomes={part: result.shares() for part, result in results.items()},
             distractors=self.config.tasks.distractors,
         )

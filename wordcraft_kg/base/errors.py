@@ -113,7 +113,10 @@ class OutputExistsError(WordCraftKGError, FileExistsError):
 
 
 class StdoutError(WordCraftKGError, OSError):
-    """A result could not be printed on stdout, for example on a full disk; files written before remain."""
+    """A result could not be printed on stdout, for example on a full disk.
+
+    Files written before remain.
+    """
 
 
 class PlayerError(WordCraftKGError, RuntimeError):

@@ -14,6 +14,8 @@ from functools import cached_property, lru_cache
 
 from wordcraft_kg.base.errors import ActionError
 from wordcraft_kg.base.settings import nearest
+from wordcraft_kg.base.spelling import SIGNS, signs_of, without_variation_selectors
+from wordcraft_kg.base.wording import quoted
 
 ANSWER_GRAMMAR = 2
 """Present version of the rules by which texts are read as items."""
@@ -32,6 +34,7 @@ _LIST_MARK = re.compile(r"^(?:[-*•>#]+\s+)+")
 _NUMBERS = re.compile(r"\d+\s+\d+")
 _SIGNED_NUMBERS = re.compile(r"[-+]?\d+\s+[-+]?\d+", re.ASCII)
 _NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)*", re.ASCII)
+_FRACTION = re.compile(r"\.\d", re.ASCII)
 _PLACE = re.compile(r"[1-9]\d{0,8}", re.ASCII)  # as many digits as a table can need
 # An item as prompts print it (`2 orchard`), or as errors do (`orchard (2)`).
 _PRINTED = re.compile(
@@ -43,8 +46,9 @@ _PRINTED = re.compile(
 def folded(text: str) -> str:
     """Return text in a normal form for comparison.
 
-    Differences in case, Unicode form, blanks and hyphens disappear.
+    Differences in case, Unicode form, variation selectors, blanks and hyphens disappear.
     """
+    text = without_variation_selectors(text)
     return " ".join(re.sub("[-_]", " ", unicodedata.normalize("NFKC", text).casefold()).split())
 
 
@@ -59,8 +63,9 @@ def read_label(
 
     The first matching rule decides: exact label; number from 1; case-insensitive label; label
     without article, quotes and punctuation; singular or plural; number and label as printed (``2
-    orchard``); label prefix. A number is never the spelling or the prefix of another label. In
-    grammar 1 the number comes before the exact label, and the number with a label is not read.
+    orchard``); label prefix. A number is never the spelling or the prefix of another label, and
+    signs belong to a name: ``C-`` is not ``C``. In grammar 1 the number comes before the exact
+    label, signs make no difference, and the number with a label is not read.
 
     Args:
         written: text that names a label.
@@ -84,10 +89,10 @@ def read_label(
         return meant[0]
     text = " ".join(written.split())
     if meant:
-        choices = [labels[place] for place in meant[:_MOST_CHOICES]]
+        choices = [quoted(labels[place]) for place in meant[:_MOST_CHOICES]]
         remedy = "Write more of the name"
         if by_number:
-            choices = [f"{labels[place]} ({place + 1})" for place in meant[:_MOST_CHOICES]]
+            choices = [f"{quoted(labels[place])} ({place + 1})" for place in meant[:_MOST_CHOICES]]
             remedy += ", or the number"
         shown = ", ".join(choices)
         others = len(meant) - _MOST_CHOICES
@@ -98,12 +103,15 @@ def read_label(
     if not text:
         raise ActionError(f"no answer: {expected}.")
     raise ActionError(
-        f"unknown item {_shown(text)!r}: {expected}.{nearest(folded(text)[:100], labels)}"
+        f"unknown item {_shown(text)!r}: {expected}.{nearest(text[:100].casefold(), labels)}"
     )
 
 
 class LabelIndex:
-    """An index of entity labels for many texts; case, articles and plurals may differ."""
+    """An index of entity labels for many texts; case, articles and plurals may differ.
+
+    Signs at the ends of a name may not: ``C-`` is not ``C``, and ``-7`` not ``7``.
+    """
 
     def __init__(self, labels: Sequence[str]):
         # A text much longer than any label names none, and would take long to compare.
@@ -111,6 +119,7 @@ class LabelIndex:
         # Each form of a label is made once: there may be thousands of labels and texts.
         self._exact = {label: place for place, label in enumerate(labels)}
         self._plain = [folded(label) for label in labels]
+        self._signs = [_signs(label) for label in labels]
         self._folded: dict[str, set[int]] = defaultdict(set)
         self._bare: dict[str, set[int]] = defaultdict(set)
         self._plural: dict[str, set[int]] = defaultdict(set)
@@ -145,7 +154,9 @@ class LabelIndex:
         places = self.places(text) if text else []
         return places[0] if len(places) == 1 else None
 
-    def places(self, text: str, *, by_beginning: bool = False) -> list[int]:
+    def places(
+        self, text: str, *, by_beginning: bool = False, with_signs: bool = True
+    ) -> list[int]:
         """Return the indices of all labels that a text may name, by the first rule that fits.
 
         The rules are those of :func:`read_label`.
@@ -153,6 +164,8 @@ class LabelIndex:
         Args:
             text: text without repeated blanks.
             by_beginning: whether a text may be the prefix of a label.
+            with_signs: whether a text has the signs of the label that it names; False in
+                grammar 1.
 
         Returns:
             Indices in ascending order; empty without a match.
@@ -165,13 +178,22 @@ class LabelIndex:
         in_plural = set(self._plural.get(bare, ()))
         for form in _plurals(bare):
             in_plural |= self._bare.get(form, set())
-        meant = self._folded.get(plain) or self._bare.get(bare) or in_plural
-        if meant:
-            return sorted(meant)
-        if not by_beginning:
+        signs = _signs(text)
+        for places in (self._folded.get(plain), self._bare.get(bare), in_plural):
+            meant = [
+                place for place in places or () if not with_signs or self._signs[place] == signs
+            ]
+            if meant:
+                return sorted(meant)
+        # The sign at an end is not the beginning of a longer name.
+        if not by_beginning or (with_signs and signs[1]):
             return []
         # Searched in turn: beginnings come last, and rarely.
-        return [place for place, label in enumerate(self._plain) if label.startswith(plain)]
+        meant = [place for place, label in enumerate(self._plain) if label.startswith(plain)]
+        if not with_signs:
+            return meant
+        # A label without its sign is another label, not a beginning.
+        return [place for place in meant if self._plain[place].rstrip(SIGNS) != plain]
 
 
 index_of = lru_cache(maxsize=64)(LabelIndex)
@@ -213,7 +235,7 @@ def read_pair(
     if len(text) > _MOST_WRITTEN:
         raise ActionError(f"the answer has {len(text):,} characters: {expected}, in a short line.")
     unread: list[str] = []
-    bare = text.strip(_MARKS)
+    bare = _without_marks(text)
     # The text as it is comes first: a label may begin with a verb, or hold an arrow.
     readings = (text, _MADE.sub("", text), _VERB.sub("", bare), _VERB.sub("", _MADE.sub("", bare)))
     for reading in dict.fromkeys(readings):
@@ -255,7 +277,7 @@ def _meant(written: str, labels: Sequence[str], *, by_number: bool, grammar: int
         place = int(text) - 1
         if place < len(labels):
             return [place]
-    return index_of(tuple(labels)).places(text, by_beginning=True)
+    return index_of(tuple(labels)).places(text, by_beginning=True, with_signs=False)
 
 
 def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
@@ -269,7 +291,7 @@ def places_named(text: str, index: LabelIndex, *, by_number: bool) -> list[int]:
     Returns:
         Indices in ascending order; empty without a match.
     """
-    number = text.strip(_MARKS).replace("\u2212", "-")  # the minus sign
+    number = _without_marks(text).replace("\u2212", "-")  # the minus sign
     if _NUMBER.fullmatch(number):
         # `-7` is not another spelling of `7`, though labels else may differ in hyphens.
         for spelling in (text, number):
@@ -330,6 +352,17 @@ def _bare(text: str) -> str:
     plain = folded(text)
     without_article = _ARTICLE.sub("", plain.strip(_MARKS))
     return without_article.strip(_MARKS) or plain
+
+
+def _signs(text: str) -> tuple[str, str]:
+    """Return the signs that belong to the name in a text, without article and punctuation."""
+    return signs_of(_ARTICLE.sub("", _without_marks(text).lower()))
+
+
+def _without_marks(text: str) -> str:
+    """Return a text without quotes and punctuation at its ends; `.5` keeps its point."""
+    with_points = text.rstrip(_MARKS).lstrip(_MARKS.replace(".", ""))
+    return with_points if _FRACTION.match(with_points) else text.strip(_MARKS)
 
 
 def _plurals(word: str) -> set[str]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.spelling import means_another
 
 # Bounds of 32-bit floats, in which torch computes; just inside, so that rounding stays finite.
 LARGEST = 3e38
@@ -29,7 +30,10 @@ _CONTAINER_LIMITS = (
     "/sys/fs/cgroup/memory.max",
     "/sys/fs/cgroup/memory/memory.limit_in_bytes",
 )
-"""Files with the memory limit of a Linux container, as of Docker: control groups of version 2 and version 1."""
+"""Files with the memory limit of a Linux container, as of Docker.
+
+One for control groups of version 2, one for version 1.
+"""
 
 
 def refuse(
@@ -208,7 +212,7 @@ def _container_limits() -> Iterator[int]:
 
 
 def _address_space() -> int:
-    """Return the bytes of the address space that this process takes, 0 where the system does not say."""
+    """Return the bytes of this process's address space; 0 where the system does not say."""
     try:
         return int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
@@ -242,6 +246,9 @@ def nearest(
 ) -> str:
     """Return a hint with similar labels, such as " Did you mean 'a', 'b'?".
 
+    Another number, or a label that differs only in plus and minus signs, is no hint: it names
+    another thing.
+
     Args:
         label: the label as written.
         known: labels to choose from.
@@ -250,6 +257,8 @@ def nearest(
     Returns:
         The hint with a leading blank, or "" if no label is similar.
     """
-    # 0.6 is the default of difflib: about two of three characters agree, in order.
-    matches = difflib.get_close_matches(label, list(known), n=limit, cutoff=0.6)
+    # 0.6 is the default of difflib: about two of three characters agree, in order. More than
+    # `limit`, since some are left out.
+    close = difflib.get_close_matches(label, list(known), n=4 * limit, cutoff=0.6)
+    matches = [match for match in close if not means_another(label, match)][:limit]
     return f" Did you mean {', '.join(map(repr, matches))}?" if matches else ""

@@ -95,7 +95,9 @@ def cluster_interval(
     """
     if len(np.unique(clusters)) >= FEWEST_GROUPS:
         return interval(means, level)
-    _, low, high = crossed_difference(values[None], clusters, level=level)[0]
+    # A single row: no seeds, so only clusters vary.
+    estimate, _ = crossed_difference(values[None], clusters, level=level)
+    _, low, high = estimate
     return low, high
 
 
@@ -116,7 +118,8 @@ def finite(name: str, values: ArrayLike) -> Scores:
     if not np.isfinite(array).all():
         # Name the first wrong value: a table may have millions.
         place = np.argwhere(~np.isfinite(array))[0].tolist()
-        raise ConfigError(f"{name}{place}: {array[tuple(place)]}, expected finite numbers only.")
+        wrong = array[tuple(place)]
+        raise ConfigError(f"{name}{place}: {wrong}, expected finite numbers only.")
     return array
 
 
@@ -161,8 +164,7 @@ def standardised(table: NDArray[np.floating], among: NDArray[np.integer] | None 
     return np.asarray((scores - different.mean()) / deviation)
 
 
-# --- success rates over tasks
-# ----------------------------------------------------------------------------------------
+# --- success rates over tasks ---------------------------------------------------------------------
 
 
 def wilson_interval(successes: float, n: int) -> tuple[float, float]:
@@ -187,10 +189,12 @@ def wilson_interval(successes: float, n: int) -> tuple[float, float]:
             f"{successes} successes of {n}: expected at least one trial, and 0 to {n} successes."
         )
     middle = successes + _Z**2 / 2
-    half = _Z * math.sqrt(successes * (n - successes) / n + _Z**2 / 4)
+    variance = successes * (n - successes) / n
+    half = _Z * math.sqrt(variance + _Z**2 / 4)
+    widened = n + _Z**2
     # The bounds at k = 0 and k = n are exact; rounding must not change these bounds.
-    low = (middle - half) / (n + _Z**2) if successes else 0.0
-    high = (middle + half) / (n + _Z**2) if successes < n else 1.0
+    low = (middle - half) / widened if successes else 0.0
+    high = (middle + half) / widened if successes < n else 1.0
     return low, high
 
 
@@ -274,7 +278,8 @@ def paired_difference(
     rng = np.random.default_rng(seed)
     a = finite("x", x)
     b = finite("y", y)
-    if a.ndim != 2 or b.ndim != 2 or len(a) != len(b):
+    are_tables = a.ndim == 2 and b.ndim == 2
+    if not are_tables or len(a) != len(b):
         raise ConfigError(
             f"x of shape {a.shape} and y of shape {b.shape}: expected (tasks, attempts) of the "
             "same tasks."
@@ -331,7 +336,8 @@ def _group_sums(values: Scores, groups: Groups) -> tuple[Scores, Scores]:
     # additions, and with it the last bits, does not depend on the machine.
     order = np.argsort(given, kind="stable")
     _, starts, sizes = np.unique(given[order], return_index=True, return_counts=True)
-    return np.add.reduceat(values[..., order], starts, axis=-1), sizes.astype(float)
+    sums = np.add.reduceat(values[..., order], starts, axis=-1)
+    return sums, sizes.astype(float)
 
 
 def rate_interval(scores: ArrayLike, groups: Groups) -> tuple[float, float]:
@@ -358,8 +364,9 @@ def rate_interval(scores: ArrayLike, groups: Groups) -> tuple[float, float]:
     parts = _crossed(table, groups)
     rate = float(table.mean())
     spread = float(table.mean() * (1 - table.mean()))
+    width = parts.half_width(1 - _LEVEL)
     # Without spread the rate is 0 or 1, and only the floor gives the interval a width.
-    q = parts.half_width(1 - _LEVEL) ** 2 / spread if spread else 0.0
+    q = width**2 / spread if spread else 0.0
     q += _Z**2 * parts.floor
     half = math.sqrt(q * spread + q**2 / 4)
     low = (rate + q / 2 - half) / (1 + q)
@@ -410,7 +417,11 @@ def crossed_difference(
     floor = parts.floor if table.shape[1] > 1 else 0.0
 
     def half_width(p: float) -> float:
-        return math.hypot(parts.half_width(p), floor * ndtri(p / 2) ** 2)
+        quantile = ndtri(p / 2)
+        return math.hypot(parts.half_width(p), floor * quantile**2)
+
+    def excess(p: float) -> float:
+        return half_width(p) - abs(value)
 
     # The half-width grows as p falls. If even the widest interval leaves 0 out, nothing varies.
     if half_width(least) <= abs(value):
@@ -418,7 +429,7 @@ def crossed_difference(
     else:
         from scipy.optimize import brentq
 
-        p_value = float(brentq(lambda p: half_width(p) - abs(value), least, 1.0))
+        p_value = float(brentq(excess, least, 1.0))
     half = half_width(1 - level)
     # A difference of rates lies between -1 and 1.
     low = max(value - half, -1.0)
@@ -452,9 +463,11 @@ class _Crossed:
 
         # Quantiles below one half are negative; hypot squares the sign away. A single seed or
         # group has no variance, so its degrees of freedom do not count.
+        free_seeds = max(self.seeds - 1, 1)
+        free_groups = max(self.groups - 1, 1)
         return math.hypot(
-            self.of_seeds * stdtrit(max(self.seeds - 1, 1), p / 2),
-            self.of_groups * stdtrit(max(self.groups - 1, 1), p / 2),
+            self.of_seeds * stdtrit(free_seeds, p / 2),
+            self.of_groups * stdtrit(free_groups, p / 2),
         )
 
 
@@ -497,7 +510,6 @@ def _crossed(table: Scores, groups: Groups) -> _Crossed:
 
 
 # --- several seeds --------------------------------------------------------------------------------
-# -------------------
 
 
 FEWEST_PAIRS = 3
@@ -529,8 +541,9 @@ def student_interval(
         return None
     mean = float(values.mean())
     lowest, highest = within
-    quantile = t.ppf((1 + _LEVEL) / 2, len(values) - 1)
-    half = float(quantile * values.std(ddof=1) / len(values) ** 0.5)
+    number = len(values)
+    quantile = t.ppf((1 + _LEVEL) / 2, number - 1)
+    half = float(quantile * values.std(ddof=1) / number**0.5)
     return max(mean - half, lowest), min(mean + half, highest)
 
 
@@ -574,17 +587,19 @@ def split_interval(
     shared = float((noise**2).mean())
     half = _Z * math.sqrt(shared)
     if len(values) > 1:
-        t = float(stdtrit(len(values) - 1, (1 + _LEVEL) / 2))
+        number = len(values)
+        t = float(stdtrit(number - 1, (1 + _LEVEL) / 2))
         varied = float(values.var(ddof=1))
-        between = t**2 * max(varied - shared, 0.0) / len(values)
-        half = max(math.sqrt(between + half**2), t * math.sqrt(varied / len(values)))
+        between = t**2 * max(varied - shared, 0.0) / number
+        both = math.sqrt(between + half**2)
+        students = t * math.sqrt(varied / number)
+        half = max(both, students)
     mean = float(values.mean())
     lowest, highest = within
     return max(mean - half, lowest), min(mean + half, highest)
 
 
-# --- comparisons and correlations
-# ------------------------------------------------------------------------------------
+# --- comparisons and correlations -----------------------------------------------------------------
 
 
 _FEWEST = 3
@@ -610,8 +625,10 @@ def holm(p_values: Sequence[float]) -> list[float]:
     highest = 0.0
     ascending = sorted(range(len(p_values)), key=p_values.__getitem__)
     for rank, place in enumerate(ascending):
+        remaining = len(p_values) - rank
+        multiplied = min(1.0, remaining * p_values[place])
         # Never below that of a smaller p-value, so that the order of the comparisons stays.
-        highest = max(highest, min(1.0, (len(p_values) - rank) * p_values[place]))
+        highest = max(highest, multiplied)
         corrected[place] = highest
     return corrected
 
@@ -648,20 +665,28 @@ def correlation(
         raise ConfigError(
             f"x of shape {a.shape} and y of shape {b.shape}: expected one number for each cell."
         )
-    if len(a) < _FEWEST or np.ptp(a) == 0 or np.ptp(b) == 0:
+    is_constant = np.ptp(a) == 0 or np.ptp(b) == 0
+    if len(a) < _FEWEST or is_constant:
         return None
     if kind == "spearman":
         from scipy.stats import rankdata
 
         a = rankdata(a)
         b = rankdata(b)
-    value = float(np.clip(np.corrcoef(a, b)[0, 1], -1, 1))
+    matrix = np.corrcoef(a, b)
+    # Rounding may lead slightly beyond 1.
+    value = float(np.clip(matrix[0, 1], -1, 1))
+    free = len(a) - 3
     if len(a) == _FEWEST:  # no degree of freedom is left for the variance
         variance = math.inf
     elif kind == "spearman":
-        variance = (1 + value**2 / 2) / (len(a) - 3)
+        variance = (1 + value**2 / 2) / free
     else:
-        variance = 1 / (len(a) - 3)
-    middle = math.atanh(min(max(value, -_CERTAIN), _CERTAIN))
+        variance = 1 / free
+    # On the scale of artanh, the estimate is about normal, with a variance that N alone decides.
+    inner = min(max(value, -_CERTAIN), _CERTAIN)
+    middle = math.atanh(inner)
     half = _Z * math.sqrt(variance)
-    return value, math.tanh(middle - half), math.tanh(middle + half)
+    low = math.tanh(middle - half)
+    high = math.tanh(middle + half)
+    return value, low, high

@@ -26,6 +26,19 @@ def counted(number: int, one: str, more: str = "") -> str:
     return f"{number:,} {noun}"
 
 
+def quoted(label: str) -> str:
+    """Return a label for a list with commas.
+
+    It is in quotes if it holds a comma, or begins or ends blank.
+
+    Example:
+        >>> ", ".join(map(quoted, ["water", "salt, pepper"]))
+        "water, 'salt, pepper'"
+    """
+    is_clear = "," not in label and label == label.strip()
+    return label if is_clear else f"'{label}'"
+
+
 def approximate(number: int) -> str:
     """Return a natural number as text: digits such as ``1,200``, or from 10^12 a power of ten."""
     if number < 10**12:

@@ -42,7 +42,7 @@ from wordcraft_kg import __version__
 from wordcraft_kg.base.artefacts import read_small_file
 from wordcraft_kg.base.errors import ConfigError, StdoutError
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.cli.console import OUTPUT_GROUP, Output
+from wordcraft_kg.cli.console import OUTPUT_GROUP, Output, accept_all_characters
 from wordcraft_kg.cli.failures import Failure, Manual, failure_of
 
 CORE = {
@@ -69,7 +69,7 @@ results. Start here:
   wordcraft-kg build-graph everyday --out graph
   wordcraft-kg train-recipes graph --out model
   wordcraft-kg evaluate-links model
-  wordcraft-kg train-agent graph --scorer model --use u,v,w --out run
+  wordcraft-kg train-agent graph --scorer model --use combines,component,recipe --out run
   wordcraft-kg explain run
   wordcraft-kg explore graph --model model --run run
 
@@ -170,6 +170,10 @@ def manual_of(name: str) -> Manual:
     return Manual(f"{PROGRAM} {name}", getattr(module, word), module)
 
 
+_NARROWEST = 20
+"""Fewest columns for help: in a narrower terminal, rich would arrange a table without end."""
+
+
 class _FlowingHelp(DefaultFormatter):
     """Help formatter that joins the lines of docstrings; blank lines and command lines stay.
 
@@ -199,12 +203,24 @@ class _FlowingHelp(DefaultFormatter):
                 by_place = bool(entry.positional_label)
                 entries.append(entry.copy(positive_names=()) if by_place else entry)
         if entries:
+            _widen(console)
             super().__call__(console, options, panel.copy(entries=entries))
 
     def _is_shown(self, panel: Any, entry: Any) -> bool:
         if self.shown is None or entry.positional_label or panel.title == OUTPUT_GROUP:
             return True
         return any(name in self.shown for name in entry.names)
+
+    def render_usage(self, console: Any, options: Any, usage: Any) -> None:
+        """Print the usage line, the first of all.
+
+        Args:
+            console: Rich's console.
+            options: options of the console.
+            usage: the line.
+        """
+        _widen(console)
+        super().render_usage(console, options, usage)
 
     def render_description(self, console: Any, options: Any, description: Any) -> None:
         """Print a command's description.
@@ -216,6 +232,11 @@ class _FlowingHelp(DefaultFormatter):
         """
         _flow(description)
         super().render_description(console, options, description)
+
+
+def _widen(console: Any) -> None:
+    if console.width < _NARROWEST:
+        console.width = _NARROWEST
 
 
 def _flow(shown: Any) -> None:
@@ -259,6 +280,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # A large book creates millions of small, long-lived objects: garbage collection would take
     # longer than the work.
     gc.set_threshold(200_000, 20, 100)
+    accept_all_characters()
     given = sys.argv[1:] if arguments is None else arguments
     # The arrow in a recipe would be taken for an option.
     tokens = ["→" if token == "->" else token for token in given]
@@ -307,13 +329,16 @@ def _close_stdout() -> None:
 
 
 def _check_working_folder() -> None:
-    """Raise ConfigError if the working folder was deleted: libraries then end the process, or fail without a reason."""
+    """Raise ConfigError if the working folder was deleted.
+
+    Libraries then end the process, or fail without a reason.
+    """
     try:
         os.getcwd()
     except FileNotFoundError:
         raise ConfigError(
-            "the working folder does not exist any more; another process has deleted or replaced it. Change to an "
-            "existing folder with cd."
+            "the working folder does not exist any more; another process has deleted or replaced "
+            "it. Change to an existing folder with cd."
         ) from None
 
 

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.cli.console import Flag, Output, command_line, lines_of, split_labels
-from wordcraft_kg.cli.describe import note_of_shares, warn_of_base
-from wordcraft_kg.cli.options import Base, Book, Force, SingleIngredient
+from wordcraft_kg.cli.console import Flag, Output, command_line, split_labels
+from wordcraft_kg.cli.describe import lines_of_graph, note_of_shares, warn_of_base
+from wordcraft_kg.cli.options import Base, Book, FileOptions, Force
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ else:
 
 EXAMPLES = (
     "wordcraft-kg build-graph everyday --out graphs/everyday",
+    "wordcraft-kg build-graph recipes.txt --columns item1,item2,product --out graphs/mine",
     "wordcraft-kg build-graph everyday --split by-goal --seed 1 --out graphs/everyday-by-goal",
 )
 
@@ -25,7 +26,7 @@ def _kinds() -> str:
     return ", ".join(f"{name} ({kind.about})" for name, kind in SPLITS.items())
 
 
-def build_graph(
+def build_graph(  # noqa: PLR0913 - parameters are the command's options
     book: Book = "everyday",
     *,
     base: Base = None,
@@ -37,16 +38,17 @@ def build_graph(
     valid_ratio: float = SplitConfig.valid_ratio,
     seed: int = SplitConfig.seed,
     keep_self_results: Flag = False,
-    single_ingredient: SingleIngredient = None,
     name: str | None = None,
     out: Path | None = None,
     force: Force = False,
+    file: FileOptions = FileOptions(),
     output: Output = Output(),
 ) -> None:
     """Build a graph folder from a recipe book: graph, split, triples and audit.
 
     Args:
-        book: recipe book: a .csv, .tsv or .json file, or a known book's name.
+        book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of
+            Minecraft recipes, also in gzip or zip; or a known book's name.
         base_file: text file with one base entity per line.
         train_ratio: training share (pairs, goals or recipe groups), between 0 and 1.
         valid_ratio: validation share; the rest is the test part.
@@ -64,9 +66,7 @@ def build_graph(
     from wordcraft_kg.graphs.recipes import check_label
     from wordcraft_kg.graphs.splits import make_split
 
-    recipes = open_book(
-        book, keep_self_results=keep_self_results, single_ingredient=single_ingredient
-    )
+    recipes = open_book(book, keep_self_results=keep_self_results, **file.for_reading())
     folder = out or Path("graphs") / (name or recipes.name)
     check_output(folder, force=force)
     graph = RecipeGraph.from_book(recipes, _base(base, base_file))
@@ -82,7 +82,7 @@ def build_graph(
     full = ("--kg", "full") if split == "none" else ()
     following = command_line("train-recipes", folder, *full)
     end = f"wrote {folder}/   next: {following}"
-    output.result(view, [*lines_of(view), *note_of_shares(audited.split), end])
+    output.result(view, [*lines_of_graph(view), *note_of_shares(audited.split), end])
 
 
 def _base(base: list[str] | None, base_file: Path | None) -> list[str] | None:

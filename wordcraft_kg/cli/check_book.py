@@ -2,49 +2,61 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Flag, Output, lines_of, split_labels
 from wordcraft_kg.cli.failures import with_options
-from wordcraft_kg.cli.options import Base, Book, SingleIngredient
+from wordcraft_kg.cli.options import Base, Book, FileOptions, Force
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import CheckedBook
 
 EXAMPLES = (
     "wordcraft-kg check-book recipes.csv",
+    "wordcraft-kg check-book recipes.csv --fix mended.csv",
     "wordcraft-kg check-book everyday --against kitchen",
 )
 
 
-def check_book(
+def check_book(  # noqa: PLR0913 - parameters are the command's options
     book: Book,
     *,
     base: Base = None,
     against: str | None = None,
-    single_ingredient: SingleIngredient = None,
     limit: int = 10,
     all: Flag = False,
+    fix: Path | None = None,
+    force: Force = False,
+    file: FileOptions = FileOptions(),
     output: Output = Output(),
 ) -> int:
-    """Check a recipe book: list problems and notes with line numbers, and count recipes and entities.
+    """Check a recipe book.
 
-    The book is not changed. The exit code is 1 if there are problems; notes are not failures.
+    List problems and notes with line numbers, and count recipes and entities.
+
+    The file itself is not changed. The exit code is 1 if there are problems; notes are no
+    failures.
 
     Args:
-        book: recipe book: a .csv, .tsv or .json file, or a known book's name.
+        book: recipe book: a table, lines a + b = c, JSON, a save of Infinite Craft, a folder of
+            Minecraft recipes, also in gzip or zip; or a known book's name.
         against: another book; report the share of recipes that both books have.
         limit: findings to show for each kind; the rest are counted. The JSON lists all findings.
         all: show all findings.
+        fix: write the mended book to this .csv, .tsv or .json file: readable recipes, each once,
+            without results among their ingredients, in UTF-8.
     """
+    from wordcraft_kg.base.artefacts import check_output_file
     from wordcraft_kg.base.settings import whole
     from wordcraft_kg.evaluation.books import view_check
 
     whole("limit", limit, 0)
-    view = view_check(
-        book, split_labels(base) if base else None, against, single_ingredient=single_ingredient
-    )
+    if fix is not None:
+        check_output_file(fix, force=force)
+    labels = split_labels(base) if base else None
+    view = view_check(book, labels, against, fix=fix, **file.for_reading())
     output.result(view, _text(view, None if all else limit))
     return 0 if view.passed else 1
 
@@ -57,13 +69,17 @@ def _shown(name: str, value: Any) -> Any:
 
 
 def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
+    if view.reading is not None:
+        yield view.reading.line()
     counts: Counter[str] = Counter()
     for finding in view.findings:
         kind = f"{finding.severity} [{finding.kind}]"
         counts[kind] += 1
         if limit is None or counts[kind] <= limit:
-            lines = ", ".join(map(str, finding.lines))
-            where = f"line{'s' * (len(finding.lines) > 1)} {lines}: " if lines else ""
+            where = ""
+            if finding.lines:
+                noun = "line" if len(finding.lines) == 1 else "lines"
+                where = f"{noun} {', '.join(map(str, finding.lines))}: "
             yield f"{kind} {where}{with_options(finding.message)}"
     for kind, number in counts.items():
         if limit is not None and number > limit:
@@ -73,4 +89,6 @@ def _text(view: "CheckedBook", limit: int | None) -> Iterator[str]:
     figures = as_values(view.figures)
     yield from lines_of({name: _shown(name, value) for name, value in figures.items()})
     problems = sum(finding.severity == "problem" for finding in view.findings)
+    if view.fixed is not None:
+        yield f"wrote the mended book to {view.fixed}"
     yield f"{counted(problems, 'problem')}, {len(view.findings) - problems:,} to look at"

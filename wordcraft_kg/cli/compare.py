@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,7 +25,7 @@ from wordcraft_kg.cli.console import (
 from wordcraft_kg.cli.options import AGENT, Force, MovedGraph, Part, Words
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.agent_figures import AgentSuccess
+    from wordcraft_kg.evaluation.agent_metrics import AgentSuccess
     from wordcraft_kg.evaluation.agents import AgentsView
     from wordcraft_kg.evaluation.link_comparison import ComparedModel, LinkComparison
 
@@ -76,15 +77,17 @@ def compare(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Compare agents on the same tables, or link predictors on the same unseen triples, with a paired bootstrap.
+    """Compare agents on the same tables, or link predictors on the same unseen triples.
+
+    Differences are paired and resampled (bootstrap).
 
     Runs that differ only in the seed count as the same agent. Agents also get a report.
 
     Args:
-        runs: agents' run folders, or model folders, for the same graph and split; or folders written with --seeds. The
-            first is the reference.
-        out: report folder for agents (default: reports/<agents' names>), or HTML page for link predictors (.html is
-            added to another ending).
+        runs: agents' run folders, or model folders, for the same graph and split; or folders
+            written with --seeds. The first is the reference.
+        out: report folder for agents (default: reports/<agents' names>), or HTML page for link
+            predictors (.html is added to another ending).
     """
     from wordcraft_kg.runs.record import read_run, run_folders
 
@@ -101,9 +104,8 @@ def compare(
         )
     if agent:
         refuse_given(links, "link predictors, but agents are compared")
-        _compare_agents(
-            [folder for seeds in folders for folder in seeds], agents, graph, out, force, output
-        )
+        everyone = list(chain.from_iterable(folders))
+        _compare_agents(everyone, agents, graph, out, force, output)
     else:
         refuse_given(agents, "agents, but link predictors are compared")
         _compare_links(list(zip(runs, folders, strict=True)), links, graph, out, force, output)
@@ -223,8 +225,8 @@ def _links_text(view: "LinkComparison") -> Iterator[str]:
             yield f"note: {model.name} was trained on all recipes: it has seen these triples"
     if view.best is not None:
         level = (
-            f"; no significant difference: {', '.join(view.not_told_apart)}"
-            if view.not_told_apart
+            f"; no significant difference: {', '.join(view.not_significant)}"
+            if view.not_significant
             else ""
         )
         yield f"best: {view.best}{level}"

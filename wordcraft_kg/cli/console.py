@@ -1,5 +1,7 @@
 """Options common to all commands, results as text or JSON, and small parsers."""
 
+import codecs
+import io
 import json
 import logging
 import re
@@ -16,8 +18,9 @@ from cyclopts import Parameter
 
 from wordcraft_kg.base.artefacts import check_output_file, staged_file, write_atomically
 from wordcraft_kg.base.errors import ConfigError, StdoutError
-from wordcraft_kg.base.escaping import for_json, for_terminal
+from wordcraft_kg.base.escaping import code_point, for_json, for_terminal
 from wordcraft_kg.base.progress import listening
+from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.cli.progress import Progress, Stages
 
 if TYPE_CHECKING:
@@ -68,7 +71,7 @@ class Output:
         if self.json:
             from wordcraft_kg.base.records import as_values
 
-            lines = [for_json(json.dumps(as_values(view), ensure_ascii=False))]
+            lines = [json_line(as_values(view))]
         else:
             lines = [for_terminal(line) for line in text]
         try:
@@ -80,8 +83,8 @@ class Output:
             raise
         except OSError as error:
             raise StdoutError(
-                f"the result could not be printed on stdout ({error.strerror or error}). Files that the command has "
-                "written remain. Redirect stdout to another place."
+                f"the result could not be printed on stdout ({error.strerror or error}). Files "
+                "that the command has written remain. Redirect stdout to another place."
             ) from None
 
     # Progress goes to stderr, so that a result on stdout can be piped.
@@ -101,6 +104,41 @@ class Output:
         logging.getLogger("wordcraft_kg").setLevel(logging.INFO if self.verbose else logging.NOTSET)
         with listening(None if self.quiet else Stages()), Progress.session():
             yield
+
+
+def json_line(value: Any) -> str:
+    """Return a value as JSON in one line that stdout can encode.
+
+    Characters that the encoding of stdout lacks become JSON's own escapes; the value is unchanged.
+    """
+    line = for_json(json.dumps(value, ensure_ascii=False))
+    try:
+        line.encode(sys.stdout.encoding or "utf-8")
+    except UnicodeEncodeError:
+        return json.dumps(value)
+    return line
+
+
+def accept_all_characters() -> None:
+    """Let stdout print every text, with codes such as ``<U+03BB>`` for what its encoding lacks.
+
+    The encoding is not UTF-8 on Windows, if stdout is a file, or where PYTHONIOENCODING says so.
+    """
+    codecs.register_error(_CODES, _as_codes)
+    # Without the method, stdout is not a file: a caller has replaced it by an object of its own.
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors=_CODES)
+
+
+_CODES = "wordcraft-kg.codes"
+"""Name of the error handler for Python's codecs."""
+
+
+def _as_codes(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    missing = error.object[error.start : error.end]
+    return "".join(map(code_point, missing)), error.end
 
 
 class _Stderr(logging.Handler):
@@ -244,7 +282,7 @@ def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
             yield from _rows(value, f"{indent}  ")
         elif isinstance(value, list):
             if value:
-                cells = [_cell(one) for one in value]
+                cells = [_cell(one, in_list=True) for one in value]
                 # A record counts the elements of a shortened list, such as `unreachable` for
                 # `unreachable_entities`.
                 count = _COUNTS.get(name) or name.rpartition("_")[0]
@@ -254,11 +292,13 @@ def _rows(values: dict[str, Any], indent: str) -> Iterator[tuple[str, str]]:
             yield label, _cell(value)
 
 
-def _cell(value: Any) -> str:
+def _cell(value: Any, *, in_list: bool = False) -> str:
     if isinstance(value, dict):
-        return ": ".join(map(_cell, value.values()))
+        return ": ".join(_cell(one, in_list=in_list) for one in value.values())
     if isinstance(value, list):
-        return " ".join(map(_cell, value))
+        return " ".join(_cell(one, in_list=in_list) for one in value)
+    if isinstance(value, str):
+        return quoted(value) if in_list else value
     if isinstance(value, bool):  # before int: a bool is one
         return str(value).lower()
     if isinstance(value, int):

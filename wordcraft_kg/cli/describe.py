@@ -4,12 +4,12 @@ import logging
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.cli.console import Output, lines_of, names
 from wordcraft_kg.cli.options import Graph
 
 if TYPE_CHECKING:
-    from wordcraft_kg.evaluation.graphs import EntityView
+    from wordcraft_kg.evaluation.graphs import BuiltGraph, EntityView
     from wordcraft_kg.graphs.audit import Audit, SplitSummary
 
 EXAMPLES = (
@@ -36,13 +36,22 @@ def describe(graph: Graph, *, entity: str | None = None, output: Output = Output
         audited = audit(opened.graph, opened.split)
         warn_of_base(audited)
         title = f"graph {opened.graph.name}"
-        output.result(audited, [title, *lines_of(audited), *note_of_shares(audited.split)])
+        output.result(audited, [title, *lines_of_graph(audited), *note_of_shares(audited.split)])
+
+
+def lines_of_graph(view: "Audit | BuiltGraph") -> Iterator[str]:
+    """Yield a graph's figures as text, after a line about how its file was read."""
+    import msgspec
+
+    if view.reading is not None:
+        yield view.reading.line()
+    yield from lines_of(msgspec.structs.replace(view, reading=None))
 
 
 def warn_of_base(audited: "Audit") -> None:
     """Log warnings about an inferred base, and about entities that cannot be made from the base."""
     logger = logging.getLogger(__name__)
-    base = names(audited.base, len(audited.base))
+    base = names([*map(quoted, audited.base)], len(audited.base))
     # Everything else is counted from the base, so a wrong guess spoils all numbers.
     if audited.base_is_inferred:
         entities = counted(len(audited.base), "entity", "entities")
@@ -55,7 +64,8 @@ def warn_of_base(audited: "Audit") -> None:
         )
     unreachable = audited.reachability.unreachable
     if unreachable:
-        which = names(audited.reachability.unreachable_entities, unreachable)
+        labels = [*map(quoted, audited.reachability.unreachable_entities)]
+        which = names(labels, unreachable)
         number = f"{unreachable:,} of {audited.entities:,}"
         logger.warning("%s entities cannot be made from the base (%s): %s", number, base, which)
 
@@ -83,7 +93,9 @@ def _percentages(shares: Iterable[float]) -> str:
 
 def _entity_text(view: "EntityView") -> Iterator[str]:
     place = "base entity" if view.base else "cannot be made from the base"
-    if view.layer is not None and not view.base:
+    if view.half_product:
+        place = "half-product of a chain, no thing of the game"
+    elif view.layer is not None and not view.base:
         place = f"first made in round {view.layer}"
     yield f"{view.entity}: {place}"
     # Recipes that make the entity, then recipes that use it.

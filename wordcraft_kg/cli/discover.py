@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.cli.console import Output, aligned, check_file, split_labels, write_file
 from wordcraft_kg.cli.options import Force, Graph, Words
 
@@ -21,7 +22,7 @@ EXAMPLES = (
 )
 
 
-def discover(
+def discover(  # noqa: PLR0913 - parameters are the command's options
     graph: Graph = "everyday",
     *,
     attempts: int = 100,
@@ -103,7 +104,7 @@ def _text(view: "DiscoveryView") -> Iterator[str]:
         values = ["" if each is None else f"{each.value:g}" for each in figures]
         rows.append((f"{row.player}, published", *values))
     reachable = f"{view.reachable:,} of {view.entities:,} entities reachable"
-    yield f"{view.graph}: {reachable} from {', '.join(view.base)}"
+    yield f"{view.graph}: {reachable} from {', '.join(map(quoted, view.base))}"
     yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"
     yield from ("", *aligned(rows), "", f"people: {view.people_source}")
     yield from (f"{row.player}: {row.source}. {row.notes}" for row in shown if row.notes)

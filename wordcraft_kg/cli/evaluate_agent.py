@@ -28,7 +28,8 @@ class RunOptions:
     """Options for a trained agent.
 
     Attributes:
-        agent: trained, random (chance), oracle (knows all recipes), or kg-only (the run's scorer without the network).
+        agent: trained, random (chance), oracle (knows all recipes), or kg-only (the run's scorer
+            without the network).
     """
 
     agent: Literal["trained", "random", "oracle", "kg-only"] = "trained"
@@ -63,19 +64,21 @@ def evaluate_agent(
     ] = ScriptedOptions(),
     output: Output = Output(),
 ) -> None:
-    """Evaluate an agent or scripted players on all tasks of a split part, with fixed distractor seeds.
+    """Evaluate an agent or scripted players on all tasks of a part, with fixed distractor seeds.
 
-    Agents act greedily. For a graph, baselines play: chance, votes of similar recipes, graphs, a scorer, the oracle.
+    Agents act greedily. For a graph, baselines play: chance, votes of similar recipes, graphs, a
+    scorer, the oracle.
 
     Args:
-        run: run folder (the last checkpoint is evaluated if training is unfinished); or graph, book file or known
-            book's name for scripted players.
-        distractors: comma-separated numbers of distractors. Default: as in training; 1,2,8 for scripted players.
-        distractor_seeds: distractor seeds for each task; all players get the same tables. Default: 5, or 1 above 6,000
-            tasks.
-        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the goal; or
-            no_train_shortcut, so that none opens an additional way by train recipes alone. Default: as in training; any
-            for scripted players.
+        run: run folder (the last checkpoint is evaluated if training is unfinished); or graph, book
+            file or known book's name for scripted players.
+        distractors: comma-separated numbers of distractors. Default: as in training; 1,2,8 for
+            scripted players.
+        distractor_seeds: distractor seeds for each task; all players get the same tables. Default:
+            5, or 1 above 6,000 tasks.
+        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the
+            goal; or no_train_shortcut, so that none opens an additional way by train recipes alone.
+            Default: as in training; any for scripted players.
     """
     if distractor_seeds is not None:
         whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
@@ -100,7 +103,8 @@ def evaluate_agent(
         from wordcraft_kg.evaluation.players import view_baselines
         from wordcraft_kg.graphs.folder import open_graph
 
-        graph, model = open_graph(run), None
+        graph = open_graph(run)
+        model = None
         if scripted.scorer is not None:
             from wordcraft_kg.models.folder import open_model
 
@@ -133,7 +137,10 @@ def _table(view: "Baselines", amounts: list[int]) -> list[str]:
     policy = (
         "" if view.distractor_policy == "any" else f"; distractor policy {view.distractor_policy}"
     )
-    own = "own: success by the task's own recipe; the rest by other recipes for the goal, such as train recipes"
+    own = (
+        "own: success by the task's own recipe; the rest by other recipes for the goal, such as "
+        "train recipes"
+    )
     shares = [f"{goals}: {share:.0%} of the tasks" for goals, share in view.shares.items()]
     return [
         *aligned(rows, numbers=True),

@@ -31,7 +31,8 @@ def evaluate_links(
 
     Args:
         model: model folder.
-        max_queries: most queries to rank, two for each triple; above this, a uniform sample is ranked. 0 ranks all.
+        max_queries: most queries to rank, two for each triple; above this, a uniform sample is
+            ranked. 0 ranks all.
         out: folder to write. Default: report/ in the model folder.
     """
     from wordcraft_kg.base.artefacts import check_output
@@ -55,7 +56,8 @@ def evaluate_links(
     view = view_links(links, name=model.name, provenance=trained.provenance, trace=trained.trace)
     write_report(make_link_report(view, links.labelled_ranks), folder, force=force)
     output.result(summarise_links(view, str(folder / "index.html")), _text(view, folder))
-    # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no figure is valid.
+    # Coverage depends on the split (by-goal splits lack coverage); if another check fails, no
+    # metric is valid.
     failed = [check for check in view.checks if not check.passed and check.id != "coverage"]
     for check in failed:
         print(f"CHECK FAILED: {check.name} ({check.detail})", file=sys.stderr)
@@ -65,8 +67,8 @@ def evaluate_links(
 def _text(view: "LinkView", folder: Path) -> list[str]:
     from wordcraft_kg.evaluation.links import has_few_test_recipes
 
-    rows = [(name, _figures(view.metrics[name])) for name in ("all", "combinesWith", "componentOf")]
-    rows += [(name, _figures(table["all"])) for name, table in view.baselines.items()]
+    rows = [(name, _metrics(view.metrics[name])) for name in ("all", "combinesWith", "componentOf")]
+    rows += [(name, _metrics(table["all"])) for name, table in view.baselines.items()]
     ranked = f"{view.triples:,}"
     if view.sampled_from is not None:
         ranked = f"a uniform sample of {view.triples:,} of {view.sampled_from:,}"
@@ -74,9 +76,10 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     if view.model.has_seen_the_test_recipes:
         memory = f"{ranked} triples of the graph, all seen in training: memory, not prediction"
         return [memory, *aligned(rows), wrote]
-    best, (low, high) = view.comparisons[0], view.comparisons[0].ci
+    best = view.comparisons[0]
+    low, high = best.ci
     lead = f"{best.difference:+.3f} [{low:+.3f}, {high:+.3f}]"
-    rows.append(("verdict", f"{best.verdict} the best baseline, {best.baseline}: {lead}"))
+    rows.append(("verdict", f"{best.compared} the best baseline, {best.baseline}: {lead}"))
     if has_few_test_recipes(view):
         count = f"{view.split.test_recipes:,} test recipes"
         rows.append(
@@ -87,10 +90,10 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
             rows.append(
                 (
                     "no near-synonym",
-                    f"{_figures(row)}  (recipes that do not nearly repeat a train recipe)",
+                    f"{_metrics(row)}  (recipes that do not nearly repeat a train recipe)",
                 )
             )
-    rows += [(row.slice, _figures(row)) for row in view.drill_down.other_book]
+    rows += [(row.slice, _metrics(row)) for row in view.drill_down.other_book]
     if view.in_sample:
         left_out = f"MRR {view.in_sample.left_out_mrr:.3f} on train triples left out of training"
         rows.append(("cross-fitted", f"{left_out} ({view.in_sample.in_sample_mrr:.3f} in-sample)"))
@@ -98,7 +101,7 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
         leaked, headline = (
             metrics.mrr or 0.0 for metrics in (view.with_leaked, view.metrics["all"])
         )
-        # A model that does not remember the leaked triples lowers the figure.
+        # A model that does not remember the leaked triples lowers the metric.
         inflated = (
             "inflated: training contains them"
             if leaked > headline
@@ -112,8 +115,11 @@ def _text(view: "LinkView", folder: Path) -> list[str]:
     ]
 
 
-def _figures(metrics: "RankingMetrics") -> str:
+def _metrics(metrics: "RankingMetrics") -> str:
     if not metrics.queries:
         return "no queries"
     interval = f" [{metrics.mrr_ci[0]:.3f}, {metrics.mrr_ci[1]:.3f}]" if metrics.mrr_ci else ""
-    return f"MRR {metrics.mrr:.3f}{interval}  hits@1 {metrics.hits_at_1:.3f}  hits@10 {metrics.hits_at_10:.3f}"
+    return (
+        f"MRR {metrics.mrr:.3f}{interval}  hits@1 {metrics.hits_at_1:.3f}  hits@10 "
+        f"{metrics.hits_at_10:.3f}"
+    )

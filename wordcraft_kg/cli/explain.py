@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.cli.console import Output, aligned
 from wordcraft_kg.cli.options import MovedGraph, Part
 
@@ -30,16 +31,20 @@ def explain(
     graph: MovedGraph = None,
     output: Output = Output(),
 ) -> None:
-    """Explain an agent's actions: split each logit into contributions by attention and knowledge sources.
+    """Explain an agent's actions.
 
-    With recipe scores (w), show the best slots' partners, the supporting train recipes, and evidence from outside
-    knowledge. With plans (p), show the most probable plan, with the probability of each expected result.
+    Split each logit into contributions by attention and knowledge sources.
+
+    With recipe scores (w), show the best slots' partners, the supporting train recipes, and
+    evidence from outside knowledge. With plans (p), show the most probable plan, with the
+    probability of each expected result.
 
     Args:
         run: run folder.
         goal: entity to make. Default: tasks spread evenly over the part.
         task: number of the task, from 0.
-        episodes: episodes to play; several of a task have different distractors. Default: 3, or 1 with `task`.
+        episodes: episodes to play; several of a task have different distractors. Default: 3, or 1
+            with `task`.
         distractors: number of distractors on the table. Default: as in training.
     """
     from wordcraft_kg.agents.agent_folder import open_agent
@@ -47,14 +52,14 @@ def explain(
 
     if goal is not None and task is not None:
         raise ConfigError("`goal` and `task` both choose tasks; give one of them.")
-    episodes = whole(
-        "episodes", (3 if task is None else 1) if episodes is None else episodes, 1, MAX_SIZE
-    )
+    if episodes is None:
+        episodes = 3 if task is None else 1
+    episodes = whole("episodes", episodes, 1, MAX_SIZE)
     agent = open_agent(run, graph)
     view = view_explanation(run, agent, part, distractors, goal, episodes, task=task)
-    lines = [
-        line for number, episode in enumerate(view.episodes, 1) for line in _text(number, episode)
-    ]
+    lines: list[str] = []
+    for number, episode in enumerate(view.episodes, 1):
+        lines += _text(number, episode)
     output.result(view, [*_legend(view.episodes[0].steps[0]), "", *lines])
 
 
@@ -67,7 +72,8 @@ def _legend(step: "ExplainedStep") -> Iterator[str]:
         rows.append(
             (
                 "λ",
-                "mixing weights of these scores; each product, such as λα·α, is a contribution to β",
+                "mixing weights of these scores; each product, such as λα·α, is a contribution to "
+                "β",
             )
         )
     rows += [
@@ -107,7 +113,10 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
             *(slot.contributions.values() if step.lambdas else ()),
             slot.logit,
         )
-        label = f"  {'>' if slot.entity == step.action else ' '} {slot.entity}{' *' if slot.is_part else ''}"
+        label = (
+            f"  {'>' if slot.entity == step.action else ' '} "
+            f"{slot.entity}{' *' if slot.is_part else ''}"
+        )
         rows.append((label, *(f"{figure:z.2f}" for figure in figures), f"{slot.probability:.1%}"))
     yield from aligned(rows, numbers=True)
     for entity, evidence in step.best_evidence():
@@ -117,4 +126,4 @@ def _step(step: "ExplainedStep") -> Iterator[str]:
             yield f"     plan: {', then '.join(map(str, evidence.plan))}"
         yield from (f"     {piece}" for piece in evidence.outside)
     if step.made:
-        yield f"  made {', '.join(step.made)}"
+        yield f"  made {', '.join(map(quoted, step.made))}"

@@ -29,7 +29,7 @@ def export(
 
     Args:
         format: tsv or parquet (triples), graphml (with recipe nodes), nt (RDF, with recipe nodes),
-            csv or json (recipe book).
+            csv or json (recipe book), hif (JSON of a directed hypergraph).
         out: file to write.
         part: full (all recipes), partial (train recipes), or unseen (held-out recipes, and triples
             that no train recipe gives). Entities and base are always complete.

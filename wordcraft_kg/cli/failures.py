@@ -4,7 +4,6 @@ A user's mistake has one style, whoever found it: the parser, a setting's check 
 A defect of the package keeps its traceback.
 """
 
-import json
 import os
 import re
 import traceback
@@ -24,9 +23,9 @@ from cyclopts import (
 )
 
 from wordcraft_kg.base.errors import NAMED_SETTING, WordCraftKGError
-from wordcraft_kg.base.escaping import for_json, for_terminal
+from wordcraft_kg.base.escaping import for_terminal
 from wordcraft_kg.base.extras import missing_package
-from wordcraft_kg.cli.console import Output
+from wordcraft_kg.cli.console import Output, json_line
 
 OPTIONS = {"num_distractors": "distractors", "kind": "split", "trackers": "track"}
 """Option names by Python setting name, where the two differ."""
@@ -35,7 +34,10 @@ INTERRUPTED = 130
 # torch has no class of its own for this on the CPU.
 _NO_MEMORY = re.compile("not enough memory|can't allocate memory|out of memory")
 _NO_HOME = "Could not determine home directory"
-"""Python's message, for a user without HOME and without an entry in the list of users, as in containers."""
+"""Python's message for a user without HOME and without an entry in the list of users.
+
+Containers often run as such users.
+"""
 
 
 @dataclass(frozen=True)
@@ -104,7 +106,7 @@ class Failure:
 
         if output.json:
             error = {"kind": self.kind, "message": self.message}
-            print(for_json(json.dumps({"error": error}, ensure_ascii=False)))
+            print(json_line({"error": error}))
         if output.verbose:
             traceback.print_exc()
         # No markup: messages repeat what users and files say, such as [b] in a file name.
@@ -140,8 +142,8 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, OSError) and _is_raised_in(error, "pystow"):
         return Failure(
             kind,
-            f"PyKEEN cannot make its folder, {pykeen_folder()} ({error.strerror or error}). Set PYSTOW_HOME to a "
-            "folder with write permission. Nothing was changed.",
+            f"PyKEEN cannot make its folder, {pykeen_folder()} ({error.strerror or error}). Set "
+            "PYSTOW_HOME to a folder with write permission. Nothing was changed.",
         )
     if isinstance(error, OSError):
         # Outputs are written at once or not at all, so nothing is half changed.
@@ -150,7 +152,8 @@ def failure_of(error: BaseException, manual: Manual | None) -> Failure | None:
     if isinstance(error, RuntimeError) and str(error).startswith(_NO_HOME):
         return Failure(
             kind,
-            "this user has no home folder. Set HOME to a folder with write permission. Nothing was changed.",
+            "this user has no home folder. Set HOME to a folder with write permission. Nothing was "
+            "changed.",
         )
     # The RuntimeError comes from torch, for tensors.
     of_torch = isinstance(error, RuntimeError) and _NO_MEMORY.search(str(error))
@@ -193,10 +196,11 @@ def _message(error: CycloptsError, manual: Manual | None) -> str:
             return f"{name.upper()} is missing."
         return f"{error.argument.name} is missing."
     if isinstance(error, UnknownOptionError) and "-" in (error.token.keyword, error.token.value):
-        # A shell reads `score MODEL a + b -> c` as the words `a + b -`, and writes the output to a file `c`.
+        # A shell reads `score MODEL a + b -> c` as the words `a + b -`, and writes the output to a
+        # file `c`.
         return (
-            "unexpected argument '-'. If it is the beginning of ->, a shell has read the > as a redirection to a file: "
-            "write a + b = c, or quote 'a + b -> c'."
+            "unexpected argument '-'. If it is the beginning of ->, a shell has read the > as a "
+            "redirection to a file: write a + b = c, or quote 'a + b -> c'."
         )
     error.verbose = False
     return str(error).partition(" Available commands:")[0]

@@ -2,17 +2,20 @@
 
 import os
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
 
-from wordcraft_kg.cli.console import Flag
+from wordcraft_kg.cli.console import Flag, split_labels
 from wordcraft_kg.graphs.library import FETCHABLE, known_books
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
     from cyclopts.completion import CompletionContext
+
+    from wordcraft_kg.graphs.book_files import ReadOptions
 
 AGENT = "train-agent"
 """Kind of run, as in ``run.json``, that trains an agent."""
@@ -35,8 +38,8 @@ FetchableBook = Annotated[str | None, Parameter(completer=lambda _: iter(FETCHAB
 Force = Annotated[
     Flag,
     Parameter(
-        help="replace an existing output. It stays until the new output is complete; an output of training until the "
-        "new training can be resumed."
+        help="replace an existing output. It stays until the new output is complete; an output of "
+        "training until the new training can be resumed."
     ),
 ]
 Words = Annotated[list[str] | None, Parameter(negative=(), consume_multiple=False)]
@@ -46,13 +49,6 @@ Base = Annotated[
     Parameter(
         help="comma-separated base entities. Default: the book's base, or else entities without "
         "a recipe."
-    ),
-]
-SingleIngredient = Annotated[
-    str | None,
-    Parameter(
-        help="second ingredient for recipes with a single ingredient: self repeats the ingredient; "
-        "a name such as furnace is added to each recipe. Default: such a recipe is an error."
     ),
 ]
 Seeds = Annotated[
@@ -73,3 +69,40 @@ Paths = Annotated[list[Path] | None, Parameter(negative=(), consume_multiple=Fal
 MovedGraph = Annotated[
     str | None, Parameter(help="graph folder, if moved since training.", show_default=False)
 ]
+
+
+@Parameter(name="*", group=Group("Recipe file", sort_key=1))
+@dataclass(frozen=True)
+class FileOptions:
+    """What a user says about a recipe book's file; everything left out is guessed.
+
+    Attributes:
+        columns: comma-separated names, or numbers from 1, of the columns of ingredients and, last,
+            of the result, such as item1,item2,product.
+        delimiter: column delimiter: a character, or comma, semicolon, tab, pipe or space.
+        encoding: encoding of the text, such as cp1252.
+        case: keep labels as they are, or fold them to lower case.
+        ingredients: recipes of three and more ingredients: two refuses them, chain reads chains of
+            half-products, and a single ingredient as a pair with itself.
+        single_ingredient: second ingredient for recipes with a single ingredient: self repeats the
+            ingredient; a name such as furnace is added to each recipe. Default: such a recipe is an
+            error, except with --ingredients chain.
+    """
+
+    columns: Words = None
+    delimiter: str | None = None
+    encoding: str | None = None
+    case: Literal["keep", "fold"] = "keep"
+    ingredients: Literal["two", "chain"] = "two"
+    single_ingredient: str | None = None
+
+    def for_reading(self) -> "ReadOptions":
+        """Return the options as arguments of ``read_book``."""
+        return {
+            "columns": split_labels(self.columns) if self.columns else None,
+            "delimiter": self.delimiter,
+            "encoding": self.encoding,
+            "case": self.case,
+            "ingredients": self.ingredients,
+            "single_ingredient": self.single_ingredient,
+        }

@@ -33,7 +33,7 @@ OURS = "Measured here, on this graph and split"
 THEIRS = "From the literature, in other environments: not the same tasks"
 
 
-def reference(
+def reference(  # noqa: PLR0913 - parameters are the command's options
     graph: Graph = "everyday",
     *,
     distractors: Words = None,
@@ -47,9 +47,9 @@ def reference(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Show reference figures of chance, words, graphs, scorers, agents, people and language models.
+    """Show reference results of chance, words, graphs, scorers, agents, people and language models.
 
-    External results can be added. Missing figures are measured with scripted players.
+    External results can be added. Missing results are measured with scripted players.
 
     Args:
         distractors: comma-separated numbers of distractors. Default: 1,2,8.
@@ -92,53 +92,23 @@ def reference(
         play = TaskPlay(part, depth, config.attempts)
         view = view_references(open_graph(graph), play, amounts, external_results or ())
     if out is not None:
-        from wordcraft_kg.reports.reference_page import reference_page
+        from wordcraft_kg.reports.pages import render_page
 
-        write_file(out, reference_page(view), force=force)
+        write_file(out, render_page("reference_page.html.j2", report=view), force=force)
         view = replace(view, out=str(out))
     output.result(view, _text(view))
 
 
 def _text(view: "ReferenceTable") -> Iterator[str]:
-    unit = "distractor" if view.measure == "success" else "attempt"
     graph = view.graph
+    split = f"split {graph.kind} {graph.split[:12]}"
+    yield f"{graph.name} {graph.hash[:12]}, {split}: {_played(view.play)}"
     everything = (*view.rows, *view.literature)
     # Footnotes: equal notes have one number.
     notes = list(dict.fromkeys(filter(None, map(_note, everything))))
-
-    def name(row: "ReferenceRow") -> str:
-        note = _note(row)
-        mark = f" [{notes.index(note) + 1}]" if note else ""
-        yours = " (yours)" if row.origin == "external" else ""
-        return f"{row.player}{yours}{mark}"
-
     # A second column for each, if any row has the share of goals by the task's own recipe.
-    columns = view.columns
-    has_own = any(any(map(row.shown_by_plan, columns)) for row in everything)
-
-    def figures(row: "ReferenceRow") -> Iterator[str]:
-        for column in view.columns:
-            yield row.shown(column)
-            if has_own:
-                yield row.shown_by_plan(column)
-
-    titles = ["", ""]
-    for column in view.columns:
-        titles += [counted(column, unit), "own"] if has_own else [counted(column, unit)]
-    fitting = [row for row in everything if row.fits(view.measure, view.columns)]
-    cells = [(name(row), row.kind, *figures(row)) for row in fitting]
-    # One table, aligned as a whole; its lines are then told apart by the titles between them.
-    lines = iter(aligned([titles, *cells]))
-    split = f"split {graph.kind} {graph.split[:12]}"
-    yield f"{graph.name} {graph.hash[:12]}, {split}: {_played(view.play)}"
-    yield f"  {next(lines)}"
-    for title, rows in ((OURS, view.rows), (THEIRS, view.literature)):
-        yield from ("", title)
-        for row in rows:
-            if row.fits(view.measure, view.columns):
-                yield f"  {next(lines)}"
-            else:
-                yield f"  {name(row)}, {row.kind}: {row.in_words}"
+    has_own = any(any(map(row.shown_by_plan, view.columns)) for row in everything)
+    yield from _lines_of_rows(view, notes, has_own=has_own)
     yield ""
     yield from (f"[{number}] {note}" for number, note in enumerate(notes, 1))
     if has_own:
@@ -150,11 +120,51 @@ def _text(view: "ReferenceTable") -> Iterator[str]:
     # The package holds results for its own books; others take time, and the reader knows why.
     if view.measured:
         plural = "" if view.measured == (1,) else "s"
-        now = f"{', '.join(map(str, view.measured))} {unit}{plural}"
-        reason = f"has no figures for {now}" if view.pack else "does not have this graph and split"
+        now = f"{', '.join(map(str, view.measured))} {_unit(view)}{plural}"
+        reason = f"has no results for {now}" if view.pack else "does not have this graph and split"
         yield f"measured now: scripted players with {now}, because the pack {reason}"
     if view.out:
         yield f"wrote {view.out}"
+
+
+def _lines_of_rows(view: "ReferenceTable", notes: Sequence[str], *, has_own: bool) -> Iterator[str]:
+    """Yield the titles of the columns, then our rows and the literature's below their titles."""
+    titles = ["", ""]
+    for column in view.columns:
+        titles.append(counted(column, _unit(view)))
+        if has_own:
+            titles.append("own")
+
+    def name(row: "ReferenceRow") -> str:
+        note = _note(row)
+        mark = f" [{notes.index(note) + 1}]" if note else ""
+        yours = " (yours)" if row.origin == "external" else ""
+        return f"{row.player}{yours}{mark}"
+
+    def figures(row: "ReferenceRow") -> Iterator[str]:
+        for column in view.columns:
+            yield row.shown(column)
+            if has_own:
+                yield row.shown_by_plan(column)
+
+    fitting = [
+        row for row in (*view.rows, *view.literature) if row.fits(view.measure, view.columns)
+    ]
+    cells = [(name(row), row.kind, *figures(row)) for row in fitting]
+    # One table, aligned as a whole; its lines are then told apart by the titles between them.
+    lines = iter(aligned([titles, *cells]))
+    yield f"  {next(lines)}"
+    for title, rows in ((OURS, view.rows), (THEIRS, view.literature)):
+        yield from ("", title)
+        for row in rows:
+            if row.fits(view.measure, view.columns):
+                yield f"  {next(lines)}"
+            else:
+                yield f"  {name(row)}, {row.kind}: {row.in_words}"
+
+
+def _unit(view: "ReferenceTable") -> str:
+    return "distractor" if view.measure == "success" else "attempt"
 
 
 def _note(row: "ReferenceRow") -> str:

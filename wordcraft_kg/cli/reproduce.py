@@ -58,7 +58,7 @@ class EngineOptions:
     Attributes:
         out: results folder; finished tasks are kept. After Ctrl-C, repeat the command to continue.
         jobs: parallel trainings. Default: the number of cores.
-        keep: all run files, or figures: without weights and episodes (tens of megabytes).
+        keep: all run files, or metrics: without weights and episodes (tens of megabytes).
         store: folder of finished cells (docs/results/cells in the repository): its results are
             taken, missing cells are trained and added.
         dry_run: list the tasks and the run time without running anything.
@@ -66,7 +66,7 @@ class EngineOptions:
 
     out: Path = Path("results")
     jobs: int | None = None
-    keep: Literal["all", "figures"] = "all"
+    keep: Literal["all", "metrics"] = "all"
     store: Path | None = None
     dry_run: Flag = False
 
@@ -78,7 +78,7 @@ class ShowOptions:
     Attributes:
         metric: success, by-plan (success by a plan's last pair), train (success on train tasks),
             mrr (scorer), or steps (until the reference's final success).
-        plot: write a page with all figures, a table (CSV) and plots (SVG).
+        plot: write a page with all results, a table (CSV) and plots (SVG).
         report: page folder; implies --plot. Default: reports/<the study's name> in the results
             folder.
         force: replace an existing output.
@@ -234,9 +234,13 @@ def _collect(study: str | None, file: Path | None, root: Path) -> "StudyResults"
         )
     names = studies_of(root)
     # With one study in the folder, its name says nothing new.
-    if study is None and len(names) != 1:
-        holds = f"has the studies {', '.join(names)}" if names else "has no study yet"
-        raise ConfigError(f"{root} {holds}; name a study.")
+    if study is None and not names:
+        raise ConfigError(
+            f"'{root}' has no results yet. Run a study first (`wordcraft-kg reproduce --list` "
+            "names them), or give the folder of its results with --out."
+        )
+    if study is None and len(names) > 1:
+        raise ConfigError(f"'{root}' has results of {', '.join(names)}; name a study.")
     return collect_study(root, names[0] if study is None else study)
 
 
@@ -343,7 +347,7 @@ def _reported(
             write_atomically(folder / "results.json", results_text(results))
             text = [*lines_of(view, "success"), *text, f"wrote {folder}/   open {page}"]
     except ConfigError as error:
-        # Figures cannot be averaged; go on with the next study.
+        # Metrics cannot be averaged; go on with the next study.
         text.append(f"no report: {error}")
     values = {
         "done": state.done,

@@ -30,7 +30,7 @@ EXPLAINED = 3
 """Number of answers that are shown with evidence."""
 
 
-def score(
+def score(  # noqa: PLR0913 - parameters are the command's options
     model: Path,
     head: str | None = None,
     relation: str | None = None,
@@ -46,23 +46,25 @@ def score(
 ) -> None:
     """Score a triple or a recipe, rank entities for an open slot, or score all queries in a file.
 
-    The output marks each triple or recipe as train, valid, test, or new (not in the book). Models with folds also give
-    probabilities for triples outside the training data.
+    The output marks each triple or recipe as train, valid, test, or new (not in the book). Models
+    with folds also give probabilities for triples outside the training data.
 
-    With a train-recipes model, a + b ranks the results, a + b = c (or a + b c) scores a recipe, and _ + b = c ranks
-    partners. Answers come with supporting train recipes and a note if in-sample. Entities outside the graph are scored
-    by the words in their labels, with a note.
+    With a train-recipes model, a + b ranks the results, a + b = c (or a + b c) scores a recipe, and
+    _ + b = c ranks partners. Answers come with supporting train recipes and a note if in-sample.
+    Entities outside the graph are scored by the words in their labels, with a note.
 
     Args:
         model: model folder.
-        head: entity, or _ for an open slot. If an entity is called _ (or ?), write ? (or _) for the open slot.
+        head: entity, or _ for an open slot. If an entity is called _ (or ?), write ? (or _) for the
+            open slot.
         relation: combinesWith or componentOf.
         tail: entity, or _ for an open slot (default).
-        rest: further words of a recipe such as a + b = c; quote labels with blanks or signs, and 'a + b -> c'.
+        rest: further words of a recipe such as a + b = c; quote labels with blanks or signs, and 'a
+            + b -> c'.
         top: entities to list for an open slot.
         new_only: leave out known triples or recipes.
-        queries: CSV or TSV file with head, relation and tail, or with the header ingredient_a,ingredient_b,result; an
-            empty cell or _ is an open slot.
+        queries: CSV or TSV file with head, relation and tail, or with the header
+            ingredient_a,ingredient_b,result; an empty cell or _ is an open slot.
         out: CSV or TSV file for the scores of --in. Default: print the scores.
     """
     from wordcraft_kg.cli.failures import with_options
@@ -97,7 +99,8 @@ def _check_query(
     is_query = has_relation or any("+" in word for word in words)
     if bool(words) == (file is not None) or (file is None and not is_query):
         raise ConfigError(
-            "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a query file with --in."
+            "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a "
+            "query file with --in."
         )
     if file is None and out is not None:
         raise ConfigError(
@@ -183,16 +186,10 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
 
     if not scored:
         return
-    rows = [
-        (
-            f"{one.score:9.4f}",
-            one.known or "",
-            thing,
-            _chance(one),
-            "(in-sample)" * getattr(one, "in_sample", False),
-        )
-        for one, thing in zip(scored, things or map(_thing, scored), strict=True)
-    ]
+    rows = []
+    for one, thing in zip(scored, things or map(_thing, scored), strict=True):
+        note = "(in-sample)" if getattr(one, "in_sample", False) else ""
+        rows.append((f"{one.score:9.4f}", one.known or "", thing, _chance(one), note))
     is_recipe = hasattr(scored[0], "in_sample")
     names = (
         f"{'nats' if is_recipe else 'score':>9}",
@@ -230,11 +227,18 @@ def _chance(row: Any) -> str:
 
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
     if any(getattr(one, "because", ()) for one in scored):
-        yield "because: similar train recipes; similarity (1 is identical) and share of all evidence."
+        yield (
+            "because: similar train recipes; similarity (1 is identical) and share of all evidence."
+        )
     if any(getattr(one, "outside", ()) for one in scored):
-        yield "Lines with the name of a source: knowledge from outside the train recipes; in brackets a table's value."
+        yield (
+            "Lines with the name of a source: knowledge from outside the train recipes; in "
+            "brackets a table's value."
+        )
     if any(getattr(one, "in_sample", False) for one in scored):
-        yield "(in-sample): the scorer was trained on this recipe, so the score is not a prediction."
+        yield (
+            "(in-sample): the scorer was trained on this recipe, so the score is not a prediction."
+        )
     if kg == "full" and {"valid", "test"} & {one.known for one in scored}:
         yield "The model was trained on the full graph, test triples included."
 
@@ -242,9 +246,10 @@ def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
 def _table(columns: Sequence[str], rows: Sequence[Any], delimiter: str) -> str:
     import pandas as pd
 
-    frame: Any = pd.DataFrame(
-        [[getattr(row, column) for column in columns] for row in rows], columns=list(columns)
-    )
+    values = {}
+    for column in columns:
+        values[column] = [getattr(row, column) for row in rows]
+    frame: Any = pd.DataFrame(values)
     if "in_sample" in frame:
         frame["in_sample"] = frame["in_sample"].astype(str).str.lower()
     quoting = csv.QUOTE_NONE if delimiter == "\t" else csv.QUOTE_MINIMAL  # labels hold no tab

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.cli.console import Output, aligned, lines_of
 from wordcraft_kg.cli.options import Graph
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -56,7 +57,7 @@ def _text(view: "TaskListing") -> Iterator[str]:
     for task in view.shown:
         rows = []
         for name in ("start", "distractors", "table"):
-            rows.append((f"  {name}", ", ".join(getattr(task, name)) or "none"))
+            rows.append((f"  {name}", ", ".join(map(quoted, getattr(task, name))) or "none"))
         for plan in task.plans:
             steps = [f"{first} + {second} -> {result}" for first, second, result in plan]
             rows.append(("  plan", "; ".join(steps)))

@@ -46,7 +46,7 @@ FILE_ONLY = [
 ]
 
 
-def train_agent(
+def train_agent(  # noqa: PLR0913 - parameters are the command's options
     graph: Graph,
     *,
     scorer: Path | None = None,

@@ -29,8 +29,8 @@ def train_recipes(
 ) -> int:
     """Fit a recipe scorer: how plausible is a result for a pair, and which recipes support it?
 
-    Agents can use the scorer as a third knowledge source (train-agent --use u,v,w), and link
-    commands accept it too. Only train recipes support a score.
+    Agents can use the scorer as a third knowledge source (train-agent --use
+    combines,component,recipe), and link commands accept it too. Only train recipes support a score.
 
     Args:
         out: model folder to write. Default: models/<graph name>-recipes.

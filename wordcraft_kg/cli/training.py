@@ -49,7 +49,8 @@ class TrainingOutput:
         values: converts an outcome to plain values for JSON.
         finish: writes further output after training, such as a report.
         product: file or folder name that ``finish`` writes; empty if none.
-        compared_with: further words of the command `compare` that is suggested after training with several seeds.
+        compared_with: further words of the command `compare` that is suggested after training with
+            several seeds.
     """
 
     training_class: str
@@ -250,8 +251,7 @@ def _link_rows(trained: "TrainedLinks") -> Rows:
     if metrics.choice and not metrics.choice.beats_counting:
         logging.getLogger(__name__).warning(
             "on held-out train recipes no candidate is better than the frequency rule; expect the "
-            "same for unseen "
-            "triples."
+            "same for unseen triples."
         )
     # A model that has converged remembers its training triples far better than this.
     if metrics.train_mrr < 0.1:

@@ -6,7 +6,7 @@ ahead.
 
 Tables are columns here, shape (K, R) for R tables, because operations go candidate by candidate
 over all tables at once. Every constant of the hash is part of the results: with another one, all
-figures of trained agents change.
+results of trained agents change.
 """
 
 import numpy as np

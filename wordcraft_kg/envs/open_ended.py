@@ -15,6 +15,7 @@ from wordcraft_kg.base.errors import (
     UnknownEntityError,
 )
 from wordcraft_kg.base.settings import MAX_SIZE, one_of, whole
+from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.envs.config import METADATA, IllegalAction, check_mode
 from wordcraft_kg.envs.world import GraphLike, open_world_graph
 from wordcraft_kg.graphs.planner import layers
@@ -58,7 +59,7 @@ class Discovery:
         # Layer -1 stands for entities that no sequence of attempts can make.
         self.reachable = int((layers(graph, self.base) >= 0).sum())
         if self.reachable == len(self.base):
-            labels = ", ".join(graph.labels(self.base)) or "(empty)"
+            labels = ", ".join(map(quoted, graph.labels(self.base))) or "(empty)"
             raise ConfigError(
                 f"`base` {labels}: nothing new can be made from these entities in {graph.name}."
             )

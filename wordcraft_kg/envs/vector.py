@@ -23,12 +23,16 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
 
     Observations are as in :class:`~wordcraft_kg.envs.wordcraft.WordCraftEnv` with a first axis of
     length N, fresh arrays each time. ``autoreset_mode`` is one of Gymnasium's modes. SAME_STEP, the
-    default: where ``terminated`` is True, the observation is the first of the next episode, while
-    reward, flags and infos belong to the step that ended. NEXT_STEP: the next step begins the new
-    episode without acting. DISABLED: ``reset(options={"reset_mask": mask})`` begins it.
+    default: where ``terminated`` is True, observation and infos are the first of the next episode;
+    reward and flags belong to the step that ended, and so do ``final_obs`` and ``final_info``.
+    NEXT_STEP: the next step begins the new episode without acting. DISABLED:
+    ``reset(options={"reset_mask": mask})`` begins it.
 
-    Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``.
-    ``final_obs`` is missing, since episodes only terminate and nothing is bootstrapped.
+    Infos are arrays of length N: ``outcome`` (names), ``by_plan``, ``illegal_action``, ``task``. As
+    in Gymnasium, a step in the mode SAME_STEP that ends episodes adds ``final_obs``, an array of
+    objects with the last observation of each ended episode (None elsewhere), ``final_info`` with
+    arrays of the infos above, and the masks ``_final_obs`` and ``_final_info``. Episodes only
+    terminate, so nothing is bootstrapped from them.
     """
 
     def __init__(
@@ -88,46 +92,58 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
 
         Args:
             seed: begins the first episode of a seed, whose random stream is separate in each
-                environment; None continues the streams, or at first draws a seed from the system.
+                environment; or N seeds, one for each environment, where None continues a stream. An
+                environment with a seed of its own has the episodes of a single environment
+                (``num_envs=1``) with this seed. None continues all streams, or at first draws a
+                seed from the system.
             options: ``reset_mask``, booleans of shape (N,), restarts only the environments where it
-                is True, and takes no seed.
+                is True, and takes no seed but a list.
 
         Returns:
             Observations and infos of all environments.
 
         Raises:
-            ConfigError: for a list of seeds, another option, or a mask of another shape or type.
+            ConfigError: for a wrong number of seeds, another option, or a mask of another shape or
+                type.
         """
-        if isinstance(seed, list | tuple | np.ndarray):
-            raise ConfigError(
-                "`seed`: expected one integer, which seeds a separate stream for each environment."
-            )
         others = {*(options or {})} - {"reset_mask"}
         if others:
             raise ConfigError(
                 f"unknown reset option '{min(others)}': expected reset_mask; "
                 "set tasks with the engine's pose()."
             )
+        seeds: list[int | None] | None = None
+        if isinstance(seed, list | tuple | np.ndarray):
+            seeds = list(seed)
+            seed = None
+            if len(seeds) != self.num_envs:
+                raise ConfigError(
+                    f"`seed`: {len(seeds)} seeds for {self.num_envs} environments; expected one "
+                    "for each, or one integer for all."
+                )
         mask = None if not options else np.asarray(options["reset_mask"])
         if mask is not None and (
             seed is not None or mask.dtype != bool or mask.shape != (self.num_envs,)
         ):
             raise ConfigError(
-                f"`reset_mask`: expected booleans of shape ({self.num_envs},), and no seed."
+                f"`reset_mask`: expected booleans of shape ({self.num_envs},), and no seed or "
+                f"{self.num_envs} seeds."
             )
         # Without a seed, the first reset draws one, and all later resets go on from there.
-        if seed is None and self._state is None:
-            seed = int(np.random.SeedSequence().generate_state(1)[0])
+        drawn = int(np.random.SeedSequence().generate_state(1)[0])
         # A mask resets finished episodes in place, in the mode DISABLED.
-        if mask is not None:
-            state = self.engine.begin_where(self.state, mask)
-        elif seed is None:
-            state = self.engine.restart(self.state)
+        if mask is not None or seeds is not None:
+            state = self.engine.reset(drawn) if self._state is None else self._state
+            if seeds is not None:
+                state = self.engine.reseed(state, seeds, mask)
+            everywhere = np.ones(self.num_envs, dtype=bool)
+            state = self.engine.begin_where(state, everywhere if mask is None else mask)
+        elif seed is None and self._state is not None:
+            state = self.engine.restart(self._state)
         else:
-            state = self.engine.reset(seed)
+            state = self.engine.reset(drawn if seed is None else seed)
         self._state = state
-        nothing_done = self._no_step()
-        return self._observations(), self._infos(nothing_done, state.task)
+        return self._observations(), self._infos(self._no_step(), state.task)
 
     def step(
         self, actions: NDArray[np.int64]
@@ -150,29 +166,28 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
         """
         before = self.state
         ended = before.attempts_left == 0  # never in the mode SAME_STEP
-        if self._mode is AutoresetMode.SAME_STEP:
-            self._state, done = self.engine.step(before, actions)
-        elif self._mode is AutoresetMode.DISABLED and ended.any():
+        if self._mode is AutoresetMode.DISABLED and ended.any():
             raise EpisodeError(
                 f"environment {int(ended.argmax())} has ended; call reset() with a `reset_mask`."
             )
-        elif ended.all():
+        if ended.all():
             done = self._no_step()  # the engine refuses a step without a running episode
         else:
             self._state, done = self.engine.step_once(before, actions)
-        if self._mode is AutoresetMode.NEXT_STEP:
+        shown = done
+        final: dict[str, Any] = {}
+        if self._mode is AutoresetMode.SAME_STEP and done.over.any():
+            final = self._final(done)
+            shown = self._running(done)
+            ended = done.over
+        if self._mode is not AutoresetMode.DISABLED:
             self._state = self.engine.begin_where(self.state, ended)
-        # Where a new episode began in place of a step, infos name its task.
+        # Where a new episode began, infos name its task.
         task = self.state.task if ended.any() else done.task
         never = np.zeros(self.num_envs, dtype=bool)
         reward = done.reward.astype(np.float64)
-        return (
-            self._observations(),
-            reward,
-            done.over,
-            never,
-            self._infos(done, task),
-        )
+        infos = self._infos(shown, task) | final
+        return self._observations(), reward, done.over, never, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which slots hold an entity, shape (N, num_slots)."""
@@ -212,10 +227,46 @@ class WordCraftVectorEnv(VectorEnv[Arrays, Any, Any]):
             task=self.state.task,
         )
 
+    def _final(self, done: Step) -> dict[str, Any]:
+        """Return observations and infos of the episodes that a step has ended, in Gymnasium's form.
+
+        Args:
+            done: outcome of the step; no ended episode is replaced yet.
+        """
+        observations = self._observations()
+        final_obs = np.full(self.num_envs, None, dtype=object)
+        rows = np.flatnonzero(done.over)
+        # Rows of arrays are iterated faster than indexed.
+        columns = [values[rows] for values in observations.values()]
+        for env, *values in zip(rows.tolist(), *columns, strict=True):
+            final_obs[env] = dict(zip(observations, values, strict=True))
+        info: dict[str, Any] = {}
+        for name, column in self._infos(done, done.task).items():
+            # Zeros, or None for names, where no episode has ended.
+            empty = np.full_like(column, None if column.dtype == object else 0)
+            info[name] = np.where(done.over, column, empty)
+            info[f"_{name}"] = done.over.copy()
+        return {
+            "final_obs": final_obs,
+            "_final_obs": done.over.copy(),
+            "final_info": info,
+            "_final_info": done.over.copy(),
+        }
+
+    @staticmethod
+    def _running(done: Step) -> Step:
+        """Return a step's outcome without ended episodes, whose places are taken by new ones."""
+        running = ~done.over
+        return done._replace(
+            outcome=done.outcome * running,
+            by_plan=done.by_plan & running,
+            illegal=done.illegal & running,
+        )
+
     @staticmethod
     def _infos(done: Step, task: Any) -> dict[str, Any]:
         return {
-            "outcome": np.array(OUTCOMES)[done.outcome],
+            "outcome": np.array(OUTCOMES, dtype=object)[done.outcome],
             "by_plan": done.by_plan,
             "illegal_action": done.illegal,
             "task": np.array(task),

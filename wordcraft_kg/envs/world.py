@@ -203,7 +203,10 @@ class World:
 
     @_derived_from(*_TASKS)
     def groups(self) -> Ids:
-        """Each task's resampling group, shape (N,), see :meth:`~wordcraft_kg.graphs.tasks.TaskSet.groups_in`."""
+        """Each task's resampling group, shape (N,).
+
+        See :meth:`~wordcraft_kg.graphs.tasks.TaskSet.groups_in`.
+        """
         return self.tasks.groups_in(self.split)
 
     @_derived_from("ambiguity")
@@ -219,8 +222,11 @@ class World:
         """Each entity's weight as a distractor, shape (E,), int64."""
         weights = np.ones(self.nothing, dtype=np.int64)
         if self.config.distractor_weighting == "use":
-            # Train recipes only: weights by all recipes would reveal which entities test recipes use.
+            # Train recipes only: weights by all recipes would reveal which entities test recipes
+            # use.
             weights += self.split.train_uses
+        # Half-products of chains are on a table only if a player has made them.
+        weights[self.graph.is_half_product] = 0
         return frozen(weights)
 
     @_derived_from("distractor_policy", "part")

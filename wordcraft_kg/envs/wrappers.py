@@ -169,8 +169,9 @@ class KGScoreObservation(_Ids):
 
         Args:
             env: a crafting environment that observes ids.
-            sources: sources for the environment's graph, such as ``make_sources(["u", "v"],
-                scorer)``. A cross-fitted scorer needs the tasks, too:
+            sources: sources for the environment's graph, such as
+                ``make_sources(["combines", "component"], scorer)``. A
+                cross-fitted scorer needs the tasks, too:
                 ``make_sources(..., tasks=env.unwrapped.world.tasks)``.
 
         Raises:
@@ -216,8 +217,22 @@ class VectorKGScoreObservation(VectorWrapper):
 
     def step(self, actions: Any) -> tuple[Observation, Any, Any, Any, Info]:
         """Choose a slot in each environment."""
-        observations, *rest = self.env.step(actions)
-        return self._with_scores(observations), *rest
+        observations, reward, terminated, truncated, infos = self.env.step(actions)
+        if "final_obs" in infos:
+            infos = {**infos, "final_obs": self._final(infos)}
+        return self._with_scores(observations), reward, terminated, truncated, infos
+
+    def _final(self, infos: Info) -> NDArray[np.object_]:
+        """Add scores to the last observations of ended episodes, whose tasks are in their infos."""
+        rows = np.flatnonzero(infos["_final_obs"])
+        last = [infos["final_obs"][row] for row in rows]
+        batch = {name: np.stack([one[name] for one in last]) for name in last[0]}
+        scores = self._scores.of(batch, infos["final_info"]["task"][rows])
+        final = np.full_like(infos["final_obs"], None)
+        for place, row in enumerate(rows):
+            own = {name: values[place] for name, values in scores.items()}
+            final[row] = {**last[place], **own}
+        return final
 
     def _with_scores(self, observations: Observation) -> Observation:
         task = self.env.unwrapped.state.task  # type: ignore[attr-defined]

@@ -11,7 +11,7 @@ Schema of ``report.json`` is derived from the view's type and checked when the f
 - Links: ``ranked_links`` ranks, ``links`` and ``link_sections`` make the view, ``link_comparison``
   compares models, ``probabilities`` checks calibration.
 - Single scores: ``queries`` parses, ``scores`` and ``recipe_scores`` answer.
-- Play: ``agents``, ``agent_figures`` and ``training_curves`` for trained agents, ``players`` for
+- Play: ``agents``, ``agent_metrics`` and ``training_curves`` for trained agents, ``players`` for
   one agent or scripted players, ``discovery`` for open-ended play, ``tasks`` for examples.
 - Other results to compare with: ``reference`` reads the files in ``references/``,
   ``result_readers`` reads the user's results, ``reference_table`` puts both into one table.

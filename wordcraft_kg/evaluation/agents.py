@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import chain, product
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -17,10 +17,11 @@ from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation import agent_figures, training_curves
+from wordcraft_kg.evaluation import agent_metrics, training_curves
 from wordcraft_kg.evaluation.reference import ReferenceRow, pack_of, play_of
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.policies.sources import shown_setting
 
 _RULES = ("depth", "max_attempts", "distractor_weighting", "distractor_policy", "ambiguity")
 """Task settings that must be equal in all compared agents."""
@@ -105,12 +106,12 @@ class AgentEntry(Record):
     steps: tuple[int, ...]
     seconds: tuple[float | None, ...]
     steps_per_second: tuple[float | None, ...]
-    success: dict[str, agent_figures.AgentSuccess]
+    success: dict[str, agent_metrics.AgentSuccess]
     outcomes: dict[str, dict[TerminationReason, Share]]
-    slices: dict[agent_figures.Slice, tuple[agent_figures.SliceSuccess, ...]]
+    slices: dict[agent_metrics.Slice, tuple[agent_metrics.SliceSuccess, ...]]
     curves: dict[str, tuple[training_curves.CurvePoint, ...]]
     lambdas: tuple[training_curves.LambdaCurve, ...]
-    training: dict[training_curves.Figure, tuple[training_curves.SeedCurve, ...]]
+    training: dict[training_curves.TrainingMetric, tuple[training_curves.SeedCurve, ...]]
     provenance: dict[str, dict[str, str]]
 
 
@@ -249,7 +250,7 @@ def view_agents(
         GraphMismatchError: if the agents were trained on different graphs or splits.
         ConfigError: if their task settings differ, or if no agent can play with these distractors.
     """
-    everyone = [agent for members in groups.values() for agent in members]
+    everyone = list(chain.from_iterable(groups.values()))
     first = everyone[0]
     world, played = _conditions(everyone, part, distractors)
     headline = world.config.num_distractors
@@ -403,7 +404,10 @@ def _conditions(
         # A small graph may have too few entities for eight distractors.
         usual = (amount for amount in DISTRACTORS if amount <= world.max_distractors)
         distractors = sorted({*usual, *(agent.config.tasks.distractors for agent in agents)})
-    played = [amount for amount in distractors if any(can_play(agent, amount) for agent in agents)]
+    played = []
+    for amount in distractors:
+        if any(can_play(agent, amount) for agent in agents):
+            played.append(amount)
     if not played:
         raise ConfigError(
             f"`distractors` {list(distractors)}: an mlp plays with as many as in training, "
@@ -420,7 +424,7 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
         if agent.opened.split.hash != first.opened.split.hash:
             raise GraphMismatchError(
                 f"'{agent.name}' and '{first.name}' were trained on different graphs or splits: "
-                "their tasks differ, so their figures cannot be compared. Train all runs on the "
+                "their tasks differ, so their results cannot be compared. Train all runs on the "
                 "same graph folder."
             )
         for rule in rules:
@@ -429,7 +433,7 @@ def _check_alike(agents: Sequence[OpenedAgent], rules: Sequence[str]) -> None:
             if value != expected:
                 raise ConfigError(
                     f"'{agent.name}' plays with {rule} {value} and '{first.name}' with "
-                    f"{expected}: their figures cannot be compared."
+                    f"{expected}: their results cannot be compared."
                 )
 
 
@@ -452,13 +456,13 @@ def _entry(
 ) -> AgentEntry:
     headline = results.get(world.config.num_distractors, [])
     config = members[0].config
-    against_scorer: dict[int, agent_figures.AgainstScorer] = {}
+    against_scorer: dict[int, agent_metrics.AgainstScorer] = {}
     if members[0].policy.sources:
         _, alone = scorers[_scores_of(members[0])]
         # The last one is p alone if the agent has it, else w alone, else all sources.
         sources, played = list(alone.items())[-1]
         against_scorer = {
-            amount: agent_figures.compare_with_scorer(runs, sources, played[amount])
+            amount: agent_metrics.compare_with_scorer(runs, sources, played[amount])
             for amount, runs in results.items()
         }
     return AgentEntry(
@@ -467,7 +471,7 @@ def _entry(
         seeds=tuple(agent.config.trainer.seed for agent in members),
         checkpoints=tuple(agent.checkpoint for agent in members),
         settings={
-            key: str(value)
+            key: shown_setting(key, value)
             for key, value in config.differing().items()
             if key not in ("seed", "graph")
         },
@@ -480,16 +484,16 @@ def _entry(
             agent.evaluation.steps_per_second if agent.evaluation else None for agent in members
         ),
         success={
-            str(amount): agent_figures.success_of(
+            str(amount): agent_metrics.success_of(
                 runs, reference.get(amount), against_scorer.get(amount)
             )
             for amount, runs in results.items()
         },
-        outcomes={str(amount): agent_figures.outcomes_of(runs) for amount, runs in results.items()},
-        slices=agent_figures.slices_of(members[0], world.tasks, headline, made_by_other_books),
+        outcomes={str(amount): agent_metrics.outcomes_of(runs) for amount, runs in results.items()},
+        slices=agent_metrics.slices_of(members[0], world.tasks, headline, made_by_other_books),
         curves=training_curves.success_curves(members),
         lambdas=tuple(training_curves.lambda_curves(members)),
-        training=training_curves.training_figures(members),
+        training=training_curves.training_metrics(members),
         provenance={agent.name: agent.provenance for agent in members},
     )
 

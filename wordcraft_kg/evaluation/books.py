@@ -1,8 +1,12 @@
 """List of the known recipe books, and the check of a recipe book."""
 
+from pathlib import Path
+from typing import Unpack
+
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
 from wordcraft_kg.base.records import Count, Record
-from wordcraft_kg.graphs.book_check import BookCheck, BookFigures, Finding, check_book, listed
+from wordcraft_kg.graphs.book_check import BookCheck, BookStatistics, Finding, check_book, listed
+from wordcraft_kg.graphs.book_files import ReadOptions, write_book
 from wordcraft_kg.graphs.library import (
     FETCHABLE,
     KnownBook,
@@ -12,6 +16,7 @@ from wordcraft_kg.graphs.library import (
     locate_book,
     open_book,
 )
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 
@@ -61,12 +66,16 @@ class CheckedBook(Record):
         passed: whether the check found no problem.
         figures: counts; empty if no recipe could be read.
         findings: problems first, then notes.
+        reading: how the file was read; None if its shape is unknown.
+        fixed: the mended book that was written; None if none was asked for.
     """
 
     book: str
     path: str
     passed: bool
-    figures: BookFigures | dict[str, None]
+    reading: Reading | None
+    fixed: str | None
+    figures: BookStatistics | dict[str, None]
     findings: tuple[Finding, ...]
 
 
@@ -104,36 +113,63 @@ def _size(book: KnownBook) -> tuple[int, int] | None:
 
 
 def view_check(
-    book: str, base: list[str] | None, against: str | None, *, single_ingredient: str | None = None
+    book: str,
+    base: list[str] | None,
+    against: str | None,
+    *,
+    fix: Path | None = None,
+    **options: Unpack[ReadOptions],
 ) -> CheckedBook:
     """Check a book, its words without vectors, and its overlap with another book.
+
+    Without the packages for word vectors, as in the light installation, words are not checked.
 
     Args:
         book: file, folder or known name.
         base: labels of the base entities; None for the book's own, or else inferred ones.
         against: another book to compare with; None for no comparison.
-        single_ingredient: treatment of rows with one ingredient, see
-            :func:`~wordcraft_kg.graphs.book_files.read_book`.
+        fix: file for the mended book: readable recipes, each once, in UTF-8; None for none.
+        options: what a user says about the file, see
+            :class:`~wordcraft_kg.graphs.book_files.BookOptions`.
 
     Returns:
         Counts and findings.
+
+    Raises:
+        RecipeFileError: if the file cannot be read, or no recipe is left to write.
     """
     located = locate_book(book)
     in_folder = located.path / "graph.json"
     path = in_folder if in_folder.is_file() else located.path
     # Opened before the check, which may take seconds: a wrong name fails at once.
     other = None if against is None else open_book(against)
-    check = check_book(
-        path, base or located.base, located.name, single_ingredient=single_ingredient
-    )
+    check = check_book(path, base or located.base, located.name, **options)
     graph = check.graph
+    if fix is not None:
+        if check.book is None:
+            raise RecipeFileError(
+                f"{path}: no recipe is readable, so nothing was written to {fix}."
+            )
+        write_book(check.book, fix)
     if graph is not None:
-        check = _with_words(check, graph)
+        try:
+            check = _with_words(check, graph)
+        except ImportError as error:
+            message = f"words were not checked for word vectors, which need {error.name}"
+            check = check.adding([Finding("vector", "note", (), message)])
     if graph is not None and other is not None:
         shared = len(set(graph.recipe_labels()) & set(other.recipes))
         share = shared / graph.num_recipes
         check = check.adding((), against=other.name, shared_recipes=shared, shared=share)
-    return CheckedBook(book, str(path), check.passed, check.figures or {}, check.findings)
+    return CheckedBook(
+        book,
+        str(path),
+        check.passed,
+        check.reading,
+        None if fix is None else str(fix),
+        check.figures or {},
+        check.findings,
+    )
 
 
 def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:

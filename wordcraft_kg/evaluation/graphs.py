@@ -6,6 +6,7 @@ from wordcraft_kg.base.errors import GraphError
 from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.graphs.audit import Audit, SplitSummary, TripleCounts
 from wordcraft_kg.graphs.planner import Planner, layers
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
 
@@ -14,8 +15,10 @@ class BuiltGraph(Record, omit_defaults=True, kw_only=True):
     """The main counts of a new recipe graph, its triples and its split.
 
     Attributes:
-        entities: number of entities.
-        recipes: number of recipes.
+        reading: how the book's file was read; None without a file.
+        entities: number of entities, without half-products.
+        half_products: number of half-products of chains.
+        recipes: number of recipes, without those that make half-products.
         pairs: number of different ingredient pairs.
         base: labels of the base entities.
         base_is_inferred: whether the base is inferred: entities that no recipe makes.
@@ -31,7 +34,9 @@ class BuiltGraph(Record, omit_defaults=True, kw_only=True):
         out: the graph folder.
     """
 
+    reading: Reading | None = None
     entities: Count
+    half_products: Count = 0
     recipes: Count
     pairs: Count
     base: tuple[str, ...]
@@ -58,12 +63,13 @@ class CheapestDerivation(Record):
     steps: tuple[Recipe, ...]
 
 
-class EntityView(Record):
+class EntityView(Record, omit_defaults=True, kw_only=True):
     """An entity, the recipes that make it, and its uses.
 
     Attributes:
         entity: the label.
         base: whether the entity is a base entity.
+        half_product: whether it is a half-product of a chain, no thing of the game.
         layer: crafting round that can first make the entity; None if it is unreachable.
         recipes: recipes that make the entity.
         uses: recipes that use the entity.
@@ -72,6 +78,7 @@ class EntityView(Record):
 
     entity: str
     base: bool
+    half_product: bool = False
     layer: Count | None
     recipes: tuple[Recipe, ...]
     uses: tuple[Recipe, ...]
@@ -105,6 +112,7 @@ def view_entity(graph: RecipeGraph, label: str) -> EntityView:
     return EntityView(
         entity=label,
         base=label in graph.base,
+        half_product=bool(graph.is_half_product[entity]),
         layer=layer if layer >= 0 else None,
         recipes=tuple(graph.recipe_labels(graph.recipes[graph.recipes_of(entity)])),
         uses=tuple(graph.recipe_labels(graph.recipes[graph.uses_of(entity)])),

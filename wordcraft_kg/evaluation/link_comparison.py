@@ -64,8 +64,8 @@ class LinkComparison(Record, omit_defaults=True):
             ranked.
         best: model with the highest MRR among models that have not seen the test recipes; None
             without such models.
-        not_told_apart: models that do not differ from `best`: the interval of the difference
-            contains 0.
+        not_significant: models without a significant difference from `best` at 5 %: the interval
+            of the difference contains 0.
         out: the written page; None without a page.
     """
 
@@ -80,7 +80,7 @@ class LinkComparison(Record, omit_defaults=True):
     models: Annotated[tuple[ComparedModel, ...], msgspec.Meta(min_length=2)]
     sampled_from: Count | None = None
     best: str | None = None
-    not_told_apart: tuple[str, ...] = ()
+    not_significant: tuple[str, ...] = ()
     out: str | None = None
 
 
@@ -154,14 +154,14 @@ def compare(
     # A model that has seen the test recipes would win by memory.
     fair = [(model.name, values) for model, values in ranked if not model.has_seen_the_test_recipes]
     best = max(fair, key=lambda pair: float(pair[1].mean()), default=None)
-    not_told_apart = []
+    not_significant = []
     for candidate in fair:
         if best is None or candidate is best:
             continue
         lead = best[1] - candidate[1]
         # The best model is ahead by its mean: only the lower end can include 0.
         if bounds(lead, resampled(lead), confidence)[0] <= 0:
-            not_told_apart.append(candidate[0])
+            not_significant.append(candidate[0])
     return LinkComparison(
         graph=graph.name,
         hash=graph.hash,
@@ -174,7 +174,7 @@ def compare(
         sampled_from=len(everything) if len(everything) > len(queries) else None,
         models=tuple(models),
         best=best[0] if best else None,
-        not_told_apart=tuple(not_told_apart),
+        not_significant=tuple(not_significant),
     )
 
 
@@ -216,7 +216,7 @@ def _check_alike(reference: Model, contender: Contender) -> None:
             if left != right:
                 raise GraphMismatchError(
                     f"'{reference.scorer.name}' and '{run.scorer.name}' were trained on different "
-                    f"{input_name} ({left[:12]}, {right[:12]}); their figures cannot be compared. "
+                    f"{input_name} ({left[:12]}, {right[:12]}); their metrics cannot be compared. "
                     "Train all on the same graph."
                 )
         if run.comparable_settings != contender.runs[0].comparable_settings:

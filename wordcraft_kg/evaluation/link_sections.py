@@ -36,6 +36,7 @@ _LAYERS = ((0, 2), (3, 5), (6, 8), (9, 11), (12, OPEN_END))
 NO_NEAR_SYNONYM = "no such train recipe"
 LINKS_TO = "componentOf,"
 """Beginning of the names of componentOf queries by goal."""
+Verdict = Literal["above", "no significant difference", "below"]
 
 
 class BaselineComparison(Record):
@@ -46,13 +47,20 @@ class BaselineComparison(Record):
         difference: MRR of the link predictor minus that of the baseline.
         ci: 95 % interval, by bootstrap over groups of recipes; both models answer the same
             resampled queries.
-        verdict: `level with` if the interval contains 0.
+        verdict: `no significant difference` (at 5 %) if the interval contains 0.
     """
 
     baseline: str
     difference: Annotated[float, msgspec.Meta(ge=-1, le=1)]
     ci: tuple[float, float]
-    verdict: Literal["above", "level with", "below"]
+    verdict: Verdict
+
+    @property
+    def compared(self) -> str:
+        """Verdict before the baseline's name: ``above``, or ``no significant difference from``."""
+        if self.verdict == "no significant difference":
+            return f"{self.verdict} from"
+        return self.verdict
 
 
 class SliceMetrics(RankingMetrics, kw_only=True):
@@ -138,7 +146,7 @@ def comparisons_of(links: RankedLinks, seed: int) -> tuple[BaselineComparison, .
         difference = reciprocal_ranks - others[name]
         means = bootstrap(difference, links.clusters, seed=seed)
         low, high = cluster_interval(difference, links.clusters, means)
-        verdict: Literal["above", "level with", "below"] = "level with"
+        verdict: Verdict = "no significant difference"
         if low > 0:
             verdict = "above"
         elif high < 0:

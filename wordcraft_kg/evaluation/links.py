@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from wordcraft_kg.agents.players import PlayerSuccess
 from wordcraft_kg.base.records import Count, Hash, Record, Share
+from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.evaluation import link_sections
 from wordcraft_kg.evaluation.probabilities import Reliability, view_probabilities
 from wordcraft_kg.evaluation.ranked_links import RankedLinks
@@ -303,7 +304,7 @@ def _checks(links: RankedLinks) -> Iterator[Check]:
         uncovered = np.setdiff1d(needed, links.train_sample.recipes)
         detail = "all do"
         if len(uncovered):
-            listed = ", ".join(graph.labels(uncovered[:6]))
+            listed = ", ".join(map(quoted, graph.labels(uncovered[:6])))
             detail = f"{len(uncovered)} do not ({listed}): their ranks are near chance"
         yield Check("coverage", "every entity occurs in training", not len(uncovered), detail)
     if links.is_full:

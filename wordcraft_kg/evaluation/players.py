@@ -24,7 +24,7 @@ from wordcraft_kg.agents.players import (
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.evaluation.agent_figures import (
+from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
     SliceSuccess,
     compare_with_scorer,
@@ -33,6 +33,7 @@ from wordcraft_kg.evaluation.agent_figures import (
 from wordcraft_kg.evaluation.goal_groups import goal_groups
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.policies.sources import with_letters
 
 if TYPE_CHECKING:
     from wordcraft_kg.models.model import Model
@@ -141,7 +142,9 @@ def view_evaluation(
             by_goal[count] = slice_successes(groups, [result])
     scores = None
     if agent == "kg-only":
-        scores = f"{policy.use}, scale {policy.scale}, self edges {policy.self_edges}"
+        scores = (
+            f"{with_letters(policy.sources)}, scale {policy.scale}, self edges {policy.self_edges}"
+        )
     return AgentEvaluation(
         run=str(run),
         agent=agent,
@@ -150,7 +153,7 @@ def view_evaluation(
         part=part,
         depth=tasks.depth,
         distractor_policy=world.config.distractor_policy,
-        success={amount: result.figures() for amount, result in results.items()},
+        success={amount: result.metrics() for amount, result in results.items()},
         outcomes={amount: result.shares() for amount, result in results.items()},
         against_scorer=against_scorer,
         by_goal=by_goal,

@@ -168,7 +168,7 @@ def rank_links(
 
 
 def _too_few(count: int, opened: OpenedGraph, kg: TrainedOn) -> str:
-    needed = f"a meaningful figure needs at least {MIN_TRIPLES}."
+    needed = f"a meaningful metric needs at least {MIN_TRIPLES}."
     if kg == "full":
         more = "Use a recipe book with more recipes."
         return f"only {count} triples in the whole graph; {needed} {more}"

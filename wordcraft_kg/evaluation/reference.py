@@ -14,6 +14,7 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
+from wordcraft_kg.models.policies.sources import shown_setting
 
 PACK = Path(__file__).parent / "references"
 # A later format gets another number, so that an older package refuses the file with a reason.
@@ -61,7 +62,8 @@ class PlayedGraph(Record, frozen=True):
     @classmethod
     def of(cls, opened: OpenedGraph) -> "PlayedGraph":
         """Return the identity of an opened graph and its split."""
-        graph, split = opened.graph, opened.split
+        graph = opened.graph
+        split = opened.split
         return cls(graph.name, graph.hash, split.config.kind, split.config.seed, split.hash)
 
 
@@ -166,7 +168,8 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
             return f"{figure.value:g}"
         digits = _DIGITS[self.measure]
         value = f"{figure.value:.{digits}f}"
-        # Bounds are equal where no resample differs, as for an oracle: an interval would say nothing.
+        # Bounds are equal where no resample differs, as for an oracle: an interval would say
+        # nothing.
         if figure.low is None or figure.high is None or figure.low == figure.high:
             return value
         return f"{value} [{figure.low:.{digits}f}, {figure.high:.{digits}f}]"
@@ -210,7 +213,7 @@ class ReferenceRow(Record, frozen=True, kw_only=True, omit_defaults=True):
             counted(self.seeds, "seed") if self.seeds else "",
             f"{steps} steps" if steps else "",
             f"trained with {trained_with}" if trained_with else "",
-            *(f"{name} {value}" for name, value in settings.items()),
+            *(f"{name} {shown_setting(name, value)}" for name, value in settings.items()),
             counted(self.people, "person", "people") if self.people else "",
             self.notes,
         ]
@@ -319,7 +322,7 @@ def play_of(tasks: TaskConfig, part: TaskPart) -> TaskPlay | None:
     return TaskPlay(part, config.depth, config.attempts)
 
 
-def figures_of(
+def metrics_of(
     values: Mapping[int, Estimate], by_plan: Mapping[int, float] | None = None
 ) -> dict[str, MeasuredValue]:
     """Convert values to results rounded to six digits.

@@ -21,8 +21,8 @@ from wordcraft_kg.evaluation.reference import (
     PlayedGraph,
     ReferenceRow,
     TaskPlay,
-    figures_of,
     literature,
+    metrics_of,
     pack_of,
 )
 from wordcraft_kg.evaluation.result_readers import (
@@ -228,7 +228,7 @@ def _task_rows(
             player=player,
             kind=_kind(player),
             measure="success",
-            figures=figures_of(values, by_plan[player]),
+            figures=metrics_of(values, by_plan[player]),
             origin="ours",
             source=f"wordcraft-kg evaluate-agent {opened.graph.name} {options}",
             play=play,
@@ -251,7 +251,7 @@ def _open_rows(opened: OpenedGraph, play: OpenPlay) -> Iterator[ReferenceRow]:
             player=player,
             kind=_kind(player),
             measure="entities known",
-            figures=figures_of(values),
+            figures=metrics_of(values),
             origin="ours",
             source=f"wordcraft-kg discover {opened.graph.name} --base '{','.join(play.base)}'",
             play=play,

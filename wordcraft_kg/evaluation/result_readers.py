@@ -28,7 +28,7 @@ from wordcraft_kg.evaluation.reference import (
     Origin,
     ReferenceRow,
     TaskPlay,
-    figures_of,
+    metrics_of,
     play_of,
 )
 from wordcraft_kg.graphs.folder import OpenedGraph
@@ -271,7 +271,7 @@ def agent_rows(
                 f"--external-results: '{name}' plays with {members[0].config.tasks.distractors} "
                 f"distractors only; add this number to --distractors {','.join(map(str, columns))}."
             )
-        figures = figures_of(estimates[name], own[name])
+        figures = metrics_of(estimates[name], own[name])
         rows.append(_agent_row(name, members, figures, play, origin, evaluator))
     return tuple(rows)
 

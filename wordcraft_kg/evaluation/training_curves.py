@@ -12,10 +12,10 @@ from wordcraft_kg.models.policies.sources import ALPHA, source_names
 
 _CURVE_POINTS = 100
 """Approximate limit for points in a curve."""
-Figure = Literal[
+TrainingMetric = Literal[
     "test_success", "return", "loss", "pg_loss", "baseline_loss", "entropy", "grad_norm"
 ]
-FIGURES: tuple[Figure, ...] = get_args(Figure)
+METRICS: tuple[TrainingMetric, ...] = get_args(TrainingMetric)
 
 
 class CurvePoint(Record, array_like=True):
@@ -91,15 +91,15 @@ def lambda_curves(members: Sequence[AgentRun]) -> list[LambdaCurve]:
     return curves
 
 
-def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurve, ...]]:
+def training_metrics(members: Sequence[AgentRun]) -> dict[TrainingMetric, tuple[SeedCurve, ...]]:
     """Return each run's logged statistics as curves, in about :data:`_CURVE_POINTS` points.
 
     The trainer's statistics are means since the line before. Where a line shortly follows another,
     as at a point of the learning curve, they cover a few updates and are mostly noise, so these
     points are left out. The success on test tasks is measured at the line itself and stays.
     """
-    by_figure: dict[Figure, tuple[SeedCurve, ...]] = {}
-    for figure in FIGURES:
+    by_metric: dict[TrainingMetric, tuple[SeedCurve, ...]] = {}
+    for figure in METRICS:
         curves = []
         for agent in members:
             # Steps since the line before, which a line's means cover.
@@ -117,8 +117,8 @@ def training_figures(members: Sequence[AgentRun]) -> dict[Figure, tuple[SeedCurv
             if thinned:
                 curves.append(SeedCurve(agent.config.trainer.seed, tuple(thinned)))
         if curves:
-            by_figure[figure] = tuple(curves)
-    return by_figure
+            by_metric[figure] = tuple(curves)
+    return by_metric
 
 
 def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[float]]]:
@@ -127,4 +127,7 @@ def _shared_rows(members: Sequence[AgentRun], key: str) -> list[tuple[int, list[
         by_run.append({row.step: row.figures[key] for row in agent.metrics if key in row.figures})
     # Only steps that all runs have reached: a mean over fewer seeds would jump where a run ends.
     shared = sorted(set.intersection(*map(set, by_run)))
-    return [(step, [values[step] for values in by_run]) for step in shared]
+    rows = []
+    for step in shared:
+        rows.append((step, [values[step] for values in by_run]))
+    return rows

@@ -9,7 +9,8 @@ book and the split's settings.
 Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 
 - ``recipes``, ``book_files``, ``book_check``, ``library``, ``made_up``: recipe books, as values,
-  as files, under construction, by name, and with invented words;
+  as files of any shape, under construction, by name, and with invented words;
+- ``chains``, ``reading``: recipes of other numbers of ingredients, and how a file was read;
 - ``recipe_graph``, ``arrays``, ``triples``, ``planner``: the graph, its id arrays, its triples,
   and the cheapest derivations;
 - ``splits``, ``folds``, ``train_samples``: recipes held out for tests, for cross-fitting, or left

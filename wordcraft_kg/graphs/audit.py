@@ -13,6 +13,7 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Hash, Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.planner import layers, rounds
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook, alike_labels
 from wordcraft_kg.graphs.splits import Split
@@ -184,7 +185,10 @@ class SplitSummary(Record):
 
     @property
     def train_share(self) -> float:
-        """Share of the recipes in the train part; ``train_ratio`` is the setting, of pairs, goals or groups."""
+        """Share of the recipes in the train part.
+
+        The setting ``train_ratio`` is a share of pairs, goals or groups instead.
+        """
         recipes = self.train_recipes + self.valid_recipes + self.test_recipes
         return self.train_recipes / max(recipes, 1)
 
@@ -216,8 +220,11 @@ class Audit(Record, omit_defaults=True, kw_only=True):
         dropped_self_results: rows of the source book that were left out, because their result is
             one of their ingredients; missing without a book.
         merged_duplicates: rows of the source book that repeat a recipe; missing without a book.
-        entities: number of entities.
-        recipes: number of recipes.
+        reading: how the book's file was read; missing without a file.
+        entities: number of entities, without half-products.
+        half_products: number of half-products of chains, which no other figure here counts but
+            the triples of all and of train recipes.
+        recipes: number of recipes, without those that make half-products.
         pairs: number of distinct unordered ingredient pairs.
         base: labels of the base entities.
         base_is_inferred: whether the base is the entities without a recipe, because no base was
@@ -234,7 +241,9 @@ class Audit(Record, omit_defaults=True, kw_only=True):
 
     dropped_self_results: Count | None = None
     merged_duplicates: Count | None = None
+    reading: Reading | None = None
     entities: Count
+    half_products: Count = 0
     recipes: Count
     pairs: Count
     base: tuple[str, ...]
@@ -262,15 +271,18 @@ def audit(
         split: a split of it.
         book: the source of the graph, for the counts of omitted rows; None without a book.
     """
-    alike = alike_labels(graph.entities)
+    whole = ~graph.is_half_product
+    alike = alike_labels(graph.labels(np.flatnonzero(whole)))
     relation = graph.triples[:, 1]
     combines_with, component_of = np.bincount(relation, minlength=len(RELATIONS)).tolist()
     return Audit(
         dropped_self_results=None if book is None else book.dropped_self_results,
         merged_duplicates=None if book is None else book.merged_duplicates,
-        entities=graph.num_entities,
-        recipes=graph.num_recipes,
-        pairs=graph.num_pairs,
+        reading=graph.reading,
+        entities=int(np.sum(whole)),
+        half_products=graph.num_half_products,
+        recipes=int(np.sum(~graph.makes_half_product)),
+        pairs=int(np.sum(graph.num_results > 0)),
         base=graph.base,
         base_is_inferred=graph.base_is_inferred,
         hash=graph.hash,
@@ -286,9 +298,11 @@ def audit(
 
 def split_summary(split: Split) -> SplitSummary:
     """Return a split's settings, and recipe and triple counts by part."""
-    train, valid, test = np.bincount(split.parts, minlength=3).tolist()
+    kept = ~split.graph.makes_half_product
+    train, valid, test = np.bincount(split.parts[kept], minlength=3).tolist()
     evaluated = split.held_out("test")
-    goals = np.unique(split.recipes("test")[:, 2])
+    of_test = split.triples_of("test")
+    goals = np.unique(split.graph.recipes[split.is_in("test") & kept, 2])
     is_train_goal = np.isin(goals, split.recipes("train")[:, 2])
     return SplitSummary(
         **asdict(split.config),
@@ -299,7 +313,7 @@ def split_summary(split: Split) -> SplitSummary:
         partial_triples=len(split.partial),
         unseen_triples=len(split.unseen),
         evaluated_triples=len(evaluated),
-        leaked_triples=len(split.triples_of("test")) - len(evaluated),
+        leaked_triples=int(np.sum(split.is_fact(of_test))) - len(evaluated),
         covered=not len(split.uncovered),
         uncovered=len(split.uncovered),
         uncovered_entities=split.graph.labels(split.uncovered[:SHOWN]),
@@ -315,9 +329,10 @@ def one_ingredient_away(split: Split) -> NDArray[np.bool_]:
     """Mark the test recipes that share an ingredient and the result with a train recipe.
 
     Returns:
-        Bool, shape (num_test,).
+        Bool, shape (num_test,), without recipes that make half-products.
     """
-    a, b, result = split.recipes("test").T
+    is_counted = split.is_in("test") & ~split.graph.makes_half_product
+    a, b, result = split.graph.recipes[is_counted].T
     num_entities = split.graph.num_entities
     relation = np.full_like(result, COMPONENT_OF)
     # Train recipes share a slot where their triples contain (ingredient, componentOf, result).
@@ -333,7 +348,8 @@ def leakage(split: Split) -> dict[Relation, Leakage]:
     has_mirror = is_in(mirrors, split.partial, split.graph.num_entities)
     tables: dict[Relation, Leakage] = {}
     for relation, name in enumerate(RELATIONS):
-        from_test = _count(split.triples_of("test"), relation)
+        of_test = split.triples_of("test")
+        from_test = _count(of_test[split.is_fact(of_test)], relation)
         num_evaluated = _count(evaluated, relation)
         tables[name] = Leakage(
             train=_count(split.partial, relation),
@@ -350,16 +366,17 @@ def _count(triples: Ids, relation: int) -> int:
 
 
 def _ambiguity(graph: RecipeGraph) -> Ambiguity:
-    sizes = np.diff(graph.pair_starts)  # number of results of each pair
+    sizes = graph.num_results
     # Stable, so that of equally ambiguous pairs those come first that come first in the graph.
     order = np.argsort(-sizes, kind="stable")[:SHOWN]
     examples = []
     for pair in order[sizes[order] > 1].tolist():
         start, stop = graph.pair_starts[pair : pair + 2]
         a, b = graph.labels(graph.recipes[start, :2])
-        results = graph.labels(graph.recipes[start:stop, 2])
+        made = graph.recipes[start:stop, 2]
+        results = graph.labels(made[~graph.is_half_product[made]])
         examples.append(AmbiguousPair((a, b), results))
-    numbers, pairs = np.unique(sizes, return_counts=True)
+    numbers, pairs = np.unique(sizes[sizes > 0], return_counts=True)
     return Ambiguity(
         pairs_by_number_of_results=dict(zip(map(str, numbers), pairs.tolist(), strict=True)),
         pairs_with_several_results=int(np.sum(sizes > 1)),
@@ -368,8 +385,10 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
 
 
 def _reachability(graph: RecipeGraph) -> Reachability:
+    whole = ~graph.is_half_product
     layer = layers(graph)
-    unreachable = np.flatnonzero(layer < 0)
+    unreachable = np.flatnonzero((layer < 0) & whole)
+    layer = layer[whole]
     known = rounds(layer)  # round 0 is the base and no round of play
     return Reachability(
         reachable=int(np.sum(layer >= 0)),
@@ -381,8 +400,9 @@ def _reachability(graph: RecipeGraph) -> Reachability:
 
 
 def _degrees(graph: RecipeGraph) -> Degrees:
-    uses = graph.use_counts
-    recipes = graph.recipe_counts
+    whole = ~graph.is_half_product
+    uses = np.where(whole, graph.use_counts, 0)
+    recipes = np.where(whole, graph.recipe_counts, 0)
     craftable = recipes[recipes > 0]
 
     def top(counts: Ids) -> tuple[tuple[str, int], ...]:
@@ -398,7 +418,7 @@ def _degrees(graph: RecipeGraph) -> Degrees:
             max=int(craftable.max(initial=0)),
         ),
         terminal=int(np.sum((uses == 0) & (recipes > 0))),
-        idle=int(np.sum((uses == 0) & (recipes == 0))),
+        idle=int(np.sum((uses == 0) & (recipes == 0) & whole)),
         self_pairs=graph.num_self_pairs,
         most_used=top(uses),
         most_recipes=top(recipes),

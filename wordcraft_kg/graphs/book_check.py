@@ -4,10 +4,12 @@
 """
 
 import io
-from collections.abc import Iterable, Iterator, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 import msgspec
 import numpy as np
@@ -18,22 +20,28 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.graphs.book_files import (
-    DELIMITERS,
-    Fault,
-    Table,
+from wordcraft_kg.graphs.book_files.container import read_bytes
+from wordcraft_kg.graphs.book_files.reader import (
+    HTML_ENTITY,
+    BookOptions,
+    BookRows,
+    OpenedFile,
+    ReadOptions,
     book_name,
-    read_book,
-    read_bytes,
+    open_source,
     unknown_base,
 )
+from wordcraft_kg.graphs.book_files.rows import Fault, Place
 from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, alike_labels
 
 LISTED = 15  # lines or names in a finding, at most
-MAX_FINDINGS = 10_000
-"""Findings after which reading stops: a file with more errors is not a recipe book."""
+MAX_DUPLICATES = 1_000
+"""Repeated recipes with a finding of their own; the others share one."""
+_VARYING = re.compile(r"'[^']*'|[\d,]+")
+"""Parts of a message that differ among faults of one cause."""
 
 
 class Finding(Record):
@@ -49,7 +57,7 @@ class Finding(Record):
     message: str
 
 
-class BookFigures(Record, omit_defaults=True):
+class BookStatistics(Record, omit_defaults=True):
     """Statistics for a recipe book; the last seven need word vectors or a second book.
 
     Attributes:
@@ -90,18 +98,28 @@ class BookFigures(Record, omit_defaults=True):
 
 
 SHARES = frozenset(
-    name for name, kind in BookFigures.__annotations__.items() if kind in (Share, Share | None)
+    name for name, kind in BookStatistics.__annotations__.items() if kind in (Share, Share | None)
 )
-"""Names of the figures that are shares, from 0 to 1."""
+"""Names of the statistics that are shares, from 0 to 1."""
 
 
 @dataclass(frozen=True)
 class BookCheck:
-    """The check of a book: findings, problems first, and figures and graph of the readable recipes, if any."""
+    """The check of a book.
+
+    Attributes:
+        findings: problems first, then notes.
+        figures: statistics of the readable recipes; None without any.
+        graph: graph of the readable recipes; None without any.
+        book: the readable recipes, without repetitions and self results; None without any.
+        reading: how the file was read; None if its shape is unknown.
+    """
 
     findings: tuple[Finding, ...]
-    figures: BookFigures | None
+    figures: BookStatistics | None
     graph: RecipeGraph | None
+    book: RecipeBook | None = None
+    reading: Reading | None = None
 
     @property
     def passed(self) -> bool:
@@ -119,38 +137,51 @@ def check_book(
     path: Path,
     base: Iterable[str] | None = None,
     name: str | None = None,
-    *,
-    single_ingredient: str | None = None,
+    **options: Unpack[ReadOptions],
 ) -> BookCheck:
     """Check a recipe book, and return all problems and notes.
 
-    Problems are: bytes that are not UTF-8, a byte order mark, line ends other than LF, labels with commas, bad rows,
-    recipes listed twice or made from themselves, labels in two spellings, unused base entities, entities out of reach
-    from the base, and cycles of entities that need each other. Notes are: an inferred base, invisible characters,
-    singular and plural forms of a word, entities in only one recipe, and listed entities without a recipe.
+    The file is read to its end, whatever it holds, by the code of
+    :func:`~wordcraft_kg.graphs.book_files.read_book`. Equal findings are one finding with all lines.
+
+    Problems are: an encoding other than UTF-8, a byte order mark, line ends other than LF, labels
+    with commas, bad rows, recipes listed twice or made from themselves, labels in two spellings,
+    unused base entities, entities out of reach from the base, and cycles of entities that need each
+    other. Notes are: an inferred base, invisible characters, HTML entities, singular and plural
+    forms of a word, entities in only one recipe, rows that are no recipe, and listed entities
+    without a recipe.
 
     Args:
-        path: a ``.csv``, ``.tsv`` or ``.json`` file. Only CSV and TSV findings have line numbers; for an unreadable
-            JSON book, the first error is the only finding about the content.
+        path: a file in any readable shape. Only findings in text have line numbers.
         base: base entities; None uses the file's base, or entities without a recipe.
         name: the book's name; None uses the file's name.
-        single_ingredient: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
+        options: what a user says about the file, see
+            :class:`~wordcraft_kg.graphs.book_files.BookOptions`.
 
     Raises:
         RecipeFileError: if the file cannot be read at all.
+        ConfigError: for an option outside its values.
     """
-    text, findings = _decoded(read_bytes(path))
-    lines_of: dict[Recipe, list[int]] = {}
-    delimiter = DELIMITERS.get(path.suffix.lower())
-    if delimiter is None:
-        book = _read_other(path, name, single_ingredient, findings)
-    else:
-        table = Table(text, delimiter, single_ingredient)
-        book = _read_table(table, name or book_name(path), findings, lines_of)
-    if book is None or not book.recipes:
+    chosen = BookOptions(**options)
+    if not path.is_dir():
+        read_bytes(path)  # raises for a missing or unreadable file
+    try:
+        file = open_source(path, chosen)
+    except RecipeFileError as error:
+        if path.is_dir():
+            raise
+        return BookCheck((_problem("unreadable", str(error)),), None, None)
+    findings = _of_bytes(file)
+    rows = BookRows(file, chosen)
+    lines_of, book = _read_rows(rows, name or book_name(path), findings)
+    reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
+    findings += [
+        _note("left-out", f"{number:,} rows {reason}") for reason, number in rows.left_out.items()
+    ]
+    if not book.recipes:
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(_problem("empty", "it has no recipe"))
-        return BookCheck(_sorted(findings), None, None)
+        return BookCheck(_sorted(findings), None, None, None, reading)
     wanted = book.base if base is None else tuple(base)
     if wanted is not None and (unknown := sorted(set(wanted).difference(book.entities))):
         hint = nearest(unknown[0], book.entities)
@@ -160,10 +191,7 @@ def check_book(
     graph = RecipeGraph.from_book(
         book, None if wanted is None else set(wanted).intersection(book.entities)
     )
-    line_of: dict[str, int] = {}
-    for recipe, numbers in lines_of.items():
-        for label in recipe:
-            line_of[label] = min(line_of.get(label, numbers[0]), numbers[0])
+    line_of = _first_lines(lines_of)
     if graph.base_is_inferred:
         entities = counted(len(graph.base), "entity", "entities")
         message = f"no base is named, so the base is the {entities} without a recipe"
@@ -176,83 +204,109 @@ def check_book(
         *_plurals(graph, line_of),
         *_lonely(graph, line_of),
     ]
-    return BookCheck(_sorted(findings), _figures(graph), graph)
+    mended = replace(book, base=None if wanted is None else graph.base, reading=reading)
+    return BookCheck(_sorted(findings), _statistics(graph), graph, mended, reading)
 
 
-def _decoded(data: bytes) -> tuple[str, list[Finding]]:
+def _of_bytes(file: OpenedFile) -> list[Finding]:
+    """Return findings about the bytes of a text: mark, line ends, encoding."""
     findings = []
-    if data.startswith(b"\xef\xbb\xbf"):
+    if file.encoding not in ("", "utf-8"):
+        message = f"the encoding is {file.encoding}; save the file as UTF-8"
+        findings.append(_problem("encoding", message))
+    elif file.has_mark:
         findings.append(
             _problem("bom", "the file starts with a byte order mark; save it without one", [1])
         )
-    text = data.decode("utf-8-sig", errors="replace")
-    lines = list(io.StringIO(text, newline=""))
-    returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
-    if returns:
+    if "\r" in file.text:
+        lines = list(io.StringIO(file.text, newline=""))
+        returns = [number for number, line in enumerate(lines, start=1) if "\r" in line]
         message = (
             f"{counted(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
         )
         findings.append(
             _problem("line-ends", message, returns if len(returns) < len(lines) // 2 else ())
         )
-    try:
-        data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        bad = [number for number, line in enumerate(lines, start=1) if "\ufffd" in line]
-        findings.append(_problem("encoding", "not UTF-8; save it as UTF-8", bad))
-    return text, findings
+    return findings
 
 
-def _read_other(
-    path: Path, name: str | None, single: str | None, findings: list[Finding]
-) -> RecipeBook | None:
-    try:
-        book = read_book(path, name=name, single_ingredient=single)
-    except RecipeFileError as error:
-        findings.append(_problem("unreadable", str(error)))
-        return None
-    if book.dropped_self_results:
-        recipes = counted(book.dropped_self_results, "recipe")
-        findings.append(
-            _problem("self-result", f"{recipes} made from the result itself; such rows are dropped")
-        )
-    if book.merged_duplicates:
-        findings.append(
-            _problem("duplicate", f"{counted(book.merged_duplicates, 'row')} listed before")
-        )
-    return book
+def _read_rows(
+    rows: BookRows, name: str, findings: list[Finding]
+) -> tuple[dict[Recipe, list[Place]], RecipeBook]:
+    """Read all rows; add findings about faults, self results and repetitions.
 
-
-def _read_table(
-    table: Table, name: str, findings: list[Finding], lines_of: dict[Recipe, list[int]]
-) -> RecipeBook:
-    for row in table:
-        line = row[0]
-        if len(findings) >= MAX_FINDINGS:
-            message = (
-                f"{len(findings):,} findings above; this line and those below it were not read"
-            )
-            findings.append(_problem("row", message, [line]))
-            break
-        if isinstance(row, Fault):
-            findings.append(_problem(row.kind, row.message, [line]))
+    Returns:
+        The places of each recipe, without half-products of chains, and the book.
+    """
+    lines_of: dict[Recipe, list[Place]] = {}
+    halves: dict[Recipe, None] = {}
+    faults: dict[tuple[str, str], list[Fault]] = {}
+    for entry in rows:
+        if isinstance(entry, Fault):
+            # Without the words in quotes and the numbers, faults of one cause have one message.
+            group = entry.group or _VARYING.sub("", entry.message)
+            faults.setdefault((entry.kind, group), []).append(entry)
             continue
-        recipe = Recipe.of(*row[1])
-        if recipe.is_self_result:
-            message = f"'{recipe.result}' is made from itself; such rows are dropped"
-            findings.append(_problem("self-result", message, [line]))
-        lines_of.setdefault(recipe, []).append(line)
-    for recipe, numbers in lines_of.items():
-        if len(numbers) > 1 and not recipe.is_self_result:
-            findings.append(
-                _problem("duplicate", f"{recipe} is listed {len(numbers):,} times", numbers)
-            )
-    known = {label for recipe in lines_of for label in recipe}.union(table.listed)
-    for label, number in (table.base or {}).items():
+        place, recipes = entry
+        lines_of.setdefault(recipes[-1], []).append(place)
+        halves |= dict.fromkeys(recipes[:-1])
+    for (kind, _), alike in faults.items():
+        more = f" ({len(alike) - 1:,} more like this)" if len(alike) > 1 else ""
+        lines = _numbers(fault.place for fault in alike)
+        findings.append(_problem(kind, alike[0].message + more, lines))
+    findings += _repeated(lines_of)
+    every = chain.from_iterable([recipe] * len(places) for recipe, places in lines_of.items())
+    book = RecipeBook.of(name, [*every, *halves], listed=rows.listed)
+    known = set(book.entities)
+    declared = rows.base
+    for label, place in (declared or {}).items():
         if label not in known:
-            findings.append(_problem("base", unknown_base(label, known), [number]))
-    base = None if table.base is None else known & table.base.keys()
-    return RecipeBook.of(name, lines_of, base=base, listed=table.listed)
+            findings.append(_problem("base", unknown_base(label, known), _numbers([place])))
+    base = None if declared is None else tuple(sorted(known & declared.keys()))
+    kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
+    return lines_of, replace(book, base=base, kinds=kinds)
+
+
+def _repeated(lines_of: Mapping[Recipe, Sequence[Place]]) -> Iterator[Finding]:
+    """Yield findings about self results, in one, and about recipes that are listed twice."""
+    selves = [recipe for recipe in lines_of if recipe.is_self_result]
+    lines = _numbers(place for recipe in selves for place in lines_of[recipe])
+    if len(selves) == 1:
+        message = f"'{selves[0].result}' is made from itself; such rows are dropped"
+        yield _problem("self-result", message, lines)
+    elif selves:
+        message = f"{len(selves):,} recipes make one of their ingredients, such as {selves[0]}; such rows are dropped"
+        yield _problem("self-result", message, lines)
+    twice = [
+        recipe for recipe in lines_of if len(lines_of[recipe]) > 1 and not recipe.is_self_result
+    ]
+    for recipe in twice[:MAX_DUPLICATES]:
+        places = lines_of[recipe]
+        where = [place for place in places[:LISTED] if isinstance(place, str)]
+        message = f"{recipe} is listed {len(places):,} times" + (
+            f": {', '.join(where)}" if where else ""
+        )
+        yield _problem("duplicate", message, _numbers(places))
+    rest = twice[MAX_DUPLICATES:]
+    if rest:
+        lines = _numbers(place for recipe in rest for place in lines_of[recipe])
+        yield _problem("duplicate", f"{len(rest):,} more recipes are listed more than once", lines)
+
+
+def _numbers(places: Iterable[Place]) -> list[int]:
+    """Return the line numbers among places, ascending, as many as a finding shows."""
+    return sorted(islice((place for place in places if isinstance(place, int)), LISTED))
+
+
+def _first_lines(lines_of: Mapping[Recipe, Sequence[Place]]) -> dict[str, int]:
+    """Return the first line of each label."""
+    line_of: dict[str, int] = {}
+    for recipe, places in lines_of.items():
+        first = places[0]
+        if isinstance(first, int):
+            for label in recipe:
+                line_of[label] = min(line_of.get(label, first), first)
+    return line_of
 
 
 def _problem(kind: str, message: str, lines: Iterable[int] = ()) -> Finding:
@@ -269,6 +323,11 @@ def _at(labels: Iterable[str], line_of: Mapping[str, int]) -> list[int]:
 
 def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for label in graph.entities:
+        if graph.is_half_product[graph.id_of(label)]:
+            continue
+        if "&" in label and HTML_ENTITY.search(label):
+            message = f"'{label}' holds an HTML entity; write the character itself"
+            yield _note("html", message, _at([label], line_of))
         if "," in label:
             message = f"the label '{label}' contains a comma, at which other tools may split it"
             yield _problem("comma", message, _at([label], line_of))
@@ -300,7 +359,9 @@ def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Findi
 
 
 def _unreachable(
-    graph: RecipeGraph, line_of: Mapping[str, int], lines_of: Mapping[Recipe, list[int]]
+    graph: RecipeGraph,
+    line_of: Mapping[str, int],
+    lines_of: Mapping[Recipe, Sequence[Place]],
 ) -> Iterator[Finding]:
     import networkx as nx
 
@@ -317,15 +378,13 @@ def _unreachable(
         subject = counted(len(labels), "entity", "entities")
         message = f"{subject} cannot be made from the base ({listed(graph.base)}): {listed(labels)}"
         yield _problem("unreachable", message, _at(labels[:LISTED], line_of))
+    places_of: dict[str, list[Place]] = {}
+    for recipe, places in lines_of.items():
+        places_of.setdefault(recipe.result, []).extend(places)
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
         if len(circle) > 1 and _is_closed(graph, circle):
             labels = graph.labels(sorted(circle))
-            lines = sorted(
-                number
-                for recipe in lines_of
-                if recipe.result in labels
-                for number in lines_of[recipe]
-            )
+            lines = _numbers(place for label in labels for place in places_of.get(label, ()))
             message = f"every recipe of these needs another of them, so none can be made first: {listed(labels)}"
             yield _problem("cycle", message, lines)
 
@@ -357,17 +416,21 @@ def _lonely(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]
         yield _note("lonely", message, _at(lonely[:LISTED], line_of))
 
 
-def _figures(graph: RecipeGraph) -> BookFigures:
+def _statistics(graph: RecipeGraph) -> BookStatistics:
+    """Return the statistics of a graph; half-products of chains and their recipes do not count."""
     layer = layers(graph)
-    made = graph.recipe_counts[graph.recipe_counts > 0]
-    results = np.diff(graph.pair_starts)
-    most_used = int(np.argmax(graph.use_counts))
-    return BookFigures(
-        entities=graph.num_entities,
-        recipes=graph.num_recipes,
-        pairs=graph.num_pairs,
+    whole = ~graph.is_half_product
+    made = graph.recipe_counts[(graph.recipe_counts > 0) & whole]
+    results = graph.num_results
+    uses = np.where(whole, graph.use_counts, 0)
+    most_used = int(np.argmax(uses))
+    num_recipes = int(np.sum(~graph.makes_half_product))
+    return BookStatistics(
+        entities=int(np.sum(whole)),
+        recipes=num_recipes,
+        pairs=int(np.sum(results > 0)),
         base=graph.base,
-        reachable=int(np.sum(layer >= 0)),
+        reachable=int(np.sum((layer >= 0) & whole)),
         max_layer=max(int(layer.max()), 0),
         mean_recipes_per_craftable=float(made.mean()),
         share_with_two_recipes=float(np.mean(made >= 2)),
@@ -376,7 +439,7 @@ def _figures(graph: RecipeGraph) -> BookFigures:
         pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),
         pairs_with_more_results=int(np.sum(results > 3)),
         most_used=graph.entities[most_used],
-        most_used_share=float(graph.use_counts[most_used] / graph.num_recipes),
+        most_used_share=float(uses[most_used] / graph.num_recipes),
     )
 
 

@@ -19,6 +19,7 @@ from wordcraft_kg.base.settings import one_of
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.book_files import write_book
 from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.hif import hif_lines
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import RecipeBook
@@ -78,7 +79,8 @@ def export_graph(
     """
     one_of("format", format, tuple(EXPORTERS))
     one_of("part", part, get_args(ExportPart))
-    exporter, graph = EXPORTERS[format], opened.graph
+    exporter = EXPORTERS[format]
+    graph = opened.graph
     if part != "full":
         kept = opened.split.is_in("train") == (part == "partial")
         kinds = None if graph.kinds is None else tuple(compress(graph.kinds, kept))
@@ -89,7 +91,7 @@ def export_graph(
         raise ConfigError(
             f"`format` {format!r}: {graph.num_recipes:,} recipes would take about "
             f"{needed / 2**30:.0f} GiB of memory; expected at most {MOST_BYTES / 2**30:.0f}. "
-            "Take nt, tsv, parquet, csv or json, which need little."
+            "Take nt, tsv, parquet, csv, json or hif, which need little."
         )
     with staged_file(out, force=force) as path:
         exporter.write(
@@ -200,6 +202,10 @@ EXPORTERS = {
     ),
     "csv": Exporter("recipe book with its base, for build-graph", _book(".csv")),
     "json": Exporter("recipe book in our own JSON, for build-graph", _book(".json")),
+    "hif": Exporter(
+        "directed hypergraph in the Hypergraph Interchange Format, with an edge for each recipe",
+        lambda graph, triples, path: write_atomically(path, hif_lines(graph)),
+    ),
 }
 if TYPE_CHECKING:
     Format = str

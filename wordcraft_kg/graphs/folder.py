@@ -7,8 +7,9 @@ and the split's settings, so two people can compare their folders.
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PureWindowsPath
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Unpack
 
+import msgspec
 import numpy as np
 
 from wordcraft_kg.base.artefacts import (
@@ -24,9 +25,10 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.audit import Audit, audit
-from wordcraft_kg.graphs.book_files import book_json, read_book, recipe_table
+from wordcraft_kg.graphs.book_files import ReadOptions, book_json, read_book, recipe_table
 from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, label_fault
 from wordcraft_kg.graphs.splits import Split, SplitConfig, make_split, read_split
@@ -100,7 +102,10 @@ def entities_frame(graph: RecipeGraph) -> "pd.DataFrame":
 
 
 def _derived_files(split: Split, kinds: Mapping[Recipe, str]) -> dict[str, Iterable[str]]:
-    """Return the lines of all tables in a graph folder by file name; they follow from graph, split and kinds alone."""
+    """Return the lines of all tables in a graph folder by file name.
+
+    They follow from graph, split and kinds alone.
+    """
     graph = split.graph
     frame = entities_frame(graph)
     frame.insert(0, "id", range(len(frame)))
@@ -117,26 +122,28 @@ def _derived_files(split: Split, kinds: Mapping[Recipe, str]) -> dict[str, Itera
 def check_derived_files(folder: Path, opened: OpenedGraph) -> None:
     """Check that all files of a graph folder agree with its ``graph.json`` and ``split.json``.
 
-    Commands read only these two, but people read the tables: a folder from elsewhere may hold other recipes there.
+    Commands read only these two, but people read the tables: a folder from elsewhere may hold other
+    recipes there.
 
     Raises:
-        ArtefactError: if a table differs from the table of this graph and split, or a figure in ``audit.json`` from
-            the figure computed here. Figures that this version does not know are not compared.
+        ArtefactError: if a table differs from the table of this graph and split, or a value in
+            ``audit.json`` from the value computed here.
+            Values that this version does not know are not compared.
     """
     book = read_book(folder / "graph.json", keep_self_results=True)
     for name, lines in _derived_files(opened.split, book.kinds).items():
         if read_large_file(folder / name) != "".join(lines).encode():
             raise ArtefactError(
-                f"{folder / name} does not agree with graph.json and split.json. Build the graph again, or restore a "
-                "copy."
+                f"{folder / name} does not agree with graph.json and split.json. Build the graph "
+                "again, or restore a copy."
             )
     source = read_json(folder / "graph.json").get("source")
     counts = {name: source.get(name, 0) for name in _DROPPED} if isinstance(source, dict) else {}
     figures = as_values(audit(opened.graph, opened.split, replace(book, **counts)))
     if not _agree(read_json(folder / "audit.json"), figures):
         raise ArtefactError(
-            f"{folder / 'audit.json'} does not agree with graph.json and split.json. Build the graph again, or restore "
-            "a copy."
+            f"{folder / 'audit.json'} does not agree with graph.json and split.json. Build the "
+            "graph again, or restore a copy."
         )
 
 
@@ -183,6 +190,8 @@ def write_graph_folder(
         source = {name: getattr(book, name) for name in ("sha256", *_DROPPED)}
         if graph.base_is_inferred:
             source["base_is_inferred"] = True
+        if book.reading is not None:
+            source["reading"] = as_values(book.reading)
         # Labels of the graph's recipes, in id order, so that equal graphs give equal files.
         of_graph = RecipeBook(
             graph.name, tuple(graph.recipe_labels()), graph.base, book.idle, kinds=book.kinds
@@ -197,13 +206,17 @@ def write_graph_folder(
     return record
 
 
-def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedGraph:
+def open_graph(
+    source: str | Path, config: SplitConfig | None = None, **options: Unpack[ReadOptions]
+) -> OpenedGraph:
     """Open a recipe graph and a train/validation/test split.
 
     Args:
         source: a graph folder, a recipe book file, or the name of a known book.
         config: how to split a book; ignored for a graph folder, which has its split. None takes
             :func:`default_split`.
+        options: what a user says about a book's file, such as ``columns``, see
+            :class:`~wordcraft_kg.graphs.book_files.BookOptions`; ignored for a graph folder.
 
     Raises:
         ArtefactError: if a graph folder is incomplete or damaged, or its files belong to different
@@ -217,11 +230,12 @@ def open_graph(source: str | Path, config: SplitConfig | None = None) -> OpenedG
         (80, 790)
     """
     folder = Path(source)
-    if folder.is_dir():
+    # Another folder may hold recipes of Minecraft, if the user says how to read them.
+    if folder.is_dir() and not (options and not (folder / "graph.json").is_file()):
         graph = _read_graph(folder)
         split = read_split(read_json(folder / "split.json"), graph, str(folder / "split.json"))
     else:
-        graph = RecipeGraph.from_book(open_book(source))
+        graph = RecipeGraph.from_book(open_book(source, **options))
         split = default_split(graph) if config is None else make_split(graph, config)
     return OpenedGraph(graph, split, str(source))
 
@@ -236,7 +250,8 @@ def _read_graph(folder: Path) -> RecipeGraph:
         )
     try:
         # The book was validated when the folder was written, and may have been told to keep these.
-        book = read_book(path, keep_self_results=True)
+        # In one encoding, which is no guess, as it was written.
+        book = read_book(path, keep_self_results=True, encoding="utf-8")
     except RecipeFileError as error:
         raise ArtefactError(f"{error} The graph folder is damaged; build it again.") from None
     recorded = read_json(path)
@@ -253,7 +268,15 @@ def _read_graph(folder: Path) -> RecipeGraph:
         )
     graph = RecipeGraph.from_book(replace(book, name=name))
     origin = recorded.get("source")
-    graph.base_is_inferred = isinstance(origin, dict) and origin.get("base_is_inferred") is True
+    origin = origin if isinstance(origin, dict) else {}
+    graph.base_is_inferred = origin.get("base_is_inferred") is True
+    # How the first file was read, not how graph.json was.
+    graph.reading = None
+    if "reading" in origin:
+        try:
+            graph.reading = msgspec.convert(origin["reading"], Reading)
+        except msgspec.ValidationError as error:
+            raise ArtefactError(f"{damaged}: its reading is invalid ({error}). {again}") from None
     if recorded.get("hash") != graph.hash:
         raise ArtefactError(f"{damaged}: its content does not match its hash. {again}")
     return graph

@@ -13,13 +13,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from http.client import HTTPException
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 from wordcraft_kg.base.artefacts import sha256_of, write_atomically
 from wordcraft_kg.base.errors import FetchError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.graphs.book_files import read_book
+from wordcraft_kg.graphs.book_files import ReadOptions, read_book
 from wordcraft_kg.graphs.made_up import PREFIX, with_made_up_words
 from wordcraft_kg.graphs.recipes import RecipeBook
 
@@ -185,7 +185,7 @@ def open_book(
     name_or_path: str | Path,
     *,
     keep_self_results: bool = False,
-    single_ingredient: str | None = None,
+    **options: Unpack[ReadOptions],
 ) -> RecipeBook:
     """Read a recipe book by path or name.
 
@@ -194,7 +194,8 @@ def open_book(
             ``made-up:BOOK`` replaces all words by invented words, ``made-up-SEED:BOOK`` with
             another seed than 0; see :func:`~wordcraft_kg.graphs.made_up.with_made_up_words`.
         keep_self_results: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
-        single_ingredient: see :func:`~wordcraft_kg.graphs.book_files.read_book`.
+        options: what a user says about the file, such as ``columns``, see
+            :class:`~wordcraft_kg.graphs.book_files.BookOptions`.
 
     Raises:
         RecipeFileError: if there is no such book, or it cannot be read.
@@ -206,16 +207,14 @@ def open_book(
     made_up = MADE_UP.fullmatch(str(name_or_path))
     if made_up:
         seed, original = made_up.groups()
-        book = open_book(
-            original, keep_self_results=keep_self_results, single_ingredient=single_ingredient
-        )
+        book = open_book(original, keep_self_results=keep_self_results, **options)
         return with_made_up_words(book, int(seed or 0))
     located = locate_book(name_or_path)
     content = read_book(
         located.path,
         keep_self_results=keep_self_results,
-        single_ingredient=single_ingredient,
         name=located.name,
+        **options,
     )
     # The published file names no base; a file that does keeps its own.
     return replace(content, base=located.base) if content.base is None else content

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wordcraft_kg.base.errors import GraphError
-from wordcraft_kg.base.wording import approximate, counted
+from wordcraft_kg.base.wording import approximate, counted, quoted
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
@@ -198,7 +198,7 @@ class Planner:
         graph = self.graph
         target = graph.id_of(goal)
         if self.costs[target] == math.inf:
-            known = ", ".join(self.start) or "nothing"
+            known = ", ".join(map(quoted, self.start)) or "nothing"
             raise GraphError(f"'{graph.entities[target]}' cannot be made from {known}.")
         steps: list[int] = []
         done: set[int] = set()

@@ -10,10 +10,13 @@ from functools import cached_property
 from itertools import chain, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import GraphError, UnknownEntityError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.arrays import Ids, frozen, sorted_unique
+from wordcraft_kg.graphs.chains import is_half_product
+from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label
 from wordcraft_kg.graphs.triples import recipe_triples
 
@@ -38,6 +41,7 @@ class RecipeGraph:
             recipe; not part of the content.
         kinds: each recipe's kind of reasoning, empty if unknown; None for a book without kinds;
             not part of the content.
+        reading: how the book's file was read; None without a file; not part of the content.
 
     Example:
         >>> graph = RecipeGraph.from_book(open_book("kitchen"))
@@ -69,6 +73,7 @@ class RecipeGraph:
         self.name = name
         self.base_is_inferred = False
         self.kinds: tuple[str, ...] | None = None
+        self.reading: Reading | None = None
         self.entities = tuple(entities)
         if any(left >= right for left, right in pairwise(self.entities)):
             raise GraphError("entity labels must be sorted and unique.")
@@ -112,6 +117,7 @@ class RecipeGraph:
             base_ids = np.array([index[label] for label in labels], dtype=np.int64)
         graph = cls(entities, recipes, base_ids, book.name)
         graph.base_is_inferred = labels is None
+        graph.reading = book.reading
         if book.kinds:
             # Both are sorted by labels, so the book's order is the graph's.
             graph.kinds = tuple(book.kinds.get(recipe, "") for recipe in book.recipes)
@@ -152,6 +158,32 @@ class RecipeGraph:
     def num_recipes(self) -> int:
         """Number of recipes; an ingredient pair with two results counts twice."""
         return len(self.recipes)
+
+    @cached_property
+    def is_half_product(self) -> NDArray[np.bool_]:
+        """Mark the half-products of chains, shape (num_entities,), bool.
+
+        They are no things of the game: no task has them as goal or start, no figure counts them.
+        """
+        halves = np.fromiter(map(is_half_product, self.entities), np.bool_, self.num_entities)
+        halves.flags.writeable = False
+        return halves
+
+    @cached_property
+    def makes_half_product(self) -> NDArray[np.bool_]:
+        """Mark the recipes that make a half-product, shape (num_recipes,), bool."""
+        return self.is_half_product[self.recipes[:, 2]]
+
+    @cached_property
+    def num_results(self) -> Ids:
+        """Number of results of each pair, without half-products, shape (num_pairs,)."""
+        kept = ~self.makes_half_product
+        return frozen(np.bincount(self.pair_of_recipe[kept], minlength=self.num_pairs))
+
+    @property
+    def num_half_products(self) -> int:
+        """Number of half-products."""
+        return int(np.sum(self.is_half_product))
 
     @property
     def num_pairs(self) -> int:

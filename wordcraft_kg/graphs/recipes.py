@@ -3,7 +3,6 @@
 Labels are matched exactly: "Fire" and "fire" are two entities, which ``book_check`` reports.
 """
 
-import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,11 +10,11 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.base.spelling import case_key, grouped, spelling_key
+from wordcraft_kg.graphs.reading import Reading
 
 MAX_LABEL_LENGTH = 1_000
 """Most characters in a label; a longer label suggests another kind of file."""
-_LEFT_OUT = frozenset(" -_'.\u2019")
-"""Characters without which :func:`alike_labels` compares."""
 
 
 class Recipe(NamedTuple):
@@ -63,6 +62,7 @@ class RecipeBook:
         merged_duplicates: number of omitted rows that repeat a recipe.
         sha256: hash of the file's bytes; None for a book that was not read from a file.
         kinds: kind of reasoning by recipe, such as ``making``; empty for a book without kinds.
+        reading: how the file was read; None for a book that was not read from a file.
     """
 
     name: str
@@ -73,6 +73,8 @@ class RecipeBook:
     merged_duplicates: int = 0
     sha256: str | None = None
     kinds: Mapping[Recipe, str] = field(default_factory=dict, hash=False)
+    # Two shapes of one content are one book.
+    reading: Reading | None = field(default=None, compare=False)
 
     @classmethod
     def of(
@@ -100,8 +102,8 @@ class RecipeBook:
         # Entities of omitted rows stay entities, so that ids do not depend on what is left out.
         dropped_labels: set[str] = set()
         dropped = merged = 0
-        for one, other, result in rows:
-            recipe = Recipe.of(one, other, result)
+        for row in rows:
+            recipe = row if isinstance(row, Recipe) else Recipe.of(*row)
             if recipe.is_self_result and not keep_self_results:
                 dropped += 1
                 dropped_labels.update(recipe)
@@ -162,15 +164,25 @@ def check_label(label: Any, where: str) -> str:
 def alike_labels(labels: Iterable[str]) -> list[tuple[str, ...]]:
     """Return groups of labels that differ only by spelling, probably typos.
 
-    Differences are case, blanks, hyphens, apostrophes, points and Unicode composition.
+    Differences are case, width, Unicode composition, variation selectors, and blanks, hyphens,
+    apostrophes and points between letters. Labels that differ in a digit or a sign, such as ``O2``
+    and ``O2-``, or ``1.0`` and ``10``, are different things; see
+    :mod:`wordcraft_kg.base.spelling`.
     """
-    groups: dict[str, list[str]] = {}
-    for label in labels:
-        whole = unicodedata.normalize("NFKC", label).casefold()
-        key = "".join(char for char in whole if char not in _LEFT_OUT)
-        # A label of such characters alone is like no other label.
-        groups.setdefault(key or whole, []).append(label)
-    return [tuple(group) for group in groups.values() if len(group) > 1]
+    return grouped(labels, spelling_key)
+
+
+def case_variants(labels: Iterable[str]) -> list[tuple[str, ...]]:
+    """Return groups of labels that differ only in case, width or variation selectors.
+
+    Such labels are different entities, often by accident: a chat bot lists results as ``Lava`` and
+    ingredients as ``lava``, and half of the recipes are out of reach.
+
+    Example:
+        >>> case_variants(["Lava", "Stone", "lava"])
+        [('Lava', 'lava')]
+    """
+    return grouped(labels, case_key)
 
 
 def shown(value: Any) -> str:

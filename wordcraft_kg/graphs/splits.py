@@ -8,7 +8,7 @@ the others away. Add a kind of split to :data:`SPLITS`, here or in your own code
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from operator import attrgetter
@@ -172,7 +172,8 @@ class Split:
         """Return the triples of a part that may be evaluated, shape (T, 3), sorted.
 
         Triples that train recipes give, too, are left out. For the test part, so are those of the
-        validation recipes, on which settings may have been chosen.
+        validation recipes, on which settings may have been chosen. So are triples of half-products
+        of chains, which are no facts of the game.
         """
         if part not in self._held_out:
             seen = self.partial
@@ -180,8 +181,19 @@ class Split:
                 seen = np.concatenate([seen, self.triples_of("valid")])
             triples = self.triples_of(part)
             is_seen = is_in(triples, seen, self.graph.num_entities)
-            self._held_out[part] = frozen(triples[~is_seen])
+            self._held_out[part] = frozen(triples[~is_seen & self.is_fact(triples)])
         return self._held_out[part]
+
+    def is_fact(self, triples: Ids) -> NDArray[np.bool_]:
+        """Mark triples without half-products of chains, which alone are facts of the game.
+
+        Args:
+            triples: shape (T, 3).
+
+        Returns:
+            Shape (T,), bool.
+        """
+        return np.asarray(~self.graph.is_half_product[triples[:, [0, 2]]].any(axis=1))
 
     def part_of(self, triples: Ids) -> NDArray[np.int8]:
         """Return the part whose recipes give each triple.
@@ -202,7 +214,9 @@ class Split:
 
     @cached_property
     def groups(self) -> Ids:
-        """Each recipe's group, shape (num_recipes,): recipes that the split holds out together, such as of a goal.
+        """Each recipe's group, shape (num_recipes,).
+
+        The split holds out the recipes of a group together, such as those of a goal.
 
         Recipes of a group are alike, so intervals resample whole groups, see :attr:`unit`.
         """
@@ -220,7 +234,10 @@ class Split:
 
     @cached_property
     def train_uses(self) -> Ids:
-        """Number of train recipes that use each entity as an ingredient, shape (E,), int64; a self pair counts once."""
+        """Number of train recipes that use each entity as an ingredient, shape (E,), int64.
+
+        A self pair counts once.
+        """
         a, b, _ = self.recipes("train").T
         users = np.concatenate([a, b[b != a]])
         return frozen(np.bincount(users, minlength=self.graph.num_entities))
@@ -295,13 +312,41 @@ def make_split(graph: RecipeGraph, config: SplitConfig) -> Split:
         needed.append("valid")
     empty = [part for part in needed if not split.is_in(part).any()]
     if empty and config.kind != "none":
-        groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
-        recipes = counted(graph.num_recipes, "recipe")
-        raise SplitError(
-            f"the {empty[0]} part of a {config.kind} split of {recipes} in {groups} is empty; "
-            "choose another `train_ratio` or `valid_ratio`, or `kind` none for the full graph only."
-        )
+        raise SplitError(_why_empty(graph, config, needed, empty[0]))
     return split
+
+
+def _why_empty(
+    graph: RecipeGraph,
+    config: SplitConfig,
+    needed: Sequence[Part],
+    part: Part,
+) -> str:
+    """Return the message for an empty part, with its cause if it is the cover of all entities.
+
+    Args:
+        graph: the recipe graph.
+        config: settings of the split.
+        needed: parts that a split with these settings has.
+        part: the empty part.
+    """
+    groups = counted(len(np.unique(groups_of(graph, config.kind))), "group")
+    recipes = counted(graph.num_recipes, "recipe")
+    message = f"the {part} part of a {config.kind} split of {recipes} in {groups} is empty"
+    # The draw before any recipe moved, which is also the draw of by-recipe-plain.
+    drawn = by_groups(graph, config, np.random.default_rng(config.seed)).parts
+    sizes = {name: int(np.sum(drawn == PARTS.index(name))) for name in needed}
+    if config.kind == "by-recipe" and all(sizes.values()):
+        moved = counted(sizes[part], "recipe")
+        return (
+            f"{message}: the {moved} drawn for it moved to train, so that train covers every "
+            "entity. Choose `kind` by-recipe-plain, which moves none, or `kind` none for the full "
+            "graph only."
+        )
+    return (
+        f"{message}; choose another `train_ratio` or `valid_ratio`, or `kind` none for the full "
+        "graph only."
+    )
 
 
 def groups_of(graph: RecipeGraph, kind: str) -> Ids:
@@ -447,8 +492,8 @@ def _slots(graph: RecipeGraph) -> Ids:
 def _kinds(graph: RecipeGraph) -> Ids:
     if graph.kinds is None:
         raise SplitError(
-            f"{graph.name} names no kinds of recipes. "
-            "Add a column named kind to the book, or choose another split."
+            f"{graph.name} names no kinds of recipes. Add a column named kind to the book, or "
+            "choose another split."
         )
     return np.unique(graph.kinds, return_inverse=True)[1].astype(np.int64)
 

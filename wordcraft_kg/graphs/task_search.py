@@ -122,6 +122,7 @@ class SolutionSearch:
         goal: int,
         have: frozenset[int],
         attempts: int,
+        above: frozenset[int] = frozenset(),
     ) -> set[_Way]:
         """Return all acyclic ways to make a goal, also longer ones than necessary.
 
@@ -129,31 +130,22 @@ class SolutionSearch:
             goal: entity id.
             have: ids of the entities at hand.
             attempts: most attempts in a way.
+            above: ids of the entities that need the goal, which no way may go through.
         """
-        return self._ways(goal, attempts, have, frozenset())
-
-    def _ways(
-        self,
-        entity: int,
-        budget: int,
-        have: frozenset[int],
-        above: frozenset[int],
-    ) -> set[_Way]:
-        """Return the ways to make ``entity`` without the entities ``above``, which need it."""
-        if entity in have:
+        if goal in have:
             return {frozenset()}
-        recipes = self.recipes_of[entity]
-        if budget <= 0:
+        recipes = self.recipes_of[goal]
+        if attempts <= 0:
             return set()
-        if budget == 1:  # the last attempt: both ingredients are at hand, or it is none
+        if attempts == 1:  # the last attempt: both ingredients are at hand, or it is none
             return {frozenset((pair,)) for pair, a, b in recipes if a in have and b in have}
         # A way through an entity that needs this one would go round in a circle.
-        above = above | {entity}
+        above = above | {goal}
         ways: set[_Way] = set()
         for pair, a, b in recipes:
             if not above.isdisjoint((a, b)):
                 continue
-            ways_to_a = self._ways(a, budget - 1, have, above)
+            ways_to_a = self.ways(a, have, attempts - 1, above)
             if not ways_to_a:  # then the other ingredient does not matter
                 continue
             this = frozenset((pair,))
@@ -161,11 +153,11 @@ class SolutionSearch:
                 # One way to the ingredient serves both places.
                 whole_ways = [way | this for way in ways_to_a]
             else:
-                ways_to_b = self._ways(b, budget - 1, have, above)
+                ways_to_b = self.ways(b, have, attempts - 1, above)
                 both = itertools.product(ways_to_a, ways_to_b)
                 whole_ways = [way_a | way_b | this for way_a, way_b in both]
-            # Two ways may share attempts, so that their union is within the budget after all.
-            ways.update(way for way in whole_ways if len(way) <= budget)
+            # Two ways may share attempts, so that their union is within the number after all.
+            ways.update(way for way in whole_ways if len(way) <= attempts)
         return ways
 
     def ordered(
@@ -258,6 +250,8 @@ def make_tasks(
         seed: random seed of a random set.
         search: an existing search for the graph, with all recipes; None makes one.
 
+    Half-products of chains are neither goals nor starting ingredients, only intermediate results.
+
     Raises:
         ConfigError: for a depth or part outside the range.
         TaskError: if no such task exists, or the split is missing or for another graph.
@@ -299,6 +293,7 @@ class _Filter:
         search: finds the plans.
         depth: attempts that a task takes.
         part: part of an accepted task.
+        halves: ids of the half-products of chains.
         parts: each recipe's part, in the order of the recipes; None if tasks of all parts count.
         mixed: tasks of the depth that were met and belong to no part.
     """
@@ -313,6 +308,8 @@ class _Filter:
         self.search = search
         self.depth = depth
         self.part = part
+        halves = np.flatnonzero(search.graph.is_half_product)
+        self.halves = frozenset(halves.tolist())
         self.parts: list[int] | None = None
         if split is not None and part != "all":
             self.parts = split.parts.tolist()
@@ -321,6 +318,8 @@ class _Filter:
     def __call__(self, candidate: _Candidate) -> Plans:
         """Return an accepted task's plans, otherwise an empty tuple."""
         goal, start = candidate
+        if self.halves and not self.halves.isdisjoint((goal, *start)):
+            return ()
         have = frozenset(start)
         # With all recipes of the book, also held-out ones: a task has one depth for every player.
         ways = self.search.shortest_ways(goal, have, self.depth)
@@ -397,6 +396,7 @@ class _Draw:
         last: dict[int, list[tuple[int, int]]] = {}
         for row, (a, b, result) in enumerate(accept.search.rows):
             may_end = not only_train or accept.parts[row] == train  # type: ignore[index]
+            may_end = may_end and result not in accept.halves
             if may_end and result not in (a, b):
                 last.setdefault(result, []).append((a, b))
         # Goals in the order of their first recipe: the order decides what a seed draws.

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import TaskError
+from wordcraft_kg.base.wording import quoted
 from wordcraft_kg.graphs.arrays import Ids, frozen, padded
 from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
 from wordcraft_kg.graphs.recipes import Recipe
@@ -149,10 +150,12 @@ class TaskSet:
         return frozen(padded(final, -1))
 
     def groups_in(self, split: Split) -> Ids:
-        """Return each task's resampling group, shape (N,): the split's group of the recipe that makes the goal.
+        """Return each task's resampling group, shape (N,).
 
-        Tasks of a group were held out together and are alike, so an interval resamples whole groups. If several plans
-        end in different recipes, the first plan counts.
+        It is the split's group of the recipe that makes the goal.
+
+        Tasks of a group were held out together and are alike, so an interval resamples whole
+        groups. If several plans end in different recipes, the first plan counts.
         """
         return frozen(split.groups[[plans[0][-1] for plans in self.plans]])
 
@@ -192,7 +195,7 @@ def replay(
         missing = {recipe.ingredient_a, recipe.ingredient_b} - at_hand
         results = graph.labels(graph.results(recipe.ingredient_a, recipe.ingredient_b))
         if missing:
-            raise TaskError(f"{recipe}: {', '.join(sorted(missing))} is not at hand.")
+            raise TaskError(f"{recipe}: {', '.join(map(quoted, sorted(missing)))} is not at hand.")
         if recipe.result not in results:
             raise TaskError(f"{recipe}: there is no such recipe.")
         at_hand.update(results)

@@ -93,7 +93,9 @@ def read_train_sample(folder: str | Path, opened: OpenedGraph, weights: str) -> 
 
 
 def read_history(folder: str | Path, weights: str) -> History | None:
-    """Return a model's training history without its scorer; None if ``weights`` is not the hash of its weights.
+    """Return a model's training history without its scorer.
+
+    The result is None if ``weights`` is not the hash of the model's weights.
 
     ArtefactError as :func:`open_model` does.
     """

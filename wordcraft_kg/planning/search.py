@@ -29,7 +29,7 @@ from wordcraft_kg.planning.intermediates import candidates_of
 MAX_ATTEMPTS = 4
 """Largest number of attempts that the search looks ahead."""
 WIDTHS = (0, 0, 32, 64, 64)
-"""Default number of candidates by attempts left: more change no figure by more than .01."""
+"""Default number of candidates by attempts left: more change no success rate by more than .01."""
 INTERMEDIATE = 3.0
 """Log-odds added to P(x | a, b) for an intermediate x: given that the goal can be made, a result that leads on is more
 likely than any result. 2 to 4 give about the same success, see docs/planning.md."""

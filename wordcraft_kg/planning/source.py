@@ -1,4 +1,4 @@
-"""The source p: the probability of the best plan whose next pair contains a slot's entity."""
+"""The source plan (p): the probability of the best plan whose next pair contains a slot's entity."""
 
 from collections.abc import Mapping
 from typing import ClassVar, Self
@@ -34,7 +34,7 @@ P = Label(
 
 
 class BestPlan(BestRecipe):
-    """The source p, ``p_i = max_j log Q_n(e_i, e_j)``; with selection s, ``p_i = log Q_n(e_i, e_s)``.
+    """The source plan (p), ``p_i = max_j log Q_n(e_i, e_j)``; with selection s, ``p_i = log Q_n(e_i, e_s)``.
 
     Q is the value of a pair with n attempts left, see :mod:`wordcraft_kg.planning.search`. With one attempt left, p
     ranks pairs by the probability that they make the goal. The buffer ``curve`` holds the settings of the search:
@@ -60,8 +60,9 @@ class BestPlan(BestRecipe):
         )
         if not isinstance(whole, RecipeScorer) or curve is None:
             raise ConfigError(
-                f"`use` p needs probabilities of recipes, and {getattr(scorer, 'name', 'this scorer')} has none. Train "
-                "a recipe scorer with folds: `wordcraft-kg train-recipes` on a graph with a test part. Leave out "
+                "`use` plan (p) needs probabilities of recipes, and "
+                f"{getattr(scorer, 'name', 'this scorer')} has none. Train a recipe scorer with "
+                "folds: `wordcraft-kg train-recipes` on a graph with a test part. Leave out "
                 "`in_sample`, which drops the folds."
             )
         source = super().of_scorer(scorer, view)
@@ -102,7 +103,7 @@ class BestPlan(BestRecipe):
         attempts = states.attempts
         if attempts is None:
             raise ValueError(
-                "the source p needs `attempts`: the number of attempts left in each state."
+                "the source plan (p) needs `attempts`: the number of attempts left in each state."
             )
         tried = self._tried(states.table, attempts)
         return self.search.values(states.goal, states.table, model, attempts.left, tried)

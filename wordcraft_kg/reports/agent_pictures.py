@@ -8,11 +8,16 @@ from markupsafe import Markup
 from wordcraft_kg.agents.explanation import ExplainedSlot, ExplainedStep
 from wordcraft_kg.base.escaping import for_html
 from wordcraft_kg.evaluation.recipe_scores import main_support
-from wordcraft_kg.evaluation.training_curves import CurvePoint, Figure, LambdaCurve, SeedCurve
+from wordcraft_kg.evaluation.training_curves import (
+    CurvePoint,
+    LambdaCurve,
+    SeedCurve,
+    TrainingMetric,
+)
 from wordcraft_kg.models.policies.sources import ALPHA, Label, label_of, source_names
 from wordcraft_kg.reports import charts
 
-FIGURES: dict[Figure, str] = {
+METRICS: dict[TrainingMetric, str] = {
     "test_success": "greedy success on test tasks",
     "return": "return of the last episodes",
     "loss": "loss",
@@ -25,7 +30,8 @@ FIGURES: dict[Figure, str] = {
 
 def source_colours() -> dict[str, int]:
     """Return the colour number for each score source, by name."""
-    return {name: number for number, name in enumerate((ALPHA.name, *source_names()))}
+    names = (ALPHA.name, *source_names())
+    return {name: number for number, name in enumerate(names)}
 
 
 def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]]) -> Markup:
@@ -54,18 +60,24 @@ def picture_of_success(curves: Mapping[str, Mapping[str, Sequence[CurvePoint]]])
 
 def picture_of_lambdas(agent: str, lambdas: Sequence[LambdaCurve]) -> Markup:
     """Draw an agent's mixing weights (λ for each score source) over training."""
-    colours = source_colours()
+    colour_of_source = source_colours()
     series = {}
-    curves = {f"{label_of(curve.source).coefficient} {curve.action}": curve for curve in lambdas}
-    for name, curve in curves.items():
+    colours = {}
+    dashed = set()
+    for curve in lambdas:
+        name = f"{label_of(curve.source).coefficient} {curve.action}"
         series[name] = _without_interval(curve.points)
+        # Both actions of a source share its colour; dashes tell them apart.
+        colours[name] = colour_of_source[curve.source]
+        if curve.action == "second":
+            dashed.add(name)
     return charts.curves(
         series,
         "environment steps",
         "mean mixing weight (λ) in the last batch",
         f"Mixing weights of {agent} over training",
-        dashed={name for name, curve in curves.items() if curve.action == "second"},
-        colours={name: colours[curve.source] for name, curve in curves.items()},
+        dashed=dashed,
+        colours=colours,
     )
 
 
@@ -73,20 +85,20 @@ def _without_interval(points: Sequence[tuple[int, float]]) -> list[charts.CurveP
     return [(step, value, None, None) for step, value in points]
 
 
-def pictures_of_figures(
-    figures: Mapping[str, Mapping[Figure, Sequence[SeedCurve]]],
+def pictures_of_metrics(
+    figures: Mapping[str, Mapping[TrainingMetric, Sequence[SeedCurve]]],
 ) -> list[Markup]:
     """Draw a chart for each logged statistic with a curve for each run.
 
     ``figures`` has the curves by agent and statistic.
     """
     pictures = []
-    for figure, title in FIGURES.items():
+    for figure, title in METRICS.items():
         series: dict[str, list[charts.CurvePoint]] = {}
         colours: dict[str, int] = {}
         labels = {}
-        for number, (agent, by_figure) in enumerate(figures.items()):
-            for curve in by_figure.get(figure, ()):
+        for number, (agent, by_metric) in enumerate(figures.items()):
+            for curve in by_metric.get(figure, ()):
                 name = f"{agent}, seed {curve.seed}"
                 # The first seed's curve carries the agent's name.
                 if number not in colours.values():
@@ -125,20 +137,28 @@ def contribution_bar(
     half = 70.0
     height = 12
     # The next term of each sign begins where the last one ended, at first in the middle.
-    ends = {True: half, False: half}
+    right = half
+    last_left = half
     parts = [f'<svg class="bar" viewBox="0 0 {2 * half:g} {height}" aria-hidden="true">']
     for name, value in contributions.items():
         # A scale of 0 means that all terms are 0.
-        width = min(abs(value) / scale, 1) * half if scale else 0.0
-        is_positive = value >= 0
-        left = ends[is_positive] if is_positive else ends[is_positive] - width
-        ends[is_positive] = left + width if is_positive else left
+        share = min(abs(value) / scale, 1) if scale else 0.0
+        width = share * half
+        if value >= 0:
+            left = right
+            right += width
+        else:
+            last_left -= width
+            left = last_left
+        title = f"{for_html(name)}: {value:.2f}"
         parts.append(
             f'<rect x="{left:.1f}" y="1" width="{width:.1f}" height="{height - 2}"'
             f' class="series-{colours[name]}">'
-            f"<title>{for_html(name)}: {value:.2f}</title></rect>"
+            f"<title>{title}</title></rect>"
         )
-    parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/></svg>')
+    # The middle, drawn last and so above the terms.
+    parts.append(f'<line x1="{half:g}" x2="{half:g}" y1="0" y2="{height}" class="grid"/>')
+    parts.append("</svg>")
     return Markup("".join(parts))
 
 

@@ -1,11 +1,10 @@
 """The agent report: evaluation results for all agents, with charts."""
 
 import re
-from typing import Any
 
 from markupsafe import Markup
 
-from wordcraft_kg.evaluation.agent_figures import NEVER, Slice
+from wordcraft_kg.evaluation.agent_metrics import NEVER, Slice
 from wordcraft_kg.evaluation.agents import AgentsView
 from wordcraft_kg.evaluation.goal_groups import MADE, NOT_MADE
 from wordcraft_kg.reports import agent_pictures, charts
@@ -33,7 +32,7 @@ def make_agent_report(view: AgentsView) -> Report[AgentsView]:
             "curves": agent_pictures.picture_of_success(
                 {agent.name: agent.curves for agent in view.agents}
             ),
-            "training": agent_pictures.pictures_of_figures(
+            "training": agent_pictures.pictures_of_metrics(
                 {agent.name: agent.training for agent in view.agents}
             ),
             "lambdas": {
@@ -62,19 +61,22 @@ def _place(label: str) -> int:
 
 def _success(view: AgentsView) -> Markup:
     headline = str(view.headline)
-    rows: list[tuple[str, tuple[float, float | None, float | None]]] = []
+    rows: list[tuple[str, charts.Estimate]] = []
     for agent in view.agents:
         # An MLP may be unable to play with this number of distractors.
         success = agent.success.get(headline)
         if success:
             low, high = success.widest_ci
             rows.append((agent.name, (success.mean, low, high)))
-    baselines = [(player.name, (player.success[headline], None, None)) for player in view.baselines]
+    # The first agent's success is the line that all others are compared with.
+    reference = rows[0][1][0] if rows else None
+    for player in view.baselines:
+        rows.append((player.name, (player.success[headline], None, None)))
     return charts.intervals(
-        [*rows, *baselines],
+        rows,
         f"success on {view.part} tasks, with 95 % intervals",
         "Success of the agents and of scripted players",
-        reference=rows[0][1][0] if rows else None,
+        reference=reference,
         percent=True,
     )
 
@@ -82,19 +84,23 @@ def _success(view: AgentsView) -> Markup:
 def _pictures_of_slices(view: AgentsView) -> dict[Slice, tuple[str, Markup]]:
     pictures: dict[Slice, tuple[str, Markup]] = {}
     for key, (heading, axis) in _SLICES.items():
-        groups = {}
+        groups: dict[str, dict[str, charts.Estimate]] = {}
         found: set[str] = set()
         for agent in view.agents:
-            rows = {row.slice: (row.success, *row.ci) for row in agent.slices.get(key, ())}
+            rows: dict[str, charts.Estimate] = {}
+            for row in agent.slices.get(key, ()):
+                low, high = row.ci
+                rows[row.slice] = (row.success, low, high)
             groups[agent.name] = rows
             found.update(rows)
-        if found:
-            labels = sorted(found, key=_place)
-            cells: dict[str, Any] = {}
-            for name, rows in groups.items():
-                cells[name] = [rows.get(label) for label in labels]
-            picture = charts.dots(
-                labels, cells, axis, f"success on {view.part} tasks", f"Success by {axis}"
-            )
-            pictures[key] = (heading, picture)
+        if not found:
+            continue
+        labels = sorted(found, key=_place)
+        cells = {}
+        for name, rows in groups.items():
+            # An agent has None for a group in which it played no task.
+            cells[name] = [rows.get(label) for label in labels]
+        measure = f"success on {view.part} tasks"
+        picture = charts.dots(labels, cells, axis, measure, f"Success by {axis}")
+        pictures[key] = (heading, picture)
     return pictures

@@ -23,9 +23,14 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
     """
     # Every attempt, and not only the marks of the view: a curve needs all its points.
     table = summarise_curves(curves, range(view.attempts + 1))
-    colours = {name: number for number, name in enumerate((*view.players, _PEOPLE))}
-    known: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
-    repeated: dict[str, list[charts.CurvePoint]] = {name: [] for name in view.players}
+    # People come last, so that the players have the colours of the other charts.
+    drawn = (*view.players, _PEOPLE)
+    colours = {name: number for number, name in enumerate(drawn)}
+    known: dict[str, list[charts.CurvePoint]] = {}
+    repeated: dict[str, list[charts.CurvePoint]] = {}
+    for name in view.players:
+        known[name] = []
+        repeated[name] = []
     names = ("player", "attempt", "mean", "low", "high", "repeated")
     columns = [table[name].tolist() for name in names]
     for player, attempt, mean, low, high, share in zip(*columns, strict=True):
@@ -44,7 +49,8 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
         if any(share for _, share, _, _ in points):
             repeats[name] = points
     about = "Mean number of entities known after each attempt"
-    pictures = {"known": charts.curves(known, "attempts", "entities known", about, colours=colours)}
+    picture = charts.curves(known, "attempts", "entities known", about, colours=colours)
+    pictures = {"known": picture}
     if repeats:
         share = "share of the attempts so far"
         about = f"Mean {share} that combined a pair tried before"

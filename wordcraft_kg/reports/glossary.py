@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from wordcraft_kg.base.records import Record
-from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of
+from wordcraft_kg.models.policies.sources import ALPHA, BUILT_IN, Label, label_of, with_letters
 
 Topic = Literal["Graphs", "Links", "Play", "Agents"]
 
@@ -27,12 +27,15 @@ class Term(Record):
 
 
 def _term(label: Label) -> Term:
-    return Term("Agents", label.words, label.meaning or label.about, label.symbol)
+    meaning = label.meaning or label.about
+    if label is not ALPHA:
+        # A reader of a report meets the letter, and needs the name that commands take.
+        meaning = f"{meaning} In commands and settings: {with_letters([label.name])}."
+    return Term("Agents", label.words, meaning, label.symbol)
 
 
-_TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(
-    Path(__file__).with_suffix(".toml").read_text("utf-8")
-)
+_FILE = Path(__file__).with_suffix(".toml")
+_TERMS: dict[Any, dict[str, list[str]]] = tomllib.loads(_FILE.read_text("utf-8"))
 # Score sources define their own words, so that a term and a column never differ.
 GLOSSARY = {label.name: _term(label) for label in (ALPHA, *BUILT_IN.values())}
 for _topic, _terms in _TERMS.items():
@@ -45,4 +48,7 @@ def find_term(key: str) -> Term:
     Raises:
         KeyError: if the key is unknown.
     """
-    return GLOSSARY[key] if key in GLOSSARY else _term(label_of(key))
+    if key in GLOSSARY:
+        return GLOSSARY[key]
+    # Sources of other packages may be registered after this module was imported.
+    return _term(label_of(key))

@@ -70,16 +70,15 @@ def _pictures_of_probabilities(view: LinkView) -> dict[str, Markup]:
     series = {}
     for row in view.probabilities:
         # With a reason, all triples have one probability, which is a point and no curve.
-        if not row.reason:
-            name = f"{row.relation}, itself" if row.pairs == "itself" else row.relation
-            series[name] = [
-                (at.probability, at.observed, at.low, at.high, at.triples) for at in row.bins
-            ]
-    return {
-        "probabilities": charts.log_reliability(
-            series, "Share of true triples against their probability"
-        )
-    }
+        if row.reason:
+            continue
+        kind = ", itself" if row.pairs == "itself" else ""
+        points = []
+        for at in row.bins:
+            points.append((at.probability, at.observed, at.low, at.high, at.triples))
+        series[f"{row.relation}{kind}"] = points
+    about = "Share of true triples against their probability"
+    return {"probabilities": charts.log_reliability(series, about)}
 
 
 def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
@@ -98,18 +97,19 @@ def _pictures_of_ranks(view: LinkView) -> dict[str, Markup]:
     }
 
 
-def _interval_row(
-    name: str, metrics: RankingMetrics
-) -> tuple[str, tuple[float, float | None, float | None]]:
+def _interval_row(name: str, metrics: RankingMetrics) -> tuple[str, charts.Estimate]:
     low, high = metrics.mrr_ci or (None, None)
     return name, (metrics.mrr or 0.0, low, high)
 
 
 def _pictures_of_training(view: LinkView) -> dict[str, Markup]:
-    loss = [(row.epoch, row.loss, None, None) for row in view.trace]
-    valid = [
-        (row.epoch, row.valid_mrr, None, None) for row in view.trace if row.valid_mrr is not None
-    ]
+    loss: list[charts.CurvePoint] = []
+    valid: list[charts.CurvePoint] = []
+    for row in view.trace:
+        loss.append((row.epoch, row.loss, None, None))
+        # Not every epoch is validated.
+        if row.valid_mrr is not None:
+            valid.append((row.epoch, row.valid_mrr, None, None))
     pictures = {}
     if loss:
         pictures["loss"] = charts.curves(

@@ -120,11 +120,13 @@ def _environment(package: str) -> jinja2.Environment:
     # Templates of other packages extend the page of this one.
     packages = [package] if package else []
     environment = make_environment(*packages, "wordcraft_kg.reports")
-    script = (files("wordcraft_kg.reports") / "templates" / "page.js").read_text(encoding="utf-8")
+    templates = files("wordcraft_kg.reports") / "templates"
+    script = (templates / "page.js").read_text(encoding="utf-8")
+    digest = hashlib.sha256(script.encode()).digest()
     environment.globals |= {
         "script": Markup(script),
         # The page's content security policy admits this script only.
-        "script_hash": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
+        "script_hash": base64.b64encode(digest).decode(),
     }
     return environment
 

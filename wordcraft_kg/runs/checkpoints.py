@@ -90,6 +90,7 @@ class Checkpoints(Generic[P]):
 
     def records(self) -> dict[int, Path]:
         """Return the JSON record paths by checkpoint number, latest first."""
+        # Temporary files of a killed write have other names.
         name = re.compile(rf"{self.unit}-(\d+)")
         paths: dict[int, Path] = {}
         for path in self.folder.glob("*.json"):
@@ -120,6 +121,7 @@ class Checkpoints(Generic[P]):
         write_atomically(path, data, durable=True)
         record = CheckpointRecord(sha256=hashlib.sha256(data).hexdigest(), progress=progress)
         write_atomically(path.with_suffix(".json"), dump_json(as_values(record)), durable=True)
+        # Only now: a message after a failed write names the checkpoint before.
         self.last = number
         if self.kept is None:  # every part is needed until the end
             return
@@ -175,6 +177,7 @@ class Checkpoints(Generic[P]):
         kind = CheckpointRecord[self.progress]  # type: ignore[name-defined]
         record: CheckpointRecord[P] = read_record(path, kind)
         tensors = path.with_suffix(".safetensors")
+        # Read once: the bytes that are hashed are those that are used.
         data = read_large_file(tensors)
         if hashlib.sha256(data).hexdigest() != record.sha256:
             raise ArtefactError(f"{tensors} is damaged: the SHA-256 differs from the record.")

@@ -33,16 +33,23 @@ class RunFiles:
     run: RunRecord
 
     def bytes(self, name: str) -> bytes:
-        """Return the content of an input or output file, after a SHA-256 check."""
+        """Return the content of an input or output file as it was written, after a SHA-256 check.
+
+        Git on Windows gives text files other line ends (CRLF) by default. Such a file is taken if
+        its SHA-256 is right with the line ends that were written (LF); so no other change passes.
+        """
         path = self.folder / name
         data = read_large_file(path)
         expected = self.run.outputs.get(name, self.run.inputs.get(name))
-        if hashlib.sha256(data).hexdigest() != expected:
-            raise ArtefactError(
-                f"{path} is damaged or was changed: the SHA-256 differs from run.json. "
-                "Train again, or restore a copy."
-            )
-        return data
+        if hashlib.sha256(data).hexdigest() == expected:
+            return data
+        written = data.replace(b"\r\n", b"\n")
+        if hashlib.sha256(written).hexdigest() == expected:
+            return written
+        raise ArtefactError(
+            f"{path} is damaged or was changed: the SHA-256 differs from run.json. "
+            "Train again, or restore a copy."
+        )
 
     def record(self, name: str, kind: type[T]) -> T:
         """Read a JSON file, such as ``metrics.json``, into an instance of the class ``kind``."""

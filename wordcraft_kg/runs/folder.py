@@ -129,6 +129,7 @@ class RunFolder(Generic[P]):
                 recorded.
             facts: optional fields of :class:`~wordcraft_kg.runs.record.RunRecord`.
         """
+        # First the configuration, whose hash stands in the record.
         config.write(self.path)
         hashes = {name: sha256_of(self.path / name) for name in (CONFIG_FILE, *files)}
         settings = config.values()

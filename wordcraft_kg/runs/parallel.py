@@ -220,6 +220,7 @@ def _cores_of(
     threads: int | None,
 ) -> list[int]:
     """Return the cores to which a process is bound, none without enough cores for all."""
+    # With more threads than cores, bound processes would share a core while another is idle.
     if threads is None or not hasattr(os, "sched_getaffinity") or places * threads > cores():
         return []
     return sorted(os.sched_getaffinity(0))[number * threads : (number + 1) * threads]
@@ -231,6 +232,7 @@ def _threads_of(threads: int | None) -> Iterator[None]:
     if threads is None:
         yield
         return
+    # Variables, since libraries read the number when the new process loads them.
     before = {name: os.environ[name] for name in THREADS_VARIABLES if name in os.environ}
     os.environ.update(dict.fromkeys(THREADS_VARIABLES, str(threads)))
     try:
@@ -292,8 +294,10 @@ def _perform_jobs(
 
 def _end_with(parent: int) -> None:
     """End this process after its parent, so that no folder stays in use."""
+    # A killed parent can tell nobody, but its children then belong to another process.
     while os.getppid() == parent:
         time.sleep(0.5)
+    # At once: an orderly exit would wait for the job.
     os._exit(1)
 
 

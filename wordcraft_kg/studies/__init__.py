@@ -6,18 +6,18 @@ Read ``study`` first: it says what a study is. Then follow a study through the r
 |---|---|
 | ``study``, ``builtin/`` | the TOML file: variants, grid, seeds, claims; the package's studies |
 | ``plan``, ``tasks`` | tasks that make graphs, scorers and runs; equal tasks are planned once |
-| ``engine``, ``local_workers``, ``perform`` | performing missing tasks, in processes on this machine |
+| ``engine``, ``local_workers``, ``perform`` | performing missing tasks, in local processes |
 | ``store``, ``results``, ``played_tasks`` | the results folder, and the record with all results |
 | ``cells``, ``packs`` | a store of results that machines and the repository share |
 | ``variants``, ``view``, ``claims`` | means, intervals, comparisons and verdicts |
 | ``tables``, ``report`` | the same as text, CSV, pictures and page |
 
-A task's folder name (its address) is a hash over non-default settings and input addresses, so studies share finished
-tasks. ``figures.json``, with a task's results, is written last and marks the task as done. All tables, pictures, claims
-and pages derive from one record, ``StudyResults``.
+A task's folder name (its address) is a hash over non-default settings and input addresses, so
+studies share finished tasks. ``figures.json``, with a task's results, is written last and marks the
+task as done. All tables, pictures, claims and pages derive from one record, ``StudyResults``.
 
-Studies in ``builtin/``, wording, tables and pictures may be changed freely. A change of ``plan`` that changes an
-address discards finished trainings, and a change of training code that changes results needs a new number in
-``VERSIONS``, see there. The rules of ``claims`` and the fields of records in JSON are contracts: readers have results
-that rest on them.
+Studies in ``builtin/``, wording, tables and pictures may be changed freely. A change of ``plan``
+that changes an address discards finished trainings, and a change of training code that changes
+results needs a new number in ``VERSIONS``, see there. The rules of ``claims`` and the fields of
+records in JSON are contracts: readers have results that rest on them.
 """

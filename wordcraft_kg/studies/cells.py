@@ -1,7 +1,10 @@
-"""A store of cells: results of finished trainings, shared between machines and committed with the code.
+"""A store of cells.
 
-A cell is named by the address of its task, a hash over settings, seed, recipe book and code version. It holds the
-results without durations, so the same training on the same platform gives the same bytes. ``packs`` has the files.
+Cells are results of finished trainings, shared between machines and committed with the code.
+
+A cell is named by the address of its task, a hash over settings, seed, recipe book and code
+version. It holds the results without durations, so the same training on the same platform gives the
+same bytes. ``packs`` has the files.
 """
 
 import json
@@ -20,15 +23,15 @@ from wordcraft_kg.graphs.library import open_book
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.studies.packs import CellFiles
-from wordcraft_kg.studies.perform import FIGURES, is_done
+from wordcraft_kg.studies.perform import METRICS, is_done
 from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.played_tasks import PlayedTasks
 from wordcraft_kg.studies.results import (
-    RunFigures,
-    TaskFigures,
+    RunMetrics,
+    TaskMetrics,
     hash_of,
-    read_figures,
-    write_figures,
+    read_metrics,
+    write_metrics,
 )
 from wordcraft_kg.studies.tasks import Task
 
@@ -41,7 +44,8 @@ class StoredCell(Record, frozen=True):
 
     Attributes:
         format: name and version of the file format.
-        sha256: hash of settings and results, which finds damage and careless edits, but no forged cell.
+        sha256: hash of settings and results, which finds damage and careless edits, but no forged
+            cell.
         settings: settings of the task, whose hash is the cell's name.
         figures: results without durations.
     """
@@ -64,6 +68,7 @@ def exchange_cells(plan: Plan, root: Path, store: CellFiles) -> int:
         Number of cells that were taken from the store.
     """
     taken = 0
+    # Opened once for all cells: each agent of a graph plays the same tasks.
     played = PlayedTasks(partial(_opened, plan))
     for task in plan.tasks.values():
         if task.kind == "graphs":
@@ -74,20 +79,21 @@ def exchange_cells(plan: Plan, root: Path, store: CellFiles) -> int:
         figures = read_cell(task, store, played)
         if figures is not None:
             task.folder(root).mkdir(parents=True, exist_ok=True)
-            write_figures(task.folder(root), structs.replace(figures, stored=True))
+            write_metrics(task.folder(root), structs.replace(figures, stored=True))
             taken += 1
     return taken
 
 
 def read_cell(
     task: Task, store: CellFiles, played: PlayedTasks | None = None
-) -> TaskFigures | None:
+) -> TaskMetrics | None:
     """Return a task's results from its cell, and warn of a cell that does not count.
 
     Args:
         task: scorer or agent training.
         store: files of the store.
-        played: test tasks of the study's agents. With them, results of other tasks than the agent's are damage, too.
+        played: test tasks of the study's agents. With them, results of other tasks than the agent's
+            are damage, too.
 
     Returns:
         None if the cell is missing, damaged or edited, or has results that contradict each other.
@@ -101,17 +107,17 @@ def read_cell(
             raise ArtefactError(
                 f"{where} is damaged or was changed: the hash or the settings do not fit."
             )
-        figures = as_record(cell.figures, FIGURES[task.kind], where)
+        figures = as_record(cell.figures, METRICS[task.kind], where)
         # `keep_cell` writes no durations, so others are forged: a page would add them up.
         timed = [
             name for name in _UNTIMED if getattr(figures, name, _UNTIMED[name]) != _UNTIMED[name]
         ]
         if timed:
             raise ArtefactError(
-                f"{where} is damaged or was changed: '{timed[0]}' is {getattr(figures, timed[0])}; expected "
-                f"{_UNTIMED[timed[0]]} in a cell."
+                f"{where} is damaged or was changed: '{timed[0]}' is {getattr(figures, timed[0])}; "
+                f"expected {_UNTIMED[timed[0]]} in a cell."
             )
-        if played is not None and isinstance(figures, RunFigures):
+        if played is not None and isinstance(figures, RunMetrics):
             played.check(figures, task.needs[0], task.settings["settings"], where)
         return figures
     except ArtefactError as error:
@@ -128,16 +134,19 @@ def _opened(plan: Plan, address: str) -> OpenedGraph:
 
 
 def keep_cell(task: Task, root: Path, store: CellFiles) -> None:
-    """Write a finished training into a store as a loose file; an intact cell stays, with a warning if results differ.
+    """Write a finished training into a store as a loose file.
+
+    An intact cell stays, with a warning if results differ.
 
     Results that came from a store, or that do not name their platform, are left out.
 
     Args:
         task: a done task; graphs have no cells.
         root: results folder with the task's results.
-        store: files of the store. A store that cannot be written is a warning: the results are safe in ``root``.
+        store: files of the store. A store that cannot be written is a warning: the results are safe
+            in ``root``.
     """
-    figures = read_figures(task.folder(root), FIGURES[task.kind])
+    figures = read_metrics(task.folder(root), METRICS[task.kind])
     if task.kind == "graphs" or figures.stored or not figures.platform:
         return
     text = _text(task, figures)
@@ -149,8 +158,8 @@ def keep_cell(task: Task, root: Path, store: CellFiles) -> None:
     is_comparable = before.platform == figures.platform and before.versions == figures.versions
     if is_comparable and store.read(task.address) != text.encode():
         logging.getLogger(__name__).warning(
-            "'%s' has other results than its cell %s, which stays. If the code has changed, raise VERSIONS in "
-            "wordcraft_kg/studies/plan.py.",
+            "'%s' has other results than its cell %s, which stays. If the code has changed, raise "
+            "VERSIONS in wordcraft_kg/studies/plan.py.",
             task.title,
             store.where(task.address),
         )
@@ -170,7 +179,7 @@ def _write_loose(task: Task, store: CellFiles, text: str) -> None:
         )
 
 
-def _text(task: Task, figures: TaskFigures) -> str:
+def _text(task: Task, figures: TaskMetrics) -> str:
     untimed = {name: value for name, value in _UNTIMED.items() if hasattr(figures, name)}
     values = as_values(structs.replace(figures, **untimed))
     cell = StoredCell(

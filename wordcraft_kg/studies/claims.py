@@ -1,7 +1,7 @@
 """Claims about a study's results: each gets a verdict by a fixed rule, with the measured values.
 
-A claim compares two sides: two variants, or a variant and a value. With [l, h] the 95 % interval for the difference
-between the sides, a claim of *more, by at least b* (default 0) is
+A claim compares two sides: two variants, or a variant and a value. With [l, h] the 95 % interval
+for the difference between the sides, a claim of *more, by at least b* (default 0) is
 
 | verdict | if |
 |---|---|
@@ -10,16 +10,18 @@ between the sides, a claim of *more, by at least b* (default 0) is
 | not reproduced | h < 0, h < b, or (without an amount) h < .02 |
 | undecided | otherwise |
 
-For *less* all signs are reversed. *Comparable, closer than b* is reproduced if [l, h] lies within ±b, not reproduced if
-it lies beyond ±b, differs if it otherwise excludes 0, and else undecided. *Varies* is reproduced if one grid interval
-is above 0 and another below; with one sign everywhere, it differs if the difference surely changes between two points
-(in pairs; for other tasks: disjoint intervals) and else is not reproduced; it is not reproduced either if all intervals
-lie within ±.02, and else undecided. A claim without runs is *not run*.
+For *less* all signs are reversed. *Comparable, closer than b* is reproduced if [l, h] lies within
+±b, not reproduced if it lies beyond ±b, differs if it otherwise excludes 0, and else undecided.
+*Varies* is reproduced if one grid interval is above 0 and another below; with one sign everywhere,
+it differs if the change of the difference between two points is significant at 5 % (in pairs; for
+other tasks: disjoint intervals) and else is not reproduced; it is not reproduced either if all
+intervals lie within ±.02, and else undecided. A claim without runs is *not run*.
 
-Intervals for success are over seeds and over groups of tasks that the split holds out together, such as the tasks of a
-goal (:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals for figures per run, such as steps, are over
-seeds: mean ± t · s / √S, with Student's t. Differences are paired by seed, task and table. Verdicts are not corrected
-for multiple claims. With fewer than three seeds, a verdict other than *undecided* is marked as provisional.
+Intervals for success are over seeds and over groups of tasks that the split holds out together,
+such as the tasks of a goal (:func:`~wordcraft_kg.base.statistics.crossed_difference`). Intervals
+for metrics per run, such as steps, are over seeds: mean ± t · s / √S, with Student's t. Differences
+are paired by seed, task and table. Verdicts are not corrected for multiple claims. With fewer than
+three seeds, a verdict other than *undecided* is marked as provisional.
 """
 
 from collections.abc import Iterable, Sequence
@@ -67,14 +69,14 @@ class Measured(Record, frozen=True):
         left: mean of the left side over the seeds that both sides have, in the measure's unit.
         right: mean of the right side, or the value that the left side is compared with.
         difference: ``left - right``.
-        low: lower end of the 95 % interval of the difference; None for a single seed, which does not
-            show how trainings vary.
+        low: lower end of the 95 % interval of the difference; None for a single seed, which does
+            not show how trainings vary.
         high: upper end of the interval, or None.
         seeds: number of seeds that both sides have.
         tasks: number of test tasks; 0 for measures with one value per training, whose intervals are
             over seeds alone.
-        groups: number of task groups that the interval resamples; equal to ``tasks`` if each task is
-            a group.
+        groups: number of task groups that the interval resamples; equal to ``tasks`` if each task
+            is a group.
     """
 
     values: Values
@@ -89,7 +91,9 @@ class Measured(Record, frozen=True):
 
 
 class ClaimVerdict(Record, frozen=True):
-    """A claim with its verdict, which follows from the measured intervals by the table of this module.
+    """A claim with its verdict.
+
+    The verdict follows from the measured intervals by the table of this module.
 
     Attributes:
         text: the claim in a sentence.
@@ -131,7 +135,9 @@ def view_claims(
 
 
 def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
-    """Return verdicts on a claim: one for each grid point, then one for each reason of a missing point.
+    """Return verdicts on a claim, one for each grid point.
+
+    Then follows one for each reason of a missing point.
 
     A claim that the sign varies has one verdict over all its points, and needs two of them.
     """
@@ -157,7 +163,8 @@ def check_claim(results: StudyResults, claim: Claim) -> list[ClaimVerdict]:
 def _verdict(
     claim: Claim, verdict: Verdict, why: str, measured: tuple[Measured, ...]
 ) -> ClaimVerdict:
-    # With two seeds, Student's t has one degree of freedom: such a verdict may turn with the third seed.
+    # With two seeds, Student's t has one degree of freedom: such a verdict may turn with the third
+    # seed.
     seeds = min((of.seeds for of in measured), default=FEWEST_PAIRS)
     if verdict != "undecided" and seeds < FEWEST_PAIRS:
         why += f" (provisional: {counted(seeds, 'seed')})"
@@ -213,9 +220,9 @@ def _sides(results: StudyResults, claim: Claim, point: Values) -> _Sides:
     others = [right[seed] for seed in seeds]
     _check_runs(results, claim, point, runs + others)
     pairs = list(zip(runs, others, strict=True))
-    of_left = np.array([_figures(claim.measure, run, other) for run, other in pairs])
+    of_left = np.array([_metrics(claim.measure, run, other) for run, other in pairs])
     if claim.right:
-        of_right = np.array([_figures(claim.measure, other, other) for other in others])
+        of_right = np.array([_metrics(claim.measure, other, other) for other in others])
     else:
         of_right = np.full_like(of_left, claim.than)
     # All runs have the same tasks, see _check_runs, and so the same groups.
@@ -264,8 +271,11 @@ def _runs(results: StudyResults, variant: str, point: Values) -> dict[int, RunRe
     return runs
 
 
-def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
-    """Return a run's values: one for each test task for success, and else one; ``other`` is the right side's run."""
+def _metrics(measure: Measure, run: RunResult, other: RunResult) -> Sequence[float] | Scores:
+    """Return a run's values: one for each test task for success, and else one.
+
+    ``other`` is the run of the right side.
+    """
     if measure == "success":
         return run.rates
     if measure == "same_twice":
@@ -275,7 +285,8 @@ def _figures(measure: Measure, run: RunResult, other: RunResult) -> Sequence[flo
         _, success = min(run.curve, key=lambda point: abs(point[0] - _EARLY * run.steps))
         return [success]
     _, end = other.curve[-1]
-    # A curve that never gets there counts as all steps: leaving it out would favour the slower side.
+    # A curve that never gets there counts as all steps: leaving it out would favour the slower
+    # side.
     steps = min(steps_to(run.curve, _REACHED * end), run.steps)
     return [steps / run.steps]
 
@@ -319,8 +330,9 @@ def _rule(results: StudyResults, claim: Claim, measured: Sequence[Measured]) -> 
 def _more(low: float, high: float, by: float, word: str, opposite: str) -> tuple[Verdict, str]:
     if low > 0:
         if low < by:
-            how = "not" if high < by else "not surely"
-            return "differs", f"{word}, but {how} by {by:g}"
+            if high < by:
+                return "differs", f"{word}, but not by {by:g}"
+            return "differs", f"{word}, but at least {by:g} is not significant at 5 %"
         if by:
             return "reproduced", f"{word}, by more than {by:g}"
         # Significant, but below any relevant size: reproduced as claimed, and the reader is told.
@@ -366,7 +378,7 @@ def _varies(
         # The same sign everywhere contradicts the claim, unless at least the amount varies.
         if any(_changes(results, claim, *pair) for pair in combinations(measured, 2)):
             return "differs", f"{everywhere}, but by different amounts"
-        return "not reproduced", f"{everywhere}, by amounts that do not surely differ"
+        return "not reproduced", f"{everywhere}, by amounts without a significant difference at 5 %"
     if all(low >= -_SAME and high <= _SAME for low, high in intervals):
         return "not reproduced", f"no difference of {_SAME:g} anywhere"
     return "undecided", "the intervals are too wide"
@@ -375,9 +387,10 @@ def _varies(
 def _changes(results: StudyResults, claim: Claim, one: Measured, other: Measured) -> bool:
     """Return whether the difference of the sides changes significantly between two points.
 
-    At points with the same tasks, trainings of the same seed are compared task by task. This removes
-    the variation that both points share, so that smaller changes are found. Other tasks have no
-    counterparts, and too few common seeds no interval: then the points' own intervals must be disjoint.
+    At points with the same tasks, trainings of the same seed are compared task by task. This
+    removes the variation that both points share, so that smaller changes are found. Other tasks
+    have no counterparts, and too few common seeds no interval: then the points' own intervals must
+    be disjoint.
     """
     here = _sides(results, claim, one.values)
     there = _sides(results, claim, other.values)

@@ -17,9 +17,9 @@ from wordcraft_kg.runs.record import RUN_FILE
 from wordcraft_kg.studies.cells import exchange_cells, keep_cell, read_cell
 from wordcraft_kg.studies.local_workers import LocalWorkers
 from wordcraft_kg.studies.packs import CellFiles
-from wordcraft_kg.studies.perform import FIGURES, check_whole, is_done, make_graph, perform
+from wordcraft_kg.studies.perform import METRICS, check_whole, is_done, make_graph, perform
 from wordcraft_kg.studies.plan import Plan, make_plan
-from wordcraft_kg.studies.results import StudyResults, read_figures
+from wordcraft_kg.studies.results import StudyResults, read_metrics
 from wordcraft_kg.studies.store import (
     collect_study,
     forget_failure,
@@ -71,7 +71,7 @@ def run_plan(
     watch: Watch | None = None,
     store: Path | None = None,
 ) -> StudyProgress:
-    """Perform the tasks in a study that lack results in the folder ``root``, and return the final state.
+    """Perform the tasks in a study without results in the folder ``root``; return the final state.
 
     A failed task stops only the tasks that need its result; the next call repeats failed tasks.
 
@@ -81,7 +81,8 @@ def run_plan(
         make_workers: starts the processes; called only if there are tasks for them.
         command: command line, for the study's record.
         watch: called regularly with the plan and its progress.
-        store: folder of cells, whose results are taken and to which new results are added; None for none.
+        store: folder of cells, whose results are taken and to which new results are added; None for
+            none.
 
     Raises:
         ArtefactError: if a different study runs in the folder, or a pack of the store is damaged.
@@ -129,13 +130,14 @@ class _Engine:
             except KeyboardInterrupt:  # a second Ctrl-C skips the checkpoints
                 done = self.state.kept + self.state.done
                 raise KeyboardInterrupt(
-                    f"interrupted; {done:,} of {len(tasks):,} tasks are done, repeat the command to perform the rest"
+                    f"interrupted; {done:,} of {len(tasks):,} tasks are done, repeat the command "
+                    "to perform the rest"
                 ) from None
         self._show()
         return self.state
 
     def _missing(self) -> dict[str, Task]:
-        """Return the tasks to perform: those without results, and inputs of these that lack their files."""
+        """Return the tasks to perform: those without results, and their inputs that lack files."""
         missing: dict[str, Task] = {}
         for address, task in self.plan.tasks.items():
             if not self._is_present(task, is_done):
@@ -181,12 +183,15 @@ class _Engine:
                 self._end(outcome)
         if is_full:
             raise FullDiskError(
-                f"the disk of '{self.root}' is full. All finished tasks are safe, and trainings have kept their last "
-                "checkpoint; free some space, then repeat the command."
+                f"the disk of '{self.root}' is full. All finished tasks are safe, and trainings "
+                "have kept their last checkpoint; free some space, then repeat the command."
             )
 
     def _next(self) -> Task | None:
-        """Return a waiting task whose inputs are there, in the order of the plan; None if there is none now."""
+        """Return the first waiting task of the plan whose inputs are there.
+
+        The result is None if there is none now.
+        """
         for task in self._waiting.values():
             if self._present.issuperset(task.needs):
                 return self._waiting.pop(task.address)
@@ -205,6 +210,7 @@ class _Engine:
         # Only runs have inputs that can fail, so no task waits for one that is removed here.
         others = [other for other in self._waiting.values() if task.address in other.needs]
         why = f"{task.title} failed: {outcome.error}"
+        # Named as failed, too: otherwise the study would seem to wait for them.
         for other in others:
             del self._waiting[other.address]
             self._fail(other, Outcome(other.address, "failed", why))
@@ -230,7 +236,10 @@ _STEPS_PER_SECOND = {
     "random": 20_000,
     "one-hot": 13_000,
 }
-"""By scorer sources or, without a scorer, by vectors above 50 dimensions; on one core, with 8 distractors."""
+"""By scorer sources or, without a scorer, by vectors above 50 dimensions.
+
+Measured on one core, with 8 distractors.
+"""
 _SECONDS_OF_SCORER = {"train-complex": 70.0, "train-links": 120.0, "train-recipes": 50.0}
 """Duration with folds, for a book of 700 entities."""
 _START = 3.0
@@ -257,8 +266,9 @@ def estimated_hours(plan: Plan, root: Path, store: Path | None = None) -> float:
     measured = defaultdict(list)
     for task in plan.tasks.values():
         try:
-            seconds = read_figures(task.folder(root), FIGURES[task.kind]).seconds
+            seconds = read_metrics(task.folder(root), METRICS[task.kind]).seconds
         except ArtefactError:
+            # Graphs have no cells, but take no time either.
             if cells is None or task.kind == "graphs" or read_cell(task, cells) is None:
                 left[task.address] = task
             continue
@@ -281,7 +291,8 @@ def _sort(task: Task) -> str:
         return task.kind
     settings = task.settings["settings"]
     if len(task.needs) > 1:
-        return "w" if "w" in settings.get("use", PolicyConfig.use) else "u,v"
+        config = PolicyConfig(use=settings.get("use", PolicyConfig.use))
+        return "w" if "w" in config.sources else "u,v"
     features = settings.get("features", PolicyConfig.features)
     return features if features in _STEPS_PER_SECOND else "none"
 
@@ -303,7 +314,9 @@ def run_study(
     watch: Watch | None = None,
     store: Path | None = None,
 ) -> StudyResults:
-    """Perform the missing tasks in a study and return its results; failed trainings are listed as missing.
+    """Perform the missing tasks in a study and return its results.
+
+    Failed trainings are listed as missing.
 
     Args:
         study: from :func:`~wordcraft_kg.studies.study.read_study`, or made in Python.
@@ -312,7 +325,8 @@ def run_study(
         jobs: number of parallel trainings, each in a process. Default: as many as the cores allow.
         keep_all: keep run weights and episodes, tens of megabytes each.
         watch: called regularly with the plan and its state.
-        store: folder with cells (results of one training each) to read, and to extend with new results.
+        store: folder with cells (results of one training each) to read, and to extend with new
+            results.
 
     Raises:
         ConfigError: for a study fault, or ``jobs`` out of range.
@@ -320,7 +334,8 @@ def run_study(
         KeyboardInterrupt: after Ctrl-C; the same call resumes.
 
     Example:
-        >>> study = Study("A look", {"none": {}}, seeds=1, settings={"book": "kitchen", "steps": 256})
+        >>> settings = {"book": "kitchen", "steps": 256}
+        >>> study = Study("A look", {"none": {}}, seeds=1, settings=settings)
         >>> results = run_study(study, "results", jobs=1)
         >>> [(run.variant, run.seed, run.steps) for run in results.runs]
         [('none', 0, 256)]

@@ -1,13 +1,14 @@
 """The files of a store of cells: loose JSON files, and packs with the cells of a study on a book.
 
-A store is a folder. A cell, the result of one training, lies in ``runs/<hash>.json`` or ``scorers/<hash>.json``: as a
-file of its own, or as a member of that name in a pack, a zip archive in the folder itself. New cells are written as
-loose files; :func:`write_pack` gathers them, so that a repository holds a file for each study and not for each
-training. A loose cell comes before a packed one of the same name: a training that was repeated because its packed cell
-is damaged replaces that cell.
+A store is a folder. A cell, the result of one training, lies in ``runs/<hash>.json`` or
+``scorers/<hash>.json``: as a file of its own, or as a member of that name in a pack, a zip archive
+in the folder itself. New cells are written as loose files; :func:`write_pack` gathers them, so that
+a repository holds a file for each study and not for each training. A loose cell comes before a
+packed one of the same name: a training that was repeated because its packed cell is damaged
+replaces that cell.
 
-A store may come from a stranger. So nothing is extracted to the disk, a member counts under the name of a cell only,
-and the sizes of archives and members are bounded before they are read.
+A store may come from a stranger. So nothing is extracted to the disk, a member counts under the
+name of a cell only, and the sizes of archives and members are bounded before they are read.
 """
 
 import io
@@ -43,7 +44,10 @@ _DAMAGE = (
 
 
 class CellFiles:
-    """The files of a store of cells; the lists of members of all packs are read once, at the start."""
+    """The files of a store of cells.
+
+    The lists of members of all packs are read once, at the start.
+    """
 
     def __init__(self, folder: Path):
         """Read which cells the packs in a folder hold.
@@ -53,8 +57,8 @@ class CellFiles:
 
         Raises:
             ConfigError: if ``folder`` is a file.
-            ArtefactError: if a pack is damaged, has members that are not cells or are too large, or if a cell lies in
-                two packs, so that it is not clear which one counts.
+            ArtefactError: if a pack is damaged, has members that are not cells or are too large, or
+                if a cell lies in two packs, so that it is not clear which one counts.
         """
         if folder.is_file():
             raise ConfigError(
@@ -67,17 +71,20 @@ class CellFiles:
             for name in archive.namelist():
                 if name in self._packs:
                     raise ArtefactError(
-                        f"{path} has the cell '{name}', and so has {self._packs[name][0]}; expected "
-                        "the cell in one of the packs. Remove one of the two."
+                        f"{path} has the cell '{name}', and so has {self._packs[name][0]}; "
+                        "expected the cell in one of the packs. Remove one of the two."
                     )
                 self._packs[name] = path, archive
 
     def loose(self, address: str) -> Path:
-        """Return the path of the loose file for the cell of a task's address, whether it exists or not."""
+        """Return the path of the loose file for the cell of an address, if it exists or not."""
         return self.folder / f"{address}.json"
 
     def where(self, address: str) -> str | None:
-        """Return in words where the cell of an address lies, for error messages; None if the store lacks the cell."""
+        """Return in words where the cell of an address lies; None if the store lacks the cell.
+
+        Error messages show it.
+        """
         if self.loose(address).exists():
             return str(self.loose(address))
         if f"{address}.json" in self._packs:
@@ -89,7 +96,8 @@ class CellFiles:
         """Return the bytes of a cell; a loose file comes before a pack.
 
         Raises:
-            ArtefactError: if the store lacks the cell, or its file or its member of a pack cannot be read.
+            ArtefactError: if the store lacks the cell, or its file or its member of a pack cannot
+                be read.
         """
         name = f"{address}.json"
         loose = self.loose(address)
@@ -104,7 +112,10 @@ class CellFiles:
             ) from None
 
     def addresses(self) -> dict[str, Path]:
-        """Return the addresses of all cells, sorted, each with its file: the loose one if there are two."""
+        """Return the sorted addresses of all cells, each with its file.
+
+        If there are two files, it is the loose one.
+        """
         found = {name.removesuffix(".json"): path for name, (path, _) in self._packs.items()}
         for path in self.folder.glob("*/*.json"):
             name = path.relative_to(self.folder).as_posix()
@@ -135,7 +146,8 @@ def _open_pack(path: Path) -> zipfile.ZipFile:
             fault = "occurs twice"
         if fault is not None:
             raise ArtefactError(
-                f"{path} is no pack of cells: its member {member.filename!r} {fault}. Remove the file."
+                f"{path} is no pack of cells: its member {member.filename!r} {fault}. Remove the "
+                "file."
             )
         names.add(member.filename)
     return archive
@@ -196,7 +208,8 @@ def write_pack(path: Path, cells: Mapping[str, bytes]) -> bool:
             info.external_attr = 0o644 << 16
             if len(content) > _LARGEST_CELL:
                 raise ArtefactError(
-                    f"the cell '{name}' has {len(content):,} bytes; the most for a pack are {_LARGEST_CELL:,}."
+                    f"the cell '{name}' has {len(content):,} bytes; the most for a pack are "
+                    f"{_LARGEST_CELL:,}."
                 )
             archive.writestr(info, content)
     packed = buffer.getvalue()

@@ -25,12 +25,12 @@ from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.studies.plan import agent_config, scorer_config
 from wordcraft_kg.studies.results import (
-    FIGURES_FILE,
-    RunFigures,
-    ScorerFigures,
-    TaskFigures,
-    read_figures,
-    write_figures,
+    METRICS_FILE,
+    RunMetrics,
+    ScorerMetrics,
+    TaskMetrics,
+    read_metrics,
+    write_metrics,
 )
 from wordcraft_kg.studies.tasks import Kind, Outcome, Task
 
@@ -38,31 +38,37 @@ if TYPE_CHECKING:
     from wordcraft_kg.runs.training import Training
 
 T = TypeVar("T")
-FIGURES: dict[Kind, type[TaskFigures]] = {
-    "graphs": TaskFigures,
-    "scorers": ScorerFigures,
-    "runs": RunFigures,
+METRICS: dict[Kind, type[TaskMetrics]] = {
+    "graphs": TaskMetrics,
+    "scorers": ScorerMetrics,
+    "runs": RunMetrics,
 }
 _LARGE = ("constants.safetensors", "policy.safetensors", "episodes.jsonl")
-"""Run files that its figures do not need: tens of megabytes each."""
+"""Run files that its metrics do not need: tens of megabytes each."""
 
 
 def is_done(task: Task, root: Path) -> bool:
-    """Return whether a task has results in the results folder ``root``; damaged results are an ArtefactError."""
-    if not (task.folder(root) / FIGURES_FILE).exists():
+    """Return whether a task has results in the results folder ``root``.
+
+    Raise ArtefactError for damaged results.
+    """
+    if not (task.folder(root) / METRICS_FILE).exists():
         return False
-    read_figures(task.folder(root), FIGURES[task.kind])
+    read_metrics(task.folder(root), METRICS[task.kind])
     return True
 
 
 def check_whole(task: Task, root: Path) -> bool:
-    """Return whether a finished task's graph or model exists, not only copied metrics; ArtefactError if damaged."""
+    """Return whether a finished task's graph or model exists, not only copied metrics.
+
+    Raise ArtefactError if it is damaged.
+    """
     folder = task.folder(root)
     if task.kind == "graphs":
         open_graph(str(folder))
         return True
     # A cell of a store has results only; an agent needs the scorer's weights.
-    if read_figures(folder, ScorerFigures).stored:
+    if read_metrics(folder, ScorerMetrics).stored:
         return False
     files = RunFiles(folder, read_run(folder))
     for name in files.run.outputs:
@@ -71,7 +77,10 @@ def check_whole(task: Task, root: Path) -> bool:
 
 
 def platform_of(device: str) -> str:
-    """Return what decides rounding besides versions: system, machine, and instruction set or GPU (for a device)."""
+    """Return what decides rounding besides versions.
+
+    That is the system, the machine, and the instruction set or (for a device) the GPU.
+    """
     import torch
 
     cuda = device.startswith("cuda")
@@ -102,8 +111,8 @@ def make_graph(task: Task, root: Path, book: str) -> None:
             f"the book '{book}' has changed since the study was planned; repeat the command."
         )
     write_graph_folder(folder, recipes, split, force=True)
-    write_figures(
-        folder, TaskFigures(seconds=0.0, versions={"wordcraft-kg": version("wordcraft-kg")})
+    write_metrics(
+        folder, TaskMetrics(seconds=0.0, versions={"wordcraft-kg": version("wordcraft-kg")})
     )
 
 
@@ -113,12 +122,14 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
     Args:
         task: task of the kind "scorers" or "runs", whose inputs are done.
         root: results folder.
-        keep_all: keep also files of a run that its results do not need, such as the agent's weights.
+        keep_all: keep also files of a run that its results do not need, such as the agent's
+            weights.
 
     Returns:
         The outcome, with the error of a failed training.
     """
     try:
+        # Another study in the same folder may have finished an equal task.
         if is_done(task, root):
             return Outcome(task.address, "done")
     except ArtefactError:
@@ -146,7 +157,10 @@ def _is_disk_full(error: BaseException | None) -> bool:
 
 
 def _trained(trainer: "type[Training[Any, Any, T]]", config: RunConfig, folder: Path) -> T:
-    """Train, resume, or return the finished training; start anew if its files or inputs have changed."""
+    """Train, resume, or return the finished training.
+
+    A training whose files or inputs have changed starts anew.
+    """
     from wordcraft_kg.runs.training import train
 
     with suppress(ArtefactError):
@@ -180,16 +194,16 @@ def _run(task: Task, root: Path, keep_all: bool) -> bool:
     config = agent_config(task.settings["settings"], graph, scorer)
     if _trained(AgentTraining, config, folder).interrupted:
         return False
-    figures = _run_figures(folder, open_graph(graph))
+    figures = _run_metrics(folder, open_graph(graph))
     # Results are written before files go: a kill in between leaves a task that is done.
-    write_figures(folder, replace(figures, platform=platform_of(task.device)))
+    write_metrics(folder, replace(figures, platform=platform_of(task.device)))
     if not keep_all:
         for name in _LARGE:
             (folder / name).unlink()
     return True
 
 
-def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
+def _run_metrics(folder: Path, opened: OpenedGraph) -> RunMetrics:
     from wordcraft_kg.agents.agent_folder import AGENTS
     from wordcraft_kg.agents.records import read_episodes, read_metrics, read_summary
 
@@ -202,7 +216,7 @@ def _run_figures(folder: Path, opened: OpenedGraph) -> RunFigures:
     curve = tuple((row.step, round(row.figures[name], 5)) for row in lines if name in row.figures)
     distractor_seeds = summary.success[part].distractor_seeds
     played = [task for task in read_episodes(folder) if task.part == part]
-    return RunFigures(
+    return RunMetrics(
         seconds=summary.seconds,
         versions=files.run.versions,
         graph=PlayedGraph.of(opened),
@@ -235,10 +249,11 @@ def _scorer(task: Task, root: Path) -> bool:
         if _trained(LinksTraining, config, folder).interrupted:
             return False
     else:
+        # Made in a moment, so a cut attempt is not resumed.
         shutil.rmtree(folder, ignore_errors=True)
         _save_plain(folder, graph, command, settings)
-    figures = _scorer_figures(folder, time.perf_counter() - began)
-    write_figures(folder, replace(figures, platform=platform_of(task.device)))
+    figures = _scorer_metrics(folder, time.perf_counter() - began)
+    write_metrics(folder, replace(figures, platform=platform_of(task.device)))
     return True
 
 
@@ -264,7 +279,7 @@ def _save_plain(folder: Path, graph: str, name: str, settings: dict[str, str]) -
     save_scorer(folder, scorer, opened, kg="full" if is_full else "partial", origin=name)
 
 
-def _scorer_figures(folder: Path, seconds: float) -> ScorerFigures:
+def _scorer_metrics(folder: Path, seconds: float) -> ScorerMetrics:
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
 
@@ -275,6 +290,6 @@ def _scorer_figures(folder: Path, seconds: float) -> ScorerFigures:
     if model.kg == "partial" and len(unseen):
         ranked = rank_triples(model.scorer, sampled_for(graph, unseen), graph.triples)
         mrr = round(mean_reciprocal_rank(ranked), 6)
-    return ScorerFigures(
+    return ScorerMetrics(
         seconds=round(seconds, 3), versions=model.run.versions, mrr=mrr, kg=model.kg
     )

@@ -1,4 +1,7 @@
-"""A study's plan: the tasks that make its graphs, scorers and agent runs; equal tasks are planned once."""
+"""A study's plan: the tasks that make its graphs, scorers and agent runs.
+
+Equal tasks are planned once.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -34,10 +37,10 @@ from wordcraft_kg.studies.study import (
 from wordcraft_kg.studies.tasks import Kind, Task
 
 VERSIONS: dict[Kind, int] = {"graphs": 1, "scorers": 1, "runs": 1}
-"""Version of the code and the default settings that decide the results of graphs, scorers and agents.
+"""Versions of code and default settings that decide the results of graphs, scorers and agents.
 
-A part of every address: raise the number when results change, so that earlier results no longer count. A test repeats
-some trainings and compares their results to the bit.
+A part of every address: raise the number when results change, so that earlier results no longer
+count. A test repeats some trainings and compares their results to the bit.
 """
 BOOK = "everyday"
 _CURVE_POINTS = 20
@@ -47,17 +50,26 @@ _IN_STUDIES: dict[type, dict[str, Any]] = {
     RecipeScorerConfig: {"features": "glove"},
     ImpalaConfig: {"scorer_cost": 0.0},
 }
-"""Values that addresses leave out, where the command's default is another value: the addresses of earlier results."""
+"""Values that addresses leave out where the command's default is another value.
+
+So earlier results keep their addresses.
+"""
 _PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
 
 def defaults_of(kind: type) -> dict[str, Any]:
     """Return a dataclass's settings that addresses leave out."""
-    return {field.name: field.default for field in fields(kind)} | _IN_STUDIES.get(kind, {})
+    # Of an object and not of the class: a configuration may store a default in another form.
+    default = kind()
+    values = {field.name: getattr(default, field.name) for field in fields(kind)}
+    return values | _IN_STUDIES.get(kind, {})
 
 
 def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
-    """Return a scorer's configuration from settings of an address, without `_IN_STUDIES`; ConfigError if invalid."""
+    """Return a scorer's configuration from settings of an address, without `_IN_STUDIES`.
+
+    Raise ConfigError if it is invalid.
+    """
     kind = CONFIG_OF[command]
     return kind(**{**_IN_STUDIES.get(kind, {}), **settings})
 
@@ -96,7 +108,10 @@ class Plan:
         return max(task.threads for task in self.tasks.values())
 
     def jobs(self, wanted: int | None) -> int:
-        """Return the number of parallel tasks: ``wanted`` (ConfigError out of range), or as many as the cores allow."""
+        """Return the number of parallel tasks: ``wanted``, or as many as the cores allow.
+
+        Raise ConfigError if ``wanted`` is out of range.
+        """
         if wanted is None:
             return max(cores() // self.threads, 1)
         return whole("jobs", wanted, 1, MAX_THREADS)
@@ -110,17 +125,18 @@ def make_plan(study: Study, name: str) -> Plan:
         name: name in the results folder, which is a file name.
 
     Raises:
-        ConfigError: if ``name`` is no file name, a setting is out of range or does not fit another (the
-            variant is named), or two variants are the same trainings.
+        ConfigError: if ``name`` is no file name, a setting is out of range or does not fit another
+            (the variant is named), or two variants are the same trainings.
         RecipeFileError: if a recipe book is missing.
     """
     if name in ("", "..") or Path(name).name != name:
         raise ConfigError(
-            f"a study cannot be called '{name}', because its name is a file name. Choose a name without folders."
+            f"a study cannot be called '{name}', because its name is a file name. Choose a name "
+            "without folders."
         )
     planner = _Planner(study)
     cells = tuple(cells_of(study))
-    # First seeds for all variants first: an interrupted study has figures for each variant.
+    # First seeds for all variants first: an interrupted study has results for each variant.
     order = sorted(range(len(cells)), key=lambda number: cells[number].seed)
     runs = {number: planner.run(cells[number]) for number in order}
     _refuse_equal(cells, runs)
@@ -135,7 +151,10 @@ def make_plan(study: Study, name: str) -> Plan:
 
 
 def _refuse_equal(cells: Sequence[StudyCell], runs: Mapping[int, str]) -> None:
-    """Refuse variants that say the same in other words, such as a default: all their differences would be 0."""
+    """Refuse variants that say the same in other words, such as a default.
+
+    All their differences would be 0.
+    """
     by_variant: dict[str, list[str]] = {}
     for number, cell in enumerate(cells):
         by_variant.setdefault(cell.variant, []).append(runs[number])
@@ -189,8 +208,8 @@ class _Planner:
         split = make_split(graph, split_of(given)) if has_split else default_split(graph)
         if split.config.kind == "none":
             raise ConfigError(
-                f"the split of '{book}' has no test tasks to compare agents on. Use a `split` such as by-recipe, "
-                "and a large enough book."
+                f"the split of '{book}' has no test tasks to compare agents on. Use a `split` such "
+                "as by-recipe, and a large enough book."
             )
         described = {"graph": graph.hash, "name": graph.name, "split": asdict(split.config)}
         # Such splits also depend on kinds of entities, which neither hash nor settings cover.
@@ -202,7 +221,10 @@ class _Planner:
         return address
 
     def _scorer(self, cell: StudyCell, graph: str) -> str | None:
-        """Return the address of a cell's scorer; None without a scorer, or for one that learns from nothing."""
+        """Return the address of a cell's scorer.
+
+        The result is None without a scorer, or for a scorer that learns from nothing.
+        """
         name = cell.settings.get(SCORER)
         if name is None:
             return None
@@ -216,7 +238,8 @@ class _Planner:
         if unknown:
             wrong = min(unknown)
             raise ConfigError(
-                f"{command} has no setting '{SCORER}.{wrong}'.{nearest(wrong, SCORER_SETTINGS[command])}"
+                f"{command} has no setting "
+                f"'{SCORER}.{wrong}'.{nearest(wrong, SCORER_SETTINGS[command])}"
             )
         # Without a share of the knowledge, the agent is the one without a scorer.
         if settings.get("share") == 0:
@@ -258,6 +281,9 @@ class _Planner:
             given["eval_every"] = max(steps // _CURVE_POINTS, 1)
         # The folders of graph and scorer do not exist yet; only the settings are checked.
         config = agent_config(given, graph, scorer)
+        # Addresses know sources by letter alone, however the study spells them.
+        if "use" in given:
+            given["use"] = config.policy.use
         # Where the cost changes nothing it must not change the address either.
         has_cost = ImpalaConfig.has_scorer_cost(config.policy.sources, config.tasks.depth)
         cost = given.get("scorer_cost", ImpalaConfig.scorer_cost)
@@ -273,7 +299,10 @@ class _Planner:
         return self._add("runs", described, title, needs, trainer.threads, trainer.device)
 
     def _content(self, features: Value | None) -> dict[str, str]:
-        """Return hashes of a file of vectors for an address: another content is another training."""
+        """Return hashes of a file of vectors for an address.
+
+        Another content is another training.
+        """
         spec = FeatureSpec.parse(LEARNED if features is None else str(features))
         if not spec.is_path:
             return {}
@@ -316,7 +345,10 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
 
 
 def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
-    """Refuse a value of another kind than its default; ranges are checked by the configuration classes."""
+    """Refuse a value of another kind than its default.
+
+    The configuration classes check ranges.
+    """
     for name, value in settings.items():
         default = defaults.get(name)
         if isinstance(default, str) and not isinstance(value, str):
@@ -328,7 +360,7 @@ def _check_kinds(settings: Mapping[str, Any], defaults: Mapping[str, Any]) -> No
 
 
 def _not_default(settings: Mapping[str, Any], kind: type) -> dict[str, Any]:
-    """Return the settings of a configuration class that are not at their default, in the order of the class."""
+    """Return the settings that are not at their default, in the order of the class."""
     changed: dict[str, Any] = {}
     for name, default in defaults_of(kind).items():
         if name in settings and settings[name] != default:

@@ -1,4 +1,4 @@
-"""The test tasks that the agents of a study play: their resampling groups, and whether results fit them."""
+"""The test tasks of a study's agents: their resampling groups, and whether results fit them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -13,22 +13,28 @@ from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, distance_of
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folder import OpenedGraph
-from wordcraft_kg.studies.results import RunFigures
+from wordcraft_kg.studies.results import RunMetrics
 
 
 class PlayedTasks:
     """The test tasks of a study's agents, found once for all agents that play the same."""
 
     def __init__(self, open_address: Callable[[str], OpenedGraph]):
-        """Find tasks with a function that opens the graph of an address, such as ``graphs/2f65aebd52224b51``."""
+        """Find tasks with a function that opens the graph of an address.
+
+        An address is, for example, ``graphs/2f65aebd52224b51``.
+        """
         self._open = open_address
         self._opened: dict[str, OpenedGraph] = {}
         self._groups: dict[tuple[str, int, str], Ids] = {}
 
     def groups(self, address: str, settings: Mapping[str, Any]) -> Ids:
-        """Return the resampling group of each test task of an agent, shape (K,), numbered by first appearance.
+        """Return the resampling group of each test task of an agent, shape (K,).
 
-        ``settings`` are those of a cell or a task; only task settings matter. TaskError without test tasks.
+        Groups are numbered by first appearance.
+
+        ``settings`` are those of a cell or a task; only task settings matter. TaskError without
+        test tasks.
         """
         names = [field.name for field in fields(TaskConfig) if field.name in settings]
         config = TaskConfig(**{name: settings[name] for name in names}).environment("test")
@@ -38,15 +44,16 @@ class PlayedTasks:
             # Of very many tasks, an even sample is played.
             groups = groups[:: distance_of(len(groups), MOST_TASKS)]
             _, first, number = np.unique(groups, return_index=True, return_inverse=True)
-            # unique() numbers the groups by their values; the first appearance does not depend on these.
+            # unique() numbers the groups by their values; the first appearance does not depend on
+            # these.
             place = np.argsort(np.argsort(first))
             self._groups[key] = place[number]
         return self._groups[key]
 
     def check(
-        self, figures: RunFigures, address: str, settings: Mapping[str, Any], where: Path | str
+        self, figures: RunMetrics, address: str, settings: Mapping[str, Any], where: Path | str
     ) -> None:
-        """Raise ArtefactError if an agent's results are of another graph or split, or not of all test tasks.
+        """Raise ArtefactError if an agent's results are of another graph, split or set of tasks.
 
         Args:
             figures: results of the agent.
@@ -60,20 +67,22 @@ class PlayedTasks:
         split = opened.split.hash
         if (figures.graph.hash, figures.graph.split) != (graph, split):
             raise ArtefactError(
-                f"{where} has results of graph {figures.graph.hash[:12]}, split {figures.graph.split[:12]}; expected "
-                f"graph {graph[:12]}, split {split[:12]}. Train again."
+                f"{where} has results of graph {figures.graph.hash[:12]}, split "
+                f"{figures.graph.split[:12]}; expected graph {graph[:12]}, split {split[:12]}. "
+                "Train again."
             )
         # The split's hash is over its parts alone, and pages name the kind and the seed.
         config = opened.split.config
         if (figures.graph.kind, figures.graph.split_seed) != (config.kind, config.seed):
             raise ArtefactError(
-                f"{where} has results of a split {figures.graph.kind!r}, seed {figures.graph.split_seed}; expected "
+                f"{where} has results of a split {figures.graph.kind!r}, seed "
+                f"{figures.graph.split_seed}; expected "
                 f"{config.kind!r}, seed {config.seed}. Train again."
             )
         if len(figures.won) != tasks:
             raise ArtefactError(
-                f"{where} is damaged: 'won' has {len(figures.won):,} tasks; expected {tasks:,}, all test tasks. "
-                "Make it again, or restore a copy."
+                f"{where} is damaged: 'won' has {len(figures.won):,} tasks; expected {tasks:,}, "
+                "all test tasks. Make it again, or restore a copy."
             )
 
     def _graph(self, address: str) -> OpenedGraph:

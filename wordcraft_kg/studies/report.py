@@ -13,7 +13,7 @@ from wordcraft_kg.reports.charts.scales import Estimate
 from wordcraft_kg.reports.pages import Report, chart_style, write_report
 from wordcraft_kg.studies.claims import in_words
 from wordcraft_kg.studies.tables import as_csv, notes, origin_in_words, tables_of, with_bounds
-from wordcraft_kg.studies.variants import Correlation, PointFigures, ScorerScatter
+from wordcraft_kg.studies.variants import Correlation, PointMetrics, ScorerScatter
 from wordcraft_kg.studies.view import StudyView, title_of
 
 _SUCCESS = "greedy success on test tasks"
@@ -67,7 +67,10 @@ def study_figure(view: StudyView) -> str:
 
 
 def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
-    """Yield a caption and a chart for each grid point; a "scatter" study has a single chart for all scorer settings."""
+    """Yield a caption and a chart for each grid point.
+
+    A "scatter" study has a single chart for all scorer settings.
+    """
     if view.drawing == "scatter" and view.scatters:
         by_title: dict[str, list[ScorerScatter]] = {}
         for scatter in view.scatters:
@@ -81,7 +84,7 @@ def panels_of(view: StudyView) -> Iterator[tuple[str, Markup]]:
         yield point.title, draw(view, point)
 
 
-def _curves(view: StudyView, point: PointFigures) -> Markup:
+def _curves(view: StudyView, point: PointMetrics) -> Markup:
     # A variant keeps its colour at all points.
     colours: dict[str, int] = {}
     for at in view.points:
@@ -107,7 +110,7 @@ def _estimates(
     return [(at.step, at.success, at.low, at.high) for at in curve]
 
 
-def _bars(view: StudyView, point: PointFigures) -> Markup:
+def _bars(view: StudyView, point: PointMetrics) -> Markup:
     reference = [entry.mean for entry in point.variants if entry.variant == view.reference]
     return charts.intervals(
         [(entry.variant, (entry.mean, *entry.interval)) for entry in point.variants],
@@ -128,7 +131,8 @@ def _scatter(view: StudyView, scatters: list[ScorerScatter]) -> Markup:
     for scatter in scatters:
         how = "in-sample" if scatter.in_sample else "cross-fitted"
         for at in scatter.points:
-            # One agent alone needs no name: what then tells points apart is how train tasks are scored.
+            # One agent alone needs no name: what then tells points apart is how train tasks are
+            # scored.
             name = at.variant if has_several else how
             mrr: Estimate = (at.mrr, *at.mrr_range)
             success: Estimate = (at.success, *at.interval)

@@ -1,4 +1,7 @@
-"""Results of finished tasks and studies. A task's ``figures.json`` is written last and marks the task as done."""
+"""Results of finished tasks and studies.
+
+A task's ``figures.json`` is written last and marks the task as done.
+"""
 
 import hashlib
 import json
@@ -23,7 +26,10 @@ Curve = tuple[tuple[int, float], ...]
 
 
 def steps_to(curve: Iterable[tuple[int, float]], level: float) -> float:
-    """Return the steps until a curve first reaches a level, on a line between two points; infinity for never."""
+    """Return the steps until a curve first reaches a level; infinity if it never does.
+
+    Between two points, the curve is a line.
+    """
     before = 0
     lower = level
     for step, value in curve:
@@ -43,48 +49,65 @@ _ROUNDING = 1e-6
 """Shares are stored with six digits."""
 
 
-def check_played(figures: "RunResult | RunFigures") -> None:
-    """Raise ValueError for figures of an agent that contradict its successes on single tasks.
+def check_played(figures: "RunResult | RunMetrics") -> None:
+    """Raise ValueError for results of an agent that contradict its successes on single tasks.
 
-    Success on test tasks and the share of the termination reason ``goal`` follow from ``won``; success by plan is a
-    part of success, and shares of termination reasons add up to 1. Everything else needs the agent or its scorer, and
-    cannot be recomputed: success on train tasks, success by plan below success, the other reasons, the course of the
-    curve, MRR and the duration.
+    Success on test tasks and the share of the termination reason ``goal`` follow from ``won``;
+    success by plan is a part of success, and shares of termination reasons add up to 1. Everything
+    else needs the agent or its scorer, and cannot be recomputed: success on train tasks, success by
+    plan below success, the other reasons, the course of the curve, MRR and the duration.
     """
     won = figures.won
     tables = figures.distractor_seeds
-    part = _part_of(figures.success)
     if not tables or max(map(int, won)) > tables:
         raise ValueError(
-            f"`won` has {max(won)} successes of a task; expected at most `distractor_seeds` {tables}"
+            f"`won` has {max(won)} successes of a task; expected at most `distractor_seeds` "
+            f"{tables}"
         )
     # Each task has the same number of episodes, so the mean over tasks is that over episodes.
     rate = sum(map(int, won)) / (len(won) * tables)
-    goal = figures.terminations.get("goal", 0.0)
-    claimed = {f"success.{part}": figures.success[part]}
+    part = _part_of(figures.success)
+    _check_rate(f"success.{part}", figures.success[part], rate)
+    # Results may leave the reasons out, but not contradict `won` with them.
     if figures.terminations:
-        claimed["terminations.goal"] = goal
-    for name, value in claimed.items():
-        if abs(value - rate) > _ROUNDING:
-            raise ValueError(f"`{name}` is {value:g}, but `won` gives {rate:g}")
-    unknown = sorted(set(figures.terminations).difference(TERMINATION_REASONS))
+        _check_rate("terminations.goal", figures.terminations.get("goal", 0.0), rate)
+        _check_terminations(figures.terminations)
+    _check_by_plan(figures)
+    _check_curve(figures.curve, figures.steps)
+
+
+def _check_rate(name: str, claimed: float, rate: float) -> None:
+    if abs(claimed - rate) > _ROUNDING:
+        raise ValueError(f"`{name}` is {claimed:g}, but `won` gives {rate:g}")
+
+
+def _check_terminations(shares: Mapping[str, float]) -> None:
+    unknown = sorted(set(shares).difference(TERMINATION_REASONS))
     if unknown:
         raise ValueError(
             f"`terminations` has {unknown[0]!r}; expected {', '.join(TERMINATION_REASONS)}"
         )
-    if figures.terminations and abs(sum(figures.terminations.values()) - 1) > 1e-5:
+    # A sum of several shares, each rounded to six digits.
+    if abs(sum(shares.values()) - 1) > 1e-5:
         raise ValueError("the shares of `terminations` do not add up to 1")
+
+
+def _check_by_plan(figures: "RunResult | RunMetrics") -> None:
     if figures.by_plan.keys() != figures.success.keys():
         raise ValueError("`by_plan` and `success` name different parts")
     for name, share in figures.by_plan.items():
         if share > figures.success[name] + _ROUNDING:
             raise ValueError(
-                f"`by_plan.{name}` is {share:g}; expected at most the success {figures.success[name]:g}"
+                f"`by_plan.{name}` is {share:g}; expected at most the success "
+                f"{figures.success[name]:g}"
             )
-    steps = [step for step, _ in figures.curve]
-    if steps != sorted(set(steps)) or any(not 0 <= step <= figures.steps for step in steps):
-        raise ValueError(f"`curve` has steps out of order, or beyond the {figures.steps:,} steps")
-    if not all(0 <= value <= 1 for _, value in figures.curve):
+
+
+def _check_curve(curve: Curve, last: int) -> None:
+    steps = [step for step, _ in curve]
+    if steps != sorted(set(steps)) or any(not 0 <= step <= last for step in steps):
+        raise ValueError(f"`curve` has steps out of order, or beyond the {last:,} steps")
+    if not all(0 <= value <= 1 for _, value in curve):
         raise ValueError("`curve` has a success outside 0 to 1")
 
 
@@ -111,7 +134,8 @@ class RunResult(Record, frozen=True):
         won: number of successes among ``distractor_seeds`` episodes, a digit for each test task.
         distractor_seeds: episodes of each test task, with other distractors each.
         curve: success on test tasks during training.
-        mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has seen these triples.
+        mrr: the scorer's leak-free MRR on test triples; None without a scorer, or if the scorer has
+            seen these triples.
         steps: environment steps of the training.
         seconds: training time; 0 for results from a store.
         steps_per_second: environment steps per second of acting and learning, without evaluation.
@@ -179,7 +203,7 @@ class Origin(Record, frozen=True):
 
 
 class StudyResults(Record, frozen=True):
-    """A study, with all command line changes, and the results of all its trainings (``results.json``).
+    """A study with all command line changes, and the results of its trainings (``results.json``).
 
     Attributes:
         format: name and version of the file format.
@@ -190,7 +214,8 @@ class StudyResults(Record, frozen=True):
         versions: package versions of the trainings; the last one's, if several were used.
         runs: results by grid point, variant and seed.
         missing: trainings without results.
-        hours: training time in this results folder; a training that several cells share counts once.
+        hours: training time in this results folder; a training that several cells share counts
+            once.
         origins: platforms of the trainings, and whether their results are from a store of cells.
         groups: resampling group of each test task, see :attr:`World.groups`, numbered by first
             appearance; equal groups of several runs are listed once.
@@ -223,7 +248,7 @@ class StudyResults(Record, frozen=True):
                 )
 
     def groups_of(self, run: RunResult) -> NDArray[np.int64] | None:
-        """Return the resampling group of each test task of a run, shape (K,); None if not recorded."""
+        """Return the group of each test task of a run, shape (K,); None if not recorded."""
         return None if run.groups is None else np.array(self.groups[run.groups], dtype=np.int64)
 
     def tasks_of(self, run: RunResult) -> tuple[str, str, int, int]:
@@ -241,11 +266,11 @@ def results_text(results: StudyResults) -> str:
     return f'{dump(values)[:-1]},"runs":[\n{runs}\n]}}\n'
 
 
-FIGURES_FILE = "figures.json"
-F = TypeVar("F", bound="TaskFigures")
+METRICS_FILE = "figures.json"
+F = TypeVar("F", bound="TaskMetrics")
 
 
-class TaskFigures(Record, frozen=True, kw_only=True):
+class TaskMetrics(Record, frozen=True, kw_only=True):
     """Results of a graph, a scorer or a run (``figures.json``).
 
     Attributes:
@@ -261,11 +286,12 @@ class TaskFigures(Record, frozen=True, kw_only=True):
     stored: bool = False
 
 
-class ScorerFigures(TaskFigures, frozen=True, kw_only=True):
+class ScorerMetrics(TaskMetrics, frozen=True, kw_only=True):
     """Results of training a scorer.
 
     Attributes:
-        mrr: MRR on test triples outside training; None if the scorer has seen them, or there are none.
+        mrr: MRR on test triples outside training; None if the scorer has seen them, or there are
+            none.
         kg: graph that the scorer was trained on, full or partial.
     """
 
@@ -273,7 +299,7 @@ class ScorerFigures(TaskFigures, frozen=True, kw_only=True):
     kg: str
 
 
-class RunFigures(TaskFigures, frozen=True, kw_only=True):
+class RunMetrics(TaskMetrics, frozen=True, kw_only=True):
     """Results of training an agent, as in :class:`RunResult`.
 
     Attributes:
@@ -312,27 +338,35 @@ class RunFigures(TaskFigures, frozen=True, kw_only=True):
                 )
 
 
-def write_figures(folder: Path, figures: TaskFigures) -> None:
-    """Write a task's results with a hash to ``figures.json`` in the task's folder; the file marks the task as done."""
+def write_metrics(folder: Path, figures: TaskMetrics) -> None:
+    """Write a task's results with a hash to ``figures.json`` in the task's folder.
+
+    The file marks the task as done.
+    """
     values = as_values(figures)
     write_atomically(
-        folder / FIGURES_FILE,
+        folder / METRICS_FILE,
         dump_json({"sha256": hash_of(values), "figures": values}),
         durable=True,
     )
 
 
-def read_figures(folder: Path, kind: type[F]) -> F:
-    """Read a task's results of the type ``kind`` from its folder; a damaged or edited file is an ArtefactError."""
-    path = folder / FIGURES_FILE
+def read_metrics(folder: Path, kind: type[F]) -> F:
+    """Read a task's results of the type ``kind`` from its folder.
+
+    Raise ArtefactError for a damaged or edited file.
+    """
+    path = folder / METRICS_FILE
     values = read_json(path)
     if not isinstance(values, dict) or values.keys() != {"sha256", "figures"}:
         raise ArtefactError(
-            f"{path} is damaged: expected 'sha256' and 'figures'. Repeat the command to repair the file."
+            f"{path} is damaged: expected 'sha256' and 'figures'. Repeat the command to repair the "
+            "file."
         )
     if hash_of(values["figures"]) != values["sha256"]:
         raise ArtefactError(
-            f"{path} is damaged or was changed: the hash does not fit. Repeat the command to repair the file."
+            f"{path} is damaged or was changed: the hash does not fit. Repeat the command to "
+            "repair the file."
         )
     return as_record(values["figures"], kind, path)
 

@@ -1,4 +1,7 @@
-"""A results folder: graphs, scorers and agent runs in folders named by a settings hash, their studies and results.
+"""A results folder.
+
+It holds graphs, scorers and agent runs in folders named by a settings hash, and their studies and
+results.
 
 | file or folder | content |
 |---|---|
@@ -25,14 +28,14 @@ from wordcraft_kg.graphs.folder import open_graph
 from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.played_tasks import PlayedTasks
 from wordcraft_kg.studies.results import (
-    FIGURES_FILE,
+    METRICS_FILE,
     Missing,
     Origin,
-    RunFigures,
+    RunMetrics,
     RunResult,
-    ScorerFigures,
+    ScorerMetrics,
     StudyResults,
-    read_figures,
+    read_metrics,
 )
 from wordcraft_kg.studies.study import Study, StudyCell
 from wordcraft_kg.studies.tasks import Outcome, Task
@@ -67,7 +70,8 @@ class PlannedStudy(Record, frozen=True):
 def own_results(root: Path) -> Iterator[None]:
     """Lock a results folder for one study, and remove temporary files that a kill left.
 
-    The folder is created if necessary. On systems without file locks, such as Windows, nothing is locked.
+    The folder is created if necessary. On systems without file locks, such as Windows, nothing is
+    locked.
 
     Raises:
         ArtefactError: if another study runs in the folder, or ``root`` is a file.
@@ -101,7 +105,8 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
 
     Args:
         root: results folder, with the folder of studies.
-        plan: the study with its trainings; another study of the same name is replaced with a warning.
+        plan: the study with its trainings; another study of the same name is replaced with a
+            warning.
         command: command line, for the record.
     """
     needs = [plan.tasks[run].needs for run in plan.runs]
@@ -122,7 +127,8 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
         # More seeds continue a study; any other change makes another one.
         if structs.replace(before, seeds=plan.study.seeds) != plan.study:
             logging.getLogger(__name__).warning(
-                "the study '%s' of '%s' was another one; its runs stay, but its record and its report are replaced.",
+                "the study '%s' of '%s' was another one; its runs stay, but its record and its "
+                "report are replaced.",
                 plan.name,
                 root,
             )
@@ -130,10 +136,14 @@ def write_plan(root: Path, plan: Plan, command: str) -> None:
 
 
 def studies_of(root: Path) -> list[str]:
-    """Return all study names in a results folder; ArtefactError if ``root`` is not a results folder."""
+    """Return all study names in a results folder.
+
+    Raise ArtefactError if ``root`` is not a results folder.
+    """
     if not (root / _STUDIES).is_dir():
         raise ArtefactError(
-            f"'{root}' is not a results folder: it lacks the folder '{_STUDIES}'. Create one: wordcraft-kg reproduce."
+            f"'{root}' is not a results folder: it lacks the folder '{_STUDIES}'. Create one: "
+            "wordcraft-kg reproduce STUDY; wordcraft-kg reproduce --list names the studies."
         )
     return sorted(path.stem for path in (root / _STUDIES).glob("*.json"))
 
@@ -143,7 +153,8 @@ def read_plan(root: Path, name: str) -> PlannedStudy:
     known = studies_of(root)
     if name not in known:
         raise ArtefactError(
-            f"'{root}' has no study '{name}'; expected {', '.join(known) or 'none'}.{nearest(name, known)}"
+            f"'{root}' has no study '{name}'; expected "
+            f"{', '.join(known) or 'none'}.{nearest(name, known)}"
         )
     return read_record(root / _STUDIES / f"{name}.json", PlannedStudy)
 
@@ -183,7 +194,10 @@ _KEPT = ("won", "distractor_seeds", "curve", "steps", "seconds", "steps_per_seco
 
 
 def collect_study(root: Path, name: str) -> StudyResults:
-    """Return the results that a study in a results folder has so far; ArtefactError for an unknown study."""
+    """Return the results that a study in a results folder has so far.
+
+    Raise ArtefactError for an unknown study.
+    """
     plan = read_plan(root, name)
     return _results(root, name, plan)
 
@@ -193,7 +207,7 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
     groups: dict[tuple[int, ...], int] = {}
     graphs: dict[PlayedGraph, int] = {}
     versions: dict[str, str] = {}
-    scorers: dict[str, ScorerFigures] = {}
+    scorers: dict[str, ScorerMetrics] = {}
     origins: dict[str, tuple[int, Origin]] = {}
     runs: list[RunResult] = []
     missing: list[Missing] = []
@@ -203,13 +217,13 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
         plan.cells, plan.runs, plan.scorers, plan.graphs, strict=True
     ):
         try:
-            figures = _run_figures(root, address)
+            figures = _run_metrics(root, address)
             # The tasks are unknown if the graph's folder was removed.
             is_known = (root / graph).exists()
             if is_known:
                 played.check(figures, graph, cell.settings, root / address)
             if scorer is not None and scorer not in scorers:
-                scorers[scorer] = read_figures(root / scorer, ScorerFigures)
+                scorers[scorer] = read_metrics(root / scorer, ScorerMetrics)
         except ArtefactError as error:
             missing.append(Missing(cell.variant, cell.values, cell.seed, str(error)))
             continue
@@ -252,7 +266,7 @@ def _results(root: Path, name: str, plan: PlannedStudy) -> StudyResults:
     )
 
 
-def _origin(origins: dict[str, tuple[int, Origin]], figures: RunFigures) -> int:
+def _origin(origins: dict[str, tuple[int, Origin]], figures: RunMetrics) -> int:
     key = repr((figures.stored, figures.platform, figures.versions))
     number, before = origins.get(key, (len(origins), None))
     runs = before.runs + 1 if before else 1
@@ -260,10 +274,10 @@ def _origin(origins: dict[str, tuple[int, Origin]], figures: RunFigures) -> int:
     return number
 
 
-def _run_figures(root: Path, address: str) -> RunFigures:
-    if not (root / address / FIGURES_FILE).exists():
+def _run_metrics(root: Path, address: str) -> RunMetrics:
+    if not (root / address / METRICS_FILE).exists():
         raise ArtefactError(failure_of(root, address) or "not trained yet")
-    figures = read_figures(root / address, RunFigures)
+    figures = read_metrics(root / address, RunMetrics)
     if "test" not in figures.success:
         raise ArtefactError("the split has no test tasks of this kind")
     return figures

@@ -1,8 +1,10 @@
-"""A study: an experiment as data, with variants (named agent settings), a grid with further settings, and seeds.
+"""A study, an experiment as data.
 
-A study is a TOML file; ``builtin/`` has the package's studies, including the paper's figures. Every setting is
-an option in ``build-graph`` (``book``, ``split``, ``split_seed``, ``train_ratio``, ``valid_ratio``), ``train-agent``
-or a training command for scorers.
+It has variants (named agent settings), a grid with further settings, and seeds.
+
+A study is a TOML file; ``builtin/`` has the package's studies, including the paper's figures. Every
+setting is an option in ``build-graph`` (``book``, ``split``, ``split_seed``, ``train_ratio``,
+``valid_ratio``), ``train-agent`` or a training command for scorers.
 """
 
 import tomllib
@@ -27,7 +29,10 @@ from wordcraft_kg.models.recipes.config import RecipeScorerConfig
 Value = str | int | float | bool
 Values = dict[str, Value]
 Drawing = Literal["curves", "bars", "scatter"]
-"""The picture to draw: success by training step; each variant's final success; final success by the scorer's MRR."""
+"""The picture to draw.
+
+Success by training step, each variant's final success, or final success by the scorer's MRR.
+"""
 
 Metric = Literal["success", "by-plan", "train", "mrr", "steps"]
 Expected = Literal["more", "less", "comparable", "varies"]
@@ -58,7 +63,7 @@ for _command, _kind in _TRAINED_SCORERS.items():
     # A study keeps finished scorers only, so the distance of checkpoints changes nothing.
     SCORER_SETTINGS[_command] = frozenset(_names - {"checkpoint_every"})
 NO_SETTINGS = ("seed", "checkpoint_every")
-"""Options that are set by the study or change no figure."""
+"""Options that are set by the study or change no result."""
 
 
 class Claim(Record, frozen=True, omit_defaults=True):
@@ -68,13 +73,15 @@ class Claim(Record, frozen=True, omit_defaults=True):
         text: the claim in a sentence.
         left: name of the first variant.
         right: name of the second variant, or empty.
-        expected: ``left`` has more or less than ``right``; comparable (difference below ``by``); or varies (``left``
-            is better for some grid settings, ``right`` for different settings).
+        expected: ``left`` has more or less than ``right``; comparable (difference below ``by``); or
+            varies (``left`` is better for some grid settings, ``right`` for different settings).
         than: the value that ``left`` is compared with instead of a variant; None with ``right``.
-        by: least difference for more and less, greatest difference for comparable, in the measure's unit.
-        measure: success: final success on test tasks; early: success after a tenth of the steps; steps: environment
-            steps until the learning curve reaches 95 % of the final success of ``right``, as a share of all steps;
-            same_twice: share of test episodes that end with an entity paired with itself without making the goal.
+        by: least difference for more and less, greatest difference for comparable, in the measure's
+            unit.
+        measure: success: final success on test tasks; early: success after a tenth of the steps;
+            steps: environment steps until the learning curve reaches 95 % of the final success of
+            ``right``, as a share of all steps; same_twice: share of test episodes that end with an
+            entity paired with itself without making the goal.
         at: grid settings for which the claim holds, with values; empty for the whole grid.
         right_at: grid settings in which ``right`` differs from ``left``, with values.
         source: publication and place of the claim.
@@ -95,25 +102,29 @@ class Claim(Record, frozen=True, omit_defaults=True):
 
 
 class Study(Record, omit_defaults=True):
-    """A study file's content: variants (named agent settings), each trained for all grid settings and seeds.
+    """A study file's content.
+
+    It has variants (named agent settings), each trained for all grid settings and seeds.
 
     Attributes:
         title: what is compared, in a line.
         variants: training settings by variant name.
         about: question of the study, and how to read its results.
         source: publication and place of the comparison, such as a figure of the paper.
-        seeds: trainings per variant and grid point, with seeds from 0; scorers without a seed use the agent's seed.
+        seeds: trainings per variant and grid point, with seeds from 0; scorers without a seed use
+            the agent's seed.
         drawing: kind of picture.
         reference: the variant that all variants are compared with. Default: the first.
         settings: settings of all trainings; variants and the grid override them.
         grid: values by setting; each combination of values is a grid point.
         points: further combinations, each a table with the same settings, crossed with the grid.
-        scorers: settings by scorer name, with ``command``: train-complex, train-links, train-recipes, facts,
-            neighbours or kernel.
+        scorers: settings by scorer name, with ``command``: train-complex, train-links,
+            train-recipes, facts, neighbours or kernel.
         claims: expected results, compared with the results in the report.
 
     Example:
-        >>> study = Study("Two policies", {"attention": {}, "mlp": {"policy": "mlp"}}, grid={"distractors": [1, 8]})
+        >>> variants = {"attention": {}, "mlp": {"policy": "mlp"}}
+        >>> study = Study("Two policies", variants, grid={"distractors": [1, 8]})
         >>> len(study.variants) * len(study.grid["distractors"]) * study.seeds
         20
     """
@@ -159,7 +170,9 @@ def built_in() -> list[str]:
 
 
 def read_study(source: str | Path) -> Study:
-    """Read a study from a TOML file or a built-in study by name, and check everything except its recipe books.
+    """Read a study from a TOML file, or a built-in study by name.
+
+    Everything is checked except the recipe books.
 
     Raises:
         ConfigError: if there is no such study, or a setting is unknown, wrong or contradictory.
@@ -230,7 +243,7 @@ def adapted(
 
 
 def check_study(study: Study, source: str = "study") -> None:
-    """Raise ConfigError for the first unknown, wrong or contradictory name or setting in a study."""
+    """Raise ConfigError for the first wrong or contradictory name or setting in a study."""
     whole("seeds", study.seeds, 1, 1_000)
     if not study.variants:
         raise ConfigError(
@@ -238,7 +251,8 @@ def check_study(study: Study, source: str = "study") -> None:
         )
     if study.reference and study.reference not in study.variants:
         raise ConfigError(
-            f"{source}: reference '{study.reference}' is not a variant; expected {', '.join(study.variants)}."
+            f"{source}: reference '{study.reference}' is not a variant; expected "
+            f"{', '.join(study.variants)}."
             f"{nearest(study.reference, study.variants)}"
         )
     _check_scorers(study, source)
@@ -263,7 +277,8 @@ def _check_scorers(study: Study, source: str) -> None:
         if command not in SCORER_SETTINGS:
             hint = nearest(str(command), SCORER_SETTINGS)
             raise ConfigError(
-                f"{source}: scorers.{name} has command {command!r}; expected one of {', '.join(SCORER_SETTINGS)}.{hint}"
+                f"{source}: scorers.{name} has command {command!r}; expected one of "
+                f"{', '.join(SCORER_SETTINGS)}.{hint}"
             )
         _known(source, f"scorers.{name}.", scorer, {"command", *SCORER_SETTINGS[str(command)]})
 
@@ -281,7 +296,8 @@ def _check_settings(study: Study, source: str) -> None:
         twice = [name for name in table if where.startswith("variants.") and name in varied]
         if twice:
             raise ConfigError(
-                f"{source}: {where}{twice[0]} is also in the grid; remove the setting from the variant."
+                f"{source}: {where}{twice[0]} is also in the grid; remove the setting from the "
+                "variant."
             )
 
 
@@ -319,7 +335,8 @@ def _check_claim(study: Study, claim: Claim, source: str) -> None:
         if variant and variant not in study.variants:
             hint = nearest(variant, study.variants)
             raise ConfigError(
-                f"{where} names an unknown variant {variant!r}; expected {', '.join(study.variants)}.{hint}"
+                f"{where} names an unknown variant {variant!r}; expected "
+                f"{', '.join(study.variants)}.{hint}"
             )
     # Without a size, any interval that excludes 0 by a hair would contradict the claim.
     if claim.expected == "comparable" and not claim.by:
@@ -334,7 +351,10 @@ def _check_claim(study: Study, claim: Claim, source: str) -> None:
 
 
 def points_of(study: Study) -> list[Values]:
-    """Return a study's grid points: all combinations of values for the settings in ``points`` and ``grid``."""
+    """Return a study's grid points.
+
+    They are all combinations of values for the settings in ``points`` and ``grid``.
+    """
     crossed = [dict(zip(study.grid, point, strict=True)) for point in product(*study.grid.values())]
     points: list[Values] = []
     for point in study.points or [{}]:
@@ -358,7 +378,8 @@ def _known(source: str, where: str, table: Any, known: Any) -> None:
 def cells_of(study: Study) -> list[StudyCell]:
     """Return cells by grid point, variant and seed.
 
-    A cell without a scorer omits settings ``scorer.NAME``: for all their values it is the same training.
+    A cell without a scorer omits settings ``scorer.NAME``: for all their values it is the same
+    training.
     """
     cells: list[StudyCell] = []
     prefix = f"{SCORER}."

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from itertools import chain
 
 from wordcraft_kg.base.wording import counted
-from wordcraft_kg.studies.claims import in_words
+from wordcraft_kg.studies.claims import ClaimVerdict, in_words
 from wordcraft_kg.studies.results import Origin
 from wordcraft_kg.studies.study import Metric
-from wordcraft_kg.studies.variants import Interval, PointFigures, VariantFigures
+from wordcraft_kg.studies.variants import Interval, PointMetrics, VariantMetrics
 from wordcraft_kg.studies.view import StudyView, title_of
 
 
@@ -30,7 +30,7 @@ class StudyTable:
     rows: tuple[tuple[str, ...], ...]
 
 
-_Column = tuple[str, Callable[[VariantFigures], str]]
+_Column = tuple[str, Callable[[VariantMetrics], str]]
 """Heading, and text of a variant's cell."""
 
 
@@ -43,7 +43,7 @@ def tables_of(view: StudyView) -> list[StudyTable]:
     columns = [(heading, text) for heading, text in _COLUMNS if any(map(text, entries))]
     headings = tuple(heading for heading, _ in columns)
 
-    def row(entry: VariantFigures) -> tuple[str, ...]:
+    def row(entry: VariantMetrics) -> tuple[str, ...]:
         return tuple(text(entry) for _, text in columns)
 
     return [
@@ -51,7 +51,7 @@ def tables_of(view: StudyView) -> list[StudyTable]:
     ]
 
 
-def _entries(view: StudyView) -> list[VariantFigures]:
+def _entries(view: StudyView) -> list[VariantMetrics]:
     return list(chain.from_iterable(point.variants for point in view.points))
 
 
@@ -83,7 +83,7 @@ def signed(value: float, form: str) -> str:
     return text.replace("-", "−")
 
 
-def _mrr(at: VariantFigures) -> str:
+def _mrr(at: VariantMetrics) -> str:
     if at.mrr is None or at.mrr_range is None:
         return ""
     low, high = [f"{end:.3f}" for end in at.mrr_range]
@@ -92,7 +92,7 @@ def _mrr(at: VariantFigures) -> str:
     return f"{at.mrr:.3f}{shown_range}"
 
 
-def _reached(at: VariantFigures) -> str:
+def _reached(at: VariantMetrics) -> str:
     if not at.curve:
         return ""
     if at.reached_interval is None:
@@ -102,7 +102,7 @@ def _reached(at: VariantFigures) -> str:
     return _amount(at.reached) + ends
 
 
-def _difference(at: VariantFigures) -> str:
+def _difference(at: VariantMetrics) -> str:
     if at.comparison is None:
         return ""
     return with_bounds(at.comparison.difference, at.comparison.interval, "+.3f")
@@ -128,9 +128,9 @@ _COLUMNS: tuple[_Column, ...] = (
 def notes(view: StudyView) -> list[str]:
     """Return sentences that explain the columns of :func:`tables_of`."""
     sentences = [
-        "Success: share of episodes on test tasks in which the greedy agent makes the goal, with 95 % intervals: "
-        "over seeds and tasks, that is, for other such tasks too, and over seeds alone (Student's t), for "
-        "these tasks."
+        "Success: share of episodes on test tasks in which the greedy agent makes the goal, with "
+        "95 % intervals: over seeds and tasks, that is, for other such tasks too, and over seeds "
+        "alone (Student's t), for these tasks."
     ]
     entries = _entries(view)
     if any(entry.comparison for entry in entries):
@@ -138,17 +138,21 @@ def notes(view: StudyView) -> list[str]:
         if view.comparisons:
             corrected = f"; corrected by Holm for {counted(view.comparisons, 'comparison')}"
         sentences += [
-            f"Differences are to {view.reference}, paired by seed and task, with intervals over both.",
+            f"Differences are to {view.reference}, paired by seed and task, with intervals over "
+            "both.",
             "Reached after: environment steps until the mean learning curve reaches where that of "
             f"{view.reference} ends, with the interval over seeds.",
-            "p: of no difference, the level at which the interval of the difference reaches 0, none "
-            f"below three seeds{corrected}.",
+            "p: of no difference, the level at which the interval of the difference reaches 0, "
+            f"none below three seeds{corrected}.",
         ]
     return sentences
 
 
 def as_csv(view: StudyView) -> str:
-    """Return all results but durations as CSV, a row per variant and grid point; equal results give equal bytes."""
+    """Return all results but durations as CSV, a row per variant and grid point.
+
+    Equal results give equal bytes.
+    """
     grid: dict[str, None] = {}
     for point in view.points:
         grid |= dict.fromkeys(point.values)
@@ -171,7 +175,7 @@ def _cell(value: object) -> object:
     return f"{value:.6g}" if isinstance(value, float) else value
 
 
-def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dict[str, object]:
+def _values(point: PointMetrics, at: VariantMetrics, grid: Sequence[str]) -> dict[str, object]:
     comparison = at.comparison
 
     def ends(name: str, interval: Sequence[object] | None) -> dict[str, object]:
@@ -208,25 +212,16 @@ def _values(point: PointFigures, at: VariantFigures, grid: Sequence[str]) -> dic
 
 
 def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
-    """Yield a study's results as lines of text: ``metric`` of each agent at each grid point, and verdicts on claims."""
+    """Yield a study's results as lines of text.
+
+    They show ``metric`` of each agent at each grid point, and verdicts on claims.
+    """
     yield f"{view.title}: {_TITLES[metric]}"
     for point in view.points:
         yield from _lines_of_point(point, metric)
     if metric == "success":
-        compared = ""
-        if view.comparisons:
-            of = "of the comparison"
-            if view.comparisons > 1:
-                of = f"of {view.comparisons} comparisons, corrected by Holm"
-            compared = f"; differences to {view.reference}; p {of}"
-        yield f"intervals: 95 % over seeds and tasks{compared}"
-    if metric == "success" and view.claims:
-        yield "claims"
-        width = max(len(claim.verdict) for claim in view.claims)
-        for claim in view.claims:
-            yield f"  {claim.verdict:<{width}}  {claim.text}"
-            for measured in claim.measured:
-                yield f"  {'':<{width}}  {title_of(measured.values)}: {in_words(claim, measured)}"
+        yield f"intervals: 95 % over seeds and tasks{_compared(view)}"
+        yield from _lines_of_claims(view.claims)
     for origin in view.origins:
         if origin.stored:
             versions = ", ".join(f"{name} {version}" for name, version in origin.versions.items())
@@ -234,10 +229,31 @@ def lines_of(view: StudyView, metric: Metric) -> Iterator[str]:
     if view.missing:
         first = view.missing[0]
         number = counted(len(view.missing), "training")
-        yield f"{number} without figures; the first, {first.variant}, seed {first.seed}: {first.why}"
+        named = f"{first.variant}, seed {first.seed}"
+        yield f"{number} without results; the first, {named}: {first.why}"
 
 
-def _lines_of_point(point: PointFigures, metric: Metric) -> Iterator[str]:
+def _compared(view: StudyView) -> str:
+    if not view.comparisons:
+        return ""
+    of = "of the comparison"
+    if view.comparisons > 1:
+        of = f"of {view.comparisons} comparisons, corrected by Holm"
+    return f"; differences to {view.reference}; p {of}"
+
+
+def _lines_of_claims(claims: Sequence[ClaimVerdict]) -> Iterator[str]:
+    if not claims:
+        return
+    yield "claims"
+    width = max(len(claim.verdict) for claim in claims)
+    for claim in claims:
+        yield f"  {claim.verdict:<{width}}  {claim.text}"
+        for measured in claim.measured:
+            yield f"  {'':<{width}}  {title_of(measured.values)}: {in_words(claim, measured)}"
+
+
+def _lines_of_point(point: PointMetrics, metric: Metric) -> Iterator[str]:
     # Without a grid, the title of the point already names the graphs.
     graphs = point.graphs if point.values else ()
     named = "".join(dict.fromkeys(f"{graph.name}, {graph.kind}; " for graph in graphs))
@@ -254,7 +270,10 @@ def _lines_of_point(point: PointFigures, metric: Metric) -> Iterator[str]:
 
 
 def origin_in_words(origin: Origin) -> str:
-    """Format the number of trainings of an origin, and their place: here, or a store (folder of shared results)."""
+    """Format the number of trainings of an origin, and their place.
+
+    The place is this folder, or a store (folder of shared results).
+    """
     place = "from the store" if origin.stored else "in this folder"
     return f"{counted(origin.runs, 'training')} {place}"
 
@@ -265,7 +284,7 @@ def _p_value(p: float | None) -> str:
     return "<.001" if p < 0.001 else f"{p:.2g}"
 
 
-def _comparison(entry: VariantFigures) -> str:
+def _comparison(entry: VariantMetrics) -> str:
     comparison = entry.comparison
     if comparison is None:
         return ""
@@ -281,10 +300,10 @@ _TITLES: dict[Metric, str] = {
     "mrr": "leak-free MRR of the scorer, with the least and the greatest",
     "steps": "environment steps until the mean curve reaches where the reference's ends",
 }
-_SHOWN: dict[Metric, Callable[[VariantFigures], str]] = {
+_SHOWN: dict[Metric, Callable[[VariantMetrics], str]] = {
     "success": lambda at: with_bounds(at.mean, at.interval),
     "by-plan": lambda at: with_bounds(at.by_plan, None),
     "train": lambda at: "–" if at.train is None else with_bounds(at.train, None),
-    "mrr": lambda at: "–" if at.mrr is None else with_bounds(at.mrr, at.mrr_range),
+    "mrr": lambda at: _mrr(at) or "–",
     "steps": lambda at: _reached(at) or "–",
 }

@@ -18,7 +18,8 @@ class Task:
 
     Attributes:
         kind: kind of result.
-        settings: everything that decides the result, as plain JSON values; inputs by their addresses.
+        settings: everything that decides the result, as plain JSON values; inputs by their
+            addresses.
         title: the task in a line for people; not a part of the address.
         needs: addresses of the inputs: none, the graph, or the graph and the scorer.
         threads: CPU threads.

@@ -1,4 +1,7 @@
-"""Results of a variant at a grid point: means, intervals, differences to the reference, and success by scorer MRR."""
+"""Results of a variant at a grid point.
+
+They are means, intervals, differences to the reference, and success by scorer MRR.
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -35,8 +38,8 @@ class VariantComparison(Record):
         interval: 95 % interval of the difference over seeds and groups of tasks; the same seed and
             the same task are pairs.
         pairs: number of seeds that both have.
-        p_value: of no difference, the level at which the interval reaches 0; None below three pairs,
-            where a p-value would rest on one degree of freedom.
+        p_value: of no difference, the level at which the interval reaches 0; None below three
+            pairs, where a p-value would rest on one degree of freedom.
         p_corrected: the p-value with Holm's correction over all comparisons in the study, or None.
     """
 
@@ -47,7 +50,7 @@ class VariantComparison(Record):
     p_corrected: Share | None
 
 
-class VariantFigures(Record):
+class VariantMetrics(Record):
     """Results of a variant under fixed grid settings; all intervals are 95 % intervals.
 
     Attributes:
@@ -55,21 +58,23 @@ class VariantFigures(Record):
         seeds: seeds of its runs.
         success: success rate of each run on test tasks.
         mean: mean of ``success``.
-        seed_interval: interval for ``mean`` over seeds, by Student's t, for the same tasks; None for a
-            single seed.
-        interval: interval for ``mean`` over seeds and groups of tasks, such as goals; over tasks for a
-            single seed.
+        seed_interval: interval for ``mean`` over seeds, by Student's t, for the same tasks; None
+            for a single seed.
+        interval: interval for ``mean`` over seeds and groups of tasks, such as goals; over tasks
+            for a single seed.
         by_plan: mean share of episodes in which the last pair of a plan made the goal.
         train: mean success on train tasks; None if not measured for every run.
-        mrr: mean MRR of the agents' scorers on test triples outside training; None without a scorer,
-            or if the scorers have seen these triples.
+        mrr: mean MRR of the agents' scorers on test triples outside training; None without a
+            scorer, or if the scorers have seen these triples.
         mrr_range: least and greatest of these MRRs, or None.
         comparison: difference to the reference; None for the reference, and without common seeds or
             tasks.
         reached: steps until the mean learning curve reaches the reference's final success; None for
             never, or without a reference to reach.
-        reached_interval: interval for ``reached``, with None for never; None below two common seeds.
-        curve: mean success at the steps that the curves of all runs have, with intervals over seeds.
+        reached_interval: interval for ``reached``, with None for never; None below two common
+            seeds.
+        curve: mean success at the steps that the curves of all runs have, with intervals over
+            seeds.
         runs: address of each run in the results folder.
         seconds: mean training time; results from a store count as 0.
         steps: environment steps of a run.
@@ -94,13 +99,14 @@ class VariantFigures(Record):
     steps: Count
 
 
-class PointFigures(Record):
+class PointMetrics(Record):
     """Results for all variants at a grid point.
 
     Attributes:
         values: grid settings of the point.
         title: the settings in words; graph and split without a grid.
-        graphs: graphs with which the variants were evaluated, in the order of the variants; usually one.
+        graphs: graphs with which the variants were evaluated, in the order of the variants; usually
+            one.
         tasks: number of test tasks.
         distractor_seeds: episodes of each task, with other distractors each.
         variants: results of the variants that have runs, in the order of the study.
@@ -111,27 +117,27 @@ class PointFigures(Record):
     graphs: tuple[PlayedGraph, ...]
     tasks: Count
     distractor_seeds: Count
-    variants: tuple[VariantFigures, ...]
+    variants: tuple[VariantMetrics, ...]
 
 
-def figures_of(
+def metrics_of(
     results: StudyResults, variant: str, members: list[RunResult], base: list[RunResult]
-) -> VariantFigures:
+) -> VariantMetrics:
     """Summarise the runs of a variant at a grid point, and compare them with the reference.
 
     Args:
         results: the study, which knows the groups of test tasks.
         variant: name of the variant.
         members: the variant's runs, at least one, all on the same test tasks.
-        base: runs of the reference at the same point; empty if there are none. The reference itself is
-            recognised by being the same list.
+        base: runs of the reference at the same point; empty if there are none. The reference itself
+            is recognised by being the same list.
     """
     success = [run.success["test"] for run in members]
     train = [run.success["train"] for run in members if "train" in run.success]
     mrr = [run.mrr for run in members if run.mrr is not None]
     # Runs of earlier studies may lack train tasks or a scorer, hence the shorter lists above.
     reached, reached_interval = _reached(members, base)
-    return VariantFigures(
+    return VariantMetrics(
         variant=variant,
         seeds=tuple(run.seed for run in members),
         success=tuple(success),
@@ -181,8 +187,9 @@ def _comparison(
 
 
 def _curves(members: Sequence[RunResult]) -> tuple[list[int], NDArray[np.float64]]:
-    """Return the steps that all learning curves have, and the success at them, shape (runs, steps)."""
+    """Return the steps that all curves have, and the success at them, shape (runs, steps)."""
     rows = [dict(run.curve) for run in members]
+    # A mean over fewer runs would jump where one of them ends.
     steps = sorted(set.intersection(*map(set, rows)))
     table = [list(map(row.__getitem__, steps)) for row in rows]
     return steps, np.array(table)
@@ -202,7 +209,10 @@ def _curve(members: Sequence[RunResult]) -> tuple[CurvePoint, ...]:
 def _reached(
     members: list[RunResult], base: list[RunResult]
 ) -> tuple[int | None, tuple[int | None, int | None] | None]:
-    """Return the steps to the reference's final success, and their interval, see :class:`VariantFigures`."""
+    """Return the steps to the reference's final success, and their interval.
+
+    See :class:`VariantMetrics`.
+    """
     if not base:
         return None, None
     steps, table = _curves(members)
@@ -210,6 +220,7 @@ def _reached(
     if not steps or not goal_steps:
         return None, None
 
+    # Curves are measured against the goal, so that each is asked when it reaches 0.
     def first(curve: NDArray[np.float64]) -> int | None:
         reached = steps_to(zip(steps, curve, strict=True), -_ROUNDING)
         return round(reached) if math.isfinite(reached) else None
@@ -251,7 +262,7 @@ class Correlation(Record, array_like=True):
 
 
 class ScatterPoint(Record):
-    """Success of an agent (a variant of the study) and MRR of its scorer, as in :class:`VariantFigures`.
+    """Success of an agent (a variant) and MRR of its scorer, as in :class:`VariantMetrics`.
 
     Attributes:
         label: the scorer settings that distinguish the point, else the variant.
@@ -281,8 +292,8 @@ class ScorerScatter(Record):
         points: a point for each agent and scorer setting, by ascending MRR.
         pearson: correlation of MRR and success; None for fewer than three points.
         spearman: rank correlation of MRR and success, or None.
-        steps_spearman: rank correlation of MRR and the steps to the reference's success; "not reached"
-            is latest.
+        steps_spearman: rank correlation of MRR and the steps to the reference's success; "not
+            reached" is latest.
         without: success of the reference agent, if it has no scorer.
     """
 
@@ -296,16 +307,18 @@ class ScorerScatter(Record):
 
 
 def scatters_of(
-    results: StudyResults, points: Sequence[PointFigures], reference: str
+    results: StudyResults, points: Sequence[PointMetrics], reference: str
 ) -> Iterator[ScorerScatter]:
-    """Yield a plot for each combination of settings other than the scorer's, with in-sample scores apart.
+    """Yield a plot for each combination of settings other than the scorer's.
+
+    In-sample scores are apart.
 
     Args:
         results: the study, for the settings of its variants.
         points: results of all grid points; variants without MRR are left out.
         reference: name of the reference variant.
     """
-    groups: dict[bytes, list[tuple[PointFigures, VariantFigures]]] = {}
+    groups: dict[bytes, list[tuple[PointMetrics, VariantMetrics]]] = {}
     for point in points:
         for entry in point.variants:
             if entry.mrr is None:
@@ -336,13 +349,13 @@ def scatters_of(
         )
 
 
-def _others(point: PointFigures) -> Values:
+def _others(point: PointMetrics) -> Values:
     return {
         name: value for name, value in point.values.items() if not name.startswith(f"{SCORER}.")
     }
 
 
-def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigures) -> bool:
+def _is_in_sample(results: StudyResults, point: PointMetrics, entry: VariantMetrics) -> bool:
     settings = {
         **results.study.settings,
         **point.values,
@@ -351,7 +364,7 @@ def _is_in_sample(results: StudyResults, point: PointFigures, entry: VariantFigu
     return settings.get("in_sample") is True
 
 
-def _scatter_point(point: PointFigures, at: VariantFigures) -> ScatterPoint:
+def _scatter_point(point: PointMetrics, at: VariantMetrics) -> ScatterPoint:
     assert at.mrr is not None
     assert at.mrr_range is not None
     return ScatterPoint(
@@ -372,15 +385,19 @@ def _correlation(
     return Correlation(*estimate) if estimate else None
 
 
-def _label(point: PointFigures, variant: str) -> str:
-    """Return the scorer settings that are not at full training data, else the first one, else the variant."""
+def _label(point: PointMetrics, variant: str) -> str:
+    """Return the scorer settings that are not at full training data.
+
+    Without any, the first setting, or else the variant.
+    """
     prefix = f"{SCORER}."
     values = {
         name.removeprefix(prefix): value
         for name, value in point.values.items()
         if name.startswith(prefix)
     }
-    # Settings at their full value do not distinguish points; a point with all of them needs a label, too.
+    # Settings at their full value do not distinguish points; a point with all of them needs a
+    # label, too.
     differing = {name: value for name, value in values.items() if value != _EVERYTHING.get(name)}
     first = dict(list(values.items())[:1])
     shown: list[str] = []

@@ -1,4 +1,7 @@
-"""Summary of a study's results: all variants for all grid settings, with intervals and differences to the reference."""
+"""Summary of a study's results.
+
+It has all variants for all grid settings, with intervals and differences to the reference.
+"""
 
 from collections.abc import Sequence
 from typing import Annotated, Literal
@@ -13,10 +16,10 @@ from wordcraft_kg.studies.claims import ClaimVerdict, view_claims
 from wordcraft_kg.studies.results import Missing, Origin, RunResult, StudyResults
 from wordcraft_kg.studies.study import Drawing, Value, Values
 from wordcraft_kg.studies.variants import (
-    PointFigures,
+    PointMetrics,
     ScorerScatter,
-    VariantFigures,
-    figures_of,
+    VariantMetrics,
+    metrics_of,
     scatters_of,
 )
 
@@ -51,7 +54,7 @@ class StudyView(Record):
     command: str
     drawing: Drawing
     reference: str
-    points: Annotated[tuple[PointFigures, ...], msgspec.Meta(min_length=1)]
+    points: Annotated[tuple[PointMetrics, ...], msgspec.Meta(min_length=1)]
     scatters: tuple[ScorerScatter, ...]
     comparisons: Count
     claims: tuple[ClaimVerdict, ...]
@@ -69,8 +72,8 @@ def view_study(results: StudyResults) -> StudyView:
     """Summarise a study's results.
 
     Raises:
-        ConfigError: if no run has finished, or runs of a variant at a grid point were evaluated with other
-            graphs or tasks, or share a seed: a mean over them would describe nothing.
+        ConfigError: if no run has finished, or runs of a variant at a grid point were evaluated
+            with other graphs or tasks, or share a seed: a mean over them would describe nothing.
     """
     study = results.study
     reference = study.reference or next(iter(study.variants))
@@ -98,7 +101,7 @@ def view_study(results: StudyResults) -> StudyView:
 
 
 def title_of(values: Values) -> str:
-    """Describe grid settings in words, such as ``8 distractors, split by-goal, scorer.train_fraction 0.5``."""
+    """Describe grid settings in words, such as ``8 distractors, split by-goal``."""
     return ", ".join(_worded(name, value) for name, value in values.items())
 
 
@@ -116,11 +119,12 @@ def _cells(results: StudyResults) -> list[tuple[Values, Runs]]:
     if not results.runs:
         why = f" The first: {results.missing[0].why.rstrip('.')}." if results.missing else ""
         raise ConfigError(
-            f"study '{results.name}' has no finished run, {len(results.missing):,} missing.{why} Run the study first: "
-            f"{results.command}"
+            f"study '{results.name}' has no finished run, {len(results.missing):,} missing.{why} "
+            f"Run the study first: {results.command}"
         )
     points: dict[bytes, tuple[Values, Runs]] = {}
     for run in results.runs:
+        # Sorted: the order of settings in a file does not make another point.
         key = msgspec.json.encode(run.values, order="sorted")
         _, runs = points.setdefault(key, (run.values, {}))
         runs.setdefault(run.variant, []).append(run)
@@ -146,25 +150,28 @@ def _check_alike(results: StudyResults, cell: str, members: list[RunResult]) -> 
             differing = "graphs" if one.hash != other.hash else "splits"
             # A mean over seeds is about one set of tasks.
             raise ConfigError(
-                f"{cell}: seeds {first.seed} and {run.seed} were played on different {differing} ({_named(one)}; "
-                f"{_named(other)}), so their figures cannot be averaged. Add the differing setting to the grid, "
+                f"{cell}: seeds {first.seed} and {run.seed} were played on different {differing} "
+                f"({_named(one)}; {_named(other)}), so their results cannot be averaged. Add the "
+                "differing setting to the grid, "
                 "such as `book`, `split` or `split_seed`, or repeat the runs on the same graph."
             )
         if (len(run.won), run.distractor_seeds) != (len(first.won), first.distractor_seeds):
             raise ConfigError(
-                f"{cell}: seeds {first.seed} and {run.seed} were evaluated on {len(first.won):,} tasks with "
-                f"{first.distractor_seeds} distractor seeds and on {len(run.won):,} with {run.distractor_seeds}, so "
-                "the mean is undefined. Repeat the older run."
+                f"{cell}: seeds {first.seed} and {run.seed} were evaluated on {len(first.won):,} "
+                f"tasks with {first.distractor_seeds} distractor seeds and on {len(run.won):,} "
+                f"with {run.distractor_seeds}, so the mean is undefined. Repeat the older run."
             )
     seeds = [run.seed for run in members]
     if len(set(seeds)) < len(seeds):
         # Two runs of one seed are paired with one run of the reference, and would count twice.
         twice = next(seed for seed in seeds if seeds.count(seed) > 1)
         raise ConfigError(
-            f"{cell}: seed {twice} occurs twice (runs {', '.join(run.run for run in members if run.seed == twice)}); "
-            "another setting than the seed differs. Add that setting to the variants."
+            f"{cell}: seed {twice} occurs twice (runs "
+            f"{', '.join(run.run for run in members if run.seed == twice)}); another setting than "
+            "the seed differs. Add that setting to the variants."
         )
     for run in members:
+        # As on a graph that is too small for test tasks.
         if "test" not in run.success or "test" not in run.by_plan or not run.won:
             raise ConfigError(
                 f"{cell}, seed {run.seed}: no test tasks were played, so nothing can be compared."
@@ -175,15 +182,15 @@ def _named(graph: PlayedGraph) -> str:
     return f"{graph.name} {graph.hash[:12]}, {graph.kind} split {graph.split[:12]}"
 
 
-def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointFigures:
+def _point(results: StudyResults, values: Values, runs: Runs, reference: str) -> PointMetrics:
     base = runs.get(reference, [])
-    variants = [figures_of(results, name, members, base) for name, members in runs.items()]
+    variants = [metrics_of(results, name, members, base) for name, members in runs.items()]
     graphs = {members[0].graph: results.graphs[members[0].graph] for members in runs.values()}
     first = next(iter(runs.values()))[0]
     title = title_of(values)
     if not values:
         title = ", ".join(f"{graph.name}, {graph.kind}" for graph in graphs.values())
-    return PointFigures(
+    return PointMetrics(
         values=values,
         title=title,
         graphs=tuple(graphs.values()),
@@ -193,7 +200,7 @@ def _point(results: StudyResults, values: Values, runs: Runs, reference: str) ->
     )
 
 
-def _p_values(points: Sequence[PointFigures]) -> list[float]:
+def _p_values(points: Sequence[PointMetrics]) -> list[float]:
     """Return all p-values of a study, in the order of points and variants."""
     found: list[float] = []
     for point in points:
@@ -203,18 +210,21 @@ def _p_values(points: Sequence[PointFigures]) -> list[float]:
     return found
 
 
-def _corrected(points: Sequence[PointFigures]) -> list[PointFigures]:
-    """Return points with Holm's correction over all comparisons of the study, which a reader sees together."""
+def _corrected(points: Sequence[PointMetrics]) -> list[PointMetrics]:
+    """Return points with Holm's correction over all comparisons of the study.
+
+    A reader sees them together.
+    """
     # In the order of ``_p_values``, which is that of the loop below.
     corrected = iter(holm(_p_values(points)))
 
-    def with_p(entry: VariantFigures) -> VariantFigures:
+    def with_p(entry: VariantMetrics) -> VariantMetrics:
         if entry.comparison is None or entry.comparison.p_value is None:
             return entry
         comparison = msgspec.structs.replace(entry.comparison, p_corrected=next(corrected))
         return msgspec.structs.replace(entry, comparison=comparison)
 
-    changed: list[PointFigures] = []
+    changed: list[PointMetrics] = []
     for point in points:
         variants = tuple(with_p(entry) for entry in point.variants)
         changed.append(msgspec.structs.replace(point, variants=variants))

@@ -1,4 +1,5 @@
-"""A tiny language model and a tiny encoder with random weights, whose words are those of the kitchen."""
+"""A tiny language model and a tiny encoder with random weights, whose words are those of the
+kitchen."""
 
 import pytest
 import torch

@@ -43,7 +43,8 @@ def test_vectors_of_another_book_or_changed_ones_are_refused(vectors, tmp_path):
         make_features(str(vectors), ["iron", "gold", "flour"])
     with pytest.raises(
         ValueError,
-        match=r"2 of 3.*gold, iron\. These are vectors of another book; encode this graph and any books in `with`",
+        match=r"2 of 3.*gold, iron\. These are vectors of another book; "
+        "encode this graph and any books in `with`",
     ):
         make_features(str(vectors), ["iron", "gold", "flour"])
     labels = vectors / "vectors.labels.txt"
@@ -58,9 +59,8 @@ def test_vectors_of_another_book_or_changed_ones_are_refused(vectors, tmp_path):
         make_features(str(tmp_path), ["flour"])
 
 
-def test_a_recipe_scorer_learns_from_a_folder_and_scores_its_further_labels(
-    vectors, opened_kitchen, tmp_path
-):
+def test_a_recipe_scorer_learns_a_folders_further_labels(vectors, opened_kitchen, tmp_path):
+    """A recipe scorer learns from a folder and scores its further labels."""
     settings = RecipeScorerConfig(kg="full", folds=2, features=str(vectors))
     folder = train_recipes(
         RecipesConfig(opened_kitchen.source, settings), tmp_path / "model"

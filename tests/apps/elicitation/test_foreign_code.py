@@ -29,7 +29,8 @@ def sentence_folder(encoder_folder, tmp_path_factory):
 
 @pytest.fixture
 def evil(tmp_path, monkeypatch):
-    """A copy of a folder with a program that leaves a mark when it is run; a user would answer yes."""
+    """A copy of a folder with a program that leaves a mark when it is run; a user
+    would answer yes."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "stdin", io.StringIO("y\n" * 100))

@@ -49,9 +49,8 @@ def information(language_model, prompt, entity, label):
     return log_prob(language_model, prompt.text(entity), label) - np.log(np.mean(neutral))
 
 
-def test_a_cell_is_the_log_probability_of_a_label_after_a_text_minus_that_after_neutral_texts(
-    written, language_model, kitchen
-):
+def test_a_cell_is_a_difference_of_log_probabilities(written, language_model, kitchen):
+    """A cell is the log probability of a label after a text minus that after neutral texts."""
     knowledge, labels = read_knowledge(written), kitchen.entities
     rng = np.random.default_rng(0)
     several = [label for label in labels if " " in label]
@@ -131,7 +130,7 @@ def test_random_weights_are_a_control_that_depends_on_the_seed_alone(
     assert read_run(tmp_path / "2").inputs["random weights, seed"] == "1"
 
 
-# --- refusals --------------------------------------------------------------------------------------------------------
+# --- refusals -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -28,9 +28,10 @@ def log_prob(reader, prompt, answer):
 
 
 @torch.inference_mode()
-def test_the_answer_by_probabilities_is_the_most_probable_text_of_all_pairs_that_were_not_tried(
+def test_the_answer_is_the_most_probable_untried_pair(
     reader,
 ):
+    """The answer by probabilities is the most probable text of all pairs that were not tried."""
     prompt, tried = reader.tokens("flour is a part of"), set()
     expected = {
         f"{a} + {b}": log_prob(reader, prompt, f"{a} + {b}")

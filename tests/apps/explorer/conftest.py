@@ -57,7 +57,8 @@ def explored(kitchen_folder, links_folder, recipes_folder, run_folder):
 
 @pytest.fixture(scope="session")
 def agents(kitchen_folder, run_folder, made_once):
-    """The kitchen with an agent that mixes the scores of a cross-fitted scorer, one without, and an mlp."""
+    """The kitchen with an agent that mixes the scores of a cross-fitted scorer, one without, and an
+    mlp."""
     plain = AgentConfig(str(kitchen_folder), None, TaskConfig(distractors=8), LEARNED, SHORT)
     mlp = replace(plain, policy=replace(LEARNED, policy="mlp"), tasks=TaskConfig(distractors=2))
     folders = [
@@ -128,7 +129,8 @@ def rankers(recipes_folder):
 
 @pytest.fixture(scope="session")
 def of_recipes(tmp_path_factory, saved):
-    """Make a graph of recipes, and the neighbour rule on it; without a split it knows everything."""
+    """Make a graph of recipes, and the neighbour rule on it; without a split it
+    knows everything."""
 
     def make(rows, kg="", **settings):
         folder = tmp_path_factory.mktemp("mine") / "graph"

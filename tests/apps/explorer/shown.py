@@ -1,4 +1,5 @@
-"""Helpers of page tests: hostile labels, explored graphs, and a page as tags, forms, links and text."""
+"""Helpers of page tests: hostile labels, explored graphs, and a page as tags, forms, links and
+text."""
 
 from dataclasses import dataclass, field
 from html.parser import HTMLParser

@@ -119,7 +119,8 @@ def test_the_form_asks_at_the_table_that_is_seen(agents):
     assert (edited.is_edited, edited.table) == (True, shown.table)
     for again, agent in zip(edited.agents, shown.agents, strict=True):
         assert again.explained.episode.steps == agent.explained.episode.steps
-    # An emptied line is taken off, a filled one is put on the table, and what is held is the first pick.
+    # An emptied line is taken off, a filled one is put on the table, and what is held is the first
+    # pick.
     lines = [value for name, value in sent if name == "table"]
     assert lines == [*shown.table, "", "", ""]
     added = next(
@@ -149,7 +150,8 @@ def test_a_full_table_of_several_agents_is_a_page_of_usual_size(agents):
 
 
 def test_in_sample_scores_are_marked(agents, recipes_folder):
-    """Where two folds have a way, every model has learned one of them; where one has, there is a model that has not."""
+    """Where two folds have a way, every model has learned one of them; where one has, there is a
+    model that has not."""
     from wordcraft_kg.models.scorers.folder import load_scorer
 
     graph, folds = agents.opened.graph, load_scorer(recipes_folder).of_recipe.tolist()  # type: ignore[attr-defined]
@@ -260,7 +262,8 @@ def test_the_runs_are_what_their_records_say(agents):
     assert view.sources == ("alpha", "u", "v", "w")
 
 
-def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agents, tmp_path):
+def test_a_run_shows_curves_and_settings_but_no_folders(agents, tmp_path):
+    """A run shows its curves and settings but no folders of this machine."""
     view = view_of(agents, RunState("guided"))
     lines = lines_of(agents.runs["guided"])
     points = [(line["step"], line["test_success"]) for line in lines if "test_success" in line]
@@ -268,7 +271,7 @@ def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agen
     assert view.settings == {
         "graph": "kitchen",
         "scorer": "kitchen-recipes",
-        "use": "u,v,w",
+        "use": "combines (u), component (v), recipe (w)",
         "steps": "4000",
     }
     page = look(agents, RunState("guided")).page
@@ -279,7 +282,8 @@ def test_a_run_shows_its_curves_and_settings_but_no_folders_of_this_machine(agen
 
 @pytest.fixture
 def unfinished(agents, tmp_path):
-    """Open `plain` as its training left it after some lines of metrics, the last one half written: `live`."""
+    """Open `plain` as its training left it after some lines of metrics, the last one half written:
+    `live`."""
     done, live = agents.runs["plain"], tmp_path / "live"
 
     def unfinished(status, lines, *others):

@@ -1,4 +1,5 @@
-"""The overview, lists of entities and the search; an entity's recipes, cost, predictions and similar entities."""
+"""The overview, lists of entities and the search; an entity's recipes, cost, predictions and
+similar entities."""
 
 from collections import Counter
 
@@ -159,9 +160,8 @@ def test_an_entity_that_cannot_be_made_has_no_layer():
         ),
     ],
 )
-def test_a_search_takes_the_label_itself_then_beginnings_words_and_parts_without_case_and_accents(
-    rows, wanted, expected
-):
+def test_a_search_takes_labels_then_beginnings_words_and_parts(rows, wanted, expected):
+    """A search takes the label itself then beginnings words and parts without case and accents."""
     graph = RecipeGraph.from_recipes(rows)
     assert search_entities(graph, wanted) == expected
     assert search_entities(graph, wanted, limit=2) == expected[:2]

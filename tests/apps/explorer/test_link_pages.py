@@ -51,7 +51,8 @@ def test_a_link_has_the_score_ranks_and_probability_that_reports_give_it(kernel)
     assert statuses == {("learned", "train"), ("held out", "valid"), ("held out", "test")}
 
 
-def test_a_learned_link_names_a_train_recipe_and_a_held_out_one_its_evidence(kernel):
+def test_a_learned_link_names_its_recipe_and_others_evidence(kernel):
+    """A learned link names a train recipe and a held out one its evidence."""
     a, b, _ = kernel.graph.labels(kernel.split.recipes("train")[0])
     reason = view_by(kernel, LinkState(a, "combinesWith", b)).reason
     assert reason.learned_from[0] in [tuple(row)[:3] for row in kernel.graph.recipe_labels()]
@@ -247,7 +248,10 @@ def test_what_speaks_for_a_prediction_is_named_beside_it(explored):
         for witness in row.reason.witnesses:
             like = (head, witness.head) if witness.tail == tail else (tail, witness.tail)
             recipe = witness.recipes[0]
-            shown = f"{like[0]} is like {like[1]}: {recipe.ingredient_a} + {recipe.ingredient_b} → {recipe.result}"
+            shown = (
+                f"{like[0]} is like {like[1]}: {recipe.ingredient_a} + {recipe.ingredient_b} → "
+                f"{recipe.result}"
+            )
             assert shown in text
             named += 1
     assert named > 10

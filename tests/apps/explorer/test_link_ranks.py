@@ -1,4 +1,5 @@
-"""The table of all ranks: its headline is the report's, its filters choose what they say, and two models beside."""
+"""The table of all ranks: its headline is the report's, its filters choose what they say, and two
+models beside."""
 
 from itertools import product
 
@@ -92,9 +93,8 @@ def test_all_triples_are_ranked_on_both_sides_as_reports_rank_them(neighbours, e
         assert (query.top, query.learned) == (labels[row.top], row.learned)
 
 
-FILTERS = [
-    RankFilter(*values)
-    for values in product(
+COMBINED = list(
+    product(
         ("", "combinesWith"),
         ("", "head"),
         ("", "train", "valid", "test"),
@@ -102,7 +102,9 @@ FILTERS = [
         ("", "water"),
         ("", "2-10"),
     )
-]
+)
+# 28 of 192: every seventh has all pairs of values of any two filters.
+FILTERS = [RankFilter(*values) for values in COMBINED[::7]]
 
 
 @pytest.mark.parametrize("chosen", FILTERS, ids=str)
@@ -234,7 +236,8 @@ def test_queries_that_one_of_both_ranks_better_can_be_chosen(ranked, by_kernel, 
     )
 
 
-def test_a_model_that_has_seen_the_answers_is_marked_beside_one_that_has_not(ranked, all_seeing):
+def test_a_model_that_has_seen_the_answers_is_marked(ranked, all_seeing):
+    """A model that has seen the answers is marked beside one that has not."""
     found = view_compared_ranks(
         ranked, rank_graph(all_seeing), RankFilter(part="test", known="all")
     )

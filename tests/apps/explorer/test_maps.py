@@ -35,9 +35,8 @@ def test_each_entity_has_a_place_on_the_map_the_most_used_first(kitchen, kitchen
     checked_values(view)
 
 
-def test_entities_that_are_linked_lie_nearer_than_others_and_so_do_those_of_a_group(
-    kitchen, kitchen_map
-):
+def test_linked_entities_and_groups_lie_near(kitchen, kitchen_map):
+    """Entities that are linked lie nearer than others and so do those of a group."""
     places, view = np.array([(spot.x, spot.y) for spot in kitchen_map.spots]), kitchen_map
     far = np.linalg.norm(places[:, None] - places[None], axis=2)
     linked = np.zeros_like(far, dtype=bool)
@@ -92,7 +91,8 @@ def test_the_links_of_a_chosen_entity_are_those_of_its_recipes(kitchen, kitchen_
             assert uses == sorted(uses, reverse=True)
 
 
-def test_groups_have_the_sizes_of_their_spots_and_are_named_after_three_members(kitchen_map):
+def test_groups_have_their_spots_sizes_and_three_names(kitchen_map):
+    """Groups have the sizes of their spots and are named after three members."""
     view = kitchen_map
     for number, group in enumerate(view.groups):
         members = [spot for spot in view.spots if spot.group == number]
@@ -102,7 +102,8 @@ def test_groups_have_the_sizes_of_their_spots_and_are_named_after_three_members(
         assert min(spot.x for spot in members) <= group.x <= max(spot.x for spot in members)
 
 
-def test_above_the_limit_the_most_used_are_placed_and_a_chosen_one_is_a_guest(kitchen, monkeypatch):
+def test_above_the_limit_the_most_used_are_placed(kitchen, monkeypatch):
+    """Above the limit the most used are placed and a chosen one is a guest."""
     monkeypatch.setattr(maps, "PLACED", 20)
     monkeypatch.setattr(maps, "GUESTS", 4)
     found = map_of(kitchen)
@@ -153,7 +154,8 @@ def test_of_very_many_links_a_map_holds_and_draws_some(kitchen, monkeypatch):
     )
 
 
-def test_the_links_of_a_chosen_entity_are_lines_to_its_partners_which_are_named_first(explored):
+def test_links_of_a_chosen_entity_are_lines_to_its_partners(explored):
+    """The links of a chosen entity are lines to its partners which are named first."""
     view, page = (
         view_of(explored, MapState(entity="bread")),
         look(explored, MapState(entity="bread")),
@@ -179,7 +181,8 @@ def test_the_links_of_a_chosen_entity_are_lines_to_its_partners_which_are_named_
     assert "far" not in dots[place]
 
 
-def test_each_colour_of_layers_is_in_the_legend_with_the_number_of_its_entities(explored):
+def test_each_layer_colour_is_in_the_legend_with_a_count(explored):
+    """Each colour of layers is in the legend with the number of its entities."""
     view = view_of(explored, MapState(colour="layer"))
     legend = PAGES["map"].draw(view, MapState(colour="layer"), lambda *_: "")["legend"]
     assert sum(number for _, _, number in legend) == 80
@@ -192,7 +195,8 @@ TWO_CLIQUES = np.array(
 )
 
 
-def test_entities_that_are_linked_among_each_other_are_a_group_with_typical_members_first():
+def test_linked_entities_form_a_group_typical_members_first():
+    """Entities that are linked among each other are a group with typical members first."""
     group_of, typical = communities_of(7, TWO_CLIQUES)
     assert group_of.tolist() == [1, 1, 1, 0, 0, 0, 0]
     # 3 and 2 have a link to the other group, too; of equally typical members, the first come first

@@ -1,4 +1,5 @@
-"""Addresses and states: each state has an address, and each address its state; and pages from outside."""
+"""Addresses and states: each state has an address, and each address its state; and pages from
+outside."""
 
 import sys
 from importlib.metadata import EntryPoint
@@ -97,7 +98,10 @@ def _view(explored, state):
 
 PAGE = Page("letters", Letters, _view, title="Letters", package="outside_letters")
 """
-TEMPLATE = '{% extends "base.html.j2" %}{% block body %}<h1>Letters</h1><p>{{ view.number }} entities</p>{% endblock %}'
+TEMPLATE = (
+    '{% extends "base.html.j2" %}{% block body %}<h1>Letters</h1><p>{{ view.number }} '
+    "entities</p>{% endblock %}"
+)
 
 
 @pytest.fixture

@@ -24,7 +24,8 @@ def chain(length):
     return [(f"{i:05}", f"{i:05}", f"{i + 1:05}") for i in range(length)]
 
 
-def test_the_steps_are_those_of_the_cheapest_derivation_with_the_parts_of_their_recipes(kitchen):
+def test_the_steps_are_the_cheapest_derivation(kitchen):
+    """The steps are those of the cheapest derivation with the parts of their recipes."""
     planner, split = Planner(kitchen), make_split(kitchen, SplitConfig())
     explored = explored_graph(kitchen, split=split)
     part_of = {
@@ -45,9 +46,10 @@ def test_the_steps_are_those_of_the_cheapest_derivation_with_the_parts_of_their_
     assert seen == {"train", "test"}
 
 
-def test_each_craft_is_a_layer_after_all_that_it_needs_and_a_layer_before_something_that_needs_it(
+def test_each_craft_is_a_layer_after_all_that_it_needs(
     kitchen,
 ):
+    """Each craft is a layer after all that it needs and a layer before something that needs it."""
     explored = explored_graph(kitchen)
     for entity in kitchen.entities:
         view = view_of(explored, PathState(entity))
@@ -99,7 +101,8 @@ def test_a_path_says_whether_it_can_be_gone_and_why_not(
     assert text in look(explored, PathState(goal)).text
 
 
-def test_of_what_cannot_be_made_the_view_says_what_its_recipes_lack_and_where_that_ends():
+def test_the_view_says_what_unmakeable_entities_lack():
+    """Of what cannot be made the view says what its recipes lack and where that ends."""
     rows = [
         ("lost", "a", "one"),
         ("one", "one", "goal"),
@@ -163,9 +166,8 @@ CHAIN = [
         ("a", "a", "aa", [], "a is the start and the goal"),
     ],
 )
-def test_a_chain_of_recipes_leads_between_any_two_entities_or_back_or_is_said_to_be_missing(
-    start, goal, ends, recipes, text
-):
+def test_a_chain_leads_between_two_entities_or_is_missing(start, goal, ends, recipes, text):
+    """A chain of recipes leads between any two entities or back or is said to be missing."""
     explored = explored_graph(CHAIN, ["a", "b", "x"])
     chain = view_of(explored, PathState(goal, start=start)).chain
     assert (chain.start, chain.end) == tuple(ends)
@@ -207,7 +209,8 @@ def test_pages_of_an_entity_whose_cost_has_thousands_of_digits_can_be_read():
     assert "about 2.8 × 10^4515" in repr(Planner(explored.opened.graph).derivation("15000"))
 
 
-def test_a_graph_without_entities_has_no_map_or_path_in_the_menu_and_is_no_error_of_the_program():
+def test_a_graph_without_entities_has_no_map_or_path():
+    """A graph without entities has no map or path in the menu and is no error of the program."""
     explored = explored_graph([])
     site = Site(explored, lambda page, state: page.address(state), str)
     assert {page.name for page, _ in site.menu}.isdisjoint({"map", "path"})

@@ -1,4 +1,5 @@
-"""Open slots: truth, training status, ranks and reasons, against loops and the ranking of reports."""
+"""Open slots: truth, training status, ranks and reasons, against loops and the
+ranking of reports."""
 
 from itertools import product
 
@@ -13,7 +14,8 @@ from wordcraft_kg.models.scorers.ranking import rank_triples
 SLOTS = list(product(range(0, 80, 9), range(len(RELATIONS)), ("head", "tail")))
 
 
-def test_each_entity_of_a_slot_has_the_part_of_its_triple_and_whether_it_was_learned(neighbours):
+def test_each_entity_of_a_slot_has_its_part_and_learned_mark(neighbours):
+    """Each entity of a slot has the part of its triple and whether it was learned."""
     seen = set()
     for entity, relation, side in SLOTS:
         slot = neighbours.slot(entity, relation, side)
@@ -95,7 +97,8 @@ def test_an_entity_in_its_own_slot_is_marked(neighbours):
     assert statuses == {"itself"}
 
 
-def test_probabilities_are_those_of_the_scorer_and_none_for_what_was_learned(kernel, neighbours):
+def test_probabilities_are_the_scorers_and_none_for_learned(kernel, neighbours):
+    """Probabilities are those of the scorer and none for what was learned."""
     scorer = kernel.model.scorer
     found = kernel.best(kernel.slot(3, COMPONENT_OF, "head"), with_learned=True, top=80)
     assert {row.status for row in found.best} >= {"learned", "not in the book"}

@@ -190,7 +190,8 @@ def test_hostile_labels_are_text_in_pages_lists_and_searches(hostile_client):
 
 
 def test_a_page_is_sent_at_once():
-    """asyncio sets TCP_NODELAY on connections whose socket names its protocol; without it a page may wait 40 ms."""
+    """asyncio sets TCP_NODELAY on connections whose socket names its protocol; without it a page
+    may wait 40 ms."""
     with (
         listen("127.0.0.1", 0) as listening,
         socket.create_connection(listening.getsockname()),
@@ -298,7 +299,8 @@ def send(address, *lines):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("termination", [signal.SIGINT, signal.SIGTERM])
-def test_the_server_answers_until_it_is_ended_and_says_nothing_of_who_asked(termination):
+def test_the_server_answers_and_says_nothing_of_who_asked(termination):
+    """The server answers until it is ended and says nothing of who asked."""
     with serving("explore", "kitchen", "--no-browser") as (server, address):
         assert address.startswith("http://127.0.0.1:")
         with urllib.request.urlopen(f"{address}/entity/bread") as answer:

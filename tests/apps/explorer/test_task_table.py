@@ -1,4 +1,5 @@
-"""The table of tasks: all tasks, with how often an agent solved each; only shown tasks get labels."""
+"""The table of tasks: all tasks, with how often an agent solved each; only shown
+tasks get labels."""
 
 import numpy as np
 import pytest

@@ -3,6 +3,7 @@
 import base64
 import hashlib
 import json
+import re
 import shutil
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -22,7 +23,8 @@ from wordcraft_kg.runs.config_file import CONFIG_FILE
 
 
 class Hub(BaseHTTPRequestHandler):
-    """The client's requests; the server has ``files`` by repository and revision, and ``created`` repositories."""
+    """The client's requests; the server has ``files`` by repository and revision, and ``created``
+    repositories."""
 
     def do_POST(self):
         body, files = self.rfile.read(int(self.headers["Content-Length"])), self.server.files
@@ -158,7 +160,8 @@ def test_failures_name_the_remedy_and_never_the_token(hub, run, parted_folder, m
 
 
 def push_and_change(hub, run, folder, change):
-    """Push a folder, let an attacker change the pushed files by name, and mend the list of hashes."""
+    """Push a folder, let an attacker change the pushed files by name, and mend the
+    list of hashes."""
     kind = "datasets" if (folder / "graph.json").exists() else "models"
     assert run("hub", "push", folder, "me/mine").code == 0
     files = hub.files[kind, "me/mine", "main"]
@@ -194,6 +197,21 @@ def test_a_file_of_another_kind_of_folder_is_never_pulled(hub, run, request, fol
     assert not Path("new").exists()
 
 
+@pytest.mark.parametrize("name", ["SHA256SUMS", "README.md", "the folder of"])
+def test_a_download_that_cannot_fit_never_begins(hub, run, parted_folder, monkeypatch, name):
+    assert run("hub", "push", parted_folder, "me/graph").code == 0
+    if name == "the folder of":
+        usage = shutil.disk_usage(parted_folder)
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=100))
+    else:
+        for files in hub.files.values():
+            files[name] += b"\n" * 2**20
+    outcome = run("hub", "pull", "me/graph", "--out", "pulled")
+    assert outcome.kind == "ArtefactError"
+    assert re.search(name + ".* bytes; at most [0-9,]+ fit here", outcome.err)
+    assert not Path("pulled").exists()
+
+
 def without_last_line(text):
     return b"".join(text.splitlines(keepends=True)[:-1])
 
@@ -209,9 +227,9 @@ def without_last_line(text):
         ("audit.json", lambda text: text.replace(b'"entities": 80', b'"entities": 81')),
     ],
 )
-def test_a_table_that_disagrees_with_its_graph_is_refused_though_the_hashes_agree(
-    hub, run, parted_folder, name, change
-):
+def test_a_table_that_disagrees_with_its_graph_is_refused(hub, run, parted_folder, name, change):
+    """A table that disagrees with its graph is refused though the hashes agree."""
+
     def changed(files):
         before = files[name]
         files[name] = change(before)

@@ -1,4 +1,5 @@
-"""Helpers of study tests: stored answers, other graphs, threads, unchanged folders and refused commands."""
+"""Helpers of study tests: stored answers, other graphs, threads, unchanged folders and refused
+commands."""
 
 import threading
 from contextlib import contextmanager
@@ -66,7 +67,8 @@ def unchanged(folder):
 
 
 def refused(outcome, kind="ConfigError"):
-    """Return the message of a command that was refused: one line, of this kind of error, without output."""
+    """Return the message of a command that was refused: one line, of this kind of error, without
+    output."""
     assert (outcome.code, outcome.out, outcome.kind) == (1, "", kind)
     assert outcome.err.startswith("error: ")
     assert "Traceback" not in outcome.err

@@ -1,4 +1,5 @@
-"""Sums over people: rates by condition and part, their intervals, and an agent at the same tables."""
+"""Sums over people: rates by condition and part, their intervals, and an agent at
+the same tables."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -63,7 +64,8 @@ def test_the_interval_over_people_is_that_of_all_resamples_of_people(protocol):
 
 
 @pytest.mark.parametrize("answers", ["111", "000"])
-def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(protocol, answers):
+def test_people_all_right_or_wrong_have_an_interval(protocol, answers):
+    """People who are all right or all wrong have an interval and not a point."""
     people = [session(protocol, right) for right in (answers[:2], answers, answers[:1])]
     made = {
         one.table_of(answer): AgentGame(answers == "111", answer.number)
@@ -79,7 +81,8 @@ def test_people_who_are_all_right_or_all_wrong_have_an_interval_and_not_a_point(
     )
 
 
-def test_one_person_alone_has_no_interval_over_people_and_none_without_answers(protocol):
+def test_one_person_alone_has_no_interval_over_people(protocol):
+    """One person alone has no interval over people and none without answers."""
     parts = summed(session(protocol, "111")).conditions[0].parts
     assert parts["train"].people_interval is None
     assert (parts["test"].interval, parts["test"].rate, parts["test"].people) == (None, None, 0)
@@ -95,7 +98,8 @@ def test_numbers_of_distractors_are_conditions_of_their_own(protocol):
     assert shown == [(1, 1, 2, 1), (8, 2, 1, 0)]
 
 
-def test_sessions_with_other_seeds_belong_together_and_other_settings_do_not(protocol):
+def test_sessions_with_other_seeds_belong_together(protocol):
+    """Sessions with other seeds belong together and other settings do not."""
     other = HumanProtocol(protocol.world, seed=1, tasks=3)
     assert summed(session(protocol, "1"), session(other, "1")).sessions == 2
     longer = HumanProtocol(protocol.world, tasks=4)

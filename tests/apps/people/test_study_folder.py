@@ -1,4 +1,5 @@
-"""The folder of a study: assignment, stored answers, and damage that is refused without a change."""
+"""The folder of a study: assignment, stored answers, and damage that is refused
+without a change."""
 
 import json
 import math
@@ -125,7 +126,8 @@ def test_a_code_is_not_stored(study, folder, answers):
     assert code.replace("-", "").encode() not in stored
 
 
-def test_the_tasks_of_a_form_and_condition_are_those_of_the_protocol_with_its_seed(study, kitchen):
+def test_the_tasks_of_a_form_are_those_of_the_protocol(study, kitchen):
+    """The tasks of a form and condition are those of the protocol with its seed."""
     for cell in study.cells:
         protocol = HumanProtocol(kitchen, cell.distractors, 5 + cell.form, tasks=3)
         assert study.tasks(cell) == tuple(protocol.task(*turn) for turn in protocol.turns)
@@ -500,8 +502,9 @@ def test_answers_that_cannot_be_are_refused(study, folder, change):
     "foreign",
     [
         "CREATE TRIGGER t AFTER INSERT ON answers BEGIN DELETE FROM answers; END",
-        "DROP TABLE answers; CREATE VIEW answers AS SELECT 1 AS session, 'train' AS part, 1 AS number, 'a' AS goal, "
-        "'[]' AS slots, '[]' AS actions, '[]' AS made, 0 AS success, 0.0 AS seconds, 1 AS loads",
+        "DROP TABLE answers; CREATE VIEW answers AS SELECT 1 AS session, 'train' AS part, 1 AS "
+        "number, 'a' AS goal, '[]' AS slots, '[]' AS actions, '[]' AS made, 0 AS success, 0.0 AS "
+        "seconds, 1 AS loads",
         "CREATE TABLE more (thing TEXT)",
     ],
 )

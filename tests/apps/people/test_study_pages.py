@@ -1,4 +1,5 @@
-"""A study's pages as a browser gets them: consent, tasks, answers once, and nothing about the person."""
+"""A study's pages as a browser gets them: consent, tasks, answers once, and nothing about the
+person."""
 
 import asyncio
 import re
@@ -265,7 +266,8 @@ def test_a_table_is_not_seen_before_its_time_begins(browser, code):
     assert [line.seconds for line in browser.lines()] == [7.0]
 
 
-def test_time_goes_from_the_first_showing_to_the_second_pick_and_loads_are_counted(browser, code):
+def test_time_goes_from_showing_to_second_pick(browser, code):
+    """Time goes from the first showing to the second pick and loads are counted."""
     browser.get(f"/s/{code}/task")
     browser.now += 10
     browser.get(f"/s/{code}/task")  # a reload
@@ -470,9 +472,8 @@ def test_a_half_sent_form_is_refused_when_the_server_stops(browser, caplog):
     assert (sent[0]["status"], caplog.records) == (503, [])
 
 
-def test_on_a_full_disk_an_answer_is_not_acknowledged_and_can_be_sent_again(
-    kitchen, tmp_path, caplog
-):
+def test_on_a_full_disk_an_answer_can_be_sent_again(kitchen, tmp_path, caplog):
+    """On a full disk an answer is not acknowledged and can be sent again."""
     study = HumanStudy(kitchen, StudyConfig(tasks=40, forms=1))
     with browsing(study, tmp_path / "study") as browser:
         connection, code = browser.answers._connection, browser.begin()

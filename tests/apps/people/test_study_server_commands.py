@@ -1,4 +1,5 @@
-"""``people serve`` as a process of its own, ``people summary --export``, and ``people summary`` of a study."""
+"""``people serve`` as a process of its own, ``people summary --export``, and ``people summary`` of
+a study."""
 
 import json
 import re
@@ -82,7 +83,8 @@ def nothing_waits(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp_path):
+def test_a_killed_server_goes_on_where_it_was(tmp_path):
+    """A killed server goes on where it was and ctrl c says what is stored."""
     out = tmp_path / "study"
     with served(out) as (process, address):
         code = begin(address)
@@ -95,14 +97,13 @@ def test_a_killed_server_goes_on_where_it_was_and_ctrl_c_says_what_is_stored(tmp
         process.send_signal(signal.SIGINT)
         said, log = process.communicate(timeout=20)
         assert (process.returncode, said) == (0, "")
-        assert (
-            log
-            == f"stopped; 1 person (1 finished) and 4 answers stored in {out}; repeat the command to resume\n"
-        )
+        stored = f"1 person (1 finished) and 4 answers stored in {out}"
+        assert log == f"stopped; {stored}; repeat the command to resume\n"
     assert sorted(path.name for path in out.iterdir()) == ["answers.sqlite", "study.json"]
 
 
-def test_who_asks_is_nobodys_business_and_a_service_manager_ends_it_like_ctrl_c(tmp_path):
+def test_who_asks_is_private_and_a_manager_ends_it_like_ctrl_c(tmp_path):
+    """Who asks is nobodys business and a service manager ends it like ctrl c."""
     with served(tmp_path / "study", "--verbose") as (process, address):
         code = begin(address)
         with pytest.raises(httpx2.HTTPStatusError):
@@ -152,7 +153,8 @@ def test_names_behind_a_proxy_are_allowed_one_by_one(tmp_path):
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory):
-    """A study whose four people have answered 4, 3, 2 and 1 of 4 tasks; every other answer is right."""
+    """A study whose four people have answered 4, 3, 2 and 1 of 4 tasks; every other answer is
+    right."""
     folder = tmp_path_factory.mktemp("studies") / "begun"
     study = HumanStudy("kitchen", StudyConfig(tasks=2, distractors=(1, 8), forms=2))
     with kept_answers(folder, study) as answers:
@@ -291,7 +293,8 @@ def test_agents_are_compared_with_people(run, summary, begun, tmp_path):
 
 
 @pytest.mark.slow
-def test_of_people_at_once_and_a_killed_server_no_answer_is_lost_and_none_is_double(tmp_path):
+def test_no_answer_is_lost_or_double_with_a_killed_server(tmp_path):
+    """Of people at once and a killed server no answer is lost and none is double."""
     out, acknowledged, failed = tmp_path / "study", [], []
 
     def take_part(address):

@@ -1,4 +1,5 @@
-"""Picks of scripted players for text agents that play like them, and the evaluation that these must have."""
+"""Picks of scripted players for text agents that play like them, and the evaluation that these must
+have."""
 
 from collections.abc import Callable
 
@@ -27,7 +28,8 @@ PLAYERS: dict[str, Callable[[OpenedGraph], Player]] = {
 
 
 def picks_of(player, world, distractor_seeds):
-    """Return the slots that a scripted player picks, by task and draw, as an evaluation has them."""
+    """Return the slots that a scripted player picks, by task and draw, as an
+    evaluation has them."""
     found = {}
     evaluator = Evaluator(world, distractor_seeds=distractor_seeds)
     episode = -1
@@ -50,4 +52,4 @@ def picks_of(player, world, distractor_seeds):
 def assert_same(found, expected):
     for name in ("tasks", "success", "by_plan", "actions", "terminations"):
         assert np.array_equal(getattr(found, name), getattr(expected, name)), name
-    assert found.figures() == expected.figures()
+    assert found.metrics() == expected.metrics()

@@ -77,7 +77,8 @@ def test_an_evaluation_that_stopped_goes_on_and_ends_as_if_it_had_not(play, game
 
 
 @pytest.mark.parametrize("size", [0, 1, 200, -1])
-def test_an_evaluation_that_was_killed_while_the_header_was_written_begins_anew(play, games, size):
+def test_an_evaluation_killed_in_its_header_begins_anew(play, games, size):
+    """An evaluation that was killed while the header was written begins anew."""
     play("--tasks", "2")
     before = lines_of(games)
     games.write_text(before[0][:size], encoding="utf-8")

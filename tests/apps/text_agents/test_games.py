@@ -48,9 +48,8 @@ def play_all(games, distractor_seeds, player):
 @pytest.mark.parametrize(
     "settings", [{}, {"depth": 2, "num_tasks": 60, "max_attempts": 3}], ids=["depth 1", "depth 2"]
 )
-def test_a_text_player_that_plays_like_a_scripted_one_has_its_evaluation_to_the_last_digit(
-    kitchen, name, settings
-):
+def test_a_text_player_like_a_scripted_one_has_its_evaluation(kitchen, name, settings):
+    """A text player that plays like a scripted one has its evaluation to the last digit."""
     world = World(kitchen, WordCraftConfig(part="test", num_distractors=3, **settings))
     player = PLAYERS[name](kitchen)
     slots = picks_of(player, world, 2)
@@ -228,7 +227,8 @@ def test_a_look_up_costs_no_attempt_and_there_are_only_so_many(games, kitchen):
     )
 
 
-def test_a_player_that_answers_with_names_makes_all_goals_of_a_book_of_numbers():
+def test_answers_with_names_make_all_goals_of_numbers():
+    """A player that answers with names makes all goals of a book of numbers."""
     recipes = [
         (str(a), str(b), str(a + b)) for a in range(1, 12) for b in range(a, 12) if a + b < 19
     ]

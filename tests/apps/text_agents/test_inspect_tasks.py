@@ -1,4 +1,5 @@
-"""Tasks of Inspect AI: figures of an evaluation to the last digit, limits, invalid answers, and logs read back."""
+"""Tasks of Inspect AI: figures of an evaluation to the last digit, limits, invalid answers, and
+logs read back."""
 
 import importlib
 import logging
@@ -50,7 +51,8 @@ KEYS = {
 
 @pytest.fixture(autouse=True)
 def untouched(tmp_path, monkeypatch):
-    """Take back what Inspect does to the root logger, which other tests listen to; it writes nothing at home."""
+    """Take back what Inspect does to the root logger, which other tests listen to; it writes
+    nothing at home."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "home"))
     root = logging.getLogger()
     level, handlers = root.level, [*root.handlers]
@@ -85,7 +87,8 @@ def turn(messages):
 
 
 def scripted(task, actions):
-    """Return a model that picks the slots of a scripted player; it recognises a game by the first state."""
+    """Return a model that picks the slots of a scripted player; it recognises a game by the first
+    state."""
     keys = {
         sample.input[1].text: (sample.metadata["task"], sample.metadata["distractor_seed"])
         for sample in task.dataset
@@ -125,9 +128,10 @@ def metrics_of(log):
     ],
     ids=["depth 1", "depth 2", "oracle", "many"],
 )
-def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_last_digit(
+def test_a_model_like_a_scripted_player_has_its_evaluation(
     kitchen, play, name, settings, log_format
 ):
+    """A model that plays like a scripted player has its evaluation to the last digit."""
     amounts = {"depth": settings.get("depth", 1), "max_attempts": settings.get("attempts")}
     config = WordCraftConfig(part="test", num_distractors=settings["distractors"], **amounts)
     world, distractor_seeds, tasks = (
@@ -149,7 +153,7 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
         task, scripted(task, picks_of(player, world, distractor_seeds)), log_format=log_format
     )
 
-    metrics, figures = metrics_of(log), expected.figures()
+    metrics, figures = metrics_of(log), expected.metrics()
     assert metrics["success"] == figures.mean
     assert {name: metrics[name] for name in KEYS} == {
         name: getattr(figures, key) for name, key in KEYS.items()
@@ -174,9 +178,10 @@ def test_a_model_that_plays_like_a_scripted_player_has_its_evaluation_to_the_las
     assert log.eval.task_version == prompt_hash()[:12]
 
 
-def test_the_first_prompt_is_the_opening_of_the_conversation_and_the_target_stays_in_the_log(
+def test_the_first_prompt_opens_and_the_target_stays_in_the_log(
     kitchen,
 ):
+    """The first prompt is the opening of the conversation and the target stays in the log."""
     sample = crafting("kitchen", tasks=3, distractor_seeds=2).dataset[1]
     assert (sample.id, sample.target) == (
         "test-21-0",
@@ -195,7 +200,8 @@ def test_nonsense_silence_and_limits_are_failures_and_no_game_is_missing(play):
     answer_to = dict(zip((sample.input[1].text for sample in task.dataset), answers, strict=True))
     log = play(task, lambda messages: answer_to[messages[1].text], message_limit=7)
     *invalid, valid = (sample.scores["goal_made"] for sample in log.samples)
-    # Two attempts, each lost with the second refusal: 8 messages without the rules, of which the limit leaves 6.
+    # Two attempts, each lost with the second refusal: 8 messages without the rules, of which the
+    # limit leaves 6.
     for score in invalid:
         assert (score.value, score.metadata["unfinished"]) == (0, True)
         assert (score.metadata["invalid_actions"], score.metadata["lost_attempts"]) == (3, 1)
@@ -227,7 +233,8 @@ def test_a_model_may_look_up_the_partial_graph_only_with_knowledge(play):
     assert (without.look_ups, without.invalid_actions, without.settings.knowledge) == (0, 4, "none")
 
 
-def test_a_scorer_that_remembers_the_tasks_is_refused_before_the_first_game(tmp_path, kitchen):
+def test_a_scorer_that_remembers_the_tasks_is_refused(tmp_path, kitchen):
+    """A scorer that remembers the tasks is refused before the first game."""
     scorer = SymbolicScorer(kitchen.graph, kitchen.split.partial)
     save_scorer(tmp_path / "model", scorer, kitchen, kg="partial")
     with pytest.raises(InspectTaskError, match="has no folds"):

@@ -3,6 +3,7 @@
 import json
 import os
 import shlex
+import subprocess
 import sys
 import time
 from contextlib import suppress
@@ -23,7 +24,8 @@ recipes = open_book("kitchen").recipes
 for line in sys.stdin:
     game = json.loads(line)
     goal, table = game["goal"], {*game["table"]}
-    print(next(f"{a} + {b}" for a, b, result in recipes if result == goal and {a, b} <= table), flush=True)
+    pairs = [(a, b) for a, b, result in recipes if result == goal and {a, b} <= table]
+    print(" + ".join(pairs[0]), flush=True)
 """
 
 
@@ -46,7 +48,10 @@ def test_a_program_plays_game_after_game_in_one_process(games):
 
 def test_a_line_has_all_that_a_program_needs(games, tmp_path):
     log, first = tmp_path / "log", games.begin(0)
-    echo = f"import sys\nfor line in sys.stdin: open({str(log)!r}, 'a').write(line); print('1 1', flush=True)"
+    echo = (
+        f"import sys\nfor line in sys.stdin: open({str(log)!r}, 'a').write(line); print('1 1', "
+        "flush=True)"
+    )
     text, labels = Conversation(first).opening, list(first.labels)
     with LinePlayer(program(echo)) as player:
         for game in (first, games.begin(1), DiscoveryGames("kitchen", attempts=2).begin()):
@@ -99,7 +104,8 @@ def test_a_program_that_breaks_the_protocol_is_an_error(games, code, fragment):
     assert str(error.value).startswith("player 'python")
 
 
-def test_a_program_that_never_reads_is_an_error_after_the_timeout_for_lines_of_any_length():
+def test_a_program_that_never_reads_is_an_error():
+    """A program that never reads is an error after the timeout for lines of any length."""
     never = program("import time; time.sleep(60)")
     with (
         pytest.raises(PlayerError, match=r"did not answer within 0\.5"),
@@ -114,8 +120,14 @@ def test_a_program_that_never_reads_is_an_error_after_the_timeout_for_lines_of_a
 )
 def test_processes_that_a_program_has_started_end_with_it(tmp_path, then):
     pid = tmp_path / "pid"
-    child = f"subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'], stdout=open({str(pid)!r}, 'w'))"
-    code = f"import subprocess, sys\nchild = {child}\nopen({str(pid)!r}, 'w').write(str(child.pid))\n{then}"
+    child = (
+        "subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(60)'], "
+        f"stdout=open({str(pid)!r}, 'w'))"
+    )
+    code = (
+        f"import subprocess, sys\nchild = {child}\nopen({str(pid)!r}, "
+        f"'w').write(str(child.pid))\n{then}"
+    )
     with suppress(PlayerError), LinePlayer(program(code), timeout=1.5) as player:
         player.ask("{}")
     stat, until = Path("/proc", pid.read_text(), "stat"), time.monotonic() + 5
@@ -169,9 +181,13 @@ def test_a_program_does_not_see_keys_of_the_environment(monkeypatch, tmp_path):
     assert seen["WORDCRAFT_KG_DATA"] == str(tmp_path)
 
 
-def test_stderr_of_a_program_is_shown_without_control_characters_up_to_a_limit(capfd, monkeypatch):
+def test_stderr_of_a_program_is_shown_safely_up_to_a_limit(capfd, monkeypatch):
+    """Stderr of a program is shown without control characters up to a limit."""
     monkeypatch.setattr(line_player, "_MOST_LOG", 2_000)
-    code = "import sys; print('\\x1b[31mre\\td\\x07', 'x' * 10**6, file=sys.stderr); input(); print('1 1')"
+    code = (
+        "import sys; print('\\x1b[31mre\\td\\x07', 'x' * 10**6, file=sys.stderr); input(); "
+        "print('1 1')"
+    )
     with LinePlayer(program(code)) as player:
         assert player.ask("{}") == "1 1"
     shown = capfd.readouterr().err
@@ -223,3 +239,20 @@ def test_the_examples_play(games, script, chat_server):
         for task in range(3):
             talk = let_play(player, games.begin(task))
             assert (talk.invalid_actions, talk.game.attempts_left) == (0, 0)
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost"])
+def test_the_example_asks_a_server_on_this_machine_without_the_proxy(chat_server, host):
+    path = Path(__file__).parents[3] / "examples" / "chat_player.py"
+    message = {"new": True, "text": "Goal: dough\nTable: 1 flour, 2 water"}
+    nobody = "http://127.0.0.1:9"
+    done = subprocess.run(
+        [sys.executable, str(path), "small", chat_server.replace("127.0.0.1", host)],
+        input=json.dumps(message) + "\n",
+        env=os.environ | dict.fromkeys(("http_proxy", "HTTP_PROXY"), nobody),
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.count("\n") == 1

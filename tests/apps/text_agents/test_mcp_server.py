@@ -1,4 +1,5 @@
-"""The MCP server, called by the SDK's own client: in this process, on standard streams, and over HTTP."""
+"""The MCP server, called by the SDK's own client: in this process, on standard streams, and over
+HTTP."""
 
 import asyncio
 import json
@@ -121,7 +122,8 @@ def served(host):
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_a_scripted_player_that_plays_by_tools_has_its_evaluation_to_the_last_digit(world, mode):
+def test_a_scripted_player_by_tools_has_its_evaluation(world, mode):
+    """A scripted player that plays by tools has its evaluation to the last digit."""
     slots = picks_of(random_distinct, world, 1)
     expected = Evaluator(world, distractor_seeds=1)(random_distinct)
     host, played = hosted(), []
@@ -252,7 +254,9 @@ def test_the_open_ended_world_has_no_tasks_and_no_goal(kitchen):
     connect(make_server(hosted(open_ended=True, attempts=4)), play)
 
 
-def test_look_ups_cost_no_attempt_are_counted_and_only_offered_with_knowledge():
+def test_look_ups_are_counted_and_cost_no_attempt():
+    """Look ups cost no attempt are counted and only offered with knowledge."""
+
     async def names(client):
         return [tool.name for tool in (await client.list_tools()).tools]
 
@@ -273,7 +277,8 @@ def test_look_ups_cost_no_attempt_are_counted_and_only_offered_with_knowledge():
     play_by_tools(with_knowledge, play)
 
 
-def test_finished_games_are_forgotten_first_then_the_oldest_which_are_recorded(tmp_path):
+def test_finished_games_are_forgotten_first_then_the_oldest(tmp_path):
+    """Finished games are forgotten first then the oldest which are recorded."""
     host = HostedGames(hosted().play, most=3)
     with kept_games(path := tmp_path / "games.jsonl", header_of(host)) as host.keep:
         names = [host.begin(task).name for task in range(3)]
@@ -440,7 +445,8 @@ def test_the_same_game_is_played_by_another_process_on_standard_streams(tmp_path
 
 
 @pytest.mark.slow
-def test_malformed_messages_on_stdin_are_passed_over_and_the_last_ones_answered_though_the_input_ends():
+def test_malformed_messages_on_stdin_are_passed_over():
+    """Malformed messages on stdin are passed over and the last ones answered though the input ends."""
     malformed = (
         b"nonsense",
         b'{"jsonrpc": "2.0"}',
@@ -492,7 +498,9 @@ def test_a_client_that_leaves_within_its_request_is_no_error(caplog):
     assert [record.message for record in caplog.records if record.exc_info] == []
 
 
-def test_over_http_malformed_long_and_foreign_requests_are_refused_and_the_server_goes_on():
+def test_over_http_bad_requests_are_refused():
+    """Over http malformed long and foreign requests are refused and the server goes on."""
+
     def status_of(body, path="/mcp", **headers):
         given = {
             "Content-Type": "application/json",
@@ -531,7 +539,8 @@ def test_over_http_a_game_goes_on_in_another_connection(mode):
 
 
 @pytest.mark.slow
-def test_the_command_serves_over_http_and_answered_games_are_kept_though_it_is_killed(tmp_path):
+def test_answers_over_http_survive_a_kill(tmp_path):
+    """The command serves over http and answered games are kept though it is killed."""
     out = tmp_path / "games.jsonl"
     with running("--transport", "http", "--port", "0", "--json", "--out", str(out)) as process:
 

@@ -1,4 +1,5 @@
-"""Deadlines and the bounded number of connections, with real sockets and a server in a process of its own."""
+"""Deadlines and the bounded number of connections, with real sockets and a server in a process of
+its own."""
 
 import contextlib
 import select
@@ -49,7 +50,8 @@ async def slow(request):
 
 routes = [Route("/", page), Route("/large", large), Route("/slow", slow)]
 routes.append(Route("/form", form, methods=["POST"]))
-app = Guard(Router(routes), "127.0.0.1", (), lambda status, message: message, methods=("GET", "POST"))
+router = Router(routes)
+app = Guard(router, "127.0.0.1", (), lambda status, message: message, methods=("GET", "POST"))
 serve(app, listen("127.0.0.1", 0), lambda address: print(address, flush=True))
 """
 HALF = b"GET / HTTP/1.1\r\nHost: localhost\r\n"
@@ -59,7 +61,8 @@ Served = namedtuple("Served", "process address port")
 
 @pytest.fixture
 def serving():
-    """Start servers; arguments set constants, such as HEADER_WAIT=1, and ``files`` limits the open files."""
+    """Start servers; arguments set constants, such as HEADER_WAIT=1, and ``files`` limits the open
+    files."""
     with contextlib.ExitStack() as stack:
 
         def start(*settings, files=None):

@@ -1,4 +1,5 @@
-"""ComplEx: the matrix product scores, the paper's equations, and the training loop against PyKEEN's own."""
+"""ComplEx: the matrix product scores, the paper's equations, and the training loop against PyKEEN's
+own."""
 
 import math
 
@@ -66,9 +67,8 @@ def test_matmul_interaction_equals_pykeens_for_any_broadcastable_shapes(shapes, 
     ("weight", "part"),
     [(0.3, slice(0, None)), (1.0, slice(0, None)), (0, slice(0, None)), (0, slice(2, 5))],
 )
-def test_equation_2_loss_of_a_batch_is_the_softmax_of_both_sides_plus_n3_once(
-    factory, weight, part
-):
+def test_equation_2_loss_is_both_softmaxes_plus_n3_once(factory, weight, part):
+    """Equation 2 loss of a batch is the softmax of both sides plus n3 once."""
     model = tiny_model(
         factory, **({"regularizer_kwargs": {"weight": weight}} if weight else {"regularizer": None})
     )
@@ -115,9 +115,8 @@ def test_an_epoch_visits_every_triple_once_in_an_order_of_its_own(factory, batch
     ("kind", "loss", "match"),
     [(ComplExN3, "nssa", "NSSALoss"), (TransD, "crossentropy", r"TransD.*SymmetricLCWA")],
 )
-def test_the_indexed_loop_refuses_another_loss_and_a_model_with_two_embeddings_an_entity(
-    factory, kind, loss, match
-):
+def test_the_indexed_loop_refuses_other_losses_and_embeddings(factory, kind, loss, match):
+    """The indexed loop refuses another loss and a model with two embeddings an entity."""
     with pytest.raises(ConfigError, match=match):
         loop_of(kind(triples_factory=factory, embedding_dim=3, loss=loss), factory)
 
@@ -135,9 +134,8 @@ def test_the_indexed_loop_trains_another_model_of_single_embeddings(factory):
 @pytest.mark.parametrize(
     ("options", "weight"), [({}, N3_PARTIAL), ({"regularizer_kwargs": {"weight": 0.5}}, 0.5)]
 )
-def test_the_defaults_are_the_papers_dimension_and_the_n3_norm_with_any_weight(
-    factory, options, weight
-):
+def test_the_defaults_are_the_papers(factory, options, weight):
+    """The defaults are the papers dimension and the n3 norm with any weight."""
     (entity,) = ComplExN3(triples_factory=factory, **options).entity_representations
     assert (entity().shape, entity().dtype) == ((factory.num_entities, PAPER_DIM), torch.complex64)
     assert isinstance(entity.regularizer, PowerSumRegularizer)

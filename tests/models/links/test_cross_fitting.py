@@ -1,4 +1,5 @@
-"""The models of the folds: what they have seen, how they are trained and kept, and what a spoilt folder says."""
+"""The models of the folds: what they have seen, how they are trained and kept, and what a spoilt
+folder says."""
 
 import json
 import logging
@@ -47,7 +48,7 @@ def spoilt_folds(folded, tmp_path):
     return lambda **changes: rewritten(folded, tmp_path / "spoilt", **changes)
 
 
-# --- what is trained -------------------------------------------------------------------------------------------------
+# --- what is trained ------------------------------------------------------------------------------
 
 
 def test_scores_and_tables_are_those_of_a_model_without_folds(folded, opened_kitchen, tmp_path):
@@ -62,9 +63,8 @@ def test_scores_and_tables_are_those_of_a_model_without_folds(folded, opened_kit
     assert not torch.equal(scorer.left_out(0).table(0), plain.table(0))
 
 
-def test_the_record_says_how_well_each_model_ranks_the_fold_that_it_has_not_seen(
-    folded, opened_kitchen
-):
+def test_the_record_has_each_models_rank_of_its_own_fold(folded, opened_kitchen):
+    """The record says how well each model ranks the fold that it has not seen."""
     scorer, folds, graph = (
         load_scorer(folded),
         make_folds(opened_kitchen.split, 3),
@@ -131,7 +131,7 @@ def test_embeddings_of_a_large_graph_have_folds_by_factors(folded, monkeypatch):
         torch.testing.assert_close(left @ right.T, other.table(0))
 
 
-# --- how many --------------------------------------------------------------------------------------------------------
+# --- how many -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_tables_of_folds_that_would_be_too_large_are_refused(opened_kitchen, mon
     assert cross_fitting.decided_folds(LinkModelConfig(), opened_kitchen).folds == 0
 
 
-# --- interruptions ---------------------------------------------------------------------------------------------------
+# --- interruptions --------------------------------------------------------------------------------
 
 
 def test_progress_counts_the_epochs_of_the_folds(opened_kitchen, tmp_path):
@@ -250,7 +250,7 @@ def test_an_error_in_a_fold_leaves_a_run_to_go_on_with(opened_kitchen, tmp_path,
     assert not resume(tmp_path / "model").interrupted
 
 
-# --- side by side ----------------------------------------------------------------------------------------------------
+# --- side by side ---------------------------------------------------------------------------------
 
 PROGRAM = """
 import sys
@@ -269,9 +269,8 @@ train_links(LinksConfig("kitchen", config), Path(sys.argv[1]))
 
 
 @pytest.mark.slow
-def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_again(
-    folded, tmp_path
-):
+def test_processes_side_by_side_give_the_same_bits(folded, tmp_path):
+    """Processes side by side give the same bits and do not run the program again."""
     (tmp_path / "program.py").write_text(PROGRAM)  # without a `__main__` guard
     command = [sys.executable, str(tmp_path / "program.py"), str(tmp_path / "model")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -279,7 +278,7 @@ def test_processes_side_by_side_give_the_same_bits_and_do_not_run_the_program_ag
     assert same_files(tmp_path / "model", folded)
 
 
-# --- spoilt folders --------------------------------------------------------------------------------------------------
+# --- spoilt folders -------------------------------------------------------------------------------
 
 
 def drop(name):

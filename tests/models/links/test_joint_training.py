@@ -1,4 +1,5 @@
-"""Joint training with triples from outside the book: the loss, the saved model, folds, and refused folders."""
+"""Joint training with triples from outside the book: the loss, the saved model, folds, and refused
+folders."""
 
 import json
 from dataclasses import replace
@@ -79,9 +80,8 @@ def joint(opened_kitchen, outside, tmp_path_factory):
 
 
 @pytest.mark.parametrize(("negatives", "tolerance"), [(0, 1e-5), (4_000, 0.02)])
-def test_own_triples_compete_with_entities_and_outside_triples_with_all_nodes(
-    tmp_path, negatives, tolerance
-):
+def test_own_triples_rank_entities_and_outside_ones_all_nodes(tmp_path, negatives, tolerance):
+    """Own triples compete with entities and outside triples with all nodes."""
     graph = random_graph(num_entities=7, num_recipes=9)
     rows = [
         ("e0", "isA", "x"),

@@ -1,4 +1,5 @@
-"""Training into a model folder: determinism, interruption and resumption, early stopping, failures and bad settings."""
+"""Training into a model folder: determinism, interruption and resumption, early stopping, failures
+and bad settings."""
 
 import json
 import re
@@ -90,13 +91,12 @@ def figures(trained):
     return without_times([as_values(trained.metrics)])
 
 
-# --- determinism -----------------------------------------------------------------------------------------------------
+# --- determinism ----------------------------------------------------------------------------------
 
 
 @EACH
-def test_the_same_seed_gives_the_same_bytes_without_a_warning_and_the_settings_are_recorded(
-    parted_kitchen, tmp_path, config
-):
+def test_the_same_seed_gives_the_same_bytes_and_settings(parted_kitchen, tmp_path, config):
+    """The same seed gives the same bytes without a warning and the settings are recorded."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", UserWarning)
         one, two = (train(parted_kitchen, config, tmp_path / name) for name in ("one", "two"))
@@ -148,7 +148,7 @@ def test_training_leaves_all_global_states_as_they_were(
     assert global_states() == before
 
 
-# --- the folder ------------------------------------------------------------------------------------------------------
+# --- the folder -----------------------------------------------------------------------------------
 
 
 def test_a_finished_folder_holds_what_it_should_and_nothing_else(complex_folder):
@@ -259,7 +259,7 @@ def test_training_works_outside_the_main_thread(opened_kitchen, tmp_path, comple
     assert weights(found[0]) == (complex_folder / "model.safetensors").read_bytes()
 
 
-# --- interruption and resumption -------------------------------------------------------------------------------------
+# --- interruption and resumption ------------------------------------------------------------------
 
 
 @EACH
@@ -269,18 +269,16 @@ def test_a_resumed_run_equals_an_undisturbed_one_bit_for_bit(parted_kitchen, tmp
 
 
 @pytest.mark.parametrize(("name", "value"), [("epochs", 7), ("epochs", 2), ("seed", 1), ("dim", 9)])
-def test_an_unfinished_run_of_other_settings_is_refused_by_their_name_and_stays(
-    unfinished, opened_kitchen, name, value
-):
+def test_an_unfinished_run_of_other_settings_is_refused(unfinished, opened_kitchen, name, value):
+    """An unfinished run of other settings is refused by their name and stays."""
     before = contents(unfinished)
     with pytest.raises(ConfigError, match=f"`{name}` .* and this command has {value}"):
         train(opened_kitchen, replace(SHORT, **{name: value}), unfinished)
     assert contents(unfinished) == before
 
 
-def test_a_run_whose_graph_has_moved_goes_on_and_is_opened_with_the_new_place(
-    tmp_path, parted_folder
-):
+def test_a_run_whose_graph_has_moved_goes_on(tmp_path, parted_folder):
+    """A run whose graph has moved goes on and is opened with the new place."""
     graph, moved = Path(shutil.copytree(parted_folder, tmp_path / "graph")), tmp_path / "moved"
     folder, whole = halved(open_graph(graph), SHORT, tmp_path, 1)
     graph.rename(moved)
@@ -308,7 +306,7 @@ def unfinished(opened_kitchen, tmp_path):
     return train(opened_kitchen, SHORT, tmp_path / "model", progress=interrupt_after(1)).folder
 
 
-# --- early stopping --------------------------------------------------------------------------------------------------
+# --- early stopping -------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -327,9 +325,10 @@ SCRIPTED = pytest.mark.usefixtures("scripted_validation")
     ("patience", "asked", "trained", "best", "returned"),
     [(2, 8, 4, 2, 2), (5, 8, 8, 7, 7), (0, 5, 5, 2, 5)],
 )
-def test_early_stopping_waits_as_long_as_the_patience_says_and_returns_to_the_best_epoch(
+def test_early_stopping_waits_and_returns_to_the_best_epoch(
     parted_kitchen, tmp_path, patience, asked, trained, best, returned
 ):
+    """Early stopping waits as long as the patience says and returns to the best epoch."""
     stopped = train(
         parted_kitchen, replace(PATIENT, patience=patience, epochs=asked), tmp_path / "stopped"
     )
@@ -357,7 +356,7 @@ def test_an_interruption_in_the_epoch_of_the_early_stop_finishes_the_run(parted_
     )
 
 
-# --- settings that cannot be met -------------------------------------------------------------------------------------
+# --- settings that cannot be met ------------------------------------------------------------------
 
 
 NO_GPU = pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")
@@ -477,7 +476,8 @@ def test_a_setting_out_of_range_is_an_error_that_names_it_and_its_value(config, 
 
 
 @pytest.mark.parametrize("config", BOTH)
-def test_patience_without_validation_is_an_error_that_names_the_missing_setting(config):
+def test_patience_without_validation_is_an_error(config):
+    """Patience without validation is an error that names the missing setting."""
     with pytest.raises(ConfigError, match="`eval_every`"):
         config(patience=2)
     assert config(patience=2, eval_every=1).patience == 2
@@ -497,7 +497,8 @@ def test_the_least_allowed_settings_are_allowed(config):
     assert vars(replace(config(), **least)).items() >= least.items()
 
 
-def test_the_regularisation_is_off_by_default_on_the_full_graph_and_open_on_the_partial():
+def test_regularisation_is_off_on_full_and_open_on_partial():
+    """The regularisation is off by default on the full graph and open on the partial."""
     full, partial = ComplExConfig(kg="full"), ComplExConfig(kg="partial")
     assert (full.n3, full.popularity, full.is_open) == (0, 0, False)
     assert (partial.n3, partial.popularity, partial.is_open) == (None, None, True)

@@ -1,4 +1,5 @@
-"""Model folders: saved scorers, and models opened with the graph and split that they were trained on."""
+"""Model folders: saved scorers, and models opened with the graph and split that they were trained
+on."""
 
 import json
 import re
@@ -103,7 +104,8 @@ def test_another_graph_is_refused(complex_folder, tmp_path):
 @pytest.mark.parametrize(
     "name", ["config.toml", "metrics.json", "trace.jsonl", "vocabulary.json", "model.safetensors"]
 )
-def test_an_output_that_is_changed_or_missing_is_an_artefact_error_that_names_it(spoilt, name):
+def test_a_changed_or_missing_output_is_named(spoilt, name):
+    """An output that is changed or missing is an artefact error that names it."""
     folder, path = spoilt(name)
     flip_bit(path, -1)
     with pytest.raises(ArtefactError, match=rf"{name} is damaged"):
@@ -158,9 +160,8 @@ def test_a_saved_scorer_scores_as_before_and_embeddings_stay_embeddings(
 
 
 @pytest.mark.parametrize("kg", ["partial", "full"])
-def test_an_opened_folder_says_what_the_scorer_has_seen_and_that_it_was_not_trained_here(
-    kg, mine, opened_kitchen, tmp_path
-):
+def test_an_opened_folder_says_what_the_scorer_has_seen(kg, mine, opened_kitchen, tmp_path):
+    """An opened folder says what the scorer has seen and that it was not trained here."""
     folder = save_scorer(tmp_path / "mine", mine, opened_kitchen, kg=kg, origin="lengths of labels")
     model = open_model(folder)
     assert (model.kg, model.metrics, model.trace) == (kg, None, ())

@@ -75,7 +75,8 @@ def test_a_large_root_seed_is_as_good_as_any():
 
 
 @pytest.mark.parametrize("is_frozen", [False, True])
-def test_the_guard_freezes_objects_only_while_it_is_open_unless_frozen_before(is_frozen):
+def test_the_guard_freezes_objects_only_while_it_is_open(is_frozen):
+    """The guard freezes objects only while it is open unless frozen before."""
     if is_frozen:
         gc.freeze()
     before = gc.get_freeze_count()
@@ -99,7 +100,8 @@ def test_pykeen_is_quiet_only_inside_the_block_and_on_errors_too():
     assert [logger.getEffectiveLevel() for logger in loggers] == before
 
 
-def test_a_triples_factory_has_the_graphs_triples_and_ids_and_shares_no_memory():
+def test_a_triples_factory_has_the_graphs_triples_and_ids():
+    """A triples factory has the graphs triples and ids and shares no memory."""
     graph = random_graph()
     factory = triples_factory(graph, graph.triples)
     assert factory.mapped_triples.tolist() == graph.triples.tolist()
@@ -234,7 +236,8 @@ def test_the_pipeline_trains_our_model_by_name(parted_kitchen, parted_folder):
     assert result.training.num_triples == len(parted_kitchen.split.partial)
 
 
-def test_the_pipeline_without_a_loss_is_an_error_that_says_which_loss_to_give():
+def test_the_pipeline_without_a_loss_says_which_to_give():
+    """The pipeline without a loss is an error that says which loss to give."""
     # PyKEEN's pipeline passes its own default, a margin loss, to every model, whatever the model's default is.
     with pytest.raises(ConfigError, match=r"(?i)cross.?entropy.*loss=.crossentropy."):
         pipeline(

@@ -44,7 +44,8 @@ def choice(opened_kitchen):
     return choose(opened_kitchen, OPEN, silent)
 
 
-def test_every_combination_is_a_candidate_and_the_most_cautious_of_the_good_ones_is_chosen(choice):
+def test_the_most_cautious_of_the_good_combinations_is_chosen(choice):
+    """Every combination is a candidate and the most cautious of the good ones is chosen."""
     assert {(found.n3, found.popularity) for found in choice.candidates} == {
         (n, p) for n in N3 for p in POPULARITY
     }
@@ -140,7 +141,8 @@ def test_a_book_with_too_little_to_hold_out_keeps_the_fixed_default():
     )
 
 
-def test_where_there_is_nothing_but_popularity_to_learn_the_choice_keeps_up_with_counting():
+def test_with_popularity_alone_the_choice_equals_counting():
+    """Where there is nothing but popularity to learn the choice keeps up with counting."""
     rng = np.random.default_rng(0)
     parts = (rng.random((400, 2)) ** 2 * 60).astype(int)
     graph = RecipeGraph.from_recipes(
@@ -155,7 +157,7 @@ def test_where_there_is_nothing_but_popularity_to_learn_the_choice_keeps_up_with
     assert found.mrr > 0.97 * found.frequency_mrr
 
 
-# --- in a run --------------------------------------------------------------------------------------------------------
+# --- in a run -------------------------------------------------------------------------------------
 
 
 def test_a_run_records_what_was_chosen_and_from_what(opened_kitchen, tmp_path, choice):

@@ -1,4 +1,5 @@
-"""The sampled softmax: equal to the full one where everything is sampled, and to it on average elsewhere."""
+"""The sampled softmax: equal to the full one where everything is sampled, and to it on average
+elsewhere."""
 
 import math
 
@@ -55,7 +56,8 @@ def slow_sampled_loss(scores, targets, drawn, expected):
     return total / len(targets)
 
 
-def test_with_every_entity_sampled_and_expected_once_it_is_the_softmax_over_all(scores):
+def test_with_every_entity_sampled_it_is_the_full_softmax(scores):
+    """With every entity sampled and expected once it is the softmax over all."""
     targets = torch.tensor([0, 3, 3, 8, 5])
     scores.requires_grad_()
     found = sampled_loss(
@@ -69,7 +71,8 @@ def test_with_every_entity_sampled_and_expected_once_it_is_the_softmax_over_all(
         torch.testing.assert_close(ours, reference)
 
 
-def test_the_loss_follows_its_formula_with_repeated_and_true_entities_in_the_sample(scores):
+def test_the_loss_follows_its_formula_with_repeated_entities(scores):
+    """The loss follows its formula with repeated and true entities in the sample."""
     targets, drawn = torch.tensor([0, 3, 3, 8, 5]), torch.tensor([3, 3, 1, 8])
     expected = torch.tensor([0.5, 0.5, 2.0, 0.1], dtype=torch.float64)
     found = sampled_loss(scores, targets, drawn, expected).item()
@@ -87,7 +90,7 @@ def loop(factory):
     return SampledSymmetricLCWATrainingLoop(model, factory, num_sampled=4_000)
 
 
-def test_a_batch_costs_about_what_it_costs_with_all_entities_regulariser_included(loop, factory):
+def test_a_sampled_batch_costs_about_a_full_one(loop, factory):
     """With 4,000 draws of 7 entities the sums over the sample are those over all, within a few per cent."""
     triples = factory.mapped_triples
     torch.manual_seed(0)
@@ -110,7 +113,8 @@ def test_label_smoothing_is_refused(loop, factory):
         loop._process_batch((factory.mapped_triples,), 0, 5, label_smoothing=0.1)
 
 
-def test_a_sparse_gradient_moves_the_same_rows_as_a_dense_one_and_no_others(factory):
+def test_a_sparse_gradient_moves_the_rows_of_a_dense_one(factory):
+    """A sparse gradient moves the same rows as a dense one and no others."""
     after = []
     triples = factory.mapped_triples[:2]
     for is_sparse in (True, False):
@@ -147,9 +151,10 @@ def test_the_softmax_is_sampled_above_a_size_unless_told_otherwise(size, asked, 
     assert config.for_size(size).for_size(1).negatives == expected
 
 
-def test_a_sampled_objective_that_was_chosen_for_the_size_is_said_and_recorded(
+def test_a_sampled_objective_chosen_for_size_is_recorded(
     opened_kitchen, tmp_path, monkeypatch, caplog
 ):
+    """A sampled objective that was chosen for the size is said and recorded."""
     monkeypatch.setattr(link_config, "FULL_SOFTMAX", opened_kitchen.graph.num_entities - 1)
     trained = train(
         opened_kitchen, ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0), tmp_path / "model"

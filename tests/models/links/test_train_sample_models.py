@@ -165,9 +165,8 @@ def test_a_saved_copy_keeps_its_train_sample(with_train_sample, opened_kitchen, 
     )
 
 
-def test_models_are_evaluated_on_the_same_triples_and_baselines_know_what_the_model_knows(
-    with_train_sample, opened_kitchen
-):
+def test_models_and_baselines_share_triples_and_knowledge(with_train_sample, opened_kitchen):
+    """Models are evaluated on the same triples and baselines know what the model knows."""
     model = open_model(with_train_sample)
     ranked = rank_links(model.scorer, model.opened, train_sample=model.train_sample, max_queries=0)
     graph, test = opened_kitchen.graph, opened_kitchen.split.held_out("test")

@@ -72,7 +72,8 @@ def test_with_a_generator_slots_are_drawn_by_their_probabilities():
     assert (drawn / 2_000 - expected).abs().max() < 0.05
 
 
-def test_the_same_generator_gives_the_same_picks_and_no_global_one_is_touched(policy):
+def test_the_same_generator_gives_the_same_picks(policy):
+    """The same generator gives the same picks and no global one is touched."""
     before = torch.get_rng_state()
     draws = (torch.Generator().manual_seed(5) for _ in range(2))
     one, other = ([policy.act(GOAL, TABLE, generator=draw) for _ in range(20)] for draw in draws)

@@ -1,4 +1,5 @@
-"""Sources of a cross-fitted scorer: each train task is scored by a model that has not seen its recipes."""
+"""Sources of a cross-fitted scorer: each train task is scored by a model that has not seen its
+recipes."""
 
 import copy
 import importlib
@@ -69,7 +70,8 @@ def world_of(opened, part="train", depth=1, **settings):
 
 
 def folds_of(world):
-    """The fold to leave out for each task: none, one, or several if no fold has a recipe of each plan."""
+    """The fold to leave out for each task: none, one, or several if no fold has a recipe of each
+    plan."""
     of_recipe = make_folds(world.split, FOLDS).of_recipe
 
     def left_out(plans):
@@ -131,7 +133,8 @@ def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
     assert (part == "test") == (state.task is None)
 
 
-def test_without_a_task_and_for_another_one_the_model_of_all_train_recipes_answers(opened, scorer):
+def test_without_a_task_the_whole_model_answers(opened, scorer):
+    """Without a task and for another one the model of all train recipes answers."""
     world = world_of(opened)
     (of_all,) = make_sources(["v"], scorer.whole)
     (source,) = make_sources(["v"], scorer, tasks=world.tasks)
@@ -216,7 +219,8 @@ def impala_of(policy, world):
     return impala
 
 
-def test_evaluations_bind_the_tasks_that_they_play_and_training_binds_its_own_again(opened, scorer):
+def test_evaluations_and_training_bind_their_own_tasks(opened, scorer):
+    """Evaluations bind the tasks that they play and training binds its own again."""
     world = world_of(opened)
     policy = guided(opened, scorer, world)
     deep, u = world.variant(depth=2, num_tasks=40), policy.sources["u"]
@@ -232,7 +236,8 @@ def test_evaluations_bind_the_tasks_that_they_play_and_training_binds_its_own_ag
 
 
 def test_a_trainer_uses_for_a_task_what_the_source_says_of_it(opened, scorer):
-    """What the policy scores while acting and learning is by task: without it another policy results."""
+    """What the policy scores while acting and learning is by task: without it another policy
+    results."""
     world = world_of(opened)
     trained = []
     for settings in ({}, {"in_sample": True}):
@@ -253,9 +258,8 @@ def test_scripted_players_do_not_remember_the_recipes_of_train_tasks(opened, sco
     assert memory > honest + 0.1
 
 
-def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(
-    folder, opened, tmp_path, caplog
-):
+def test_a_run_keeps_that_its_scorer_is_cross_fitted(folder, opened, tmp_path, caplog):
+    """A run says that its scorer is cross fitted and comes back the same."""
     trainer = ImpalaConfig(steps=1_024, batch_size=32, eval_every=0, checkpoint_every=512)
     config = AgentConfig(
         "kitchen", str(folder), TaskConfig(distractors=3), PolicyConfig(**SMALL), trainer
@@ -269,10 +273,10 @@ def test_a_run_says_that_its_scorer_is_cross_fitted_and_comes_back_the_same(
     assert "cross-fitted in 3 folds" in (done / "README.md").read_text()
     agent = open_agent(done)
     assert agent.policy.reads_task
-    found = Evaluator(world_of(opened))(PolicyPlayer(agent.policy)).figures()
+    found = Evaluator(world_of(opened))(PolicyPlayer(agent.policy)).metrics()
     assert found == agent.evaluation.success["train"]
     saved = load_policy(save_policy(tmp_path / "saved", agent.policy))
-    assert Evaluator(world_of(opened))(PolicyPlayer(saved)).figures() == found
+    assert Evaluator(world_of(opened))(PolicyPlayer(saved)).metrics() == found
     player_of(agent.policy, "kg-only")(
         BatchEngine(world_of(opened), 4).reset(), np.random.default_rng(0)
     )
@@ -309,9 +313,8 @@ def test_a_run_on_memory_says_so(folder, tmp_path, caplog, in_sample):
     assert not load_policy(done).reads_task
 
 
-def test_an_agent_with_a_scorer_that_has_seen_no_recipe_is_not_warned_of_memory(
-    opened, tmp_path, caplog
-):
+def test_a_scorer_without_seen_recipes_gives_no_warning(opened, tmp_path, caplog):
+    """An agent with a scorer that has seen no recipe is not warned of memory."""
     scorer = FrequencyScorer(opened.graph, opened.split.partial)
     folder = save_scorer(tmp_path / "model", scorer, opened, kg="none")
     trainer = ImpalaConfig(steps=64, batch_size=32, eval_every=0)
@@ -365,7 +368,8 @@ def test_a_wrapper_refuses_sources_that_cannot_be_honest_about_its_tasks(opened,
         )
 
 
-def test_a_wrapper_asks_about_its_own_tasks_whatever_else_the_sources_were_asked(opened, scorer):
+def test_a_wrapper_asks_about_its_own_tasks(opened, scorer):
+    """A wrapper asks about its own tasks whatever else the sources were asked."""
     world, deep = world_of(opened), world_of(opened, depth=2, num_tasks=30)
     sources = make_sources(["v"], scorer, tasks=world.tasks)
     env = KGScoreObservation(gym.make("WordCraft-v0", graph=world), sources)
@@ -387,7 +391,8 @@ def test_observations_can_have_the_number_of_the_task(opened, part):
     assert env.action_masks().sum() == seen["action_mask"].sum()
 
 
-def test_stable_baselines_learns_on_scores_of_models_that_have_not_seen_the_task(opened, scorer):
+def test_stable_baselines_learns_on_out_of_sample_scores(opened, scorer):
+    """Stable baselines learns on scores of models that have not seen the task."""
     pytest.importorskip("sb3_contrib")
     ours = importlib.import_module("wordcraft_kg.agents.sb3")
     library = importlib.import_module("stable_baselines3")

@@ -1,4 +1,5 @@
-"""Policies and attention against loops that follow the paper's formulas, and what holds for every policy."""
+"""Policies and attention against loops that follow the paper's formulas, and what holds for every
+policy."""
 
 import math
 from dataclasses import asdict
@@ -113,7 +114,8 @@ def softmax(logits):
 
 
 class Slow:
-    """A policy's formulas for a single state, on lists of floats; empty slots are left out before anything else."""
+    """A policy's formulas for a single state, on lists of floats; empty slots are left out before
+    anything else."""
 
     def __init__(self, policy):
         self.config, self.is_knowing = policy.config, bool(policy.sources)
@@ -165,7 +167,8 @@ class Slow:
         return [dot(lambdas, [source[i] for source in sources]) for i in range(len(row))]
 
     def mlp(self, goal, selection, row):
-        """One hidden layer on everything in its order, empty slots as zeros; logits of all slots, and the value."""
+        """One hidden layer on everything in its order, empty slots as zeros; logits of all slots,
+        and the value."""
         everything = [y for entity in (goal, selection, *row) for y in self.x[entity]]
         inner = [max(y, 0.0) for y in self.layer("hidden", everything)]
         return self.layer("logits", inner), self.layer("value", inner)[0]
@@ -186,9 +189,8 @@ def close(found, expected):
 
 @pytest.mark.parametrize("fold_limit", [FOLD_LIMIT, 3])
 @pytest.mark.parametrize("kind", [kind for kind in ATTENTIVE if kind not in KNOWING])
-def test_the_policy_is_the_softmax_of_scaled_dot_products_of_query_and_keys(
-    kind, fold_limit, monkeypatch
-):
+def test_the_policy_is_scaled_dot_product_attention(kind, fold_limit, monkeypatch):
+    """The policy is the softmax of scaled dot products of query and keys."""
     monkeypatch.setattr("wordcraft_kg.models.policies.attention.FOLD_LIMIT", fold_limit)
     policy, state = KINDS[kind](), states()
     logits = policy(States(*state)).logits
@@ -210,7 +212,8 @@ def test_the_value_is_an_mlp_of_the_attention_weighted_table(kind):
 
 
 @pytest.mark.parametrize("kind", KNOWING)
-def test_beta_mixes_alpha_u_and_v_by_lambda_an_mlp_of_the_attention_weighted_table(kind):
+def test_beta_mixes_alpha_u_and_v_by_lambda(kind):
+    """Beta mixes alpha u and v by lambda an mlp of the attention weighted table."""
     policy, state = KINDS[kind](), states()
     slow, output = Slow(policy), policy(States(*state))
     for i, (goal, selection, real, row) in enumerate(one_by_one(state)):
@@ -228,7 +231,8 @@ def test_beta_mixes_alpha_u_and_v_by_lambda_an_mlp_of_the_attention_weighted_tab
 
 
 @pytest.mark.parametrize("features", FEATURES)
-def test_the_mlp_has_one_hidden_layer_on_goal_selection_and_all_slots_in_their_order(features):
+def test_the_mlp_has_one_hidden_layer_on_all_slots_in_order(features):
+    """The mlp has one hidden layer on goal selection and all slots in their order."""
     policy, state = mlp(features), states()
     output = policy(States(*state))
     for i, whole in enumerate(zip(*(part.tolist() for part in state), strict=True)):
@@ -239,7 +243,8 @@ def test_the_mlp_has_one_hidden_layer_on_goal_selection_and_all_slots_in_their_o
 
 
 @any_policy
-def test_outputs_have_their_shapes_and_are_minus_infinity_exactly_where_a_slot_is_empty(kind):
+def test_outputs_have_their_shapes_and_mask_empty_slots(kind):
+    """Outputs have their shapes and are minus infinity exactly where a slot is empty."""
     policy, (goal, selection, table) = KINDS[kind](), states()
     output = policy(States(goal, selection, table))
     count = len(policy.labels)
@@ -347,9 +352,8 @@ def test_empty_slots_at_the_end_of_a_table_change_nothing(kind):
     [("u", ("u",)), ("v", ("v",)), ("u,v", ("u", "v")), (" v , u ", ("u", "v")), ("u,u", ("u",))],
 )
 @pytest.mark.parametrize("kg_only", [False, True])
-def test_a_source_that_is_switched_off_takes_no_weight_unlike_in_the_released_code(
-    use, scores, kg_only
-):
+def test_a_source_that_is_switched_off_takes_no_weight(use, scores, kg_only):
+    """A source that is switched off takes no weight unlike in the released code."""
     policy = attention(knows=True, use=use, kg_only=kg_only, mixing="softmax")
     output = policy(States(*states()))
     names = scores if kg_only else ("alpha", *scores)
@@ -380,7 +384,8 @@ def test_free_coefficients_begin_at_about_one_for_every_source():
 
 
 @pytest.mark.parametrize("num_slots", [SLOTS - 1, SLOTS + 1])
-def test_the_mlp_refuses_another_size_of_table_and_says_which_it_was_made_for(num_slots):
+def test_the_mlp_refuses_another_size_of_table(num_slots):
+    """The mlp refuses another size of table and says which it was made for."""
     table = torch.zeros(2, num_slots, dtype=torch.int64)
     with pytest.raises(
         ConfigError, match=rf"tables have {num_slots} slots: this mlp was made for {SLOTS}"
@@ -434,7 +439,8 @@ def alpha_of(attention, vectors, goal, selection, table):
 
 @st.composite
 def masked_logits(draw):
-    """Logits as large as their differences can be, and masks with at least one slot that holds something."""
+    """Logits as large as their differences can be, and masks with at least one slot that holds
+    something."""
     size, num_slots = draw(st.integers(1, 4)), draw(st.integers(1, 5))
     numbers = st.floats(-(2.0**126), 2.0**126, width=32) | st.floats(-5, 5, width=32)
     row = st.lists(numbers, min_size=num_slots, max_size=num_slots)
@@ -446,7 +452,8 @@ def masked_logits(draw):
 @given(masked_logits())
 @example((torch.tensor([[1e38, -1e38, 0.0]]), torch.tensor([[False, True, True]])))
 @example((torch.tensor([[float("inf"), float("nan"), 1.0]]), torch.tensor([[False, False, True]])))
-def test_a_masked_slot_has_probability_exactly_zero_and_the_others_share_one(drawn):
+def test_a_masked_slot_has_probability_exactly_zero(drawn):
+    """A masked slot has probability exactly zero and the others share one."""
     logits, mask = drawn
     found = masked_softmax(logits, mask)
     assert found.shape == logits.shape
@@ -527,7 +534,8 @@ def test_constant_vectors_are_a_float32_copy_that_nothing_trains():
     assert (vectors.dim, vectors.is_one_hot) == (5, False)
 
 
-def test_learned_vectors_are_parameters_and_one_hot_ones_are_never_written_out():
+def test_learned_vectors_are_parameters_and_one_hot_unwritten():
+    """Learned vectors are parameters and one hot ones are never written out."""
     vectors, one_hot = EntityVectors(NUM_ENTITIES, learned_dim=6), EntityVectors(NUM_ENTITIES)
     (parameter,) = vectors.parameters()
     assert parameter.shape == (NUM_ENTITIES, 6)
@@ -537,7 +545,8 @@ def test_learned_vectors_are_parameters_and_one_hot_ones_are_never_written_out()
     assert (one_hot.dim, one_hot.is_one_hot) == (NUM_ENTITIES, True)
 
 
-def test_the_vector_of_nothing_is_still_zero_after_a_step_that_it_was_part_of():
+def test_the_vector_of_nothing_stays_zero():
+    """The vector of nothing is still zero after a step that it was part of."""
     vectors, attention = EntityVectors(NUM_ENTITIES, learned_dim=5), attention_of(5)
     table = torch.tensor([[0, 1, NUM_ENTITIES]])
     before = vectors.weights()["vectors"].detach()

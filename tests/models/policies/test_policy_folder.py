@@ -292,7 +292,8 @@ def test_a_finished_run_is_all_that_a_policy_needs(folder):
 
 
 @pytest.mark.parametrize("name", [*FILES, "run.json"])
-def test_a_file_that_is_changed_or_missing_is_an_artefact_error_that_names_it(folder, name):
+def test_a_changed_or_missing_file_is_named(folder, name):
+    """A file that is changed or missing is an artefact error that names it."""
     flip_bit(folder / name, 0, bit=5)
     with pytest.raises(ArtefactError, match=f"{name} is damaged"):
         load_policy(folder)
@@ -323,7 +324,8 @@ def test_a_description_that_does_not_fit_the_weights_is_an_artefact_error(folder
 
 
 @pytest.mark.parametrize("slots", [None, "4", SLOTS + 1, -3])
-def test_an_mlp_with_other_slots_and_truncated_constants_are_artefact_errors(tmp_path, slots):
+def test_other_slots_and_cut_constants_are_artefact_errors(tmp_path, slots):
+    """An mlp with other slots and truncated constants are artefact errors."""
     folder = written(tmp_path, plain("random", policy="mlp"))
     parameters = safetensors.torch.load_file(folder / "policy.safetensors")
     for kept in (0, 7, 100, -1):

@@ -1,4 +1,5 @@
-"""w: the score of a slot's recipe with the entity held or with its best partner, and which recipes speak for it."""
+"""w: the score of a slot's recipe with the entity held or with its best partner, and which recipes
+speak for it."""
 
 import numpy as np
 import pytest
@@ -86,7 +87,8 @@ def test_the_scores_that_are_kept_do_not_answer_for_another_state(scorer):
     )
 
 
-def test_train_tasks_have_w_and_evidence_of_the_scorer_without_their_recipes(cross_fitted, opened):
+def test_train_tasks_have_w_and_evidence_out_of_sample(cross_fitted, opened):
+    """Train tasks have w and evidence of the scorer without their recipes."""
     world = World(opened, WordCraftConfig(part="all", num_distractors=3))
     (source,) = make_sources(["w"], cross_fitted, tasks=world.tasks)
     state = engine_states.states_of(

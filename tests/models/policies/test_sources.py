@@ -26,12 +26,16 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.folder import load_policy
 from wordcraft_kg.models.policies.sources import (
     ALPHA,
+    BUILT_IN,
     LABELS,
+    SPELLED,
     Label,
     installed_sources,
     label_of,
     registry,
+    shown_setting,
     source_names,
+    with_letters,
 )
 from wordcraft_kg.models.policies.sources.registry import (
     make_sources,
@@ -60,7 +64,8 @@ def knowledge_of(names, scorer=SCORER):
 
 
 def states(size=7, num_slots=4):
-    """Goals, selections that differ from row to row and are sometimes nothing, and tables with empty slots."""
+    """Goals, selections that differ from row to row and are sometimes nothing, and tables with
+    empty slots."""
     goal = torch.arange(size) % SIZE
     selection = (torch.arange(size) * 2 + 1) % (SIZE + 1)
     table = torch.randint(SIZE + 1, (size, num_slots), generator=torch.Generator().manual_seed(0))
@@ -70,7 +75,8 @@ def states(size=7, num_slots=4):
 
 
 def slow_scores(names, goal, selection, table):
-    """``u_i = L(e_i, combinesWith, e_s)`` and ``v_i = L(e_i, componentOf, e_g)``, one question for each slot."""
+    """``u_i = L(e_i, combinesWith, e_s)`` and ``v_i = L(e_i, componentOf, e_g)``, one question for
+    each slot."""
 
     def ask(entity, relation, other):
         return 0.0 if NOTHING in (entity, other) else SCORER.score(entity, relation, other).item()
@@ -86,7 +92,8 @@ def slow_scores(names, goal, selection, table):
 
 
 @any_sources
-def test_u_and_v_are_the_scores_of_each_slot_with_the_selection_and_with_the_goal(names):
+def test_u_and_v_score_slots_with_selection_and_goal(names):
+    """U and v are the scores of each slot with the selection and with the goal."""
     assert isinstance(SCORER, TripleScorer)
     assert not any(
         torch.allclose(SCORER.table(relation), SCORER.table(relation).T) for relation in RELATIONS
@@ -197,9 +204,10 @@ def test_a_source_is_restored_from_its_constants(name, by_factors, monkeypatch):
     assert torch.equal(empty(States(*states())), full(States(*states())))
 
 
-def test_a_scale_that_needs_a_table_is_refused_where_none_fits_and_names_the_scales_that_do(
+def test_a_scale_without_a_fitting_table_names_those_that_do(
     no_tables,
 ):
+    """A scale that needs a table is refused where none fits and names the scales that do."""
     with refuses("scale"):
         make_sources(["u", "v"], Factored(SIZE), ScoreView("ranks"))
 
@@ -211,9 +219,10 @@ def folder(tmp_path_factory):
     return str(train_links(config, tmp_path_factory.mktemp("models") / "model").folder)
 
 
-def test_an_agent_whose_sources_do_not_fit_is_refused_before_its_tasks_are_made(
+def test_sources_that_do_not_fit_are_refused_before_the_tasks(
     folder, tmp_path, no_tables, monkeypatch
 ):
+    """An agent whose sources do not fit is refused before its tasks are made."""
     monkeypatch.setattr("wordcraft_kg.agents.training.World", None)
     with pytest.raises(ConfigError, match="score table"):
         train_agent(AgentConfig("kitchen", folder), tmp_path / "run")
@@ -230,6 +239,36 @@ def test_an_agent_learns_with_factors_and_its_policy_comes_back(
     loaded = load_policy(trained.folder)
     buffers = {"left", "right", "shift", "dropped", "itself", "fold_of_recipe"}
     assert set(loaded.sources["u"].state_dict()) == buffers
+
+
+def test_names_for_people_and_letters_name_the_same_sources():
+    assert set(SPELLED.values()) == {*BUILT_IN, "p"}
+    for spelled, letter in SPELLED.items():
+        assert source_class(spelled) is source_class(letter)
+        assert label_of(spelled) is label_of(letter)
+        assert PolicyConfig(use=spelled) == PolicyConfig(use=letter)
+    spelled, short = make_sources(["component"], SCORER), make_sources(["v"], SCORER)
+    assert [source.name for source in spelled] == [source.name for source in short] == ["v"]
+    assert with_letters(["v", "component", "mine"]) == "component (v), component (v), mine"
+
+
+def test_spelled_settings_are_stored_by_letter():
+    """Settings with names for people are stored by letter and shown with both."""
+    policy = PolicyConfig(use="recipe, u")
+    assert policy.use == "w,u"
+    assert policy.sources == ("u", "w")
+    config = AgentConfig("kitchen", "models/kitchen", policy=policy)
+    assert config.values()["use"] == "w,u"
+    assert shown_setting("use", "w,u") == "recipe (w), combines (u)"
+    assert shown_setting("scale", "w") == "w"
+    # The default is spelled, and no difference.
+    assert PolicyConfig().use == PolicyConfig(use="u,v").use == "u,v"
+    assert "use" not in AgentConfig("kitchen").differing()
+
+
+def test_an_unknown_name_of_a_source_gets_both_names_and_a_hint():
+    with pytest.raises(ConfigError, match=r"combines \(u\).*plan \(p\).*mean 'recipe'"):
+        PolicyConfig(use="u,recipes")
 
 
 def test_every_source_has_a_label_of_its_own_name_and_symbol():
@@ -311,12 +350,12 @@ def test_a_third_source_trains_saves_plays_and_explains(third, folder, tmp_path)
     assert find_term("third").name == label_of("third").words == "third"
 
 
-@pytest.mark.parametrize("name", ["alpha", "u", "w"])
+@pytest.mark.parametrize("name", ["alpha", "u", "w", "combines", "plan"])
 def test_a_source_may_not_take_the_name_of_one_that_is_built_in(name):
     taking = type("Taking", (Triple,), {"label": Label(name, "x", "anything")})
     with pytest.raises(ConfigError, match="built in"):
         register_source(taking)
-    with pytest.raises(ConfigError, match="u, v, w"):
+    with pytest.raises(ConfigError, match=r"combines \(u\), component \(v\), recipe \(w\)"):
         source_class("nowhere")
 
 

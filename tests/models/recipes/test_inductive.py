@@ -120,15 +120,15 @@ def test_a_recipe_with_a_new_entity_is_scored_and_explained(folder, scorer):
     )
 
 
-def test_a_label_is_known_by_some_of_its_words_and_the_scorer_is_not_of_the_graph(
-    folder, scorer, opened_kitchen
-):
+def test_a_label_known_by_some_words_is_not_of_the_graph(folder, scorer, opened_kitchen):
+    """A label is known by some of its words and the scorer is not of the graph."""
     more = wider(folder, scorer, ["bread rrzzqq"])
     assert "bread rrzzqq" in more.entities
     assert more.graph_hash != opened_kitchen.graph.hash
 
 
-def test_kernel_regression_of_those_seen_is_ridge_regression_on_their_pairs():
+def test_kernel_regression_is_ridge_regression_on_pairs():
+    """Kernel regression of those seen is ridge regression on their pairs."""
     rng = np.random.default_rng(0)
     factor = torch.tensor(rng.normal(size=(6, 6)))
     kernel = factor @ factor.T
@@ -163,7 +163,8 @@ def test_moments_are_those_of_pairs_among_the_entities_that_count():
 # --- what the rankers learn from -------------------------------------------------------------------------------------
 
 
-def test_unknown_entities_are_in_no_recipe_that_their_links_are_predicted_from(opened_kitchen):
+def test_unknown_entities_are_in_no_recipe_behind_a_prediction(opened_kitchen):
+    """Unknown entities are in no recipe that their links are predicted from."""
     recipes, size = opened_kitchen.graph.recipes, opened_kitchen.graph.num_entities
     base, triples, unknown = fitting._unknown_entities(
         recipes, torch.zeros(size, size), np.random.default_rng(0)

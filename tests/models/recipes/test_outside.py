@@ -163,9 +163,8 @@ def test_tables_of_other_labels_are_an_error(opened, tmp_path):
         open_outside([str(folder)], opened, "one-hot")
 
 
-def test_tables_of_one_source_complete_each_other_and_those_of_two_models_stay_apart(
-    opened, tmp_path
-):
+def test_tables_of_one_source_merge_and_of_two_models_do_not(opened, tmp_path):
+    """Tables of one source complete each other and those of two models stay apart."""
     info = TableInfo(name="need", role="part", phrase="")
 
     def folder(name: str, weights: str, entities: tuple[str, ...], graph: str = "") -> str:
@@ -296,9 +295,8 @@ def test_a_scorer_without_recipes_needs_a_source(opened, tmp_path):
     assert not (tmp_path / "model").exists()
 
 
-def test_recipes_of_a_book_to_be_tested_stay_out_of_training_in_any_order_and_spelling(
-    opened, tmp_path
-):
+def test_test_recipes_stay_out_of_training_in_any_spelling(opened, tmp_path):
+    """Recipes of a book to be tested stay out of training in any order and spelling."""
     graph, rows = opened.graph, labelled(opened.graph, opened.graph.recipes)
     others = [("sand", rows[5][1], rows[5][2]), (*rows[6][:2], "sandcastle")]
     spelt = [(b.upper(), f"the {a}", f"{result}s") for a, b, result in rows[:4]]

@@ -195,9 +195,10 @@ def test_cells_that_stand_out_are_found_strongest_first(tmp_path):
 
 
 @pytest.mark.parametrize("damage", ["missing", "changed", "damaged"])
-def test_a_source_that_is_missing_or_changed_gives_a_warning_and_the_same_scores(
+def test_a_missing_source_gives_a_warning_and_the_same_scores(
     run, moved, caplog, monkeypatch, damage
 ):
+    """A source that is missing or changed gives a warning and the same scores."""
     monkeypatch.chdir(moved)
     command = ("score", moved, "dough + oven = bread")
     before = run(*command).out.splitlines()

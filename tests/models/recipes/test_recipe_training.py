@@ -51,9 +51,9 @@ def small(book, tmp_path_factory):
 
 
 @pytest.fixture
-def spoilt(small, tmp_path):
-    """Load a copy of the model with changed tensors of its folds."""
-    return lambda change: load_scorer(rewritten(small, tmp_path / "spoilt", change))
+def spoilt(recipes_folder, tmp_path):
+    """Load a copy of the kitchen's model with changed tensors of its folds."""
+    return lambda change: load_scorer(rewritten(recipes_folder, tmp_path / "spoilt", change))
 
 
 # --- the same again --------------------------------------------------------------------------------------------------
@@ -228,7 +228,8 @@ def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, ope
         )
 
 
-def test_by_goal_known_recipes_score_highest_and_constant_features_have_no_weight(kitchen):
+def test_by_goal_known_recipes_score_highest(kitchen):
+    """By goal known recipes score highest and constant features have no weight."""
     split, size = make_split(kitchen, SplitConfig("by-goal")), kitchen.num_entities
     knowledge, _ = fit_recipe_scorer(make_folds(split, 3), torch.zeros(size, size))
     is_zero = (knowledge.first[0] == 0).all(1).tolist()
@@ -254,8 +255,8 @@ def swap(tensors):
         tensors[one], tensors[other] = tensors[other], tensors[one]
 
 
-def test_the_scorer_of_another_fold_is_a_leak(spoilt, book):
-    scorer, opened = spoilt(swap), open_graph(book)
+def test_the_scorer_of_another_fold_is_a_leak(spoilt):
+    scorer, opened = spoilt(swap), open_graph("kitchen")
     with pytest.raises(LeakError):
         scorer.trained_on(0, opened.graph)
     scorer.trained_on(2, opened.graph)
@@ -272,7 +273,7 @@ def test_the_scorer_of_another_fold_is_a_leak(spoilt, book):
         lambda tensors: tensors.__setitem__("fold1.pairs", torch.zeros(1, 2, 2, 3).half()),
         lambda tensors: tensors.__setitem__("fold1.first", torch.zeros(())),
         lambda tensors: tensors.__setitem__("fold1.recipes", tensors["fold1.recipes"].long()),
-        lambda tensors: tensors["fold1.supporting"].fill_(99),
+        lambda tensors: tensors["fold1.supporting"].fill_(9_999),
     ],
 )
 def test_a_missing_or_damaged_fold_is_named(spoilt, change):
@@ -291,11 +292,12 @@ def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
     assert not (tmp_path / "model").exists()
 
 
-def test_w_is_restored_from_its_constants_and_a_kept_table_is_not_mistaken_for_another(small, book):
+def test_w_is_restored_from_its_constants(recipes_folder):
+    """W is restored from its constants and a kept table is not mistaken for another."""
     from wordcraft_kg.models.policies.sources.registry import source_class
 
-    scorer = load_scorer(small)
-    world = World(str(book), WordCraftConfig(num_distractors=2))
+    scorer = load_scorer(recipes_folder)
+    world = World("kitchen", WordCraftConfig(num_distractors=2))
     (full,) = make_sources(["w"], scorer, tasks=world.tasks)
     restored = source_class("w").restored(full.num_entities, full.state_dict())
     nothing = full.num_entities
@@ -311,12 +313,12 @@ def test_w_is_restored_from_its_constants_and_a_kept_table_is_not_mistaken_for_a
     assert not full(States(goal, held, torch.full_like(table, nothing))).any()
 
 
-def test_the_link_report_of_a_recipe_scorer_is_written(small, book):
+def test_the_link_report_of_a_recipe_scorer_is_written(recipes_folder):
     from wordcraft_kg.agents.players import scorer_players
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.reports.link_report import PLAYERS
 
-    model = open_model(small, str(book))
+    model = open_model(recipes_folder, "kitchen")
     players = scorer_players(model.opened.graph, model.scorer, model.opened.split.partial)
     assert "w, best pair" in players
     assert {*players} <= {*PLAYERS}

@@ -10,7 +10,8 @@ Recipes = Sequence[Sequence[int]]
 
 
 def slow_profiles(recipes, size):
-    """The row of each entity in ``[C | P | Pᵀ | 2 R]``, damped by column sums to the power 1/4, of length 1."""
+    """The row of each entity in ``[C | P | Pᵀ | 2 R]``, damped by column sums to the power 1/4, of
+    length 1."""
     rows = [{} for _ in range(size)]
     for a, b, c in recipes:
         for one, other in ((a, b), (b, a)):
@@ -55,7 +56,8 @@ def explicit_ridge(kernel, links, ridge):
 
 
 def slow_completion(recipes, size):
-    """Sum over results and over paths a - y - x - b of pairs that make the result, each pair by its degrees."""
+    """Sum over results and over paths a - y - x - b of pairs that make the result, each pair by its
+    degrees."""
     table = np.zeros((size, size))
     for result in {c for _, _, c in recipes}:
         makes = {pair for a, b, c in recipes if c == result for pair in ((a, b), (b, a))}

@@ -1,4 +1,5 @@
-"""Scores as probabilities: what is recovered, what is never looked at, and what is said where nothing can be fitted."""
+"""Scores as probabilities: what is recovered, what is never looked at, and what is said where
+nothing can be fitted."""
 
 import json
 import shutil
@@ -78,7 +79,8 @@ def test_slopes_and_the_intercept_of_the_unseen_are_recovered(share, slopes):
     true, others = counts(expit(-5 + sum(b * x for b, x in zip(slopes, part, strict=True))), share)
     curve = fit_curve(true, others, share, slopes=len(slopes))
     assert curve.slopes == pytest.approx(slopes, abs=0.02)
-    # Of the triples that are true, the known ones are not among those that the whole model is asked for.
+    # Of the triples that are true, the known ones are not among those that the whole model is asked
+    # for.
     assert curve.intercept == pytest.approx(-5 + np.log(1 - share), abs=0.02)
     assert curve.reason == ""
 
@@ -162,15 +164,14 @@ def test_recipes_outside_train_change_nothing_but_by_their_number(scorer, folds)
 def test_the_share_that_is_known_follows_from_the_number_of_recipes(folds):
     train_recipes, outside = folds.split.is_in("train").sum(), (~folds.split.is_in("train")).sum()
     plain = 1 / (1 + outside * folds.count / train_recipes)
-    # A fold keeps all recipes of its pairs, so all its pairs are new; but the more recipes are known, the fewer are its
-    # new ingredients of a result.
+    # A fold keeps all recipes of its pairs, so all its pairs are new; but the more recipes are
+    # known, the fewer are its new ingredients of a result.
     assert known_share(folds, COMBINES_WITH) == pytest.approx(plain)
     assert plain + 0.01 < known_share(folds, COMPONENT_OF) < plain + 0.15
 
 
-def test_probabilities_rise_with_scores_and_add_up_to_about_the_unseen_triples(
-    scorer, opened_kitchen
-):
+def test_probabilities_rise_and_sum_to_the_unseen_triples(scorer, opened_kitchen):
+    """Probabilities rise with scores and add up to about the unseen triples."""
     split, size = opened_kitchen.split, len(scorer.entities)
     everything = torch.arange(size)
     for relation in (COMBINES_WITH, COMPONENT_OF):

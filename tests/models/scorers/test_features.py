@@ -135,7 +135,8 @@ def test_what_cannot_be_is_refused_with_what_can(
     assert fragment in refused(spec, labels, **options)
 
 
-def test_every_label_of_the_built_in_books_has_a_vector_of_the_sentence_encoder():
+def test_every_built_in_label_has_a_sentence_vector():
+    """Every label of the built in books has a vector of the sentence encoder."""
     files = list(BUILT_IN.parent.iterdir())
     assert sum(file.stat().st_size for file in files) <= 1_000_000
     assert "Apache License 2.0" in (BUILT_IN.parent / "NOTICE.md").read_text()
@@ -161,8 +162,8 @@ def test_auto_is_glove_unless_all_labels_are_built_in():
     )
     said = refused("minilm", [*labels, "water"])
     assert (
-        "1 of 3 entities have no vector. Unknown words: black forest. These are vectors of the built-in"
-        in said
+        "1 of 3 entities have no vector. Unknown words: black forest. These are vectors of the "
+        "built-in" in said
     )
     assert "wordcraft-kg encode" in said
     made_up = open_book("made-up:kitchen").entities
@@ -228,13 +229,14 @@ def test_the_hash_is_that_of_shape_and_vectors():
 
 def test_more_than_a_tenth_without_a_vector_is_refused_unless_allowed():
     assert make_features("glove", ["sea"] * 9 + ["zqxjkv"]).known.tolist() == [True] * 9 + [False]
-    labels = ["sea"] * 18 + [f"zqx{i:02} water-zqx" if i % 2 else f"zqx{i:02}" for i in range(24)]
+    labels = ["sea"] * 18 + [f"zqx{i:02} waterzqx" if i % 2 else f"zqx{i:02}" for i in range(24)]
     message = refused("glove", labels)
     listed = ", ".join(f"zqx{i:02}" for i in range(19))
     assert (
-        f"24 of 42 entities have no vector. Unknown words: water-zqx, {listed} and 5 more."
-        in message
+        f"24 of 42 entities have no vector. Unknown words: waterzqx, {listed} and 5 more "
+        "(labels are split at blanks, _, -, :, / and capitals). " in message
     )
+    assert "`features` one-hot, which needs no words, or `allow_missing`" in message
     assert refused("shuffled:glove", labels) == message
     made = make_features("glove", labels, allow_missing=True)
     assert made.known.sum() == 18
@@ -318,6 +320,32 @@ def test_text_files_are_read_in_all_their_forms(form, name, vectors_file):
 def test_a_label_is_looked_up_whole_before_its_words(lines, expected, vectors_file):
     made = make_features(vectors_file("\n".join(["the 0 0", *lines])), ["Acid Rain"])
     assert made.vectors.tolist() == [[expected, expected]]
+
+
+IDS = ["oak_log", "iron-plate", "minecraft:stick", "fire/wood", "IronOre", "birch_HTTPLog"]
+
+
+def test_ids_have_the_vectors_of_their_words():
+    words = ["oak log", "iron plate", "minecraft stick", "fire wood", "iron ore", "birch http log"]
+    made = make_features("glove", IDS)
+    np.testing.assert_array_equal(made.vectors, make_features("glove", words).vectors)
+    assert made.known.all()
+    assert made.missing_words == ()
+    assert made.words == tuple(sorted(set(" ".join(words).split())))
+
+
+def test_signs_at_the_end_and_words_with_vectors_stay_whole():
+    """A sign at the end is not split off and a word with a vector stays whole."""
+    labels = ["zqx-", "C-", "t-shirt"]
+    made = make_features("glove", labels, allow_missing=True)
+    assert made.words == ("c-", "t-shirt", "zqx-")
+    assert not np.array_equal(made.vectors[1], make_features("glove", ["C"]).vectors[0])
+
+
+@pytest.mark.parametrize("line", ["oak log 1 1", "oak_log 1 1", "Oak Log 1 1"])
+def test_an_id_is_looked_up_as_a_phrase_before_its_words(line, vectors_file):
+    made = make_features(vectors_file(f"{line}\noak 5 5\nlog 7 7\n"), ["Oak_Log"])
+    assert made.vectors.tolist() == [[1, 1]]
 
 
 SPACED = "the 0.1 0.2\nroute 66 1.5 2.5\nroute 0.5 0.25\nat name@domain.com 3.0 1.0\n. . . 0.5 0.5"

@@ -81,7 +81,8 @@ def test_those_that_say_most_come_first_with_their_share_of_all_evidence(evidenc
         assert evidence.reason(head, relation, tail, limit=2).witnesses == everything.witnesses[:2]
 
 
-def test_a_witness_names_the_recipes_that_give_it_and_a_learned_link_its_own(evidence):
+def test_a_witness_names_its_recipes_and_a_learned_link_its_own(evidence):
+    """A witness names the recipes that give it and a learned link its own."""
     links = slow_links(KNOWN.tolist())
     of_label = {label: i for i, label in enumerate(GRAPH.entities)}
     learned = 0

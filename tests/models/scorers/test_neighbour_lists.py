@@ -30,9 +30,7 @@ def full_lists(recipes, vectors):
     """Lists as long as the book: nothing is left out."""
     size = len(vectors)
     near = nearest_words(vectors, size)
-    return make_lists(
-        recipes, vectors, near, nearest=size, used=size, made=size, support=10**4, common=10**6
-    )
+    return make_lists(recipes, vectors, near, nearest=size, used=size, made=size, support=10**4)
 
 
 class SlowFeatures:

@@ -1,4 +1,5 @@
-"""The features of a pair and a goal, and the scores that a ranker makes of them: against loops, and in any order."""
+"""The features of a pair and a goal, and the scores that a ranker makes of them: against loops, and
+in any order."""
 
 import math
 from itertools import product
@@ -24,7 +25,8 @@ SIZE = 12
 
 
 def knowledge(seed, num_recipes=70):
-    """What random recipes of 12 entities say, with a random ranker; more of them than may speak for a goal."""
+    """What random recipes of 12 entities say, with a random ranker; more of them than may speak for
+    a goal."""
     graph = random_graph(seed, SIZE, num_recipes)
     draws = torch.Generator().manual_seed(seed)
     text = cosines(torch.randn(SIZE, 6, generator=torch.Generator().manual_seed(99)))
@@ -43,7 +45,8 @@ def known():
 
 
 def tables(rows=30, slots=6, seed=0):
-    """Goals and tables with the same entity twice, goals on the table, and empty slots between others."""
+    """Goals and tables with the same entity twice, goals on the table, and empty slots between
+    others."""
     rng = np.random.default_rng(seed)
     table = torch.from_numpy(rng.integers(SIZE + 1, size=(rows, slots)))
     table[:3, 1] = table[:3, 0]
@@ -110,7 +113,8 @@ def test_every_feature_is_what_its_definition_says():
             )
 
 
-def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(known):
+def test_the_tables_count_recipes_that_speak_for_a_goal(known):
+    """The tables count recipes and say which of them may speak for a goal."""
     graph = random_graph(0, SIZE, 70)
     recipes = graph.recipes.tolist()
     alike = normalised(Base.of(graph.recipes, known.words[:-1, :-1].float()).kernel) ** 2
@@ -123,7 +127,8 @@ def test_the_tables_count_recipes_and_say_which_of_them_may_speak_for_a_goal(kno
         )
         supporting = [tuple(recipe) for recipe in known.supporting[0, entity].tolist()]
         assert len(set(supporting)) == EVIDENCE
-        # The recipes of the results most like it; there are more recipes of some entities than may speak.
+        # The recipes of the results most like it; there are more recipes of some entities than may
+        # speak.
         likeness = {tuple(recipe): float(alike[entity, recipe[2]]) for recipe in recipes}
         left_out = [likeness[recipe] for recipe in likeness if recipe not in supporting]
         assert max(left_out) <= min(likeness[recipe] for recipe in supporting) + 1e-3
@@ -174,7 +179,8 @@ def _reason_order(one, goal):
     return not is_for_goal, -one.share
 
 
-def test_reasons_for_the_goal_itself_come_before_stronger_ones_for_other_results():
+def test_reasons_for_the_goal_come_before_stronger_others():
+    """Reasons for the goal itself come before stronger ones for other results."""
     known, goals_first, weak = knowledge(0), 0, 0
     for a, b, goal in product(range(SIZE), repeat=3):
         found = known.supporting_recipes(a, b, goal, limit=EVIDENCE)

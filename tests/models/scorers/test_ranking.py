@@ -47,7 +47,8 @@ def constant_scorer(num_entities):
 
 @st.composite
 def rankings(draw):
-    """A table of few different scores, queries (known or not, repeated or not) and known triples."""
+    """A table of few different scores, queries (known or not, repeated or not) and
+    known triples."""
     size, levels = draw(st.integers(1, 6)), draw(st.integers(1, 4))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     every = np.array(list(itertools.product(range(size), range(len(RELATIONS)), range(size))))

@@ -79,7 +79,8 @@ def test_the_similarity_is_that_of_profiles_and_words(recipes):
 
 
 @given(seed=st.integers(0, 10_000), count=st.integers(3, 40))
-def test_the_similarity_without_words_is_positive_semi_definite_and_follows_a_renaming(seed, count):
+def test_similarity_without_words_is_positive_semi_definite(seed, count):
+    """The similarity without words is positive semi definite and follows a renaming."""
     recipes, nothing = drawn_recipes(seed, count), torch.zeros(SIZE, SIZE)
     kernel = similarity(recipes, nothing)
     assert torch.linalg.eigvalsh(kernel.double())[0] > -1e-6
@@ -88,7 +89,8 @@ def test_the_similarity_without_words_is_positive_semi_definite_and_follows_a_re
     torch.testing.assert_close(renamed[np.ix_(renaming, renaming)], kernel)
 
 
-def test_words_of_few_dimensions_can_make_the_similarity_indefinite_and_the_regression_does_without():
+def test_an_indefinite_similarity_leaves_the_words_out():
+    """Words of few dimensions can make the similarity indefinite and the regression does without."""
     angles = np.random.default_rng(0).random(60) * 2 * np.pi
     vectors = torch.tensor(np.stack([np.cos(angles), np.sin(angles)], axis=1))
     kernel = similarity(np.zeros((0, 3), dtype=np.int64), cosines(vectors))
@@ -99,7 +101,8 @@ def test_words_of_few_dimensions_can_make_the_similarity_indefinite_and_the_regr
     torch.testing.assert_close(found, expected, atol=1e-5, rtol=0)
 
 
-def test_an_entity_is_as_similar_to_itself_as_can_be_and_one_of_no_recipe_to_nothing():
+def test_self_similarity_is_highest_and_unused_entities_have_none():
+    """An entity is as similar to itself as can be and one of no recipe to nothing."""
     alike = normalised(similarity(drawn_recipes(0), torch.zeros(SIZE, SIZE)))
     torch.testing.assert_close(alike.diagonal()[:-1], torch.ones(SIZE - 1))
     assert alike.max() <= 1 + 1e-6
@@ -157,7 +160,8 @@ def test_scorers_of_any_recipes_are_finite_and_the_same_again(recipes):
         assert torch.equal(*tables)
 
 
-def test_a_table_that_is_too_large_and_vectors_of_another_graph_are_refused(kitchen, monkeypatch):
+def test_large_tables_and_foreign_vectors_are_refused(kitchen, monkeypatch):
+    """A table that is too large and vectors of another graph are refused."""
     with refuses("vectors"):
         KernelScorer(kitchen, kitchen.recipes, np.zeros((3, 4)))
     monkeypatch.setattr("wordcraft_kg.models.scorers.config.TABLE_LIMIT", 1_000)
@@ -177,7 +181,8 @@ def validation_mrrs(graph, seed):
     return mean_reciprocal_rank(ranks[0]), mean_reciprocal_rank(ranks[1])
 
 
-def test_the_kernel_predicts_unseen_links_of_everyday_1_better_than_neighbours():
+def test_the_kernel_beats_neighbours_on_everyday_1():
+    """The kernel predicts unseen links of everyday 1 better than neighbours."""
     found = validation_mrrs(RecipeGraph.from_book(open_book("everyday-1")), seed=10)
     assert found == pytest.approx((0.247, 0.163), abs=0.003)
 

@@ -1,4 +1,5 @@
-"""The recipe scorer as others use it: scores of recipes and of links, and the recipes that speak for one."""
+"""The recipe scorer as others use it: scores of recipes and of links, and the recipes that speak
+for one."""
 
 import numpy as np
 import pytest
@@ -38,9 +39,8 @@ def test_a_recipe_has_one_score_however_it_is_asked(scorer):
         scorer.score_recipes("waater", "flour", "dough")
 
 
-def test_a_loaded_cross_fitted_scorer_scores_recipes_as_the_scorer_of_all_recipes(
-    cross_fitted, scorer
-):
+def test_a_loaded_cross_fitted_scorer_scores_as_its_whole(cross_fitted, scorer):
+    """A loaded cross fitted scorer scores recipes as the scorer of all recipes."""
     assert isinstance(cross_fitted, RecipeScores)
     recipe = "flour", "water", "dough"
     assert torch.equal(cross_fitted.score_recipes(*recipe), scorer.score_recipes(*recipe))
@@ -74,9 +74,8 @@ def test_a_scorer_made_from_its_tensors_scores_the_same(scorer):
     )
 
 
-def test_a_known_recipe_speaks_for_itself_and_the_scorer_without_it_names_others(
-    scorer, cross_fitted, kitchen
-):
+def test_a_known_recipe_is_its_own_evidence(scorer, cross_fitted, kitchen):
+    """A known recipe speaks for itself and the scorer without it names others."""
     known = {Recipe(*kitchen.labels(row)) for row in scorer.recipes.tolist()}
     row = next(row for row, fold in enumerate(cross_fitted.of_recipe) if fold == 1)
     a, b, result = kitchen.labels(kitchen.recipes[row])

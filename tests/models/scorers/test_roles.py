@@ -16,7 +16,8 @@ SIZE = GRAPH.num_entities
 
 
 def slow_rows(scorer, relation, side):
-    """Scores of each entity with all others, less the means by row and by column, plus that of all."""
+    """Scores of each entity with all others, less the means by row and by column,
+    plus that of all."""
     size = len(scorer.entities)
     scores = scorer.table(relation).tolist()
     everything = sum(map(sum, scores)) / size**2
@@ -34,7 +35,8 @@ def slow_rows(scorer, relation, side):
     [table_scorer(normal(2, SIZE, SIZE)), complex_scorer(SIZE, 3)],
     ids=["table", "factors"],
 )
-def test_in_a_role_entities_are_alike_by_the_cosine_of_their_centred_scores(scorer):
+def test_likeness_in_a_role_is_the_cosine_of_centred_scores(scorer):
+    """In a role entities are alike by the cosine of their centred scores."""
     found = EntityRoles.of(scorer)
     for relation, side in ROLES:
         rows = slow_rows(scorer, relation, side)
@@ -43,7 +45,8 @@ def test_in_a_role_entities_are_alike_by_the_cosine_of_their_centred_scores(scor
         np.testing.assert_allclose(alike, expected, atol=1e-5)
 
 
-def test_the_nearest_entities_have_the_highest_cosine_of_standardised_scores(opened_kitchen):
+def test_nearest_entities_have_the_highest_cosine(opened_kitchen):
+    """The nearest entities have the highest cosine of standardised scores."""
     scorer = NeighbourScorer(opened_kitchen.graph, opened_kitchen.split.partial)
     tables = [centred(scorer.table(relation).double().numpy()) for relation in (0, 1)]
     profiles = np.concatenate(

@@ -52,7 +52,8 @@ def off_diagonal(table):
 
 
 def slow_standardised(table):
-    """Every score less the mean, over the standard deviation, both of pairs of different entities."""
+    """Every score less the mean, over the standard deviation, both of pairs of
+    different entities."""
     others = [x for i, row in enumerate(table) for j, x in enumerate(row) if i != j]
     mean, deviation = statistics.fmean(others), statistics.pstdev(others)
     return [[(x - mean) / deviation for x in row] for row in table]
@@ -142,9 +143,8 @@ def mean_of(table, scale):
         ("self_edges", {"self_edges": "observed"}),
     ],
 )
-def test_an_unknown_scale_or_kind_of_self_edges_and_observed_ones_without_triples_are_errors(
-    setting, options
-):
+def test_unknown_scales_and_self_edges_are_errors(setting, options):
+    """An unknown scale or kind of self edges and observed ones without triples are errors."""
     with refuses(setting):
         tables_of(**options)
 
@@ -168,7 +168,8 @@ def test_self_edges_are_kept_whatever_was_observed():
 
 
 @any_scale
-def test_scaling_twice_gives_the_same_bits_and_changes_nothing_in_the_scorer(scale):
+def test_scaling_twice_gives_the_same_bits(scale):
+    """Scaling twice gives the same bits and changes nothing in the scorer."""
     before = SCORER.scores.detach().clone()
     one, other = (scaled_scorer(SCORER, scale=scale, self_edges="drop") for _ in range(2))
     assert torch.equal(one.scores, other.scores)

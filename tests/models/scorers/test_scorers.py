@@ -1,4 +1,5 @@
-"""Scorers: one protocol for all, batches equal to singles, and nothing served from a damaged or foreign folder."""
+"""Scorers: one protocol for all, batches equal to singles, and nothing served from a damaged or
+foreign folder."""
 
 import json
 import math
@@ -160,9 +161,8 @@ REFUSED = [
 
 @any_scorer
 @pytest.mark.parametrize(("triple", "fragment"), REFUSED)
-def test_ids_out_of_range_and_unknown_labels_are_refused_with_those_that_are_known(
-    scorer, triple, fragment
-):
+def test_bad_ids_and_labels_are_refused_with_known_ones(scorer, triple, fragment):
+    """Ids out of range and unknown labels are refused with those that are known."""
     with pytest.raises(UnknownEntityError, match=fragment):
         scorer.score(*triple)
     if isinstance(triple[1], str):
@@ -195,7 +195,8 @@ def test_top_lists_the_best_entities_of_an_open_slot(scorer):
         )
 
 
-def test_top_of_a_scorer_without_triples_lists_ties_in_the_order_of_ids_and_needs_one_open_slot():
+def test_top_without_triples_lists_ties_by_id():
+    """Top of a scorer without triples lists ties in the order of ids and needs one open slot."""
     for kind in (FrequencyScorer, NeighbourScorer, SymbolicScorer):
         scorer = kind(GRAPH, GRAPH.triples[:0])
         assert not scorer.table(COMBINES_WITH).any()
@@ -331,7 +332,8 @@ def test_a_table_models_scores_are_those_of_the_pykeen_model(distmult_folder):
 def test_loading_and_using_a_scorer_does_not_import_pykeen(complex_folder):
     code = (
         "import sys; from wordcraft_kg.models.scorers.folder import load_scorer\n"
-        f"load_scorer({str(complex_folder)!r}).top(None, 'componentOf', 'bread', 1); sys.exit('pykeen' in sys.modules)"
+        f"load_scorer({str(complex_folder)!r}).top(None, 'componentOf', 'bread', 1); "
+        "sys.exit('pykeen' in sys.modules)"
     )
     subprocess.run([sys.executable, "-c", code], timeout=120, check=True)
 
@@ -357,7 +359,8 @@ PARTS = ("model.safetensors", "vocabulary.json")
 
 
 def mended(folder, name):
-    """Give the run record the hash of a changed file, as somebody who changes it on purpose would."""
+    """Give the run record the hash of a changed file, as somebody who changes it on
+    purpose would."""
     run = json.loads((folder / "run.json").read_text())
     run["outputs"][name] = sha256_of(folder / name)
     (folder / "run.json").write_text(json.dumps(run))
@@ -375,9 +378,8 @@ PLACES = (0.0, 0.001, 0.01, 0.1, 0.33, 0.5, 0.75, 0.9, 1.0)
         *(("cut", n) for n in (0, 4, 100, -1)),
     ],
 )
-def test_a_flipped_bit_and_a_cut_anywhere_is_an_artefact_error_that_names_the_file(
-    spoilt, name, damage
-):
+def test_a_flipped_bit_or_a_cut_names_the_file(spoilt, name, damage):
+    """A flipped bit and a cut anywhere is an artefact error that names the file."""
     folder, path = spoilt(name)
     if damage[0] == "flip":
         flip_bit(path, int(damage[1] * (path.stat().st_size - 1)), damage[2])
@@ -403,7 +405,8 @@ def test_a_table_of_any_strides_scores_like_a_plain_one():
     assert torch.equal(scorer.table(COMBINES_WITH), scores[COMBINES_WITH])
 
 
-def test_what_needs_all_pairs_is_refused_with_their_size_before_it_is_computed(monkeypatch):
+def test_what_needs_all_pairs_is_refused_with_their_size(monkeypatch):
+    """What needs all pairs is refused with their size before it is computed."""
     monkeypatch.setattr(config, "TABLE_LIMIT", PAIRS_BYTES)
     NeighbourScorer(GRAPH, GRAPH.triples)
     monkeypatch.setattr(config, "TABLE_LIMIT", PAIRS_BYTES - 1)
@@ -411,9 +414,10 @@ def test_what_needs_all_pairs_is_refused_with_their_size_before_it_is_computed(m
         NeighbourScorer(GRAPH, GRAPH.triples)
 
 
-def test_a_model_of_embeddings_is_served_from_them_where_a_table_is_too_large(
+def test_embeddings_serve_where_a_table_is_too_large(
     complex_folder, opened_kitchen, tmp_path, monkeypatch
 ):
+    """A model of embeddings is served from them where a table is too large."""
     config = LinkModelConfig(model="distmult", dim=4, epochs=2, folds=0)
     distmult = train(opened_kitchen, config, tmp_path / "table").folder
     tables = [load_scorer(complex_folder), load_scorer(distmult)]
@@ -427,9 +431,8 @@ def test_a_model_of_embeddings_is_served_from_them_where_a_table_is_too_large(
         same_tables(scorer, table)
 
 
-def test_a_model_that_needs_a_table_too_large_is_refused_before_training_with_models_that_do_not(
-    opened_kitchen, tmp_path, monkeypatch
-):
+def test_a_table_too_large_is_refused_before_training(opened_kitchen, tmp_path, monkeypatch):
+    """A model that needs a table too large is refused before training with models that do not."""
     monkeypatch.setattr(builders, "TABLE_LIMIT", 0)
     with pytest.raises(ConfigError, match=r"'rotate' needs a score table.*distmult, and ComplEx"):
         train(opened_kitchen, LinkModelConfig(model="rotate"), tmp_path / "model")
@@ -447,7 +450,8 @@ def test_embeddings_of_another_type_are_an_artefact_error(spoilt, dtype):
         load_scorer(mended(folder, "model.safetensors"))
 
 
-def test_each_model_is_made_from_the_recipes_outside_its_fold_and_nothing_else(opened):
+def test_each_model_is_made_from_recipes_outside_its_fold(opened):
+    """Each model is made from the recipes outside its fold and nothing else."""
     given = []
 
     def make(recipes):

@@ -1,4 +1,5 @@
-"""The vote count: recipes by its formula, triples by summing recipes, both against loops over labels."""
+"""The vote count: recipes by its formula, triples by summing recipes, both against loops over
+labels."""
 
 import math
 
@@ -19,7 +20,8 @@ EVERYTHING = torch.arange(SIZE)
 
 
 def slow_weight(one, other, result, unseen):
-    """exp score(one + other -> result) by the formula of the docstring, counted recipe by recipe."""
+    """exp score(one + other -> result) by the formula of the docstring, counted
+    recipe by recipe."""
     votes = [
         sum(entity in recipe[:2] and recipe[2] == result for recipe in KNOWN.tolist())
         for entity in (one, other)
@@ -51,7 +53,8 @@ def test_recipes_and_triples_are_scored_by_the_formulas(unseen):
     np.testing.assert_allclose(scorer.table(COMPONENT_OF).numpy(), parts, rtol=1e-5)
 
 
-def test_who_has_made_it_with_both_comes_before_who_has_made_it_often_with_one():
+def test_made_with_both_comes_before_made_often_with_one():
+    """Who has made it with both comes before who has made it often with one."""
     rows = [
         ("river", "wood", "raft"),
         ("sea", "rope", "raft"),
@@ -74,7 +77,8 @@ def test_without_recipes_nothing_is_preferred():
     assert all(len(scorer.table(relation).unique()) == 1 for relation in RELATIONS)
 
 
-def test_recipes_are_scored_where_the_scores_of_all_pairs_would_be_too_many(monkeypatch):
+def test_recipes_are_scored_without_a_table_of_all_pairs(monkeypatch):
+    """Recipes are scored where the scores of all pairs would be too many."""
     monkeypatch.setattr(config, "TABLE_LIMIT", len(RELATIONS) * SIZE**2 * 4 - 1)
     scorer = VoteScorer(GRAPH, KNOWN)
     assert scorer.score_recipes(0, 1, EVERYTHING).shape == (SIZE,)

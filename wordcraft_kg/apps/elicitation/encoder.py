@@ -37,7 +37,7 @@ def encode_labels(
     Args:
         labels: N texts.
         path: model folder that ``sentence_transformers`` loads, with weights in safetensors.
-        report: called with the numbers of encoded and of all labels, and no figures.
+        report: called with the numbers of encoded and of all labels, and no metrics.
 
     Returns:
         vectors of length 1, shape (N, D), and the SHA-256 hashes of the weights by file name.
@@ -119,7 +119,7 @@ def _check_tokens(tokenizer: Any, labels: Sequence[str]) -> None:
 
 
 def vector_files(labels: Sequence[str], vectors: NDArray[np.float16]) -> dict[str, bytes]:
-    """Return the files of a folder of vectors: by name, the vectors, shape (N, D), and the N labels."""
+    """Return the files of a folder of vectors, by name: vectors, shape (N, D), and the N labels."""
     buffer = io.BytesIO()
     # No pickle: the array has numbers only, and readers refuse anything else.
     np.save(buffer, vectors, allow_pickle=False)

@@ -125,7 +125,8 @@ def _module_folders(folder: Path) -> list[Path]:
     modules = content if isinstance(content, list) else [content]
     if len(modules) > _MOST_MODULES:
         raise ArtefactError(
-            f"'{file}' names {len(modules):,} modules; expected at most {_MOST_MODULES}. Give another model."
+            f"'{file}' names {len(modules):,} modules; expected at most {_MOST_MODULES}. Give "
+            "another model."
         )
     folders = []
     for module in modules:
@@ -193,7 +194,8 @@ def _check_item(file: Path, key: str, value: Any) -> None:
     problem = ""
     if key == "prompts" and any(len(text) > _LONGEST_PROMPT for text in _strings(value)):
         raise ArtefactError(
-            f"'{file}' has a prompt of more than {_LONGEST_PROMPT:,} characters. Remove it, or give another model."
+            f"'{file}' has a prompt of more than {_LONGEST_PROMPT:,} characters. Remove it, or "
+            "give another model."
         )
     if _LOADER_OPTIONS.fullmatch(key) and isinstance(value, Mapping):
         odd = sorted(set(value) - _HARMLESS_OPTIONS)

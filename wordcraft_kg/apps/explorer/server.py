@@ -45,7 +45,10 @@ _QUIET = 1.0
 def make_app(
     explored: Explored, host: str = "127.0.0.1", more_hosts: Collection[str] = ()
 ) -> ASGIApp:
-    """Return the web application for this content, which answers requests for a host and further host names."""
+    """Return the web application for this content.
+
+    It answers requests for a host and further host names.
+    """
     server = _Server(explored)
     routes = [
         Route("/", server.home),
@@ -79,7 +82,8 @@ class _Server:
         return _json(list(matches.items()))
 
     async def page(self, request: Request) -> Response:
-        name, subject = request.path_params["name"], request.path_params.get("subject", "")
+        name = request.path_params["name"]
+        subject = request.path_params.get("subject", "")
         page = PAGES.get(name)
         if page is None or (subject and not page.subject):
             return self.error(404, f"The page '{name[:60]}' does not exist.")
@@ -89,7 +93,10 @@ class _Server:
                 request.url.query, keep_blank_values=True, errors="strict", max_num_fields=200
             )
         except (ValueError, UnicodeError):
-            message = "The address is not well-formed: its query cannot be read as UTF-8 names and values."
+            message = (
+                "The address is not well-formed: its query cannot be read as UTF-8 names and "
+                "values."
+            )
             return self.error(400, message)
         return await self._in_thread(self._page, page, subject, query)
 
@@ -107,7 +114,8 @@ class _Server:
             headers = {"Cache-Control": "no-store" if is_live else "no-cache"}
             return Response(text, media_type="text/html", headers=headers)
         except UnknownEntityError as error:
-            # Labels that do not fit a path are in the query; the unknown name may also be a run or a model.
+            # Labels that do not fit a path are in the query; the unknown name may also be a run or
+            # a model.
             wanted = (subject if page.subject == "entity" else "") or dict(query).get("entity", "")
             is_other = wanted in self.explored.opened.graph
             return self.error(404, str(error), {} if is_other else self._suggestions(wanted[:200]))
@@ -151,8 +159,8 @@ def warm(explored: Explored) -> threading.Thread:
 def end_process() -> None:
     """End the process with exit code 0, if threads have computed pages, without waiting for them.
 
-    A thread in torch cannot be interrupted, and Python would wait for its page. Nothing is lost: the server writes no
-    files.
+    A thread in torch cannot be interrupted, and Python would wait for its page. Nothing is lost:
+    the server writes no files.
     """
     if any(thread.name.startswith(_THREAD_NAME) for thread in threading.enumerate()):
         sys.stdout.flush()

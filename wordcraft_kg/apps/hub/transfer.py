@@ -11,6 +11,9 @@ from wordcraft_kg.base.artefacts import sha256_of, staged_folder
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, FetchError, WordCraftKGError
 from wordcraft_kg.base.progress import stage
 
+_LARGEST_TEXT = 2**20
+"""Largest card and list of hashes in bytes; ours have a few thousand."""
+
 
 @stage("uploading")
 def push(
@@ -71,8 +74,8 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
     Raises:
         ConfigError: if ``repository`` is not OWNER/NAME.
         FetchError: if the hub cannot be reached or refuses.
-        ArtefactError: if a file differs from its recorded hash or from the other files, or is not
-            one of ours; ``out`` is then not written.
+        ArtefactError: if a file differs from its recorded hash or from the other files, is not
+            one of ours, or would not fit; ``out`` is then not written.
         OutputExistsError: if ``out`` exists.
     """
     with staged_folder(out) as folder:
@@ -95,7 +98,18 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
                 "revision": commit,
                 "local_dir": folder,
             }
+
+            def size_of(name: str) -> int:
+                return int(api.hf_hub_download(filename=name, **where, dry_run=True).file_size)
+
+            _check_size(size_of(SUMS), _LARGEST_TEXT, SUMS, repository)
             sums = read_sums(Path(api.hf_hub_download(filename=SUMS, **where)), repository)
+            _check_size(size_of(CARD), _LARGEST_TEXT, CARD, repository)
+            # All sizes before the first large file: a download that cannot fit never begins.
+            free = shutil.disk_usage(folder).free
+            _check_size(
+                sum(map(size_of, sums)), free, f"the folder of {len(sums)} files", repository
+            )
             # Not the whole repository: only names that read_sums has checked.
             for name in (*sums, CARD):
                 api.hf_hub_download(filename=name, **where)
@@ -115,10 +129,19 @@ def pull(repository: str, out: Path, revision: str | None) -> str:
         unread = sorted(set(sums) - set(opened.files))
         if unread:
             raise ArtefactError(
-                f"{SUMS} in '{repository}' lists '{unread[0]}', which does not belong to the folder. Pull from "
-                "another repository, or ask its owner to push the folder again."
+                f"{SUMS} in '{repository}' lists '{unread[0]}', which does not belong to the "
+                "folder. Pull from another repository, or ask its owner to push the folder again."
             )
     return str(commit)
+
+
+def _check_size(size: int, most: int, what: str, repository: str) -> None:
+    """Refuse a download of more bytes than are expected or free."""
+    if size > most:
+        raise ArtefactError(
+            f"{what} in '{repository}' has {size:,} bytes; at most {most:,} fit here, so nothing "
+            "was downloaded. Free some space, or pull from another repository."
+        )
 
 
 @contextmanager

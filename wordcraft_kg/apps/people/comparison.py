@@ -101,7 +101,9 @@ def _greedy_successes(policy: Policy, world: World, tasks: Sequence[PosedTask]) 
     Ties are decided for the first slot.
     """
     engine = BatchEngine(world, len(tasks))
-    tables = [[world.graph.id_of(label) for label in task.table] for task in tasks]
+    tables = []
+    for task in tasks:
+        tables.append([world.graph.id_of(label) for label in task.table])
     indices = np.array([task.index for task in tasks])
     state = engine.pose(indices, tables=padded(tables, world.nothing))
     player = PolicyPlayer(policy)

@@ -1,4 +1,4 @@
-"""Reader for answers of people, for comparison with the reference figures."""
+"""Reader for answers of people, for comparison with the reference results."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from wordcraft_kg.apps.people.study import STUDY_FILE, read_study
 from wordcraft_kg.apps.people.summary import view_people
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.evaluation.reference import Estimate, ReferenceRow, TaskPlay, figures_of
+from wordcraft_kg.evaluation.reference import Estimate, ReferenceRow, TaskPlay, metrics_of
 from wordcraft_kg.evaluation.result_readers import ResultReader, TableGame, check_hash, check_tasks
 from wordcraft_kg.graphs.folder import OpenedGraph
 
@@ -45,7 +45,7 @@ def _row(path: Path, opened: OpenedGraph, play: TaskPlay, columns: Sequence[int]
         player=path.name,
         kind="people",
         measure="success",
-        figures=figures_of(estimates),
+        figures=metrics_of(estimates),
         origin="external",
         source=str(path),
         play=play,

@@ -39,6 +39,19 @@ NO_SESSION = (
     "After a withdrawal, all answers are removed and the code is no longer valid."
 )
 """Shown for withdrawn sessions, too: their codes are not stored, so the server cannot tell."""
+FAREWELLS: dict[str, dict[str, Any]] = {
+    "declined": {
+        "title": "Thank you",
+        "heading": "Thank you for your time",
+        "text": "You declined to participate, and no data were stored.",
+    },
+    "withdrawn": {
+        "title": "Withdrawal complete",
+        "heading": "You have withdrawn from the study",
+        "text": "All your answers have been removed, and your code is no longer valid.",
+    },
+}
+"""Pages for people who leave, by the end of their address."""
 NOT_A_CODE = "A code consists of 12 letters and digits, such as k7qm-2xwd-9hrt."
 Form = Mapping[str, str]
 Endpoint = Callable[[Request], Awaitable[Response]]
@@ -67,7 +80,7 @@ def make_study_app(
         Route("/", server.first),
         Route("/begin", server.begin, methods=["POST"]),
         Route("/return", server.come_back, methods=["POST"]),
-        Route("/declined", server.text("declined")),
+        Route("/declined", server.farewell("declined")),
         Route("/files/{name}", server.files),
         Route("/s/{code}", server.of_person(server.introduction)),
         Route("/s/{code}/task", server.of_person(server.task)),
@@ -75,7 +88,7 @@ def make_study_app(
         Route("/s/{code}/feedback/{number}", server.of_person(server.feedback)),
         Route("/s/{code}/end", server.of_person(server.end)),
         Route("/s/{code}/withdraw", server.of_person(server.withdraw), methods=["POST"]),
-        Route("/withdrawn", server.text("withdrawn")),
+        Route("/withdrawn", server.farewell("withdrawn")),
     ]
     # Sessions, answers and withdrawals need POST: a link or a preview cannot make one.
     router = Router(routes, redirect_slashes=False, default=server.not_found)
@@ -134,8 +147,8 @@ class _Server:
     async def first(self, _: Request) -> Response:
         return self._page("first", code=new_code(), problem="", typed="")
 
-    def text(self, name: str) -> Callable[[Request], Response]:
-        return lambda _: self._page(name)
+    def farewell(self, name: str) -> Callable[[Request], Response]:
+        return lambda _: self._page("farewell", **FAREWELLS[name])
 
     async def begin(self, request: Request) -> Response:
         # The form contains the code, so a repeated form begins one session.

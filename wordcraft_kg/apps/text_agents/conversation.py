@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from wordcraft_kg.apps.text_agents.games import DiscoveryGames, Game, TaskGames
@@ -83,9 +83,14 @@ class Conversation:
     def rules(self) -> str:
         """Text with the game's rules, the answer format and any offer of look-ups."""
         parts = [self.game.rules, prompt_text("answer")]
-        if self._knowledge is not None and self._most_look_ups:
-            parts.append(prompt_text("look_up", look_ups=counted(self._most_look_ups, "look-up")))
+        if self.offers_look_ups:
+            parts.append(prompt_text("look_up", look_ups=counted(self.offers_look_ups, "look-up")))
         return "\n".join(parts)
+
+    @property
+    def offers_look_ups(self) -> int:
+        """Number of look-ups in the game; 0 if none are offered."""
+        return 0 if self._knowledge is None else self._most_look_ups
 
     @property
     def opening(self) -> str:
@@ -106,23 +111,56 @@ class Conversation:
         Raises:
             EpisodeError: if the game is over.
         """
-        line = last_line(message)
-        # Without knowledge "look up" is an ordinary word: an entity may have this label.
-        look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
+        return self._answer(lambda: self._act(message))
+
+    def combine(self, first: str, second: str) -> str:
+        """Make an attempt with two items by label or number, as a tool does.
+
+        Returns:
+            The reply: the outcome and the new state of the game.
+
+        Raises:
+            EpisodeError: if the game is over.
+        """
+
+        def attempt() -> str:
+            at_hand = self.game.labels
+            one, other = (
+                read_label(item, at_hand, grammar=self.grammar) for item in (first, second)
+            )
+            return self.game.combine(one, other)
+
+        return self._answer(attempt)
+
+    def look_up_item(self, item: str) -> str:
+        """Look up an item by label, as a tool does; returns the reply as :meth:`combine`."""
+        return self._answer(lambda: self.look_up(self._entity(item))[1])
+
+    def _answer(self, act: Callable[[], str]) -> str:
+        """Carry out an attempt or look-up; return its outcome and the new state."""
         try:
-            if look_up is not None:
-                # By label alone: numbers stand for the entities at hand, but any may be looked up.
-                entity = read_label(
-                    look_up[1], self.game.graph.entities, by_number=False, grammar=self.grammar
-                )
-                outcome = self.look_up(entity)[1]
-            else:
-                pair = read_answer(message, self.game.labels, grammar=self.grammar)
-                outcome = self.game.combine(*pair)
+            outcome = act()
             self._in_a_row = 0
         except ActionError as error:
             outcome = self._reject(str(error))
         return f"{outcome}\n\n{self.game.state}"
+
+    def _act(self, message: str) -> str:
+        """Carry out the attempt or look-up in a message; ActionError if there is none."""
+        line = last_line(message)
+        # Without knowledge "look up" is an ordinary word: an entity may have this label.
+        look_up = _LOOK_UP.fullmatch(line) if self._knowledge is not None else None
+        if look_up is not None:
+            return self.look_up(self._entity(look_up[1]))[1]
+        pair = read_answer(message, self.game.labels, grammar=self.grammar)
+        return self.game.combine(*pair)
+
+    def _entity(self, label: str) -> int:
+        """Return the id of an entity, at hand or not.
+
+        By label alone: numbers stand for the entities at hand.
+        """
+        return read_label(label, self.game.graph.entities, by_number=False, grammar=self.grammar)
 
     def look_up(self, entity: int) -> tuple[list[str], str]:
         """Count a look-up, and return an entity's facts as lines, and as a reply.
@@ -188,12 +226,15 @@ class Play:
             self.knowledge.facts(0, self.games.begin())
 
     @classmethod
-    def open(cls, graph: str, settings: GameSettings, **rules: Any) -> Self:
+    def open(
+        cls, graph: str, settings: GameSettings, *, reward: str = "sparse", **rules: Any
+    ) -> Self:
         """Prepare the games on a graph.
 
         Args:
             graph: graph folder, recipe book file, or name of a built-in book.
             settings: the games.
+            reward: reward preset of tasks, see :data:`~wordcraft_kg.envs.config.REWARDS`.
             rules: further fields of
                 :class:`~wordcraft_kg.apps.text_agents.records.PlayedSettings` to record.
 
@@ -218,7 +259,7 @@ class Play:
                 opened, attempts=settings.attempts or ATTEMPTS, base=settings.base
             )
             return cls(worlds, PlayedSettings.of(worlds.env, opened.split, **rules), knowledge)
-        tasks = TaskGames(World(opened, settings.environment))
+        tasks = TaskGames(World(opened, replace(settings.environment, reward=reward)))
         return cls(tasks, PlayedSettings.of(tasks.world, opened.split, **rules), knowledge)
 
     def begin(self, task: int = 0, distractor_seed: int = 0) -> Conversation:

@@ -3,6 +3,7 @@
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 from wordcraft_kg.base.errors import EpisodeError
 from wordcraft_kg.base.settings import whole
@@ -127,6 +128,8 @@ class TaskGame(Game):
         attempts: attempts in the game.
         is_made: whether the goal was made.
         by_plan: whether the last pair of one of the task's plans made it.
+        reward: sum of the environment's rewards so far: 1 for the goal, and shaped rewards if the
+            world has some.
         actions: number of actions, as agent evaluation counts them: two for an attempt, one for an
             attempt that was lost by invalid messages.
     """
@@ -157,6 +160,7 @@ class TaskGame(Game):
         self.attempts = env.world.config.attempts
         self.is_made = False
         self.by_plan = False
+        self.reward = 0.0
         self.actions = 0
         self._tried: set[tuple[str, ...]] = set()
 
@@ -187,9 +191,8 @@ class TaskGame(Game):
         table = self.labels
         pair = (table[one], table[other])
         # Two actions of the environment are an attempt: select an entity, then combine it.
-        self._env.step(one)
-        *_, info = self._env.step(other)
-        self.actions += 2
+        self._step(one)
+        info = self._step(other)
         self.is_made = info["outcome"] == "goal"
         self.by_plan = info["by_plan"]
         text = combined(pair, results_of(self._env, *pair))
@@ -201,8 +204,14 @@ class TaskGame(Game):
 
     def _lose(self) -> None:
         # An empty slot ends the attempt with this action, as for an agent that picks one.
-        self._env.step(len(self._env.state.table))
+        self._step(len(self._env.state.table))
+
+    def _step(self, action: int) -> dict[str, Any]:
+        """Take an action of the environment; return what it says about it."""
+        _, reward, *_, info = self._env.step(action)
+        self.reward += float(reward)
         self.actions += 1
+        return info
 
 
 class TaskGames:

@@ -276,7 +276,7 @@ def crafting_figures() -> Metric:
         # The interval needs all distractor seeds. Failed samples may be missing.
         success = None
         if len(played) == len(tasks) * len(distractor_seeds):
-            success = evaluation_of(played, groups).figures()
+            success = evaluation_of(played, groups).metrics()
 
         def mean(name: str) -> float:
             return sum(getattr(one, name) for one in played) / len(played)

@@ -11,7 +11,7 @@ from wordcraft_kg.apps.text_agents.benchmark_players import KINDS, reproduce
 from wordcraft_kg.apps.text_agents.submission import (
     Submission,
     answers_text,
-    figures_text,
+    metrics_text,
     verified_games,
 )
 from wordcraft_kg.apps.text_agents.submission_files import submissions_below
@@ -22,7 +22,7 @@ from wordcraft_kg.evaluation.reference import literature
 
 _TITLES = (
     "player",
-    "figure",
+    "result",
     "by plan",
     "prompts",
     "look-ups",
@@ -67,7 +67,8 @@ def leaderboard_page(folder: Path) -> str:
     paths = submissions_below(folder)
     if not paths:
         raise ArtefactError(
-            f"'{folder}' has no submission; expected folders of `wordcraft-kg bench run`, or archives of them."
+            f"'{folder}' has no submission; expected folders of `wordcraft-kg bench run`, or "
+            "archives of them."
         )
     marked = [_marked(path) for path in steps("verifying submissions", paths)]
     return "\n".join(_lines(marked)) + "\n"
@@ -118,7 +119,7 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     )
     yield (
         f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). "
-        "Figures: success, or known items if open-ended,"
+        "Results: success, or known items if open-ended,"
     )
     yield (
         f"with 95 % intervals. † marks a success above {SENSIBLE:.0%}, "
@@ -158,7 +159,7 @@ def _cells(row: _Row, twins: set[str]) -> Iterator[str]:
     if submission.player in twins:
         marks.append(_TWIN)
     yield " ".join([for_markdown(submission.player), *marks])
-    yield figures_text(figures)
+    yield metrics_text(figures)
     yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
     yield submission.prompts
     if submission.knowledge == "none":

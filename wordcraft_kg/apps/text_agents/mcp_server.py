@@ -207,8 +207,7 @@ def _in_words(error: ValidationError | OSError | WordCraftKGError) -> str:
     if isinstance(error, OSError):
         return (
             f"The game is over, but its record could not be saved: {error.strerror or error}. Call "
-            "`state` to see the "
-            "outcome, or `end` to try saving again."
+            "`state` to see the outcome, or `end` to try saving again."
         )
     return str(error)
 
@@ -352,7 +351,10 @@ def _result(text: str, values: BaseModel) -> CallToolResult:
 
 
 def _is_no_disconnection(record: logging.LogRecord) -> bool:
-    """Whether a record is about something else than a client that has left: the SDK logs a traceback for each."""
+    """Whether a record is about something else than a client that has left.
+
+    The SDK logs a traceback for each such client.
+    """
     return not (record.exc_info and isinstance(record.exc_info[1], ClientDisconnect))
 
 

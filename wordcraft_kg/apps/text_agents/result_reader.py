@@ -37,7 +37,7 @@ from wordcraft_kg.evaluation.reference import (
     OpenPlay,
     ReferenceRow,
     TaskPlay,
-    figures_of,
+    metrics_of,
 )
 from wordcraft_kg.evaluation.result_readers import (
     SEEN,
@@ -154,7 +154,7 @@ def _open_rows(
             attempts: (value, None, None) for attempts, value in result.known.items()
         }
         rows.append(
-            _row(path, result, play, figures_of(known), measure="entities known", runs=result.games)
+            _row(path, result, play, metrics_of(known), measure="entities known", runs=result.games)
         )
     return rows
 
@@ -183,7 +183,7 @@ def _task_rows(
                 "columns are "
                 f"{','.join(map(str, columns))}; add {amount} to --distractors."
             )
-        figures = figures_of({amount: (success.mean, success.ci_low, success.ci_high)})
+        figures = metrics_of({amount: (success.mean, success.ci_low, success.ci_high)})
         amounts = {"tasks": success.tasks, "distractor_seeds": success.distractor_seeds}
         row = _row(path, result, play, figures, interval=over(opened.split.unit), **amounts)
         # A player with several results for the same tasks has a row per result.

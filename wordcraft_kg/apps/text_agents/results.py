@@ -212,7 +212,7 @@ def result_of(
         player=player,
         settings=settings,
         games=len(played),
-        success=evaluation.figures() if evaluation else None,
+        success=evaluation.metrics() if evaluation else None,
         outcomes=evaluation.shares() if evaluation else {},
         known={} if evaluation else mean_known(curves, settings.attempts),
         **counts,

@@ -14,11 +14,11 @@ from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
 from wordcraft_kg.apps.text_agents.submission import (
     GameLine,
     Played,
-    TrackFigures,
+    TrackMetrics,
     answers_text,
-    figures_of,
-    figures_text,
     game_of_track,
+    metrics_of,
+    metrics_text,
     replay,
 )
 from wordcraft_kg.base.labels import ANSWER_GRAMMAR
@@ -30,13 +30,13 @@ class SecondReading:
 
     Attributes:
         grammar: version of the grammar.
-        figures: figures of the track; None if the messages do not decide all games.
+        figures: results of the track; None if the messages do not decide all games.
         lines: the games that are decided.
         open_games: number of games that the messages do not decide.
     """
 
     grammar: int
-    figures: TrackFigures | None
+    figures: TrackMetrics | None
     lines: Sequence[GameLine]
     open_games: int
 
@@ -46,7 +46,7 @@ class SecondReading:
         if self.figures is None:
             games = self.open_games + len(self.lines)
             return f"not known: {self.open_games} of {games} games would have gone on differently"
-        return f"{figures_text(self.figures)}, {answers_text(self.lines)}"
+        return f"{metrics_text(self.figures)}, {answers_text(self.lines)}"
 
 
 def read_again(
@@ -68,7 +68,7 @@ def read_again(
         replay(play, number, played) for number, played in enumerate(decided) if played is not None
     ]
     open_games = len(decided) - len(lines)
-    figures = None if open_games else figures_of(track, lines)
+    figures = None if open_games else metrics_of(track, lines)
     return SecondReading(grammar, figures, lines, open_games)
 
 

@@ -52,7 +52,10 @@ _DIGITS = 6
 MOST_DOLLARS = 1_000_000
 MOST_TOKENS = 10**12
 MOST_INVALID = 1_000_000
-"""Invalid answers in a game. They cost nothing on an MCP server, so no rule of the game limits them."""
+"""Invalid answers in a game.
+
+They cost nothing on an MCP server, so no rule of the game limits them.
+"""
 _Amount = Annotated[float, msgspec.Meta(ge=0, le=1e9)]
 _Dollars = Annotated[float, msgspec.Meta(ge=0, le=MOST_DOLLARS)]
 _Tokens = Annotated[int, msgspec.Meta(ge=0, le=MOST_TOKENS)]
@@ -134,7 +137,7 @@ class GameLine(Record, frozen=True, kw_only=True, omit_defaults=True):
     ended: bool = False
 
 
-class TrackFigures(Record, frozen=True, kw_only=True):
+class TrackMetrics(Record, frozen=True, kw_only=True):
     """Results over all games, rounded to six digits.
 
     Attributes:
@@ -206,7 +209,7 @@ class Submission(Record, frozen=True, kw_only=True):
     look_ups: Count
     invalid_actions: Count
     lost_attempts: Count
-    figures: TrackFigures
+    figures: TrackMetrics
     games_hash: Hash
 
 
@@ -293,7 +296,7 @@ def _check_counts(play: Play, played: Played) -> None:
         )
 
 
-def figures_text(figures: TrackFigures) -> str:
+def metrics_text(figures: TrackMetrics) -> str:
     """Return the mean with its interval as text, such as ``0.360 [0.270, 0.450]``."""
     digits = 3 if figures.by_plan is not None else 1
     mean, low, high = (
@@ -315,10 +318,11 @@ def answers_text(lines: Sequence[GameLine]) -> str:
     return f"{invalid:,} of {answers:,} invalid ({invalid / max(answers, 1):.1%})"
 
 
-def figures_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False) -> TrackFigures:
-    """Return the figures over all games of a track.
+def metrics_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False) -> TrackMetrics:
+    """Return the results over all games of a track.
 
-    ``by_task``: with the interval of earlier submissions, as if a split held out tasks by themselves.
+    ``by_task``: with the interval of earlier submissions, as if a split held out tasks by
+    themselves.
     """
     known: dict[int, float] = {}
     by_plan = None
@@ -329,17 +333,17 @@ def figures_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False
             mark: _rounded(mean) for mark, mean in mean_known(curves, track.frozen.attempts).items()
         }
         final = [curve[-1] for curve in curves]
-        mean, interval = (
-            float(np.mean(final)),
-            student_interval(final, within=(0, track.opened.graph.num_entities)),
-        )
+        mean = float(np.mean(final))
+        everything = track.opened.graph.num_entities
+        interval = student_interval(final, within=(0, everything))
     else:
         success = np.array([bool(line.success) for line in lines])
         groups = None if by_task else track.world.groups
-        mean, interval = float(success.mean()), task_bootstrap(success[:, None], groups)
+        mean = float(success.mean())
+        interval = task_bootstrap(success[:, None], groups)
         by_plan = _rounded(np.mean([bool(line.by_plan) for line in lines]))
     low, high = interval or (mean, mean)
-    return TrackFigures(
+    return TrackMetrics(
         games=len(lines),
         mean=_rounded(mean),
         ci_low=_rounded(low),
@@ -406,14 +410,14 @@ def _totals(track: Track, lines: Sequence[GameLine]) -> dict[str, Any]:
         "look_ups": sum(line.look_ups for line in lines),
         "invalid_actions": sum(line.invalid_actions for line in lines),
         "lost_attempts": sum(line.pairs.count(None) for line in lines),
-        "figures": figures_of(track, lines),
+        "figures": metrics_of(track, lines),
     }
 
 
 def verify(folder: Path) -> Submission:
-    """Play a submission again, compare every byte and figure, and return it.
+    """Play a submission again, compare every byte and result, and return it.
 
-    The returned figures have the interval of :func:`figures_of`; an earlier submission may have
+    The returned results have the interval of :func:`metrics_of`; an earlier submission may have
     another, over tasks.
 
     Raises:
@@ -437,7 +441,7 @@ def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
     totals = _totals(track, lines) | {"games_hash": games_hash}
     for name, value in totals.items():
         given = getattr(submission, name)
-        is_earlier = name == "figures" and given == figures_of(track, lines, by_task=True)
+        is_earlier = name == "figures" and given == metrics_of(track, lines, by_task=True)
         if given != value and not is_earlier:
             shown = json.dumps(as_values(given))
             raise _refused(path, name, shown, json.dumps(as_values(value)))

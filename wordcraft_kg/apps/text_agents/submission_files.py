@@ -1,7 +1,10 @@
-"""The files of a submission: in a folder, as ``bench run`` writes it, or in a ZIP archive of its two files.
+"""The files of a submission.
 
-An archive keeps a leaderboard in one file for each submission. Nothing is unpacked to disk: a member is
-read by its exact name, so the other members of an archive, whatever their names, have no effect.
+They lie in a folder, as ``bench run`` writes it, or in a ZIP archive.
+
+An archive keeps a leaderboard in one file for each submission. Nothing is unpacked to disk: a
+member is read by its exact name, so the other members of an archive, whatever their names, have no
+effect.
 """
 
 import zipfile

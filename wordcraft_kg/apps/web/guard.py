@@ -12,6 +12,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from wordcraft_kg.base.errors import WordCraftKGError
+from wordcraft_kg.base.escaping import for_terminal
 
 POLICY = (
     "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self' data:; connect-src "
@@ -72,43 +73,44 @@ class Guard:
         # Neither web sockets nor the lifespan: no page needs them.
         if scope["type"] != "http":
             return
-        has_begun = False
-
-        async def with_headers(message: Message) -> None:
-            nonlocal has_begun
-            if message["type"] == "http.response.start":
-                has_begun = True
-                own = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
-                message = {**message, "headers": [*message.get("headers", ()), *own]}
-            await send(message)
-
+        guarded = _Sender(send)
         refusal = self._refusal(scope)
         if refusal is None:
-            try:
-                await self.app(scope, _limited(receive), with_headers)
-                return
-            except _Refused as error:
-                refusal = error.status, str(error)
-            except asyncio.CancelledError:
-                # The server stops. A begun answer cannot become an error page any more.
-                if has_begun:
-                    return
-                refusal = 503, "The server is stopping. Please reload the page later."
-            except WordCraftKGError as error:
-                # It says what is wrong, for the person at the terminal and not for the visitor.
-                logging.getLogger(__name__).error("%s", error)
-                refusal = 500, "Something went wrong. See the terminal for details."
-            except LocalProtocolError:
-                return  # the server has answered a malformed request itself
-            except Exception:
-                logging.getLogger(__name__).exception("error in request %s", scope["path"][:200])
-                if has_begun:  # let the server cut the answer, so that it is not taken for whole
-                    raise
-                refusal = 500, "Something went wrong. See the terminal for details."
+            refusal = await self._served(scope, receive, guarded)
+        if refusal is None:
+            return
         status, message = refusal
         response = Response(self.error_page(status, message), status, media_type="text/html")
         with suppress(LocalProtocolError):
-            await response(scope, receive, with_headers)
+            await response(scope, receive, guarded)
+
+    async def _served(
+        self, scope: Scope, receive: Receive, send: "_Sender"
+    ) -> tuple[int, str] | None:
+        """Let the application answer; return status and message if an error page is needed."""
+        try:
+            await self.app(scope, _limited(receive), send)
+        except _Refused as error:
+            return error.status, str(error)
+        except asyncio.CancelledError:
+            # The server stops. A begun answer cannot become an error page any more.
+            if send.has_begun:
+                return None
+            return 503, "The server is stopping. Please reload the page later."
+        except WordCraftKGError as error:
+            # It says what is wrong, for the person at the terminal and not for the visitor.
+            logging.getLogger(__name__).error("%s", error)
+            return 500, "Something went wrong. See the terminal for details."
+        except LocalProtocolError:
+            return None  # the server has answered a malformed request itself
+        except Exception:
+            # The first part only: what follows may be a person's session code, and logs are kept.
+            page = for_terminal(f"/{scope['path'].split('/')[1][:200]}")
+            logging.getLogger(__name__).exception("error in a request for %s", page)
+            if send.has_begun:  # let the server cut the answer, so that it is not taken for whole
+                raise
+            return 500, "Something went wrong. See the terminal for details."
+        return None
 
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         """Return status and message if a request is refused; None if it may pass."""
@@ -132,6 +134,26 @@ class Guard:
         if length > LONGEST_ADDRESS:
             return 414, f"The address is too long (limit: {LONGEST_ADDRESS:,} bytes)."
         return None
+
+
+class _Sender:
+    """Sends an answer with the headers of the guard.
+
+    Attributes:
+        has_begun: whether the status was sent, after which the answer can only be cut.
+    """
+
+    def __init__(self, send: Send):
+        self.send = send
+        self.has_begun = False
+
+    async def __call__(self, message: Message) -> None:
+        """Send a message; the first one of an answer carries the headers."""
+        if message["type"] == "http.response.start":
+            self.has_begun = True
+            own = [(name.lower().encode(), value.encode()) for name, value in HEADERS.items()]
+            message = {**message, "headers": [*message.get("headers", ()), *own]}
+        await self.send(message)
 
 
 class _Refused(Exception):

@@ -90,18 +90,21 @@ def align(network: Network, entities: Sequence[str], recipes: Ids) -> Alignment:
     rows: list[tuple[int, int]] = []
     priors: list[float] = []
     for entity, senses in enumerate(senses_of):
+        _, spelling = spelled[entity]
         free = [node for node in senses if node not in taken]
         for place, node in enumerate(free or senses):
             rows.append((entity, node))
             # A sense that the tagged text lacks still counts, less for each sense before it.
-            count = network.counts.get((spelled[entity][1], node), 0)
+            count = network.counts.get((spelling, node), 0)
             priors.append(count + 1 / (1 + place))
     if rows:
         owner, sense = np.array(rows).T
         prior = np.array(priors)
         if network.glosses:
-            chances = _sense_chances(network, owner, sense, prior, _neighbours(recipes, spelled))
+            neighbours = _neighbours(recipes, spelled)
+            chances = _sense_chances(network, owner, sense, prior, neighbours)
         else:
+            # Without texts, nothing speaks for a sense but its frequency.
             chances = _shares(np.log(prior), owner)
         # Sorted by chance, so the likeliest sense of an entity is the last one written.
         for row in np.lexsort((chances, owner)):
@@ -129,7 +132,10 @@ def with_overrides(
     nodes = alignment.nodes.copy()
     confidences = alignment.confidences.copy()
     methods = list(alignment.methods)
-    numbers = {name: node for node, name in enumerate(network.nodes)} if overrides else {}
+    numbers = {}
+    # A general graph has millions of nodes: no table of them without need.
+    if overrides:
+        numbers = {name: node for node, name in enumerate(network.nodes)}
     for label, name in overrides.items():
         if label not in entities:
             raise KnowledgeFileError(
@@ -137,7 +143,8 @@ def with_overrides(
                 f"graph.{nearest(label, entities)} Expected a label as in the first column of "
                 "alignment.tsv."
             )
-        node = numbers.get(name.removeprefix(f"{network.prefix}:"), -1)
+        plain_name = name.removeprefix(f"{network.prefix}:")
+        node = numbers.get(plain_name, -1)
         if name and node < 0:
             raise KnowledgeFileError(
                 f"{network.source} has no node '{name}' (for '{label}'). Expected a node as in "
@@ -181,18 +188,25 @@ def _spelling(label: str, network: Network, joined: dict[str, str]) -> tuple[str
 def _heads(text: str, network: Network) -> Iterator[str]:
     """Yield possible head words of a label, longest first, such as glass for glass of water."""
     match = _HEAD.fullmatch(text)
-    words = (match[1] if match else text).split()
-    # Without a preposition, all words together were looked up before.
-    for start in range(0 if match else 1, len(words)):
+    if match:
+        words = match[1].split()
+        first = 0
+    else:
+        words = text.split()
+        # All words together were looked up before.
+        first = 1
+    for start in range(first, len(words)):
         head = " ".join(words[start:])
         yield head
         yield from network.singulars(head)
     if len(words) == 1:
         # Closed compounds: the first part has to be a word, too.
-        for cut in range(_SHORTEST, len(text) - _SHORTEST + 1):
+        last = len(text) - _SHORTEST
+        for cut in range(_SHORTEST, last + 1):
+            head = text[cut:]
             if text[:cut] in network.spellings:
-                yield text[cut:]
-                yield from network.singulars(text[cut:])
+                yield head
+                yield from network.singulars(head)
 
 
 def _neighbours(recipes: Ids, spelled: Sequence[tuple[str, str]]) -> sparse.csr_array:
@@ -202,17 +216,21 @@ def _neighbours(recipes: Ids, spelled: Sequence[tuple[str, str]]) -> sparse.csr_
     """
     size = len(spelled)
     a, b, result = recipes.T
+    # The three pairs of a recipe's entities.
     rows = np.concatenate([a, a, b])
     columns = np.concatenate([b, result, result])
+    cells = (rows, columns)
     ones = np.ones(len(rows))
-    links = sparse.csr_array((ones, (rows, columns)), shape=(size, size))
+    links = sparse.csr_array((ones, cells), shape=(size, size))
     # Each neighbour counts once, however many recipes are shared.
     links = ((links + links.T) > 0).astype(float)
     links.setdiag(0)
     is_whole = [float(method != "head word") for method, _ in spelled]
     links = links @ sparse.diags_array(is_whole)
     links.eliminate_zeros()
-    return _scaled(links, 1 / np.maximum(links.sum(1), 1))
+    # An entity without neighbours has a row of zeros, and not 0 / 0.
+    numbers = np.maximum(links.sum(1), 1)
+    return _scaled(links, 1 / numbers)
 
 
 def _sense_chances(
@@ -232,19 +250,22 @@ def _sense_chances(
     log_prior = np.log(prior)
     chances = _shares(log_prior, owner)
     every = np.arange(len(owner))
+    shape = (neighbours.shape[0], len(owner))
     for _ in range(_ROUNDS):
         # An entity's text is the mean over its senses, (E, V); its context the mean over
         # neighbours.
-        weights = sparse.csr_array(
-            (chances, (owner, every)), shape=(neighbours.shape[0], len(owner))
-        )
-        contexts = _units(neighbours @ (weights @ texts))
+        weights = sparse.csr_array((chances, (owner, every)), shape=shape)
+        entity_texts = weights @ texts
+        contexts = _units(neighbours @ entity_texts)
         overlap = texts.multiply(contexts[owner]).sum(1)
         # One is added to each field, so that none has probability 0.
         in_book = 1 + np.bincount(fields, chances)
         in_all = 1 + np.bincount(fields)
-        field = np.log(in_book / in_book.sum() * in_all.sum() / in_all)
-        chances = _shares(log_prior + _CONTEXT * overlap + _FIELD * field[fields], owner)
+        # A field's share in the book over its share among all senses.
+        ratio = in_book / in_book.sum() * in_all.sum() / in_all
+        field = np.log(ratio)
+        logs = log_prior + _CONTEXT * overlap + _FIELD * field[fields]
+        chances = _shares(logs, owner)
     return chances
 
 
@@ -265,12 +286,17 @@ def sense_texts(network: Network, senses: Ids, power: float = 1) -> sparse.csr_a
     links = (network.links() != 0).astype(float)
     number = len(senses)
     cells = (np.arange(number), senses)
-    own = sparse.csr_array((np.ones(number), cells), shape=(number, size))
-    texts = (2 * own + own @ (links + links.T)) @ words
+    ones = np.ones(number)
+    # A row for each sense, with a 1 at its node.
+    own = sparse.csr_array((ones, cells), shape=(number, size))
+    near = own @ (links + links.T)
+    texts = (2 * own + near) @ words
+    # Logarithms: the second occurrence of a word says less than the first.
     texts.data = np.log1p(texts.data)
     # The matrix has a cell for each word in a node's text, so cells in a column count its
     # documents.
-    idf = np.log(size / (1 + np.bincount(words.indices)))
+    documents = np.bincount(words.indices)
+    idf = np.log(size / (1 + documents))
     texts.data *= idf[texts.indices] ** power
     return _units(texts)
 
@@ -278,10 +304,12 @@ def sense_texts(network: Network, senses: Ids, power: float = 1) -> sparse.csr_a
 def _shares(logs: NDArray[np.float64], owner: Ids) -> NDArray[np.float64]:
     """Return the softmax over the rows of each owner, shape (S,)."""
     # Without the maximum first, exp would overflow.
-    highest = np.full(owner.max() + 1, -np.inf)
+    owners = owner.max() + 1
+    highest = np.full(owners, -np.inf)
     np.maximum.at(highest, owner, logs)
     values = np.exp(logs - highest[owner])
-    return values / np.bincount(owner, values)[owner]
+    sums = np.bincount(owner, values)
+    return values / sums[owner]
 
 
 def _units(matrix: sparse.csr_array) -> sparse.csr_array:

@@ -87,11 +87,14 @@ class KnowledgeTables:
         known = [row for row, label in enumerate(entities) if label in place]
         rows = torch.tensor(known, dtype=torch.int64)
         sources = torch.tensor([place[entities[row]] for row in known])
+        size = len(entities)
 
         def moved(table: Tensor) -> Tensor:
-            result = torch.zeros(len(entities), len(entities), dtype=torch.half)
+            result = torch.zeros(size, size, dtype=torch.half)
             if known:
-                result[rows[:, None], rows] = table[sources[:, None], sources]
+                # A column of rows and a row of columns: all pairs of known labels.
+                cells = table[sources[:, None], sources]
+                result[rows[:, None], rows] = cells
             return result
 
         record = msgspec.structs.replace(self.record, entities=tuple(entities))
@@ -99,10 +102,14 @@ class KnowledgeTables:
 
     def coverage(self, entities: Sequence[str]) -> float:
         """Return the share of labels that the source describes: labels with a cell other than 0."""
-        has_cell = torch.stack([(table != 0).any(0) | (table != 0).any(1) for table in self.tables])
-        is_known = has_cell.any(0).tolist()
-        known = set(compress(self.record.entities, is_known))
-        return sum(label in known for label in entities) / max(len(entities), 1)
+        is_known = torch.zeros(len(self.record.entities), dtype=torch.bool)
+        for table in self.tables:
+            has_value = table != 0
+            # By column and by row: an entity may be a result only, or an ingredient only.
+            is_known |= has_value.any(0) | has_value.any(1)
+        known = set(compress(self.record.entities, is_known.tolist()))
+        described = sum(label in known for label in entities)
+        return described / max(len(entities), 1)
 
 
 def write_knowledge(
@@ -189,8 +196,9 @@ def check_same_split(spec: str, opened: OpenedGraph) -> None:
         ConfigError: if the folder was made with another split of the same graph.
     """
     inputs = knowledge_files(spec).run.inputs
-    split = inputs.get("split", opened.split.hash)
-    if inputs.get("graph") == opened.graph.hash and split != opened.split.hash:
+    is_of_graph = inputs.get("graph") == opened.graph.hash
+    is_of_split = inputs.get("split", opened.split.hash) == opened.split.hash
+    if is_of_graph and not is_of_split:
         raise ConfigError(
             f"`with` '{spec}' was made with the train recipes of another split, which may be test "
             "recipes here. Make the folder again from this graph folder."

@@ -222,7 +222,8 @@ def _alignment_rows(
         if node >= 0:
             name = f"{network.prefix}:{network.nodes[node]}"
             if network.glosses:
-                meaning = f"{', '.join(network.lemmas[node])}: {network.glosses[node]}"
+                lemmas = ", ".join(network.lemmas[node])
+                meaning = f"{lemmas}: {network.glosses[node]}"
         confidence = f"{alignment.confidences[entity]:.3f}"
         rows.append((label, name, alignment.methods[entity], confidence, meaning))
     return rows
@@ -246,10 +247,12 @@ def describe(view: ImportedKnowledge) -> list[tuple[str, ...]]:
     Labels by method with confidence, then recipes by number of hops beside random triples.
     """
     rows: list[tuple[str, ...]] = [("aligned by", "labels", "confidence")]
-    rows += [(one.method, f"{one.entities:,}", f"{one.confidence:.2f}") for one in view.coverage]
+    for one in view.coverage:
+        rows.append((one.method, f"{one.entities:,}", f"{one.confidence:.2f}"))
+    # The title of the second half of the table.
     rows.append(("ingredients and result within", "train recipes", "random triples"))
-    for hop, shares in enumerate(zip(view.reach.recipes, view.reach.random, strict=True), 1):
-        of_recipes, at_random = shares
+    reach = zip(view.reach.recipes, view.reach.random, strict=True)
+    for hop, (of_recipes, at_random) in enumerate(reach, 1):
         rows.append((counted(hop, "hop"), f"{of_recipes:.1%}", f"{at_random:.1%}"))
     return rows
 
@@ -258,10 +261,16 @@ def _card(view: ImportedKnowledge, opened: OpenedGraph, kind: Kind) -> str:
     """Return the folder's ``README.md``."""
     header, *lines = describe(view)
     rule = ("---", "---", "---")
-    rows = "\n".join("| " + " | ".join(row) + " |" for row in (header, rule, *lines))
+    table = []
+    for row in (header, rule, *lines):
+        cells = " | ".join(row)
+        table.append(f"| {cells} |")
+    rows = "\n".join(table)
+    graph = opened.graph.hash[:12]
+    split = opened.split.hash[:12]
     return (
         f"# Knowledge from {view.source}\n\n"
-        f"For graph `{opened.graph.hash[:12]}`, split `{opened.split.hash[:12]}`: "
+        f"For graph `{graph}`, split `{split}`: "
         f"{view.aligned:,} of {view.entities:,} labels are aligned with {view.nodes:,} nodes. "
         f"{view.triples:,} triples, {view.facts:,} facts, tables {', '.join(view.tables)}. "
         "No validation or test recipe was read.\n\n"

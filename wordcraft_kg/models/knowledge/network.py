@@ -72,7 +72,8 @@ class Network:
             yield before + blank + single
         for ending, new in _ENDINGS.items():
             # A stem of one letter is no word: as is no plural of a.
-            if last.endswith(ending) and len(last) > len(ending) + 1:
+            shortest = len(ending) + 2
+            if last.endswith(ending) and len(last) >= shortest:
                 yield text.removesuffix(ending) + new
 
     def base_form(self, word: str) -> str:
@@ -121,8 +122,10 @@ class Network:
             edges: its edges, shape (M', 2): head and tail.
             weights: their weights, shape (M',).
         """
+        heads, tails = edges.T
+        # The new relation gets the next id.
         between = np.full(len(edges), len(self.relations))
-        further = np.column_stack([edges[:, 0], between, edges[:, 1]])
+        further = np.column_stack([heads, between, tails])
         more = replace(
             self,
             relations=(*self.relations, relation),
@@ -150,7 +153,9 @@ class Network:
             edges = edges[is_wanted]
             weights = weights[is_wanted]
         size = len(self.nodes)
-        return sparse.csr_array((weights, (edges[:, 0], edges[:, 2])), shape=(size, size))
+        heads = edges[:, 0]
+        tails = edges[:, 2]
+        return sparse.csr_array((weights, (heads, tails)), shape=(size, size))
 
 
 def plain(text: str) -> str:
@@ -175,7 +180,12 @@ def unique_edges(
     is_link = edges[:, 0] != edges[:, 2]
     head, relation, tail = edges[is_link].T
     # One integer for each edge sorts faster than rows of three.
-    keys, place = np.unique((head * relations + relation) * nodes + tail, return_inverse=True)
+    numbers = (head * relations + relation) * nodes + tail
+    keys, place = np.unique(numbers, return_inverse=True)
+    # Back from the integers: the tail is the last digit, the relation the one before.
     rest, tails = np.divmod(keys, nodes)
-    merged = np.bincount(place, weights[is_link], minlength=len(keys)).astype(np.float64)
-    return np.column_stack([rest // relations, rest % relations, tails]), merged
+    heads, kinds = np.divmod(rest, relations)
+    # Without edges, bincount would count in integers.
+    sums = np.bincount(place, weights[is_link], minlength=len(keys))
+    merged = sums.astype(np.float64)
+    return np.column_stack([heads, kinds, tails]), merged

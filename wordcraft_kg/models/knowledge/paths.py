@@ -55,9 +55,10 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
         if alignment.methods[entity] != "head word":
             names.append(entities[entity])
         for name in names:
-            phrase = " ".join(map(network.base_form, plain(name).split()))
-            phrases[phrase].add(node)
-    longest = max((phrase.count(" ") + 1 for phrase in phrases), default=0)
+            words_of_name = map(network.base_form, plain(name).split())
+            phrases[" ".join(words_of_name)].add(node)
+    numbers_of_words = (phrase.count(" ") + 1 for phrase in phrases)
+    longest = max(numbers_of_words, default=0)
     mentions: list[tuple[int, int]] = []
     for head, words in enumerate(network.definitions):
         tails: set[int] = set()
@@ -65,13 +66,18 @@ def with_descriptions(network: Network, alignment: Alignment, entities: Sequence
             for size in range(1, longest + 1):
                 phrase = " ".join(words[start : start + size])
                 tails |= phrases.get(phrase, set())
-        mentions += [(head, tail) for tail in tails - {head}]
+        # A definition that names its own node says nothing.
+        tails.discard(head)
+        mentions += [(head, tail) for tail in tails]
     # Sorted, because sets have no order that is the same in every process.
-    edges = np.array(sorted(mentions), dtype=np.int64).reshape(-1, 2)
+    rows = np.array(sorted(mentions), dtype=np.int64)
+    # Without mentions, the reshape makes two columns all the same.
+    edges = rows.reshape(-1, 2)
     num_nodes = len(network.nodes)
     tail = edges[:, 1]
     counts = np.bincount(tail, minlength=num_nodes)
-    weights = 1 - np.log1p(counts[tail]) / np.log1p(num_nodes)
+    commonness = np.log1p(counts[tail]) / np.log1p(num_nodes)
+    weights = 1 - commonness
     return network.with_edges(DESCRIBED_BY, edges, weights)
 
 
@@ -91,12 +97,14 @@ def hops(network: Network, alignment: Alignment) -> tuple[Floats, Floats, Floats
     # Walks of three steps between entities have their inner nodes next to entities.
     near = np.unique(first.indices)
     first = first[:, near]
+    # Both ends of an inner edge are among them: rows first, then columns.
     inner = links[near][:, near]
     # Dense blocks: a third step from all entities at once fills a large matrix, sparse or not.
     blocks = []
     for start in range(0, first.shape[0], _BLOCK):
         block = first[start : start + _BLOCK].T.toarray()
-        blocks.append((first @ (inner @ block)).T)
+        three_steps = first @ (inner @ block)
+        blocks.append(three_steps.T)
     one_step = (own @ links @ own.T).toarray()
     # W is symmetric, so two steps are the product of one step from both ends.
     two_steps = (first @ first.T).toarray()
@@ -123,16 +131,21 @@ def make_tables(network: Network, alignment: Alignment, walks: Sequence[Floats])
     if network.ids_of([*PART_OF, *HAS_PART]):
         tables.append(_named("part", _parts(network, own), "{ingredient} is part of {result}"))
     if network.glosses:
-        named = (own @ network.links([DESCRIBED_BY]) @ own.T).toarray()
+        descriptions = network.links([DESCRIBED_BY])
+        named = (own @ descriptions @ own.T).toarray()
         # Entities without a node get the text of node 0, and are masked afterwards.
         is_known = alignment.nodes >= 0
-        texts = sense_texts(network, np.maximum(alignment.nodes, 0), power=2)
-        alike = (texts @ texts.T).toarray() * is_known * is_known[:, None]
+        nodes = np.maximum(alignment.nodes, 0)
+        texts = sense_texts(network, nodes, power=2)
+        cosines = (texts @ texts.T).toarray()
+        # By column and by row: both entities of a pair need a node.
+        alike = cosines * is_known * is_known[:, None]
         tables.append(_named("texts", alike, "{ingredient} is defined similarly to {result}"))
         tables.append(_named("mentions", named.T, "{result} is described by {ingredient}"))
     else:
         links = network.links()
-        links = _divided(links, (links + links.T).sum(1))
+        degrees = (links + links.T).sum(1)
+        links = _divided(links, degrees)
         first = own @ links
         one_step = (first @ own.T).toarray()
         two_steps = (first @ (links @ own.T)).toarray()
@@ -151,9 +164,11 @@ def _divided(links: sparse.csr_array, degrees: Floats) -> sparse.csr_array:
 def _damped(walks: Sequence[Floats]) -> Floats:
     """Return ``log(1 + 1000 w) / log(1001)`` of the mean walk w; each step halves the weight."""
     weights = [0.5**step for step in range(len(walks))]
-    total = sum(weight * walk for weight, walk in zip(weights, walks, strict=True))
-    mean = total / sum(weights)
-    return np.asarray(np.log1p(_DAMPING * mean) / np.log1p(_DAMPING))
+    weighted = (weight * walk for weight, walk in zip(weights, walks, strict=True))
+    mean = sum(weighted) / sum(weights)
+    # The largest value, 1, stays 1.
+    highest = np.log1p(_DAMPING)
+    return np.asarray(np.log1p(_DAMPING * mean) / highest)
 
 
 def _named(name: str, values: Floats, phrase: str) -> Table:
@@ -172,8 +187,11 @@ def _parts(network: Network, own: sparse.csr_array) -> Floats:
     upward = (network.links(IS_A) != 0).astype(float)
     reach = own
     step = own
-    for _ in range(_STEPS if network.glosses else 0):
+    steps = _STEPS if network.glosses else 0
+    for _ in range(steps):
         step = step @ upward / 2
         reach = reach + step
+    # Relations from the whole to the part are turned round.
     to_whole = network.links(PART_OF) + network.links(HAS_PART).T
-    return (reach @ (to_whole != 0).astype(float) @ reach.T).toarray()
+    is_part = (to_whole != 0).astype(float)
+    return (reach @ is_part @ reach.T).toarray()

@@ -34,7 +34,10 @@ _MOST_BLANK = 2**20
 _SOME = 2**26
 """Bytes of a compressed file that may be packed in any way: seconds of reading."""
 _DENSEST = 100
-"""Most bytes from a compressed byte, beyond the first ones; only mere repetition, up to 1,032, gives more."""
+"""Most bytes from a compressed byte, beyond the first ones.
+
+Only mere repetition, up to 1,032, gives more.
+"""
 _HEAVIEST = 1e30
 """Weights are below: sums must fit into 32-bit numbers."""
 HEADER = ["head", "relation", "tail"]
@@ -76,7 +79,8 @@ def read_conceptnet(path: Path) -> Network:
         name = relation.removeprefix(b"/r/")
         if weight > 0 and not name.startswith(b"dbpedia/"):
             # /c/en/word/n/sense: the word alone.
-            head, tail = (word[len(_ENGLISH) :].partition(b"/")[0] for word in (start, end))
+            head, _, _ = start.removeprefix(_ENGLISH).partition(b"/")
+            tail, _, _ = end.removeprefix(_ENGLISH).partition(b"/")
             if name in _SYMMETRIC:
                 head, tail = sorted((head, tail))
             collected.add(head, name, tail, weight)
@@ -94,20 +98,24 @@ def read_triples(path: Path) -> Network:
     for number, line in _lines(path):
         columns = line.rstrip(b"\r\n").split(b"\t")
         if number == 1:
-            names = [column.decode(errors="replace").lower() for column in columns[:3]]
-            if names == HEADER:
+            names = [column.decode(errors="replace") for column in columns[:3]]
+            if list(map(str.lower, names)) == HEADER:
                 continue
         try:
             weight = float(columns[3]) if len(columns) == 4 else 1.0
         except ValueError:
             # Refused below, with the line.
             weight = 0.0
-        if len(columns) not in (3, 4) or not all(columns) or not 0 < weight < _HEAVIEST:
+        is_triple = len(columns) in (3, 4) and all(columns)
+        if not is_triple or not 0 < weight < _HEAVIEST:
             shown = line[:80].decode(errors="replace").strip()
             problem = f"'{shown}'; expected head, relation, tail and perhaps a positive weight"
             raise _fault(path, number, problem)
-        collected.add(columns[0], columns[1], columns[2], weight)
-    return collected.network(path.name.partition(".")[0] or "triples", "other")
+        head, relation, tail, *_ = columns
+        collected.add(head, relation, tail, weight)
+    # The name of the file, without .tsv and .gz, is the source's.
+    source, _, _ = path.name.partition(".")
+    return collected.network(source or "triples", "other")
 
 
 class _Collected:
@@ -152,16 +160,22 @@ class _Collected:
             ) from None
         # The names as bytes are no longer needed.
         self.nodes.clear()
+        # Three numbers for each edge, one after another: head, relation and tail.
+        ids = np.frombuffer(self.ids, np.int32).reshape(-1, 3)
+        sums = np.frombuffer(self.weights, np.float32)
         edges, weights = unique_edges(
-            np.frombuffer(self.ids, np.int32).reshape(-1, 3).astype(np.int64),
-            np.frombuffer(self.weights, np.float32).astype(np.float64),
+            ids.astype(np.int64),
+            sums.astype(np.float64),
             (len(nodes), len(relations)),
         )
         spellings: dict[str, tuple[int, ...]] = {}
         for node, name in enumerate(nodes):
             # ConceptNet's names are folded already, which :func:`plain` would do again for
             # millions.
-            text = plain(name) if prefix == "other" else name.replace("_", " ").replace("'", "")
+            if prefix == "other":
+                text = plain(name)
+            else:
+                text = name.replace("_", " ").replace("'", "")
             spellings[text] = (*spellings.get(text, ()), node)
         return Network(source, prefix, nodes, relations, edges, np.log1p(weights), spellings)
 
@@ -177,7 +191,9 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     most_bytes = max(_SOME, _DENSEST * path.stat().st_size)
     try:
         with gzip.open(path) if is_compressed else path.open("rb") as file:
-            for number, line in enumerate(iter(partial(file.readline, _LONGEST), b""), 1):
+            # At most so many bytes at once: a file without line ends would fill the memory.
+            lines = iter(partial(file.readline, _LONGEST), b"")
+            for number, line in enumerate(lines, 1):
                 if len(line) == _LONGEST:
                     raise _fault(path, number, f"more than {_LONGEST:,} characters")
                 num_bytes += len(line)

@@ -65,9 +65,11 @@ class Surroundings:
                     f"the label '{label}' looks like the name of a node. Rename this entity."
                 )
         heads, relations, tails = network.edges.T
-        is_near = self._is_entity[heads] | self._is_entity[tails]
+        starts_at_entity = self._is_entity[heads]
+        is_near = starts_at_entity | self._is_entity[tails]
         # Of definitions only those of entities: each mentions entities, and there are many.
-        is_foreign = np.isin(relations, network.ids_of([DESCRIBED_BY])) & ~self._is_entity[heads]
+        is_definition = np.isin(relations, network.ids_of([DESCRIBED_BY]))
+        is_foreign = is_definition & ~starts_at_entity
         (self._rows,) = np.nonzero(is_near & ~is_foreign)
 
     def triples(self) -> Iterator[Triple]:
@@ -83,14 +85,18 @@ class Surroundings:
             classes = list(self._classes())
             edges = np.unique(np.concatenate([edges, classes]), axis=0)
         else:
+            # Columns 0 and 2 are head and tail. The last key sorts first.
             is_inner = self._is_entity[edges[:, ::2]].all(1)
-            order = np.lexsort((-network.weights[self._rows], ~is_inner))
+            weights = network.weights[self._rows]
+            order = np.lexsort((-weights, ~is_inner))
             # Chosen by weight, but in the order of the edges, so that files compare well.
-            edges = edges[np.sort(order[:MOST_TRIPLES])]
+            chosen = np.sort(order[:MOST_TRIPLES])
+            edges = edges[chosen]
         for head, relation, tail in self._without_ends(edges).tolist():
+            name = f"{network.prefix}:{network.relations[relation]}"
             for one in self._names(head):
                 for other in self._names(tail):
-                    yield one, f"{network.prefix}:{network.relations[relation]}", other
+                    yield one, name, other
 
     def facts(self) -> Iterator[Triple]:
         """Yield at most :data:`MOST_FACTS` facts about each entity.
@@ -100,26 +106,34 @@ class Surroundings:
         network = self._network
         edges = network.edges[self._rows]
         weights = network.weights[self._rows]
-        is_class = np.isin(edges[:, 1], network.ids_of(IS_A))
-        is_left_out = np.isin(edges[:, 1], network.ids_of(_NO_FACTS))
+        relations = edges[:, 1]
+        is_class = np.isin(relations, network.ids_of(IS_A))
+        is_left_out = np.isin(relations, network.ids_of(_NO_FACTS))
         # The last key sorts first.
         is_about_entity = self._is_entity[edges[:, 2]]
         order = np.lexsort((-weights, ~is_about_entity, ~is_class))
+        order = order[~is_left_out[order]]
         facts = defaultdict[int, list[tuple[str, str]]](list)
-        for head, relation, tail in edges[order[~is_left_out[order]]].tolist():
-            name = network.lemmas[tail][0] if network.lemmas else network.nodes[tail]
+        for head, relation, tail in edges[order].tolist():
+            if network.lemmas:
+                name = network.lemmas[tail][0]
+            else:
+                name = network.nodes[tail]
             phrase = _phrase(network.relations[relation])
-            facts[head] += [(phrase, label) for label in self._labels.get(tail, [name])]
+            for label in self._labels.get(tail, [name]):
+                facts[head].append((phrase, label))
         for node, labels in self._labels.items():
             for label in labels:
-                yield from ((label, *fact) for fact in facts[node][:MOST_FACTS])
+                for phrase, other in facts[node][:MOST_FACTS]:
+                    yield label, phrase, other
 
     def _classes(self) -> Iterator[tuple[int, int, int]]:
         """Yield an edge from each entity's node to each direct or indirect class."""
         (relation,) = self._network.ids_of(IS_A)
         above = defaultdict[int, list[int]](list)
         edges = self._network.edges
-        for head, _, tail in edges[edges[:, 1] == relation].tolist():
+        is_class = edges[:, 1] == relation
+        for head, _, tail in edges[is_class].tolist():
             above[head].append(tail)
         for node in self._labels:
             # The list grows while it is read: breadth first, each class once.
@@ -162,17 +176,24 @@ def reach_of(walks: Sequence[NDArray[np.floating]], recipes: Ids, seed: int = 0)
         recipes: ids of shape (n, 3).
         seed: seed of the random triples, of which there are n, and at least 10,000.
     """
+    # Shares of fewer triples would vary by chance.
     number = max(len(recipes), 10_000)
     rng = np.random.default_rng(seed)
-    random = rng.integers(len(walks[0]), size=(number, 3))
+    num_entities = len(walks[0])
+    random = rng.integers(num_entities, size=(number, 3))
     # Within k hops: a walk of k steps or fewer.
-    reached = np.cumsum([walk > 0 for walk in walks], axis=0) > 0
+    of_length = [walk > 0 for walk in walks]
+    reached = np.cumsum(of_length, axis=0) > 0
 
     def shares(rows: Ids) -> tuple[float, float, float]:
         if not len(rows):
             return 0.0, 0.0, 0.0
         a, b, result = rows.T
-        one, two, three = ((near[a, result] & near[b, result]).mean() for near in reached)
-        return float(one), float(two), float(three)
+        means = []
+        for near in reached:
+            is_near = near[a, result] & near[b, result]
+            means.append(float(is_near.mean()))
+        one, two, three = means
+        return one, two, three
 
     return Reach(shares(recipes), shares(random))

@@ -113,6 +113,9 @@ class _Reader:
             "WordNet again."
         )
 
+    def no(self, name: str, line: int, text: str, expected: str) -> KnowledgeFileError:
+        return self.fault(name, line, f"'{text.strip()[:60]}' is not {expected}")
+
     def read_data(self, part: str) -> None:
         """Add the synsets of a part of speech, and pointers, also to synsets that come later.
 
@@ -130,11 +133,14 @@ class _Reader:
                 end = 4 + 2 * int(fields[3], 16)
                 words = fields[4:end:2]
                 field = _FIELDS.index(fields[1])
-                node = self.places.setdefault((_PARTS[part], fields[0]), len(self.lemmas))
+                synset_key = (_PARTS[part], fields[0])
+                node = self.places.setdefault(synset_key, len(self.lemmas))
+                # Four columns for each pointer, behind their number.
                 first = end + 1
                 last = first + 4 * int(fields[end])
                 # Cut lines lack columns; a repeated offset has an earlier node.
-                if last > len(fields) or node < len(self.lemmas) or not words:
+                is_cut = last > len(fields) or not words
+                if is_cut or node < len(self.lemmas):
                     raise IndexError
                 for place in range(first, last, 4):
                     symbol, offset, kind = fields[place : place + 3]
@@ -144,11 +150,10 @@ class _Reader:
                         relation = _RELATIONS.index(_POINTERS[symbol])
                         self.pointers.append((node, relation, target, name, number))
             except (IndexError, ValueError):
-                raise self.fault(
-                    name, number, f"'{line.strip()[:60]}' is not a complete synset"
-                ) from None
+                raise self.no(name, number, line, "a complete synset") from None
             # Some adjectives end with a mark for their position, such as (p).
-            self.lemmas.append([word.partition("(")[0].replace("_", " ") for word in words])
+            names = [word.partition("(")[0] for word in words]
+            self.lemmas.append([name.replace("_", " ") for name in names])
             # The definition without the examples, which begin with quotes.
             self.glosses.append(gloss.partition('; "')[0].strip())
             self.fields.append(field)
@@ -186,13 +191,13 @@ class _Reader:
                 lemma, _, count, *fields = line.split()
                 num_senses = int(count)
                 offsets = fields[len(fields) - num_senses :]
-                is_cut = not line.endswith("\n") or len(fields) < num_senses + 3
-                if is_cut or int(fields[0]) + 3 + num_senses != len(fields):
+                # All of them but the symbols are counted by `num_senses` and these three numbers.
+                others = 3 + num_senses
+                is_cut = not line.endswith("\n") or len(fields) < others
+                if is_cut or int(fields[0]) + others != len(fields):
                     raise ValueError
             except ValueError:
-                raise self.fault(
-                    name, number, f"'{line.strip()[:60]}' is not a complete entry"
-                ) from None
+                raise self.no(name, number, line, "a complete entry") from None
             for offset in offsets:
                 if ("n", offset) not in self.places:
                     raise self.fault(
@@ -204,8 +209,10 @@ class _Reader:
             if part != "n":
                 continue
             for lemma in self.lemmas[node]:
-                if lemma.lower().replace(" ", "_") not in senses:
-                    raise self.fault(name, number + 1, f"no entry for '{lemma}' of synset {offset}")
+                spelled = lemma.lower().replace(" ", "_")
+                if spelled not in senses:
+                    problem = f"no entry for '{lemma}' of synset {offset}"
+                    raise self.fault(name, number + 1, problem)
         return senses
 
     def read_exceptions(self) -> dict[str, list[str]]:
@@ -221,7 +228,8 @@ class _Reader:
     def read_counts(self, senses: dict[str, list[int]]) -> dict[tuple[str, int], int]:
         """Return counts of noun senses in sense-tagged text; empty without ``cntlist.rev``."""
         counts = {}
-        for number, line in self.lines("cntlist.rev"):
+        name = "cntlist.rev"
+        for number, line in self.lines(name):
             try:
                 key, sense, count = line.split()
                 lemma, kind = key.split("%")
@@ -235,7 +243,5 @@ class _Reader:
                 if place < len(nodes):
                     counts[plain(lemma), nodes[place]] = occurrences
             except (ValueError, IndexError):
-                raise self.fault(
-                    "cntlist.rev", number, f"'{line.strip()[:60]}' is not a sense with its count"
-                ) from None
+                raise self.no(name, number, line, "a sense with its count") from None
         return counts

@@ -11,5 +11,5 @@ writes and loads policies::
 Free to change: how a network computes its outputs, as long as the tests against slow references
 pass. Not free: names of parameters and buffers, which are the tensors' names in existing run
 folders; and the order of operations in ``attention``, since another rounding changes all trained
-figures (then raise ``VERSIONS`` in ``studies/plan.py``).
+results (then raise ``VERSIONS`` in ``studies/plan.py``).
 """

@@ -15,7 +15,12 @@ from wordcraft_kg.base.settings import (
     require,
     whole,
 )
-from wordcraft_kg.models.policies.sources import source_names
+from wordcraft_kg.models.policies.sources import (
+    SPELLED,
+    short_name,
+    source_names,
+    with_letters,
+)
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
 
@@ -39,11 +44,13 @@ class PolicyConfig:
         value_size: encoding dimensions for the value and for λ; 300 in the paper.
         hidden_size: hidden units in the mlp; 300 in the paper.
         embedding_size: dimensions for learned features; by default as many as GloVe has.
-        use: knowledge sources to mix in, comma-separated: u (combinesWith score with the
-            selection), v (componentOf score with the goal), w (recipe score with the selection, or
-            without a selection with the best partner on the table), p (log-probability of the most
-            probable plan that begins with the slot); w and p need a scorer from train-recipes.
-        plan_width: most intermediates in the search of p; 0 for the default, see docs/planning.md.
+        use: knowledge sources to mix in, comma-separated, by name or by letter: combines or u
+            (combinesWith score with the selection), component or v (componentOf score with the
+            goal), recipe or w (recipe score with the selection, or without a selection with the
+            best partner on the table), plan or p (log-probability of the most probable plan that
+            begins with the slot); recipe and plan need a scorer from train-recipes.
+        plan_width: most intermediates in the search of the source plan (p); 0 for the default, see
+            docs/planning.md.
         kg_only: mix only the sources' scores, without attention logits.
         mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This
             and the next three defaults were chosen on validation tasks, see docs/agents.md.
@@ -57,8 +64,8 @@ class PolicyConfig:
             logits α, as in the paper's released code.
 
     Example:
-        >>> PolicyConfig(use="v").sources
-        ('v',)
+        >>> PolicyConfig(use="component,plan").sources
+        ('v', 'p')
     """
 
     policy: PolicyKind = "attention"
@@ -69,7 +76,7 @@ class PolicyConfig:
     value_size: int = 300
     hidden_size: int = 300
     embedding_size: int = 50
-    use: str = "u,v"
+    use: str = "combines,component"
     plan_width: int = 0
     kg_only: bool = False
     mixing: Mixing = "free"
@@ -98,25 +105,34 @@ class PolicyConfig:
         for name in ("allow_missing", "kg_only", "in_sample"):
             # A text such as "false" from a configuration file would count as true.
             require(self, name, isinstance(getattr(self, name), bool), "true or false")
+        # Files of runs and addresses of studies know the short names alone.
+        short = ",".join(map(short_name, self._named))
+        if short != ",".join(self._named):
+            object.__setattr__(self, "use", short)
         _ = self.sources  # raises ConfigError for an unknown name
 
     @property
+    def _named(self) -> list[str]:
+        """Names in ``use``, as given."""
+        return [source.strip() for source in self.use.split(",")]
+
+    @property
     def sources(self) -> tuple[str, ...]:
-        """Names of the knowledge sources in use, in mixing order, whatever the order in ``use``.
+        """Short names of the knowledge sources, in mixing order, whatever the order in ``use``.
 
         Raises:
             ConfigError: for an unknown name, with the nearest known name.
         """
         # The order of λ is fixed, so that "v,u" and "u,v" name the same policy.
-        names = [source.strip() for source in self.use.split(",")]
+        names = self._named
         known = source_names()
         unknown = [source for source in names if source not in known]
         if unknown:
-            hint = nearest(unknown[0], known)
+            hint = nearest(unknown[0], (*SPELLED, *known))
             raise refuse(
                 "use",
                 self.use,
-                f"names among {', '.join(known)}, comma-separated",
+                f"names among {with_letters(known)}, comma-separated",
                 hint,
             )
         return tuple(source for source in known if source in names)

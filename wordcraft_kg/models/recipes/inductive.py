@@ -25,7 +25,7 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import knowledge_from, scorer_tensors
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.features import ENCODE, make_features, named
+from wordcraft_kg.models.scorers.features import ENCODE, EntityFeatures, make_features, named
 from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
@@ -203,16 +203,10 @@ def with_words(
             "compared with the entities. Restore the vector file, or train again."
         )
     whole = whole_of(scorer)
-    uses_lists = isinstance(whole, NeighbourRecipeScorer)
-    text = torch.empty(0) if uses_lists else cosines(torch.tensor(features.vectors))
-    known = features.known
-    why = f"No word in this label has a vector in {words}."
-    if words == "minilm" and not uses_lists:
-        text, known = _completed(text, known, (*scorer.entities, *labels))
-        why = "No word in this label has a vector."
-    elif os.path.isdir(words):
-        again = f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
-        why = f"The model's `features` {words} have no vector for this label. {again}"
+    text, known = torch.empty(0), features.known
+    if not isinstance(whole, NeighbourRecipeScorer):
+        text, known = _compared(features, words, (*scorer.entities, *labels))
+    why = _why_unknown(words)
     for label, is_known in zip(labels, known[size:], strict=True):
         if not (is_known or allow_missing):
             raise unknown(label, why)
@@ -221,10 +215,27 @@ def with_words(
     return extended(scorer, labels, text)
 
 
-def _completed(
-    text: Tensor, known: NDArray[np.bool_], labels: Sequence[str]
+def _why_unknown(words: str) -> str:
+    """Return why a label has no vector in the features ``words``, and what to do."""
+    if words == "minilm":
+        return "No word in this label has a vector."
+    if os.path.isdir(words):
+        again = f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
+        return f"The model's `features` {words} have no vector for this label. {again}"
+    return f"No word in this label has a vector in {words}."
+
+
+def _compared(
+    features: EntityFeatures, words: str, labels: Sequence[str]
 ) -> tuple[Tensor, NDArray[np.bool_]]:
-    """Compare labels without built-in sentence vectors, which only the built-in books' labels have, by GloVe."""
+    """Return word cosines of all pairs, and the labels with a vector.
+
+    Labels without built-in sentence vectors, which only the built-in books' labels have, are compared by GloVe.
+    """
+    text = cosines(torch.tensor(features.vectors))
+    known = features.known
+    if words != "minilm":
+        return text, known
     glove = make_features("glove", labels, allow_missing=True)
     new, alike = torch.from_numpy(~known).nonzero()[:, 0], cosines(torch.tensor(glove.vectors))
     text[new], text[:, new] = alike[new], alike[:, new]

@@ -113,7 +113,8 @@ class NeighbourScorer(TableScorer):
         # combinesWith is symmetric, so its transpose would count the same neighbours twice.
         profiles = torch.cat([*links, links[COMPONENT_OF].T], dim=1)
         # Half the power in each factor of the dot product of two profiles.
-        weighted = profiles * profiles.sum(0).clamp(min=1) ** (-power / 2)
+        shared_by = profiles.sum(0).clamp(min=1)
+        weighted = profiles * shared_by ** (-power / 2)
         unit = torch.nn.functional.normalize(weighted, dim=1)
         alike = (unit @ unit.T).fill_diagonal_(0)
         scores = alike @ links + links @ alike
@@ -176,9 +177,11 @@ class VoteScorer(Scorer):
 
     def votes(self, ingredients: EntityIds, results: EntityIds) -> torch.Tensor:
         """Count known recipes that make a result from an ingredient; float64, ids broadcast."""
-        keys = self.entity_ids(ingredients) * len(self.entities) + self.entity_ids(results)
+        ids = self.entity_ids(ingredients)
+        keys = ids * len(self.entities) + self.entity_ids(results)
         rows = torch.searchsorted(self._keys, keys)
-        return torch.where(self._keys[rows] == keys, self._counts[rows], 0.0)
+        is_known = self._keys[rows] == keys
+        return torch.where(is_known, self._counts[rows], 0.0)
 
     def score_recipes(self, one: EntityIds, other: EntityIds, results: EntityIds) -> torch.Tensor:
         """Score recipes by ids or labels.
@@ -199,7 +202,8 @@ class VoteScorer(Scorer):
         c = self.entity_ids(results)
         second = torch.where(a == b, 0.0, self.votes(b, c))
         first = self.votes(a, c)
-        weight = (first + self.unseen) * (second + self.unseen) / (self._made[c] + 1)
+        votes = (first + self.unseen) * (second + self.unseen)
+        weight = votes / (self._made[c] + 1)
         return weight.log().float()
 
     def _score(
@@ -219,7 +223,9 @@ class VoteScorer(Scorer):
         pairs = dense @ weighted.T
         # Self pairs have eps as their second factor, so they are summed apart from the product.
         itself = self.unseen * weighted.sum(1)
-        of_itself = (itself * self.unseen)[:, None] / (self._made + 1)
+        made = self._made + 1
+        of_itself = (itself * self.unseen)[:, None] / made
+        # Partners other than the entity; `fill_diagonal_` changes `pairs` for the lines below, too.
         partners = pairs.fill_diagonal_(0) @ weighted + of_itself
         tables = torch.empty(len(RELATIONS), size, size, device=self.device)
         tables[COMBINES_WITH] = (pairs + torch.diag(itself)).log()

@@ -94,7 +94,8 @@ class Curve(Record, frozen=True, kw_only=True):
     def probability(self, log_odds: _Floats) -> _Floats:
         """Return probabilities, with the shape of ``log_odds`` (from :func:`rank_log_odds`)."""
         parts = _segments(log_odds, len(self.slopes))
-        return np.asarray(expit(self.intercept + parts @ np.array(self.slopes)))
+        logits = self.intercept + parts @ np.array(self.slopes)
+        return np.asarray(expit(logits))
 
 
 class RelationCurves(Record, frozen=True, kw_only=True):
@@ -164,9 +165,12 @@ class Probabilities(Record, frozen=True, kw_only=True):
             is_distinct = cells[:, 0] != cells[:, 2]
             cells = cells[is_unknown & is_distinct]
             scores, log_odds = _score_map(_scores(whole, cells))
-            distinct = fit_curve(true[:, relation, 0], others[:, relation, 0], share)
+            # Shape (K, 2, B); index 0 holds pairs of different entities, index 1 self pairs.
+            own = true[:, relation]
+            rest = others[:, relation]
+            distinct = fit_curve(own[:, 0], rest[:, 0], share)
             # There are only E self pairs, too few for a slope in each segment.
-            itself = fit_curve(true[:, relation, 1], others[:, relation, 1], share, slopes=1)
+            itself = fit_curve(own[:, 1], rest[:, 1], share, slopes=1)
             curves.append(
                 RelationCurves(
                     known_share=share,
@@ -265,13 +269,11 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
         own_log_odds = rank_log_odds(_scores(scorer, own_cells), among)
         own_is_self = own_cells[:, 0] == own_cells[:, 2]
         for itself in (0, 1):
-            true[relation, itself] = np.bincount(
-                _bin(own_log_odds[own_is_self == itself]), minlength=bins
-            )
+            own_bins = _bin(own_log_odds[own_is_self == itself])
+            true[relation, itself] = np.bincount(own_bins, minlength=bins)
             chosen = is_unknown & (is_self == itself)
-            others[relation, itself] = np.bincount(
-                _bin(log_odds[chosen]), weights[chosen], minlength=bins
-            )
+            other_bins = _bin(log_odds[chosen])
+            others[relation, itself] = np.bincount(other_bins, weights[chosen], minlength=bins)
     results, right = _results(scorer, folds, fold, seed)
     recipes = None
     if isinstance(scorer, RecipeScorer):
@@ -307,9 +309,13 @@ def known_share(folds: Folds, relation: int) -> float:
     # Two folds leave no recipes after leaving out two, so p is 0 and nothing falls.
     if count > 2 and without_one:
         without_two = sum(new(fold, (fold + 1) % count) for fold in range(count))
-        power = math.log(without_two / without_one) / math.log((count - 1) / (count - 2))
+        # How the numbers of new triples and of training recipes change from two left out to one.
+        fewer_new = math.log(without_two / without_one)
+        more_recipes = math.log((count - 1) / (count - 2))
+        power = fewer_new / more_recipes
         falling = (count / (count - 1)) ** -power
-    return 1 / (1 + outside / of_fold * falling)
+    ratio = outside / of_fold * falling
+    return 1 / (1 + ratio)
 
 
 def fit_curve(
@@ -350,25 +356,26 @@ def fit_curve(
     gain = 0.0
     for fold in range(len(true)):
         is_other = np.arange(len(true)) != fold
-        plain = _fit(true[is_other], others[is_other], share, 0)
-        curve = _fit(true[is_other], others[is_other], share, slopes)
-        held_out = true[fold], others[fold], share
-        gain += _loss(plain, *held_out)[0] - _loss(curve, *held_out)[0]
+        counts = (true[is_other], others[is_other], share)
+        held_out = (true[fold], others[fold], share)
+        of_rate, _ = _loss(_fit(*counts, 0), *held_out)
+        of_curve, _ = _loss(_fit(*counts, slopes), *held_out)
+        gain += of_rate - of_curve
     if gain < _MIN_GAIN:
         reason = (
             f"scores do not separate the {known:,.0f} true triples of left-out folds from false "
             "triples"
         )
         return msgspec.structs.replace(base, reason=reason)
-    values = _fit(true, others, share, slopes)
-    return msgspec.structs.replace(
-        base, intercept=float(values[0] + shift), slopes=tuple(values[1:].tolist())
-    )
+    intercept, *fitted = _fit(true, others, share, slopes).tolist()
+    return msgspec.structs.replace(base, intercept=intercept + shift, slopes=tuple(fitted))
 
 
 def _base(true: _Floats, others: _Floats, share: float) -> float:
     """Return the log-odds of the base rate, with half a triple added: nothing is impossible."""
-    known = (true.sum() + 0.5) / (true.sum() + others.sum() + 1)
+    number = true.sum()
+    known = (number + 0.5) / (number + others.sum() + 1)
+    # The share of known triples; with the unknown ones among the true it is larger, up to a half.
     rate = min(known / share, 0.5)
     return math.log(rate / (1 - rate))
 
@@ -378,11 +385,11 @@ def _fit(true: _Floats, others: _Floats, share: float, slopes: int) -> _Floats:
     start = np.array([_base(true, others, share)] + [0.1] * slopes)
     if not slopes:
         return start
-    counts = true.sum(axis=0), others.sum(axis=0), share
+    counts = (true.sum(axis=0), others.sum(axis=0), share)
+    # Slopes are never negative: a higher score is never less probable.
     bounds = [(None, None)] + [(0, None)] * slopes
-    return np.asarray(
-        minimize(_loss, start, args=counts, jac=True, method="L-BFGS-B", bounds=bounds).x
-    )
+    fit = minimize(_loss, start, args=counts, jac=True, method="L-BFGS-B", bounds=bounds)
+    return np.asarray(fit.x)
 
 
 def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tuple[float, _Floats]:
@@ -393,9 +400,11 @@ def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tupl
     # Away from 0 and 1, where the logarithms below would be infinite.
     labelled = np.clip(share * chance, 1e-300, 1 - 1e-12)
     likelihood = true @ np.log(labelled) + others @ np.log1p(-labelled)
-    loss = -likelihood + _RIDGE / 2 * (slopes @ slopes)
+    penalty = _RIDGE / 2 * (slopes @ slopes)
+    loss = -likelihood + penalty
     # d likelihood / d logit, with d labelled / d logit = labelled (1 - chance).
-    slope = -(true - others * labelled / (1 - labelled)) * (1 - chance)
+    of_labelled = true - others * labelled / (1 - labelled)
+    slope = -of_labelled * (1 - chance)
     of_slopes = inputs.T @ slope + _RIDGE * slopes
     return float(loss), np.concatenate([[slope.sum()], of_slopes])
 
@@ -408,6 +417,7 @@ def _results(
         return None, None
     size = len(scorer.entities)
     own = folds.recipes_of(fold)
+    # A pair with several results is asked once, and has several right answers.
     pairs, of_recipe = np.unique(own[:, :2], axis=0, return_inverse=True)
     # A pair has a score for each entity, so there are fewer pairs in larger graphs.
     number = max(_PAIRS // size, 1)
@@ -456,7 +466,8 @@ def rank_log_odds(scores: _Floats, among: _Floats) -> _Floats:
     above = count - (below + not_above) / 2
     # Half a pair away from 0 and 1, whose log-odds are infinite.
     least = 0.5 / (count + 1)
-    rank = np.clip((above + 0.5) / (count + 1), least, 1 - least)
+    share = (above + 0.5) / (count + 1)
+    rank = np.clip(share, least, 1 - least)
     return np.asarray(np.log1p(-rank) - np.log(rank))
 
 
@@ -468,8 +479,11 @@ def _score_map(scores: _Floats) -> tuple[tuple[float, ...], tuple[float, ...]]:
     # scores.
     end = math.log(2 * len(scores) + 1)
     levels = expit(np.linspace(-end, end, _KNOTS))
-    knots = np.unique(np.quantile(scores, levels, method="nearest"))
-    return tuple(knots.tolist()), tuple(rank_log_odds(knots, scores).tolist())
+    quantiles = np.quantile(scores, levels, method="nearest")
+    # Ascending, each once, as interpolation needs them.
+    knots = np.unique(quantiles)
+    log_odds = rank_log_odds(knots, scores)
+    return tuple(knots.tolist()), tuple(log_odds.tolist())
 
 
 def _segments(log_odds: _Floats, slopes: int) -> _Floats:
@@ -478,8 +492,10 @@ def _segments(log_odds: _Floats, slopes: int) -> _Floats:
         return np.repeat(log_odds[..., None], slopes, axis=-1)
     # The first segment holds the negative log-odds; the parts sum to the log-odds.
     parts = [np.clip(log_odds, -math.inf, SEGMENTS[0])]
-    for low, high in zip(SEGMENTS, (*SEGMENTS[1:], math.inf), strict=True):
-        parts.append(np.clip(log_odds, low, high) - low)
+    ends = (*SEGMENTS[1:], math.inf)
+    for low, high in zip(SEGMENTS, ends, strict=True):
+        within = np.clip(log_odds, low, high)
+        parts.append(within - low)
     return np.stack(parts, axis=-1)
 
 
@@ -508,17 +524,20 @@ def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
     tails = np.concatenate([tails, everything])
     # A sampled pair stands for several pairs, a self pair for itself.
     weight = pairs / max(len(number), 1)
-    weights = np.concatenate([np.full(len(number), weight), np.ones(size)])
+    of_pairs = np.full(len(number), weight)
+    weights = np.concatenate([of_pairs, np.ones(size)])
     relations = np.full(len(heads), relation)
     return np.column_stack([heads, relations, tails]), weights
 
 
 def _scores(scorer: TripleScorer, triples: Ids) -> _Floats:
     """Score triples, (T, 3), in blocks, so that memory does not grow with T."""
-    blocks = np.array_split(triples, max(1, len(triples) // 2**18))
+    number = max(1, len(triples) // 2**18)
+    blocks = np.array_split(triples, number)
     parts = []
     with torch.no_grad():
         for block in blocks:
             heads, relations, tails = torch.from_numpy(block.copy()).T
-            parts.append(scorer.score(heads, relations, tails).cpu().numpy())
+            scores = scorer.score(heads, relations, tails)
+            parts.append(scores.cpu().numpy())
     return np.concatenate(parts).astype(np.float64)

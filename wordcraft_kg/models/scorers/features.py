@@ -15,7 +15,7 @@ import zlib
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import compress, takewhile
+from itertools import chain, compress, takewhile
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.feature_spec import SHUFFLED, VECTORS, FeatureSpec
 from wordcraft_kg.base.settings import nearest, one_of, refuse, whole
+from wordcraft_kg.base.spelling import words_in
 
 _VOCABULARY_BATCH = 20_000
 """Words of GloVe's vocabulary per batch, which bounds memory."""
@@ -40,6 +41,7 @@ Pooling = Literal["mean", "max"]
 _POOLINGS: dict[str, Callable[..., Any]] = {"mean": np.mean, "max": np.max}
 _LISTED = 20
 """Most unknown words in an error."""
+_SPLIT = "labels are split at blanks, _, -, :, / and capitals"
 _GZIP_MAGIC = b"\x1f\x8b"
 ENCODED = "vectors.npy"
 """Vectors of a sentence encoder, from ``encode`` or built in; ``vectors.labels.txt`` has labels."""
@@ -121,11 +123,13 @@ def make_features(
     - a folder from ``wordcraft-kg encode``, with a vector for each label of its graph.
 
     Names take precedence over files; write ``./glove`` for the file. In a file, the whole label is
-    looked up first: as written, in lower case, then both with ``_`` for spaces; otherwise the words
-    are pooled, each as written or in lower case. If a word has several vectors, the first is used.
-    In a text file, a whole number right before the vector belongs to the word (``route 66``). A
-    sentence encoder's vectors are for whole labels only. Only the vectors of looked-up words stay
-    in memory.
+    looked up first: as written, in lower case, then both with ``_`` for spaces, then both as
+    separate words (``oak_log`` is the label ``oak log``); otherwise the words are pooled, each
+    found like a label. A word that is not found, such as ``iron-plate``, is pooled from its own
+    words, see :func:`~wordcraft_kg.base.spelling.words_in`. If a word has several vectors, the
+    first is used. In a text file, a whole number right before the vector belongs to the word
+    (``route 66``). A sentence encoder's vectors are for whole labels only. Only the vectors of
+    looked-up words stay in memory.
 
     Args:
         spec: the features, as above.
@@ -191,7 +195,8 @@ def named(spec: str, labels: Sequence[str]) -> str:
 def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFeatures:
     """Return built-in GloVe vectors (6B tokens, 50 d, public domain), pooled over known words.
 
-    Words are split at blanks and looked up in lower case, as GloVe's vocabulary is.
+    Words are split at blanks and looked up in lower case, as GloVe's vocabulary is; those without
+    a vector are split at ``_``, ``-``, ``:``, ``/`` and capitals, and looked up in parts.
 
     Args:
         labels: labels of the E entities, in id order.
@@ -199,7 +204,7 @@ def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFe
 
     Source: Pennington et al. 2014, "GloVe: Global vectors for word representation".
     """
-    words = _words(labels)
+    words = sorted({word.lower() for label in labels for word in _candidates(label)})
     rows = _glove_rows(words)
     is_known = rows >= 0
     # Mapped into memory, so only the pages with wanted rows are read.
@@ -253,7 +258,9 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
     more = len(features.missing_words) - _LISTED
     if more > 0:
         words += f" and {more:,} more"
+    split = f" ({_SPLIT})"
     if spec == "minilm" or os.path.isdir(spec):
+        split = ""  # vectors of whole labels
         whose = "the built-in books' labels" if spec == "minilm" else "another book"
         remedy = (
             f"These are vectors of {whose}; encode this graph and any books in `with`: `{ENCODE}`, "
@@ -261,14 +268,16 @@ def _check_known(features: EntityFeatures, spec: str, allow_missing: bool) -> No
         )
     elif missing < size:
         remedy = (
-            f"At most {_MAX_MISSING_SHARE:.0%} may be missing: use different vectors, or "
-            "`allow_missing` for zeros."
+            f"At most {_MAX_MISSING_SHARE:.0%} may be missing: use vectors with these words, "
+            "`features` one-hot, which needs no words, or `allow_missing` for zeros."
         )
     else:
-        remedy = "Use vectors for the labels' language, or one-hot, without words."
+        remedy = (
+            "Use vectors for the labels' language, or `features` one-hot, which needs no words."
+        )
     raise ConfigError(
         f"`features` '{spec}': {missing:,} of {size:,} entities have no vector. "
-        f"Unknown words: {words}. {remedy}"
+        f"Unknown words: {words}{split}. {remedy}"
     )
 
 
@@ -283,18 +292,19 @@ class _WordVectors:
     vectors: NDArray[np.float32]
 
 
-def _words(labels: Sequence[str]) -> list[str]:
-    """Return the distinct lower-case words in all labels, sorted."""
-    words: set[str] = set()
-    for label in labels:
-        words.update(label.lower().split())
-    return sorted(words)
+def _candidates(label: str) -> Iterator[str]:
+    """Yield all texts under which a label may have vectors: itself, its words, and their parts."""
+    yield label
+    for word in label.split():
+        yield word
+        yield from words_in(word)
 
 
 def _spellings(text: str) -> tuple[str, ...]:
     """Return the spellings under which a label or word is looked up, in order."""
     joined = "_".join(text.split())
-    return text, text.lower(), joined, joined.lower()
+    spaced = " ".join(words_in(text))
+    return text, text.lower(), joined, joined.lower(), spaced, spaced.lower()
 
 
 def _of_labels(
@@ -307,25 +317,33 @@ def _of_labels(
         """Return the row of the text's first known spelling, or nothing."""
         return [rows[spelling] for spelling in _spellings(text) if spelling in rows][:1]
 
+    def words_of(label: str) -> list[str]:
+        """Return a label's words: those with a vector as they are, all others in their parts."""
+        whole_words = [[word] if look_up(word) else words_in(word) for word in label.split()]
+        return list(chain.from_iterable(whole_words))
+
     dimensions = by_word.vectors.shape[1]
     vectors = np.zeros((len(labels), dimensions), dtype=np.float32)
     known = np.zeros(len(labels), dtype=bool)
+    words: set[str] = set()
     missing: set[str] = set()
     for i, label in enumerate(labels):
+        parts = words_of(label)
+        words.update(part.lower() for part in parts)
         taken = look_up(label)
         if not taken:
-            for word in label.split() if pooling else [label]:
-                row_of_word = look_up(word)
-                taken += row_of_word
-                if not row_of_word:
-                    missing.add(word.lower())
+            for part in parts if pooling else [label]:
+                row_of_part = look_up(part)
+                taken += row_of_part
+                if not row_of_part:
+                    missing.add(part.lower())
         if taken:
             vectors[i] = _POOLINGS[pooling or "mean"](by_word.vectors[taken], axis=0)
             known[i] = True
     source = f"{source}, {dimensions}-d"
     if pooling:
         source += f", {pooling} of words"
-    return EntityFeatures(source, vectors, known, tuple(_words(labels)), tuple(sorted(missing)))
+    return EntityFeatures(source, vectors, known, tuple(sorted(words)), tuple(sorted(missing)))
 
 
 # --- built in -------------------------------------------------------------------------------------
@@ -373,7 +391,7 @@ def _from_file(
     """Read vectors of labels and their words from a text file, or from an array with labels."""
     wanted: set[str] = set()
     for label in labels:
-        for text in (label, *label.split()):
+        for text in _candidates(label):
             wanted.update(_spellings(text))
     read = _read_array if path.suffix.lower() == ".npy" else _parse
     try:

@@ -48,7 +48,7 @@ CALIBRATION = "calibration.json"
 FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 """Further files of a cross-fitted model."""
 FOLD_TRIPLES = 5_000
-"""Most triples of a fold that are ranked, by two models: the figures tell whether a fold was left out, to .01."""
+"""Most triples of a fold that are ranked, by two models: enough to see that it was left out."""
 OF_RECIPE = "of_recipe"
 """Name of the tensor with each recipe's fold."""
 TRAIN_RESULTS = "train_results"

@@ -1,4 +1,4 @@
-"""The interface of recipe knowledge: features and scores of pairs on tables, by one model or several."""
+"""The interface of recipe knowledge: features and scores of pairs on tables."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -15,10 +15,11 @@ LEAST_SHARE = 0.01
 
 
 class Support(NamedTuple):
-    """A known recipe that supports another recipe: ids for both ingredients and the result, and its weight.
+    """A known recipe that supports another recipe, by ids, and its weight.
 
-    The weight is the recipe similarity, 1 for equality: the product of entity similarities for both ingredients (in the
-    better order) and the result. ``share`` is relative to the sum over all supporting recipes.
+    The weight is the recipe similarity, 1 for equality: the product of entity similarities for both
+    ingredients (in the better order) and the result. ``share`` is relative to the sum over all
+    supporting recipes.
     """
 
     recipe: tuple[int, int, int]
@@ -27,18 +28,20 @@ class Support(NamedTuple):
 
 
 class PairKnowledge(nn.Module, ABC):
-    """Knowledge of recipes that scores ingredient pairs on a table with a goal, for M models, such as the fold models.
+    """Knowledge of recipes that scores ingredient pairs on a table, for M models, such as folds'.
 
     A subclass computes features; a ranker for each model makes scores of them.
 
     Attributes:
-        feature_names: names of the F features, in the order of the rankers' weights. Among them are ``known`` (the pair
+        feature_names: names of the F features, in the order of the rankers' weights. Among them are
+            ``known`` (the pair
             has known results), ``makes`` (it makes the goal) and the feature in :attr:`made_name`.
         made_name: name of the feature ``log(1 + recipes that make the goal)``.
         sampled_results: results to score on random tables of a fold, to calibrate probabilities.
         buffer_names: names of the stored tensors.
         num_entities: E, also the id of an empty slot.
-        first, first_bias, second, bias: the rankers' weights, with H hidden units: shapes (M, F, H), (M, H), (M, H) and
+        first, first_bias, second, bias: the rankers' weights, with H hidden units: shapes (M, F,
+            H), (M, H), (M, H) and
             (M,).
     """
 
@@ -68,8 +71,8 @@ class PairKnowledge(nn.Module, ABC):
     ) -> Tensor:
         """Return the features of P slot pairs, (F, B, P): ``pairs``, or all in :func:`pairs_of`.
 
-        Arguments are int64: goal ids (B,), entity ids in the slots (B, A) with E for empty slots, which of the M
-        stacked models to use (B,), and the first and second slot of each pair (P,).
+        Arguments are int64: goal ids (B,), entity ids in the slots (B, A) with E for empty slots,
+        which of the M stacked models to use (B,), and the first and second slot of each pair (P,).
         """
 
     @abstractmethod
@@ -79,8 +82,8 @@ class PairKnowledge(nn.Module, ABC):
         """Return the recipes that may support ``a + b -> goal``, and their similarities.
 
         Returns:
-            recipes, ids (R, 3); similarity of their results to the goal, shape (R,); and of their ingredients to a and
-            b in both orders, shape (R,) each.
+            recipes, ids (R, 3); similarity of their results to the goal, shape (R,); and of their
+            ingredients to a and b in both orders, shape (R,) each.
         """
 
     @abstractmethod
@@ -89,7 +92,7 @@ class PairKnowledge(nn.Module, ABC):
 
     @abstractmethod
     def component_scores(self, entities: Tensor) -> Tensor:
-        """Return componentOf scores of entities with all results by the first model, shape (n, E)."""
+        """Return componentOf scores with all results by the first model, shape (n, E)."""
 
     @abstractmethod
     def word_cosines(self, entity: int, others: Tensor) -> Tensor:
@@ -97,7 +100,7 @@ class PairKnowledge(nn.Module, ABC):
 
     @abstractmethod
     def have_recipes(self, entity: int, others: Tensor) -> Tensor:
-        """Return whether the first model knows a recipe of an entity and each of n others, shape (n,), bool."""
+        """Return whether the first model has a recipe of an entity with each other, shape (n,)."""
 
     @abstractmethod
     def log_uses(self) -> Tensor:
@@ -119,7 +122,7 @@ class PairKnowledge(nn.Module, ABC):
         return self.of_constants(self.constants() | rankers, self.num_entities)
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Score all slot pairs for the goal, (B, A, A), in nats, -inf if empty; arguments as :meth:`features`."""
+        """Score all slot pairs for the goal, (B, A, A), in nats, -inf if empty."""
         scores = self.scores(self.features(goal, table, model), model)
         scores = scores.index_select(1, _square(table.shape[1], table.device))
         is_empty = table == self.num_entities
@@ -127,7 +130,7 @@ class PairKnowledge(nn.Module, ABC):
         return scores.masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
 
     def scores(self, features: Tensor, model: Tensor) -> Tensor:
-        """Score P slot pairs, shape (B, P), in nats, from their :meth:`features`, shape (F, B, P)."""
+        """Score P slot pairs, (B, P), in nats, from their :meth:`features`, (F, B, P)."""
         ranker = Ranker(self.first, self.first_bias, self.second, self.bias)
         return ranker.of_models(features, model)
 
@@ -140,8 +143,8 @@ class PairKnowledge(nn.Module, ABC):
     ) -> list[Support]:
         """Return up to ``limit`` of a model's recipes that support ``a + b -> goal``.
 
-        Recipes that make the goal itself come first, if their share is at least :data:`LEAST_SHARE`, then the others;
-        both by share.
+        Recipes that make the goal itself come first, if their share is at least
+        :data:`LEAST_SHARE`, then the others; both by share.
         """
         supporting, like_goal, straight, crossed = self.support_of(a, b, goal, model)
         orders = torch.stack([straight, crossed])

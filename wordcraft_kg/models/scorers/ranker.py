@@ -1,4 +1,4 @@
-"""The ranker: a network with one hidden layer that makes a score of features, fitted on held-out recipes."""
+"""The ranker: a network with one hidden layer that makes a score of features."""
 
 from dataclasses import dataclass, fields
 
@@ -11,7 +11,7 @@ RANKER = ("first", "first_bias", "second", "bias")
 
 @dataclass(frozen=True, eq=False)
 class Ranker:
-    """A network over F features with H hidden units, ``second · relu(x first + first_bias) + bias``.
+    """A network with H hidden units, ``second · relu(x first + first_bias) + bias``.
 
     A single network, or M networks along a first axis.
 

@@ -73,7 +73,9 @@ def sampled(triples: Ids, size: int, seed: int = 0) -> Ids:
     """
     if len(triples) <= size:
         return triples
-    chosen = np.random.default_rng(seed).permutation(len(triples))[:size]
+    rng = np.random.default_rng(seed)
+    chosen = rng.permutation(len(triples))[:size]
+    # In the given order, so that a sample reads like its source.
     return triples[np.sort(chosen)]
 
 
@@ -83,7 +85,9 @@ def sampled_for(graph: RecipeGraph, triples: Ids) -> Ids:
     Each query scores all entities, so 2 ** 29 scores bound the time above 26,000 entities; 1,000
     triples are ranked in any case.
     """
-    return sampled(triples, min(20_000, max(1_000, 2**29 // graph.num_entities)))
+    affordable = 2**29 // graph.num_entities
+    size = min(20_000, max(1_000, affordable))
+    return sampled(triples, size)
 
 
 def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame:
@@ -149,9 +153,12 @@ def _rank_batch(
     index = torch.arange(len(batch))
     true = scores[index, target][:, None]
     # Unfiltered; the true entity is equal to itself, so (1 + equal) / 2 counts it once.
-    raw = _count(scores > true) + (1 + _count(scores == true)) / 2
+    all_better = _count(scores > true)
+    all_equal = _count(scores == true)
+    raw = all_better + (1 + all_equal) / 2
     # The true entity is excluded as well, so only competitors are counted.
-    scores[torch.from_numpy(rows), torch.from_numpy(columns)] = -torch.inf
+    known = (torch.from_numpy(rows), torch.from_numpy(columns))
+    scores[known] = -torch.inf
     scores[index, target] = -torch.inf
     better = _count(scores > true)
     equal = _count(scores == true)

@@ -96,7 +96,8 @@ class EntityRoles:
         """
         # The cosine of joined vectors is the mean of the roles' cosines, weighted by lengths.
         products = np.maximum(self._total * self._total[entity], 1e-12)
-        weights = self.lengths * self.lengths[entity] / products[:, None]
+        of_roles_lengths = self.lengths * self.lengths[entity]
+        weights = of_roles_lengths / products[:, None]
         of_roles = [self.alike(entity, relation, side) for relation, side in ROLES]
         cosines = np.stack(of_roles, axis=1)
         means = (weights * cosines).sum(axis=1)
@@ -135,8 +136,10 @@ def _of_table(scores: _Rows) -> tuple[_Rows, _Rows]:
 def _of_factors(left: _Rows, right: _Rows) -> tuple[_Rows, _Rows]:
     """Return vectors with the same products as rows and columns in the centred ``left rightᵀ``."""
     # Centred factors have a centred product. 64 bits, because squares of small differences follow.
-    heads = left.astype(np.float64) - left.mean(axis=0, dtype=np.float64)
-    tails = right.astype(np.float64) - right.mean(axis=0, dtype=np.float64)
+    mean_head = left.mean(axis=0, dtype=np.float64)
+    mean_tail = right.mean(axis=0, dtype=np.float64)
+    heads = left.astype(np.float64) - mean_head
+    tails = right.astype(np.float64) - mean_tail
     return _turned(heads, tails), _turned(tails, heads)
 
 
@@ -150,6 +153,8 @@ def _turned(rows: NDArray[np.float64], others: NDArray[np.float64]) -> _Rows:
 
 def _unit(rows: _Rows, lengths: _Rows) -> _Rows:
     """Scale rows to length 1; rows that are zero up to rounding become zeros."""
-    least = 1e-6 * float(np.max(lengths, initial=0)) or 1.0
-    factors = np.where(lengths > least, 1 / np.maximum(lengths, least), 0)
+    longest = float(np.max(lengths, initial=0))
+    least = 1e-6 * longest or 1.0
+    inverse = 1 / np.maximum(lengths, least)
+    factors = np.where(lengths > least, inverse, 0)
     return np.asarray(factors[:, None] * rows, dtype=np.float32)

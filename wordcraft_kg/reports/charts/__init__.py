@@ -12,6 +12,7 @@ from wordcraft_kg.reports.charts.layered import layered as layered
 from wordcraft_kg.reports.charts.plot import COLOURS as COLOURS
 from wordcraft_kg.reports.charts.plot import CurvePoint as CurvePoint
 from wordcraft_kg.reports.charts.plot import colour_of as colour_of
+from wordcraft_kg.reports.charts.scales import Estimate as Estimate
 from wordcraft_kg.reports.charts.series import curves as curves
 from wordcraft_kg.reports.charts.series import dots as dots
 from wordcraft_kg.reports.charts.series import intervals as intervals

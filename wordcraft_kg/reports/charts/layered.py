@@ -78,14 +78,19 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
     """
     layers = [thing.layer for thing in things] or [1]
     first = min(layers)
-    columns: list[list[_Place]] = [[] for _ in range(first, max(layers) + 1)]
+    last = max(layers)
+    columns: list[list[_Place]] = [[] for _ in range(first, last + 1)]
     place_of = {thing.label: _Place(thing.layer - first, [], []) for thing in things}
     for place in place_of.values():
         columns[place.column].append(place)
     arrows = _arrows(things, place_of, columns)
     _settle(columns)
     widths = _widths(things, first, len(columns))
-    lefts = [MARGIN + sum(widths[:i]) + _BETWEEN * i for i in range(len(widths))]
+    lefts = []
+    left = MARGIN
+    for width in widths:
+        lefts.append(left)
+        left += width + _BETWEEN
     places = list(chain.from_iterable(columns))
     heights = [place.y for place in places] or [0.0]
     top = min(heights) - _BOX / 2 - MARGIN
@@ -100,17 +105,18 @@ def layered(things: Sequence[Made], given: Collection[str], description: str) ->
         f'aria-label="{for_html(description)}">'
     ]
     for number, (left, wide) in enumerate(zip(lefts, widths, strict=True), start=first):
-        parts.append(
-            f'<text x="{left + wide / 2:g}" y="{height - 6}" class="small middle">'
-            f"layer {number}</text>"
-        )
+        middle = left + wide / 2
+        place_of_text = f'x="{middle:g}" y="{height - 6}"'
+        parts.append(f'<text {place_of_text} class="small middle">layer {number}</text>')
     parts += [
         f'<path d="{_curve(route, lefts, widths)}" class="arrow">{title}</path>'
         for title, route in arrows
     ]
     for thing in things:
         place = place_of[thing.label]
-        parts += _box(thing, given, lefts[place.column], widths[place.column], int(place.y))
+        left = lefts[place.column]
+        width = widths[place.column]
+        parts += _box(thing, given, left, width, int(place.y))
     return Markup("".join([*parts, "</svg>"]))
 
 
@@ -118,9 +124,12 @@ def _widths(things: Sequence[Made], first: int, columns: int) -> list[int]:
     """Return each layer's width in pixels: that of its longest label or list of ingredients."""
     widths = [_NARROWEST] * columns
     for thing in things:
+        label = shortened(thing.label, _LONGEST)
         of = " + ".join(shortened(part, _LONGEST_PART) for part in thing.of)
-        letters = max(LETTER * len(shortened(thing.label, _LONGEST)), SMALL_LETTER * len(of))
-        widths[thing.layer - first] = max(widths[thing.layer - first], round(letters) + 8)
+        text = max(LETTER * len(label), SMALL_LETTER * len(of))
+        column = thing.layer - first
+        # Four pixels on each side of a text keep it off the frame of its box.
+        widths[column] = max(widths[column], round(text) + 8)
     return widths
 
 
@@ -150,9 +159,8 @@ def _arrows(
                 route.append(passing[part, column])
             route[-1].after.append(to)
             to.before.append(route[-1])
-            arrows.append(
-                (f"<title>{for_html(part)} → {for_html(thing.label)}</title>", [*route, to])
-            )
+            words = f"{for_html(part)} → {for_html(thing.label)}"
+            arrows.append((f"<title>{words}</title>", [*route, to]))
     return arrows
 
 
@@ -163,17 +171,19 @@ def _settle(layers: list[list[_Place]]) -> None:
     system structures".
     """
     for layer in layers:
+        centre = (len(layer) - 1) / 2
         for number, place in enumerate(layer):
-            place.y = _GAP * (number - (len(layer) - 1) / 2)
+            place.y = _GAP * (number - centre)
     for sweep in range(_SWEEPS):
         from_left = sweep % 2 == 0
+        # Late sweeps use both sides; the last sweep straightens arrows to a single box.
+        both = _SWEEPS - 8 <= sweep < _SWEEPS - 1
         for layer in layers if from_left else reversed(layers):
-            # Late sweeps use both sides; the last sweep straightens arrows to a single box.
-            wanted = [
-                _mean(place, from_left, _SWEEPS - 8 <= sweep < _SWEEPS - 1) for place in layer
-            ]
+            wanted = [_mean(place, from_left, both) for place in layer]
+            # Bounds so wide that they move nothing: only the gaps count.
             reach = _GAP * len(layer) + max(map(abs, wanted), default=0.0)
-            for place, y in zip(layer, spread(wanted, _GAP, -reach, reach), strict=True):
+            heights = spread(wanted, _GAP, -reach, reach)
+            for place, y in zip(layer, heights, strict=True):
                 place.y = y
 
 
@@ -186,17 +196,23 @@ def _mean(place: _Place, from_left: bool, both: bool) -> float:
         near = place.before + place.after
     else:
         near = place.before if from_left else place.after
-    return sum(one.y for one in near) / len(near) if near else place.y
+    if not near:
+        return place.y
+    return sum(one.y for one in near) / len(near)
 
 
 def _curve(route: list[_Place], lefts: list[int], widths: list[int]) -> str:
     """Return an arrow's SVG path: straight through the layers, curved between them, with a head."""
-    y = int(route[0].y)
-    path = [f"M{lefts[route[0].column] + widths[route[0].column]} {y}"]
-    for place in route[1:]:
+    start, *rest = route
+    y = int(start.y)
+    right = lefts[start.column] + widths[start.column]
+    path = [f"M{right} {y}"]
+    for place in rest:
         left = lefts[place.column]
         end = int(place.y)
-        path.append(f"C{left - _BETWEEN / 2:g} {y} {left - _BETWEEN / 2:g} {end} {left} {end}")
+        # Both control points lie half-way, at the height of their end: an S without overshoot.
+        half = left - _BETWEEN / 2
+        path.append(f"C{half:g} {y} {half:g} {end} {left} {end}")
         y = end
         if place is not route[-1]:
             path.append(f"H{left + widths[place.column]}")
@@ -213,13 +229,18 @@ def _box(thing: Made, given: Collection[str], left: int, width: int, y: int) -> 
     of = " + ".join(ingredients)
     middle = left + width / 2
     label = for_html(shortened(thing.label, _LONGEST))
+    title = thing.title or thing.label
+    top = y - _BOX // 2
     inside = (
-        f"<title>{for_html(thing.title or thing.label)}</title>"
-        f'<rect x="{left}" y="{y - _BOX // 2}" width="{width}" height="{_BOX}" rx="4"'
+        f"<title>{for_html(title)}</title>"
+        f'<rect x="{left}" y="{top}" width="{width}" height="{_BOX}" rx="4"'
         f' class="{thing.style}"/>'
         f'<text x="{middle:g}" y="{y + 4}" class="middle {thing.style}">{label}</text>'
     )
-    return [
-        f'<a href="{for_html(thing.href)}">{inside}</a>' if thing.href else f"<g>{inside}</g>",
-        f'<text x="{middle:g}" y="{y + _BOX // 2 + 12}" class="small middle">{of}</text>',
-    ]
+    if thing.href:
+        box = f'<a href="{for_html(thing.href)}">{inside}</a>'
+    else:
+        box = f"<g>{inside}</g>"
+    # The base line of the ingredients, below the box.
+    below = y + _BOX // 2 + 12
+    return [box, f'<text x="{middle:g}" y="{below}" class="small middle">{of}</text>']

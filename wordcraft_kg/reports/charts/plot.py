@@ -37,17 +37,31 @@ ABOVE = 28
 """Margin above the axes, for a title or a legend."""
 _HOVER_POINTS = 60
 """Most points of a curve with a tooltip: more would overlap, and make the page large."""
-_CORNERS = (
-    (),
-    ((-3.2, -3.2), (3.2, -3.2), (3.2, 3.2), (-3.2, 3.2)),
-    ((0, -4.2), (4, 3), (-4, 3)),
-    ((0, -4.6), (4.2, 0), (0, 4.6), (-4.2, 0)),
+_RADIUS = 3.6
+"""Radius of a dot in pixels."""
+_SQUARE = (
+    (-3.2, -3.2),
+    (3.2, -3.2),
+    (3.2, 3.2),
+    (-3.2, 3.2),
 )
-"""Corners of the markers' shapes around the point, in pixels.
+_TRIANGLE = (
+    (0, -4.2),
+    (4, 3),
+    (-4, 3),
+)
+_DIAMOND = (
+    (0, -4.6),
+    (4.2, 0),
+    (0, 4.6),
+    (-4.2, 0),
+)
+"""Corners of markers around the point, in pixels; the areas are about that of a dot."""
+_CORNERS: tuple[tuple[tuple[float, float], ...], ...] = ((), _SQUARE, _TRIANGLE, _DIAMOND)
+"""Shapes of the markers by series; a circle has no corners."""
 
-The shapes are circle (no corners), square, triangle and diamond.
-"""
-
+_Ends = tuple[float | str, float | str]
+"""Coordinates of a line in pixels, at its start and its end; a text is already formatted."""
 CurvePoint = tuple[float, float, float | None, float | None]
 """x, y, and interval bounds for y, or None for both bounds."""
 
@@ -72,7 +86,8 @@ def short(name: str) -> str:
 
 def room_for(names: Iterable[str], extra: int = 20) -> int:
     """Return the margin in pixels that the longest of these names needs, plus ``extra`` pixels."""
-    return round(extra + LETTER * max((len(short(name)) for name in names), default=0))
+    letters = max((len(short(name)) for name in names), default=0)
+    return round(extra + LETTER * letters)
 
 
 class Plot:
@@ -112,13 +127,17 @@ class Plot:
         """Return a value's x-coordinate in pixels."""
         low, high = self.x_range
         share = (value - low) / (high - low)
-        return round(self.left + share * (WIDTH - self.left - self.right), 1)
+        inner = WIDTH - self.left - self.right
+        # A tenth of a pixel is not seen, and keeps the page small.
+        return round(self.left + share * inner, 1)
 
     def y(self, value: float) -> float:
         """Return a value's y-coordinate in pixels, counted downwards as in SVG."""
         low, high = self.y_range
         share = (value - low) / (high - low)
-        return round(self.height - BOTTOM - share * (self.height - self.top - BOTTOM), 1)
+        bottom = self.height - BOTTOM
+        inner = self.height - self.top - BOTTOM
+        return round(bottom - share * inner, 1)
 
     def text(
         self, x: float, y: float, text: str, style: str = "", anchor: str = "", name: str = ""
@@ -138,16 +157,23 @@ class Plot:
             attributes += f' text-anchor="{anchor}"'
         if style:
             attributes += f' class="{style}"'
-        title = f"<title>{for_html(name)}</title>" if name and name != text else ""
-        self.parts.append(f'<text x="{x:g}" y="{y:.5g}"{attributes}>{for_html(text)}{title}</text>')
+        title = ""
+        if name and name != text:
+            title = f"<title>{for_html(name)}</title>"
+        content = f"{for_html(text)}{title}"
+        self.parts.append(f'<text x="{x:g}" y="{y:.5g}"{attributes}>{content}</text>')
+
+    def _line(self, x: _Ends, y: _Ends, style: str) -> None:
+        """Draw a straight line between two points, x and y in pixels."""
+        across = f'x1="{x[0]}" x2="{x[1]}"'
+        down = f'y1="{y[0]}" y2="{y[1]}"'
+        self.parts.append(f'<line {across} {down} class="{style}"/>')
 
     def y_axis(self, ticks: Sequence[float], texts: Sequence[str]) -> None:
         """Draw horizontal grid lines with tick labels."""
         for value, text in zip(ticks, texts, strict=True):
             y = self.y(value)
-            self.parts.append(
-                f'<line x1="{self.left}" x2="{WIDTH - self.right}" y1="{y}" y2="{y}" class="grid"/>'
-            )
+            self._line((self.left, WIDTH - self.right), (y, y), "grid")
             self.text(self.left - 5, y + 4, text, anchor="end")
 
     def x_axis(self, ticks: Sequence[float], texts: Sequence[str], *, grid: bool = False) -> None:
@@ -163,14 +189,13 @@ class Plot:
         for value, text in zip(ticks, texts, strict=True):
             x = self.x(value)
             if grid:
-                self.parts.append(
-                    f'<line x1="{x}" x2="{x}" y1="{self.top}" y2="{bottom}" class="grid"/>'
-                )
+                self._line((x, x), (self.top, bottom), "grid")
             self.text(x, bottom + 15, text, style, "middle")
 
     def titles(self, x_title: str, y_title: str = "") -> None:
         """Write the axis titles."""
-        self.text((self.left + WIDTH - self.right) / 2, self.height - 6, x_title, anchor="middle")
+        middle = (self.left + WIDTH - self.right) / 2
+        self.text(middle, self.height - 6, x_title, anchor="middle")
         if y_title:
             self.text(self.left, self.top - 10, y_title, "small")
 
@@ -184,9 +209,15 @@ class Plot:
             style: CSS classes.
             title: tooltip, or empty.
         """
-        path = " ".join(f"{self.x(x or 0)},{self.y(y or 0)}" for x, y, *_ in points)
-        inside = f"><title>{for_html(title)}</title></polyline>" if title else "/>"
-        self.parts.append(f'<polyline points="{path}" class="{style}"{inside}')
+        path = self._path((x or 0, y or 0) for x, y, *_ in points)
+        end = "/>"
+        if title:
+            end = f"><title>{for_html(title)}</title></polyline>"
+        self.parts.append(f'<polyline points="{path}" class="{style}"{end}')
+
+    def _path(self, points: Iterable[tuple[float, float]]) -> str:
+        """Return points in values of the axes as coordinates of SVG."""
+        return " ".join(f"{self.x(x)},{self.y(y)}" for x, y in points)
 
     def bands(self, points: Sequence[CurvePoint], number: int) -> None:
         """Fill the area between the bounds of consecutive points in colour ``number``.
@@ -206,8 +237,9 @@ class Plot:
                 self.whiskers((x, None, None), (low, low, high), number)
                 continue
             # Around the area: along the upper bounds to the right, and back along the lower bounds.
-            around = [(x, high) for x, _, high in run] + [(x, low) for x, low, _ in reversed(run)]
-            path = " ".join(f"{self.x(x)},{self.y(y)}" for x, y in around)
+            there = [(x, high) for x, _, high in run]
+            back = [(x, low) for x, low, _ in reversed(run)]
+            path = self._path([*there, *back])
             self.parts.append(f'<polygon points="{path}" class="band {style_of(number)}"/>')
 
     def hover_points(
@@ -223,12 +255,14 @@ class Plot:
         """
         is_curve = len(points) > 1
         style = "hit" if is_curve else f"dot {style_of(number)}"
-        radius = 4.0 if is_curve else 3.6
+        # The invisible points of a curve are a little larger, and easier to hit.
+        radius = 4.0 if is_curve else _RADIUS
         every = math.ceil(len(points) / _HOVER_POINTS)
         # Every n-th point counted from the end, because the last point matters most.
-        for x, y, low, high in points[::-1][::every][::-1]:
-            title = f"{name}, {x:,.10g}: {estimate((y, low, high), percent)}"
-            self.circle(x, y, radius, style, title)
+        from_the_end = points[::-1][::every]
+        for x, y, low, high in reversed(from_the_end):
+            value = estimate((y, low, high), percent)
+            self.circle(x, y, radius, style, f"{name}, {x:,.10g}: {value}")
 
     def circle(self, x: float, y: float, radius: float, style: str, title: str) -> None:
         """Draw a point.
@@ -240,9 +274,13 @@ class Plot:
             style: CSS classes.
             title: tooltip.
         """
+        self._dot(self.x(x), self.y(y), radius, style, title)
+
+    def _dot(self, x: float, y: float, radius: float, style: str, title: str) -> None:
+        """Draw a circle with a tooltip, x and y in pixels."""
+        inside = f"<title>{for_html(title)}</title>"
         self.parts.append(
-            f'<circle cx="{self.x(x)}" cy="{self.y(y)}" r="{radius}" class="{style}">'
-            f"<title>{for_html(title)}</title></circle>"
+            f'<circle cx="{x}" cy="{y}" r="{radius}" class="{style}">{inside}</circle>'
         )
 
     def whiskers(self, x: Estimate, y: Estimate, number: int) -> None:
@@ -254,14 +292,13 @@ class Plot:
             number: colour of the data series.
         """
         style = f"whisker {style_of(number)}"
-        if x[1] is not None and x[2] is not None:
-            self.polyline([(x[1], y[0]), (x[2], y[0])], style)
-        if y[1] is not None and y[2] is not None:
-            at = self.x(x[0])
-            self.parts.append(
-                f'<line x1="{at}" x2="{at}" y1="{self.y(y[1])}" y2="{self.y(y[2])}"'
-                f' class="{style}"/>'
-            )
+        across, left, right = x
+        up, low, high = y
+        if left is not None and right is not None:
+            self.polyline([(left, up), (right, up)], style)
+        if low is not None and high is not None:
+            at = self.x(across)
+            self._line((at, at), (self.y(low), self.y(high)), style)
 
     def marker(self, x: float, y: float, number: int, title: str) -> None:
         """Draw a marker in the shape and colour of a data series.
@@ -273,14 +310,13 @@ class Plot:
             title: tooltip.
         """
         style = f"dot {style_of(number)}"
-        inside = f"<title>{for_html(title)}</title>"
         corners = _CORNERS[number % len(_CORNERS)]
-        if corners:
-            path = " ".join(f"{x + dx:.1f},{y + dy:.1f}" for dx, dy in corners)
-            part = f'<polygon points="{path}" class="{style}">{inside}</polygon>'
-        else:
-            part = f'<circle cx="{x}" cy="{y}" r="3.6" class="{style}">{inside}</circle>'
-        self.parts.append(part)
+        if not corners:
+            self._dot(x, y, _RADIUS, style, title)
+            return
+        path = " ".join(f"{x + right:.1f},{y + down:.1f}" for right, down in corners)
+        inside = f"<title>{for_html(title)}</title>"
+        self.parts.append(f'<polygon points="{path}" class="{style}">{inside}</polygon>')
 
     def end_labels(self, ends: Sequence[tuple[float, float, str, str]]) -> None:
         """Label curves at their right ends (x, y, name, style).
@@ -288,16 +324,18 @@ class Plot:
         A thin line leads to a label that had to move.
         """
         heights = [self.y(y_value) for _, y_value, _, _ in ends]
+        bottom = self.height - BOTTOM
         # Labels keep a line's height from each other, so some of them move away from their curve.
-        places = spread(heights, _LINE_HEIGHT, self.top, self.height - BOTTOM)
+        places = spread(heights, _LINE_HEIGHT, self.top, bottom)
         edge = WIDTH - self.right
-        for (x_value, _, name, style), y, place in zip(ends, heights, places, strict=True):
+        for end, y, place in zip(ends, heights, places, strict=True):
+            x_value, _, name, style = end
             x = self.x(x_value)
-            if abs(place - y) > 2 or edge - x > 2:
-                self.parts.append(
-                    f'<line x1="{x + 2:.1f}" x2="{edge + 10}" y1="{y}" y2="{place:.1f}"'
-                    ' class="leader"/>'
-                )
+            has_moved = abs(place - y) > 2
+            # Two pixels: a shorter leader would look like a speck.
+            if has_moved or edge - x > 2:
+                across = (f"{x + 2:.1f}", edge + 10)
+                self._line(across, (y, f"{place:.1f}"), "leader")
             self.text(edge + 13, place + 4, short(name), style, name=name)
 
     def done(self, legend: Sequence[str] = ()) -> Markup:
@@ -306,10 +344,15 @@ class Plot:
         ``legend`` names the data series in the order of their colours.
         """
         x = float(self.left)
-        for i, name in enumerate(legend):
-            self.parts.append(f'<rect x="{x:g}" y="6" width="11" height="11" class="series-{i}"/>')
+        for number, name in enumerate(legend):
+            square = f'x="{x:g}" y="6" width="11" height="11"'
+            style = f"series-{number}"
+            self.parts.append(f'<rect {square} class="{style}"/>')
             self.text(x + 16, 16, name)
+            # The square with its space, the name, and the space before the next square.
             x += 32 + LETTER * len(name)
         label = for_html(self.description)
-        opening = f'<svg viewBox="0 0 {WIDTH} {self.height}" role="img" aria-label="{label}">'
-        return Markup("".join([opening, *self.parts, "</svg>"]))
+        box = f"0 0 {WIDTH} {self.height}"
+        opening = f'<svg viewBox="{box}" role="img" aria-label="{label}">'
+        everything = [opening, *self.parts, "</svg>"]
+        return Markup("".join(everything))

@@ -20,13 +20,16 @@ def round_ticks(low: float, high: float, most: int = 5) -> list[float]:
         most: most steps between ticks; there may be one more if a bound lies between two ticks.
     """
     span = high - low or abs(high) or 1.0
+    # The power of ten below the ideal step; 10 times it is always large enough.
     unit = 10 ** math.floor(math.log10(span / most))
+    most_steps = most * (1 + _ROUNDING)
     sizes = (size * unit for size in (1, 2, 5, 10))
-    step = next(size for size in sizes if span / size <= most * (1 + _ROUNDING))
+    step = next(size for size in sizes if span / size <= most_steps)
     first = math.floor(low / step + _ROUNDING)
     last = math.ceil(high / step - _ROUNDING)
     # At least one step, also for a range that lies on a tick.
-    return [i * step for i in range(first, max(last, first + 1) + 1)]
+    last = max(last, first + 1)
+    return [i * step for i in range(first, last + 1)]
 
 
 def amounts(values: Sequence[float]) -> list[str]:
@@ -48,7 +51,11 @@ def estimate(value: Estimate, percent: bool) -> str:
 
 def shortened(text: str, letters: int) -> str:
     """Shorten a text to a number of letters, with an ellipsis."""
-    return text if len(text) <= letters else text[: max(letters - 1, 1)].rstrip() + "…"
+    if len(text) <= letters:
+        return text
+    # Room for the ellipsis, but never less than the first letter.
+    kept = max(letters - 1, 1)
+    return text[:kept].rstrip() + "…"
 
 
 def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list[float]:
@@ -70,7 +77,8 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
     """
     if not wanted:
         return []
-    gap = min(gap, (high - low) / max(len(wanted) - 1, 1))
+    gaps = len(wanted) - 1
+    gap = min(gap, (high - low) / max(gaps, 1))
     order = sorted(range(len(wanted)), key=wanted.__getitem__)
     # Without the gaps of the lower ranks (rank * gap), places only must not decrease: isotonic
     # regression. Pools of equal places are kept as (sum, number).
@@ -79,18 +87,23 @@ def spread(wanted: Sequence[float], gap: float, low: float, high: float) -> list
         total = wanted[i] - rank * gap
         size = 1
         # A pool whose mean is not below the next one's joins it.
-        while pools and pools[-1][0] / pools[-1][1] >= total / size:
-            pooled_total, pooled_size = pools.pop()
+        while pools:
+            pooled_total, pooled_size = pools[-1]
+            if pooled_total / pooled_size < total / size:
+                break
+            pools.pop()
             total += pooled_total
             size += pooled_size
         pools.append((total, size))
     means: list[float] = []
     for total, size in pools:
         means += [total / size] * size
-    highest = high - (len(wanted) - 1) * gap
+    # Bounds without the gaps; the lower one stays as it is.
+    highest = high - gaps * gap
     places = [0.0] * len(wanted)
     for rank, i in enumerate(order):
-        places[i] = min(max(means[rank], low), highest) + rank * gap
+        place = min(max(means[rank], low), highest)
+        places[i] = place + rank * gap
     return places
 
 
@@ -120,7 +133,8 @@ class Labels:
         row = int(y // self._line)
         for near in (row - 1, row, row + 1):
             for start, end, at in self._taken.get(near, ()):
-                is_apart = left > end or right < start or abs(y - at) >= self._line
+                is_beside = left > end or right < start
+                is_apart = is_beside or abs(y - at) >= self._line
                 if not is_apart:
                     return False
         self._taken.setdefault(row, []).append((left, right, y))

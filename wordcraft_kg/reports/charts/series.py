@@ -70,24 +70,39 @@ def curves(
     drawn = {name: points for name, points in series.items() if points}
     named = {name: texts[name] for name in drawn if name in texts}
     plot = _plot_of_curves(drawn, room_for(named.values()), description, percent)
-    places = {name: (colours or {}).get(name, i) for i, name in enumerate(series)}
+    # Empty curves count, so that the same name has the same colour in several charts.
+    numbers = {name: number for number, name in enumerate(series)}
+    if colours is not None:
+        numbers |= colours
+    # Layers from the back to the front: bands hide no line, and tooltips are reached first.
     for name, points in drawn.items():
-        plot.bands(points, places[name])
+        plot.bands(points, numbers[name])
     for name, points in drawn.items():
-        dash = f"dash-{(places[name] + places[name] // COLOURS) % _DASHES}"
-        if dashed is not None:
-            dash = "dashed" if name in dashed else "dash-0"
-        style = f"line {style_of(places[name])} {dash}"
+        colour = style_of(numbers[name])
+        style = f"line {colour} {_dash_of(name, numbers[name], dashed)}"
         if labels is not None:
             style += " thin"
         plot.polyline(points, style, name)
     for name, points in drawn.items():
-        plot.hover_points(name, points, places[name], percent)
-    plot.end_labels(
-        [(*drawn[name][-1][:2], text, style_of(places[name])) for name, text in named.items()]
-    )
+        plot.hover_points(name, points, numbers[name], percent)
+    ends = []
+    for name, text in named.items():
+        x, y, *_ = drawn[name][-1]
+        ends.append((x, y, text, style_of(numbers[name])))
+    plot.end_labels(ends)
     plot.titles(x_title, y_title)
     return plot.done()
+
+
+def _dash_of(name: str, number: int, dashed: Collection[str] | None) -> str:
+    """Return the CSS class of a curve's dashes."""
+    if dashed is None:
+        # The shift by a pattern with each round of the colours tells apart two curves of a colour.
+        rounds = number // COLOURS
+        return f"dash-{(number + rounds) % _DASHES}"
+    if name in dashed:
+        return "dashed"
+    return "dash-0"
 
 
 def _plot_of_curves(
@@ -96,13 +111,21 @@ def _plot_of_curves(
     points = list(chain.from_iterable(series.values()))
     xs = [point[0] for point in points]
     ys = _values(point[1:] for point in points)
-    y_ticks = _FIFTHS if percent else round_ticks(min(ys, default=0), max(ys, default=1))
+    if percent:
+        y_ticks = _FIFTHS
+        y_texts = _shares(y_ticks)
+    else:
+        lowest = min(ys, default=0)
+        highest = max(ys, default=1)
+        y_ticks = round_ticks(lowest, highest)
+        y_texts = amounts(y_ticks)
     first = min([0, *xs])
     last = max(xs, default=1)
     if last <= first:  # a single point at 0: any range will do
         last = first + 1
-    plot = Plot((first, last), (y_ticks[0], y_ticks[-1]), description, right=room)
-    plot.y_axis(y_ticks, _shares(y_ticks) if percent else amounts(y_ticks))
+    y_range = (y_ticks[0], y_ticks[-1])
+    plot = Plot((first, last), y_range, description, right=room)
+    plot.y_axis(y_ticks, y_texts)
     x_ticks = [value for value in round_ticks(first, last) if first <= value <= last]
     plot.x_axis(x_ticks, amounts(x_ticks))
     return plot
@@ -125,27 +148,33 @@ def dots(
         y_title: title of the y-axis.
         description: text alternative for people who do not see the chart.
     """
-    names = [name for name, values in series.items() if not values or any(values)]
+    drawn = {name: values for name, values in series.items() if not values or any(values)}
+    names = list(drawn)
     room = room_for(names, 30)
-    plot = Plot((0, max(len(labels), 1)), (0, 1), description, right=room)
+    # Each category is one unit wide; without categories, an empty chart still needs a width.
+    x_range = (0, max(len(labels), 1))
+    plot = Plot(x_range, (0, 1), description, right=room)
     plot.y_axis(_FIFTHS, _shares(_FIFTHS))
+    middles = [i + 0.5 for i in range(len(labels))]
     letters = int((plot.x(1) - plot.x(0)) / LETTER)
-    plot.x_axis(
-        [i + 0.5 for i in range(len(labels))], [shortened(label, letters) for label in labels]
-    )
+    plot.x_axis(middles, [shortened(label, letters) for label in labels])
     # All series of a category lie within 80 % of its width, around its middle.
     gap = min(0.15, 0.8 / max(len(series), 1))
+    centre = (len(series) - 1) / 2
     for number, (name, values) in enumerate(series.items()):
-        offset = (number - (len(series) - 1) / 2) * gap
-        for i, (label, value) in enumerate(zip(labels, values, strict=True)):
-            if value is not None:
-                x = i + 0.5 + offset
-                plot.whiskers((x, None, None), value, number)
-                title = f"{name}, {label}: {estimate(value, True)}"
-                plot.marker(plot.x(x), plot.y(value[0]), number, title)
+        offset = (number - centre) * gap
+        for middle, label, value in zip(middles, labels, values, strict=True):
+            if value is None:
+                continue
+            x = middle + offset
+            plot.whiskers((x, None, None), value, number)
+            title = f"{name}, {label}: {estimate(value, True)}"
+            plot.marker(plot.x(x), plot.y(value[0]), number, title)
         if name in names:
+            # The legend, to the right of the axes: a line of 16 pixels for each drawn series.
             left = WIDTH - room + 14
-            y = plot.top + 6 + 16 * names.index(name)
+            row = names.index(name)
+            y = plot.top + 6 + 16 * row
             plot.marker(left, y, number, name)
             plot.text(left + 9, y + 4, short(name))
     plot.titles(x_title, y_title)
@@ -179,15 +208,20 @@ def scatter(
     xs = _values(x for _, x, _ in everything)
     ys = _values(y for _, _, y in everything)
     lines = [level] if level else []
-    ticks = round_ticks(min(xs, default=0), max(xs, default=1))
-    y_ticks = round_ticks(0, max([*ys, *(share for _, share in lines)], default=1))
+    shares = [*ys, *(share for _, share in lines)]
+    lowest = min(xs, default=0)
+    highest = max(xs, default=1)
+    ticks = round_ticks(lowest, highest)
+    y_ticks = round_ticks(0, max(shares, default=1))
+    left = ticks[0]
     right = ticks[-1]
     room = room_for([*drawn, *(name for name, _ in lines)])
-    plot = Plot((ticks[0], right), (0, y_ticks[-1]), description, right=room)
+    plot = Plot((left, right), (0, y_ticks[-1]), description, right=room)
     plot.y_axis(y_ticks, _shares(y_ticks))
     plot.x_axis(ticks, [f"{value:.3g}" for value in ticks])
     for name, share in lines:
-        plot.polyline([(ticks[0], share), (right, share)], "diagonal", f"{name}: {share:.1%}")
+        ends_of_line = [(left, share), (right, share)]
+        plot.polyline(ends_of_line, "diagonal", f"{name}: {share:.1%}")
     taken = Labels(_LABEL_HEIGHT)
     named: set[str] = set()
     ends = [(right, share, name, "") for name, share in lines]
@@ -195,13 +229,18 @@ def scatter(
         points = drawn.get(name, [])
         for _, x, y in points:
             plot.whiskers(x, y, number)
+        # Labels of every second series lie below the points, so that those of two series overlap
+        # less.
+        is_below = number % 2 == 1
         for label, x, y in points:
-            title = f"{name}, {label}: {estimate(y, True)} at {estimate(x, False)}"
+            across = estimate(x, False)
+            up = estimate(y, True)
+            title = f"{name}, {label}: {up} at {across}"
             plot.marker(plot.x(x[0]), plot.y(y[0]), number, title)
-            # Labels of every second series lie below the points, so that those of two series
-            # overlap less.
-            _label_point(plot, taken, named, label, x[0], y, below=number % 2 == 1)
-        ends += [(x[0], y[0], name, style_of(number)) for _, x, y in points[-1:]]
+            _label_point(plot, taken, named, label, x[0], y, below=is_below)
+        if points:
+            _, x, y = points[-1]
+            ends.append((x[0], y[0], name, style_of(number)))
     plot.end_labels(ends)
     plot.titles(x_title, y_title)
     return plot.done()
@@ -219,11 +258,13 @@ def _label_point(
 
     A label that has been written, and a label without space, are left out.
     """
+    if label in named:
+        return
     ends = [plot.y(value) for value in _values([y])]
+    line = max(ends) + 12 if below else min(ends) - 5
     middle = plot.x(x)
     half = SMALL_LETTER * len(label) / 2
-    line = max(ends) + 12 if below else min(ends) - 5
-    if label not in named and taken.take(middle - half, middle + half, line):
+    if taken.take(middle - half, middle + half, line):
         named.add(label)
         plot.text(middle, line, label, "small", "middle")
 
@@ -246,8 +287,11 @@ def intervals(
         percent: the estimates are shares, shown as percentages.
     """
     estimates = [value for _, value in rows]
-    ends = _values([*estimates, (reference,)] if rows else [])
-    ticks = round_ticks(min(ends, default=0), max(ends, default=1))
+    # Without rows, a reference alone would give the axis an odd range.
+    ends = _values([*estimates, (reference,)]) if rows else []
+    lowest = min(ends, default=0)
+    highest = max(ends, default=1)
+    ticks = round_ticks(lowest, highest)
     plot = Plot(
         (ticks[0], ticks[-1]),
         (max(len(rows), 1), 0),  # the first row is at the top
@@ -257,17 +301,21 @@ def intervals(
         left=room_for((name for name, _ in rows), 12),
         height=TOP + _ROW * len(rows) + BOTTOM,
     )
-    plot.x_axis(
-        ticks, [f"{value:.0%}" if percent else f"{value:.3g}" for value in ticks], grid=True
-    )
+    tick_form = ".0%" if percent else ".3g"
+    plot.x_axis(ticks, [f"{value:{tick_form}}" for value in ticks], grid=True)
     if reference is not None:
         plot.polyline([(reference, 0), (reference, len(rows))], "diagonal")
+    form = ".1%" if percent else ".3f"
     for number, (name, value) in enumerate(rows):
-        y = plot.y(number + 0.5)
-        plot.whiskers(value, (number + 0.5, None, None), number)
-        plot.marker(plot.x(value[0]), y, number, f"{name}: {estimate(value, percent)}")
-        plot.text(plot.left - 8, y + 4, short(name), anchor="end")
-        plot.text(WIDTH - 44, y + 4, f"{value[0]:.1%}" if percent else f"{value[0]:.3f}")
+        # Each row is one unit high.
+        middle = number + 0.5
+        plot.whiskers(value, (middle, None, None), number)
+        x = plot.x(value[0])
+        y = plot.y(middle)
+        plot.marker(x, y, number, f"{name}: {estimate(value, percent)}")
+        base_line = y + 4
+        plot.text(plot.left - 8, base_line, short(name), anchor="end")
+        plot.text(WIDTH - 44, base_line, f"{value[0]:{form}}")
     plot.titles(x_title)
     return plot.done()
 
@@ -286,12 +334,15 @@ def log_reliability(
     """
     points = chain.from_iterable(series.values())
     coordinates = chain.from_iterable((x, y) for x, y, *_ in points)
-    least = min((value for value in coordinates if value > 0), default=0.1)
+    positive = (value for value in coordinates if value > 0)
+    least = min(positive, default=0.1)
     # The axis has a decade at least, and ends at a millionth: below, a share from some thousand
     # triples means nothing.
-    lowest = min(math.floor(math.log10(max(least, 1e-6))), -1)
+    decade = math.floor(math.log10(max(least, 1e-6)))
+    lowest = min(decade, -1)
 
     def place(value: float) -> float:
+        # A share of 0 has no logarithm, and is drawn at the end.
         return math.log10(max(value, 10.0**lowest))
 
     plot = Plot((lowest, 0), (lowest, 0), description, left=LEFT + 8)
@@ -301,16 +352,20 @@ def log_reliability(
     plot.x_axis(ticks, texts)
     plot.polyline([(lowest, lowest), (0, 0)], "diagonal")
     for number, (name, values) in enumerate(series.items()):
-        plot.polyline([(place(x), place(y)) for x, y, *_ in values], f"line {style_of(number)}")
+        line = [(place(x), place(y)) for x, y, *_ in values]
+        plot.polyline(line, f"line {style_of(number)}")
         for x, y, low, high, count in values:
-            plot.whiskers((place(x), None, None), (place(y), place(low), place(high)), number)
+            across = place(x)
+            up = place(y)
+            plot.whiskers((across, None, None), (up, place(low), place(high)), number)
             true = f"true {y:.2g} [{low:.2g}, {high:.2g}]"
             title = f"{name}: probability {x:.2g}, {true}, {count:,} triples"
-            plot.marker(plot.x(place(x)), plot.y(place(y)), number, title)
+            plot.marker(plot.x(across), plot.y(up), number, title)
     plot.titles("probability")
     return plot.done(list(series))
 
 
 def _shares(ticks: Sequence[float]) -> list[str]:
     """Format ticks as percentages, or as numbers if the steps are below one per cent."""
-    return [f"{value:.3g}" if ticks[1] < 0.01 else f"{value:.0%}" for value in ticks]
+    form = ".3g" if ticks[1] < 0.01 else ".0%"
+    return [f"{value:{form}}" for value in ticks]

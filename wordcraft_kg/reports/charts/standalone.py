@@ -35,24 +35,31 @@ def figure(title: str, panels: Sequence[tuple[str, str]], style: str) -> str:
     columns = min(len(panels), 2) or 1
     width = MARGIN + columns * (_PANEL + MARGIN)
     rows = [panels[i : i + columns] for i in range(0, len(panels), columns)]
-    letters = int((width - 2 * MARGIN) / (LETTER * 1.3))
+    # The title's letters are larger than those of charts, about by this factor.
+    letter = LETTER * 1.3
+    letters = int((width - 2 * MARGIN) / letter)
     parts = [
         f'<text x="{MARGIN}" y="26" style="font-size: 15px; font-weight: 600">'
         f"{for_html(shortened(title, letters))}</text>"
     ]
     top = HEAD
     for row in rows:
-        height = max((_height(chart) for _, chart in row), default=0)
+        heights = [_height(chart) for _, chart in row]
         for column, (caption, chart) in enumerate(row):
             left = MARGIN + column * (_PANEL + MARGIN)
             if caption:
-                shown = for_html(shortened(caption, int(_PANEL / LETTER)))
+                most = int(_PANEL / LETTER)
+                shown = for_html(shortened(caption, most))
                 parts.append(
                     f'<text x="{left}" y="{top + 14}" style="font-weight: 600">{shown}</text>'
                 )
-            place = f'x="{left}" y="{top + _CAPTION}" width="{_PANEL}" height="{_height(chart)}" '
-            parts.append(_HOVERED.sub("", str(chart)).replace("<svg ", f"<svg {place}", 1))
-        top += _CAPTION + height + MARGIN
+            place = f'x="{left}" y="{top + _CAPTION}"'
+            size = f'width="{_PANEL}" height="{_height(chart)}"'
+            # Nobody hovers over a printed figure, and the invisible points would be drawn.
+            plain = _HOVERED.sub("", str(chart))
+            parts.append(plain.replace("<svg ", f"<svg {place} {size} ", 1))
+        # The highest chart of a row makes its height.
+        top += _CAPTION + max(heights) + MARGIN
     head = (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {top}"'
         f' width="{width}" height="{top}" '
@@ -81,7 +88,9 @@ def resolved(style: str) -> str:
 
     Renderers of SVG files do not know these functions.
     """
-    values = _INK | {f"s{number}": colour for number, colour in enumerate(LIGHT)}
+    values = dict(_INK)
+    for number, colour in enumerate(LIGHT):
+        values[f"s{number}"] = colour
     plain = re.sub(r"var\(--(\w+)\)", lambda match: values[match[1]], style)
     return re.sub(r"color-mix\(in srgb, (#\w{6}) (\d+)%, (#\w{6})\)", _mixed, plain)
 
@@ -89,6 +98,7 @@ def resolved(style: str) -> str:
 def _mixed(match: re.Match[str]) -> str:
     """Return the colour of ``color-mix(in srgb, #one SHARE%, #other)``, channel by channel."""
     share = int(match[2]) / 100
-    channels = zip(bytes.fromhex(match[1][1:]), bytes.fromhex(match[3][1:]), strict=True)
-    mixed = [round(share * one + (1 - share) * other) for one, other in channels]
+    one = bytes.fromhex(match[1].removeprefix("#"))
+    other = bytes.fromhex(match[3].removeprefix("#"))
+    mixed = [round(share * a + (1 - share) * b) for a, b in zip(one, other, strict=True)]
     return "#" + bytes(mixed).hex()

@@ -21,7 +21,8 @@ PATIENCE = 30_000
 """Milliseconds; nothing takes a tenth of that, unless the machine has much else to do."""
 
 
-# Of a module, not of the session: while Playwright is there, no other test of the process may run an event loop.
+# Of a module, not of the session: while Playwright is there, no other test of the process may run
+# an event loop.
 @pytest.fixture(scope="module")
 def chromium():
     """The system's Chromium."""
@@ -108,7 +109,8 @@ def open_page(chromium):
 
 
 def addresses(explored):
-    """Return an address or two of each page: the first one of a static site, and that of an entity."""
+    """Return an address or two of each page: the first one of a static site, and
+    that of an entity."""
     states = []
     for page in PAGES.values():
         if page.is_there(explored):

@@ -1,4 +1,5 @@
-"""Properties of every page, labels that look like markup, and the search box by keyboard, in a real browser."""
+"""Properties of every page, labels that look like markup, and the search box by keyboard, in a real
+browser."""
 
 from dataclasses import replace
 
@@ -52,7 +53,8 @@ def test_each_page_is_the_same_after_it_is_loaded_again(open_page, visits):
 TOO_WIDE = """() => {
   const limit = document.documentElement.clientWidth;
   if (document.scrollingElement.scrollWidth <= limit) return [];
-  const clipped = (e) => e && (getComputedStyle(e).overflowX !== 'visible' || clipped(e.parentElement));
+  const clipped = (e) =>
+    e && (getComputedStyle(e).overflowX !== 'visible' || clipped(e.parentElement));
   return [...document.querySelectorAll('body *')]
     .filter(e => e.getBoundingClientRect().right > limit + 1 && !clipped(e.parentElement))
     .map(e => e.outerHTML.slice(0, 120));
@@ -67,11 +69,13 @@ def test_no_page_is_wider_than_a_phone_or_a_sheet_of_paper(open_page, visits, me
         assert page.evaluate(TOO_WIDE) == [], address
 
 
-CUT = """() => [...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1)
+CUT = """() => [...document.querySelectorAll('.scroll')]
+  .filter(e => e.scrollWidth > e.clientWidth + 1)
   .map(e => e.getAttribute('aria-label'))"""
 
 
-def test_on_a_usual_screen_no_table_is_cut_and_all_headings_begin_at_one_place(open_page, visits):
+def test_on_a_usual_screen_no_table_is_cut(open_page, visits):
+    """On a usual screen no table is cut and all headings begin at one place."""
     page, edges = open_page(viewport={"width": 1400, "height": 900}), set()
     for address in visits(page):
         assert page.evaluate(CUT) == [], address

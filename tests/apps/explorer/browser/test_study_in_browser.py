@@ -1,4 +1,5 @@
-"""People's pages in a real browser: by mouse, by keyboard alone, without a script, on a phone, and under axe."""
+"""People's pages in a real browser: by mouse, by keyboard alone, without a script, on a phone, and
+under axe."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -136,12 +137,14 @@ def test_a_double_click_is_one_pick(page, study):
     assert len(study.lines()) == 1
 
 
-def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key_is(page):
+def test_the_rest_of_a_double_click_is_no_pick_but_a_key_is(page):
+    """The second half of a double click on the next page is no pick but a key is."""
     thing(page, 3).click()
     page.wait_for_url("**first=4")
     page.evaluate(
         "performance.now = () => 399; const selected = document.querySelector('.selected');"
-        "selected.dispatchEvent(new MouseEvent('click', { detail: 2, bubbles: true, cancelable: true }))"
+        "selected.dispatchEvent(new MouseEvent('click', { detail: 2, bubbles: true, cancelable: "
+        "true }))"
     )
     page.wait_for_timeout(300)
     assert page.url.endswith("first=4")
@@ -149,7 +152,8 @@ def test_the_second_half_of_a_double_click_on_the_next_page_is_no_pick_but_a_key
     page.wait_for_url("**/feedback/1")
 
 
-def test_keys_that_come_before_the_next_page_are_not_taken_for_another_first_pick(page):
+def test_early_keys_are_not_another_first_pick(page):
+    """Keys that come before the next page are not taken for another first pick."""
     press = "document.body.dispatchEvent(new KeyboardEvent('keydown', { key, bubbles: true }))"
     page.evaluate(f"for (const key of ['1', '2', '3']) {press}")
     page.wait_for_url("**first=1")

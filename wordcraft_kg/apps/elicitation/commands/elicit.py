@@ -27,7 +27,7 @@ def elicit(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Elicit knowledge from a language model's probabilities: which entities need, make or go with which?
+    """Elicit which entities need, make or go with which from a language model's probabilities.
 
     The model reads one short text for each entity and prompt, and generates nothing. The same
     command continues an interrupted run.

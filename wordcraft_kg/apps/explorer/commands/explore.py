@@ -21,7 +21,7 @@ EXAMPLES = (
 )
 
 
-def explore(
+def explore(  # noqa: PLR0913 - parameters are the command's options
     graph: Book,
     *,
     model: Paths = None,
@@ -35,22 +35,27 @@ def explore(
     no_browser: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Explore a graph, model predictions and agent decisions in the browser; Ctrl-C stops the server.
+    """Explore a graph, model predictions and agent decisions in the browser.
 
-    The folders stay unchanged. Only this machine can open the pages, unless --host opens them to other machines.
+    Ctrl-C stops the server.
+
+    The folders stay unchanged. Only this machine can open the pages, unless --host opens them to
+    other machines.
 
     Args:
         graph: graph folder, recipe book file, or built-in book name.
         model: folder of a link predictor for this graph. May be given several times.
-        run: run folder of an agent on this graph, or a folder with several seeds; unfinished runs update live. May be
-            given several times.
-        games: recorded games to show beside an agent's at the same tables: output of `people serve`, `evaluate-text`,
-            `bench run` or `mcp --out`, or an Inspect AI log. May be given several times.
-        export: write a static site to this folder instead.
-        host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages to other machines.
-        port: port to listen on; 0 selects a free port.
-        allow_host: further permitted host name or address, as with --host 0.0.0.0 or behind a proxy. May be given
+        run: run folder of an agent on this graph, or a folder with several seeds; unfinished runs
+            update live. May be given several times.
+        games: recorded games to show beside an agent's at the same tables: output of `people
+            serve`, `evaluate-text`, `bench run` or `mcp --out`, or an Inspect AI log. May be given
             several times.
+        export: write a static site to this folder instead.
+        host: address to listen on; other addresses than 127.0.0.1, such as 0.0.0.0, open the pages
+            to other machines.
+        port: port to listen on; 0 selects a free port.
+        allow_host: further permitted host name or address, as with --host 0.0.0.0 or behind a
+            proxy. May be given several times.
         no_browser: do not open the browser.
     """
     from wordcraft_kg.base.extras import check_extra

@@ -189,15 +189,18 @@ def map_of(graph: RecipeGraph) -> MapView:
     labels = graph.labels(ids.tolist())
     columns = (*places.T, graph.use_counts[ids], group_of, layer[ids])
     numbers = [column.tolist() for column in columns]
-    is_small = len(combines) + len(components) <= ALL_LINKS
+    num_links = len(combines) + len(components)
+    if num_links > ALL_LINKS:
+        combines = combines[:0]
+        components = components[:0]
     return MapView(
         graph=graph.name,
         entities=graph.num_entities,
         spots=tuple(map(Spot, labels, *numbers)),
         groups=tuple(groups),
         layers=int(layer.max(initial=0)),
-        combines=tuple(map(tuple, combines.tolist())) if is_small else (),
-        components=tuple(map(tuple, components.tolist())) if is_small else (),
+        combines=tuple(map(tuple, combines.tolist())),
+        components=tuple(map(tuple, components.tolist())),
         chosen=None,
     )
 
@@ -236,8 +239,12 @@ def communities_of(size: int, links: Ids) -> tuple[Ids, list[Ids]]:
     within = np.bincount(ends[is_within].ravel(), minlength=size)
     # Number times share, within * (within / degree): the number alone would name entities that are
     # used everywhere, the share alone entities with a single link.
-    typical = np.argsort(-(within**2) / np.maximum(degree, 1), kind="stable")
-    return group_of, [typical[group_of[typical] == number] for number in range(len(groups))]
+    score = within**2 / np.maximum(degree, 1)
+    typical = np.argsort(-score, kind="stable")
+    # The order over all nodes, cut into the orders within groups.
+    group_of_typical = group_of[typical]
+    members = [typical[group_of_typical == number] for number in range(len(groups))]
+    return group_of, members
 
 
 def _links_among(graph: RecipeGraph, ids: Ids, relation: int) -> Ids:
@@ -267,19 +274,24 @@ def _places(number: int, links: Ids, group_of: Ids) -> Ids:
     if number < 2:
         return np.full((number, 2), [WIDTH // 2, HEIGHT // 2])
     degree = np.bincount(links.ravel(), minlength=number)
-    weight = 1 / np.sqrt(degree[links].prod(axis=1))
-    is_within = group_of[links[:, 0]] == group_of[links[:, 1]]
+    of_both_ends = degree[links].prod(axis=1)
+    weight = 1 / np.sqrt(of_both_ends)
+    one, other = links.T
+    is_within = group_of[one] == group_of[other]
     weight[is_within] *= PULL
     weighted = nx.Graph()
     weighted.add_nodes_from(range(number))
     # All links are built in, in this order: the layout depends on it.
-    weighted.add_weighted_edges_from(zip(*links.T.tolist(), weight.tolist(), strict=True))
+    edges = zip(one.tolist(), other.tolist(), weight.tolist(), strict=True)
+    weighted.add_weighted_edges_from(edges)
     layout = nx.forceatlas2_layout(weighted, max_iter=ROUNDS, weight="weight", seed=0)
     places = np.array([layout[entity] for entity in range(number)])
     # Mean of position and rank: true distances leave the map mostly empty, ranks alone hide gaps.
     low = places.min(axis=0)
     high = places.max(axis=0)
-    position = (places - low) / np.where(high > low, high - low, 1)
+    # All places may lie on a line, which has no width to divide by.
+    extent = np.where(high > low, high - low, 1)
+    position = (places - low) / extent
     # Sorting the order gives ranks.
     order = places.argsort(axis=0, kind="stable")
     rank = order.argsort(axis=0, kind="stable") / (number - 1)
@@ -311,10 +323,17 @@ def view_map(graph: RecipeGraph, whole: MapView, entity: str = "") -> MapView:
     spots = list(whole.spots)
     # The entity itself first, so that it has a place among many partners; each of them once.
     wanted = dict.fromkeys([chosen, *np.concatenate(kinds).tolist()])
-    for guest in [one for one in wanted if one not in number_of][:GUESTS]:
+    without_place = [one for one in wanted if one not in number_of]
+    for guest in without_place[:GUESTS]:
         number_of[guest] = len(spots)
         spots.append(_guest(graph, spot_of, guest))
-    links = Links(number_of[chosen], *(_shown_partners(graph, kind, number_of) for kind in kinds))
+    combines, makes, made_of = (_shown_partners(graph, kind, number_of) for kind in kinds)
+    links = Links(
+        entity=number_of[chosen],
+        combines=combines,
+        makes=makes,
+        made_of=made_of,
+    )
     return msgspec.structs.replace(whole, spots=tuple(spots), chosen=links)
 
 
@@ -343,14 +362,21 @@ def _partners(graph: RecipeGraph, entity: int) -> tuple[Ids, Ids, Ids]:
 
 def _most_used(graph: RecipeGraph, ids: Ids) -> Ids:
     distinct = np.unique(ids)
-    return distinct[np.argsort(-graph.use_counts[distinct], kind="stable")]
+    order = np.argsort(-graph.use_counts[distinct], kind="stable")
+    return distinct[order]
 
 
 def _guest(graph: RecipeGraph, spot_of: Mapping[int, Spot], entity: int) -> Spot:
     """Return a dot near the middle of an entity's placed neighbours, or of the map."""
-    neighbours = np.unique(np.concatenate(_partners(graph, entity))).tolist()
-    near = [(spot_of[one].x, spot_of[one].y) for one in neighbours if one in spot_of]
-    middle = np.mean(near or [(WIDTH // 2, HEIGHT // 2)], axis=0)
+    partners = np.concatenate(_partners(graph, entity))
+    near = []
+    for one in np.unique(partners).tolist():
+        if one in spot_of:
+            spot = spot_of[one]
+            near.append((spot.x, spot.y))
+    if not near:
+        near = [(WIDTH // 2, HEIGHT // 2)]
+    middle = np.mean(near, axis=0)
     # Offset by the golden angle (2.4 radians), so that guests with equal partners do not overlap:
     # its multiples are spread evenly around a circle, however many there are.
     angle = 2.4 * entity
@@ -380,14 +406,18 @@ def _draw(view: MapView, state: MapState, address: Addresses) -> Mapping[str, An
     named = _named(view.spots, roles)
     dots = []
     for number, spot in enumerate(view.spots):
-        colour = charts.colour_of(spot.group) if has_groups else _shade_of(spot, view.layers)
+        if has_groups:
+            colour = charts.colour_of(spot.group)
+        else:
+            colour = _shade_of(spot, view.layers)
         size = 1 + sum(spot.uses >= least for least in SIZES)
         style = f"{colour} r{size}{roles.get(number, '')}"
         if number not in named:
             style += " far"
         # A static site has entity pages, but no map for each entity.
         href = address(PAGE, MapState(entity=spot.entity, colour=state.colour))
-        href = href or address(entity.PAGE, entity.EntityState(entity=spot.entity))
+        if not href:
+            href = address(entity.PAGE, entity.EntityState(entity=spot.entity))
         dots.append((spot, href, style))
     links = {"combines": view.combines, "components": view.components}
     return {

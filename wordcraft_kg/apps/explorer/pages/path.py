@@ -340,8 +340,8 @@ PAGE = Page(
     title="Paths",
     subject="entity",
     draw=_draw,
-    # Only the first page of each list: the drawing has the last crafts, and other pages would be many
-    # files.
+    # Only the first page of each list: the drawing has the last crafts, and other pages would be
+    # many files.
     exported=lambda explored: map(PathState, ("", *explored.opened.graph.entities)),
     questions=_questions,
     is_there=attrgetter("opened.graph.num_entities"),

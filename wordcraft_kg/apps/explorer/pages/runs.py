@@ -16,11 +16,11 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation import training_curves
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
-from wordcraft_kg.models.policies.sources import ALPHA, source_names
+from wordcraft_kg.models.policies.sources import ALPHA, shown_setting, source_names
 from wordcraft_kg.reports.agent_pictures import (
     picture_of_lambdas,
     picture_of_success,
-    pictures_of_figures,
+    pictures_of_metrics,
 )
 from wordcraft_kg.runs.record import RUN_FILE, Status
 
@@ -107,7 +107,7 @@ class RunList(Record):
 
 
 class RunView(Record):
-    """An agent's run with figures, curves, and settings other than the defaults.
+    """An agent's run with metrics, curves, and settings other than the defaults.
 
     Attributes:
         row: the run in the table of runs.
@@ -122,7 +122,7 @@ class RunView(Record):
         settings: settings other than the defaults, as text.
         curves: success rates during training, by part.
         lambdas: mixing weights during training.
-        training: further figures during training.
+        training: further metrics during training.
         provenance: versions and hashes of the run's inputs.
     """
 
@@ -137,8 +137,8 @@ class RunView(Record):
     settings: dict[str, str] = msgspec.field(default_factory=dict)
     curves: dict[str, tuple[training_curves.CurvePoint, ...]] = msgspec.field(default_factory=dict)
     lambdas: tuple[training_curves.LambdaCurve, ...] = ()
-    training: dict[training_curves.Figure, tuple[training_curves.SeedCurve, ...]] = msgspec.field(
-        default_factory=dict
+    training: dict[training_curves.TrainingMetric, tuple[training_curves.SeedCurve, ...]] = (
+        msgspec.field(default_factory=dict)
     )
     provenance: dict[str, str] = msgspec.field(default_factory=dict)
 
@@ -186,14 +186,14 @@ def _view_run(explored: Explored, state: RunState) -> RunView:
         settings={name: _shown(name, value) for name, value in records.config.differing().items()},
         curves=training_curves.success_curves([records]),
         lambdas=tuple(training_curves.lambda_curves([records])),
-        training=training_curves.training_figures([records]),
+        training=training_curves.training_metrics([records]),
         provenance=records.provenance,
     )
 
 
 def _shown(name: str, value: object) -> str:
     # Of a folder only its name: paths on this machine are private.
-    return Path(str(value)).name if name in ("graph", "scorer") else str(value)
+    return Path(str(value)).name if name in ("graph", "scorer") else shown_setting(name, value)
 
 
 def _row(name: str, run: FollowedRun) -> RunRow:
@@ -220,19 +220,19 @@ def _row(name: str, run: FollowedRun) -> RunRow:
 
 
 def _success(records: AgentRun) -> dict[TaskPart, PartSuccess]:
-    # The evaluation plays all tasks; the figures during training are of a sample.
+    # The evaluation plays all tasks; the metrics during training are of a sample.
     if records.evaluation is not None:
         rates = records.evaluation.success
         return {
             part: PartSuccess(rate.mean, (rate.ci_low, rate.ci_high))
             for part, rate in rates.items()
         }
-    figures = _last_figures(records)
+    figures = _last_metrics(records)
     last = {part: figures.get(f"{part}_success") for part in EVALUATED}
     return {part: PartSuccess(mean, None) for part, mean in last.items() if mean is not None}
 
 
-def _last_figures(records: AgentRun) -> dict[str, float]:
+def _last_metrics(records: AgentRun) -> dict[str, float]:
     """Return the last value of each figure: not every line of metrics has all figures."""
     last: dict[str, float] = {}
     for row in records.metrics:
@@ -241,7 +241,7 @@ def _last_figures(records: AgentRun) -> dict[str, float]:
 
 
 def _lambdas(records: AgentRun) -> dict[str, tuple[float | None, float | None]]:
-    figures = _last_figures(records)
+    figures = _last_metrics(records)
     weights = {
         name: (
             figures.get(f"lambda_{name}_first"),
@@ -276,7 +276,7 @@ def _draw(view: RunView, *_: object) -> dict[str, object]:
     return {
         "success": picture_of_success({name: view.curves}) if view.curves else "",
         "lambdas": picture_of_lambdas(name, view.lambdas) if view.lambdas else "",
-        "training": pictures_of_figures({name: figures}),
+        "training": pictures_of_metrics({name: figures}),
     }
 
 

@@ -14,7 +14,9 @@ EXAMPLES = (
 def hub_pull(
     repository: str, *, out: Path, revision: str | None = None, output: Output = Output()
 ) -> None:
-    """Pull a graph folder, model folder or agent from the hub into a new folder, after a check of all hashes.
+    """Pull a graph folder, model folder or agent from the hub into a new folder.
+
+    All hashes are checked before.
 
     Args:
         repository: OWNER/NAME on the hub, pushed by `hub push`.

@@ -22,9 +22,11 @@ def hub_push(
     dry_run: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Check a graph folder, model folder or agent, and push the folder to the hub with a card, as one commit.
+    """Check a graph folder, model folder or agent, and push it to the hub with a card.
 
-    The card (README.md) has the licence, figures, command, versions and hashes of the inputs. A
+    All files are one commit.
+
+    The card (README.md) has the licence, metrics, command, versions and hashes of the inputs. A
     login is needed: hf auth login, or the variable HF_TOKEN.
 
     Args:

@@ -107,7 +107,7 @@ class Terminal:
                 self.say(textwrap.fill(str(error), WIDTH))
 
 
-def play(
+def play(  # noqa: PLR0913 - parameters are the command's options
     graph: Book = "everyday",
     *,
     depth: int = WordCraftConfig.depth,

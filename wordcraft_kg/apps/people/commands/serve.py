@@ -23,7 +23,7 @@ EXAMPLES = (
 )
 
 
-def people_serve(
+def people_serve(  # noqa: PLR0913 - parameters are the command's options
     graph: Book,
     *,
     out: Path,
@@ -38,7 +38,9 @@ def people_serve(
     no_browser: Flag = False,
     output: Output = Output(),
 ) -> None:
-    """Serve the human protocol of the paper in the browser; Ctrl-C stops the server; repeat the command to resume.
+    """Serve the human protocol of the paper in the browser; Ctrl-C stops the server.
+
+    Repeat the command to resume.
 
     Several people can participate at once. Each answer is on disk before the next page. The study
     stores only the selected items, times and page loads.

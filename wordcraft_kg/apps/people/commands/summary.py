@@ -36,7 +36,9 @@ def people_summary(
     force: Force = False,
     output: Output = Output(),
 ) -> None:
-    """Show success rates of people in the protocol of the paper, with 95% intervals, and of agents for comparison.
+    """Show success rates of people in the protocol of the paper, and of agents for comparison.
+
+    Intervals are 95 %.
 
     Args:
         studies: study folders (`people serve`) with equal graph and split.
@@ -98,7 +100,7 @@ def _text(view: "HumanSummary") -> Iterator[str]:
         noun = "distractor" if condition.distractors == 1 else "distractors"
         amount = f"{condition.distractors} {noun}"
         for part, row in condition.parts.items():
-            rows.append((f"{amount}, {part}", _figures(row)))
+            rows.append((f"{amount}, {part}", _metrics(row)))
             if row.people_interval:
                 rows.append((f"  over {row.people} people", _interval(row.people_interval)))
             for name, agent in row.agents.items():
@@ -113,7 +115,7 @@ def _text(view: "HumanSummary") -> Iterator[str]:
         yield from NOTE
 
 
-def _figures(row: "AnswerRate") -> str:
+def _metrics(row: "AnswerRate") -> str:
     if row.interval is None:
         return "no answers"
     return (

@@ -32,7 +32,7 @@ EXAMPLES = (
 )
 
 
-def bench_run(
+def bench_run(  # noqa: PLR0913 - parameters are the command's options
     track: str,
     *,
     player: str,
@@ -245,10 +245,10 @@ def _prompts(entrant: "Entrant", own: str | None) -> dict[str, Any]:
 
 def _shown(written: "Submission", lines: list["GameLine"]) -> list[str]:
     """Return the result as lines of text."""
-    from wordcraft_kg.apps.text_agents.submission import answers_text, figures_text
+    from wordcraft_kg.apps.text_agents.submission import answers_text, metrics_text
 
     games = counted(written.figures.games, "game")
-    result = f"{written.track}  {written.player}  {figures_text(written.figures)} over {games}"
+    result = f"{written.track}  {written.player}  {metrics_text(written.figures)} over {games}"
     if written.prompts == "none":
         return [result]
     lost = counted(written.lost_attempts, "attempt")
@@ -260,11 +260,11 @@ def _second_reading(
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the result under the present answer grammar, as JSON values and as lines of text."""
     from wordcraft_kg.apps.text_agents.second_reading import read_again
-    from wordcraft_kg.apps.text_agents.submission import figures_text
+    from wordcraft_kg.apps.text_agents.submission import metrics_text
 
     play = track.play(written.knowledge)
     again = read_again(track, play, entrant.answers)
     frozen = f"grammar {play.settings.answer_grammar}"
-    score = f"{frozen}  {figures_text(written.figures)}, the score of this track"
+    score = f"{frozen}  {metrics_text(written.figures)}, the score of this track"
     text = [score, f"grammar {again.grammar}  {again.text}"]
     return {"answer_grammar": again.grammar, "figures": again.figures}, text

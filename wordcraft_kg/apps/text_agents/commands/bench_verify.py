@@ -22,7 +22,7 @@ def bench_verify(
     timeout: float = TIMEOUT,
     output: Output = Output(),
 ) -> int:
-    """Verify submissions: play all games again, and compute figures and intervals again.
+    """Verify submissions: play all games again, and compute results and intervals again.
 
     Each folder is marked as replayed, or refused with the reason. With --player, the player plays
     the track again: if weights and games are the same, the submission is also marked as reproduced.
@@ -34,7 +34,7 @@ def bench_verify(
         weights: file with a text player's weights.
         timeout: seconds for an answer of a program.
     """
-    from wordcraft_kg.apps.text_agents.submission import figures_text, verify
+    from wordcraft_kg.apps.text_agents.submission import metrics_text, verify
 
     if not folders:
         raise ConfigError("expected at least one folder of `wordcraft-kg bench run`.")
@@ -56,7 +56,7 @@ def bench_verify(
             continue
         marks.append({"folder": str(folder), "mark": mark, "submission": checked})
         games = counted(checked.figures.games, "game")
-        result = f"{figures_text(checked.figures)} over {games}"
+        result = f"{metrics_text(checked.figures)} over {games}"
         lines.append(f"{mark}  {checked.track}  {checked.player}  {result}   {folder}")
     output.result({"submissions": marks}, lines)
     return 1 if any(one["mark"] == "refused" for one in marks) else 0

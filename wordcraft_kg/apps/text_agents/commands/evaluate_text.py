@@ -123,7 +123,7 @@ def _check(folder: Path) -> None:
 
 def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:
     settings = result.settings
-    rows = [("player", result.player), *_figures(result)]
+    rows = [("player", result.player), *_metrics(result)]
     invalid = counted(result.invalid_actions, "invalid action")
     rows.append(("answers", f"{invalid}, {counted(result.lost_attempts, 'attempt')} lost"))
     if settings.knowledge != "none":
@@ -136,7 +136,7 @@ def _text(result: "TextResult", graph: str, folder: Path) -> Iterator[str]:
     yield f"wrote {folder}/   next: wordcraft-kg reference {graph} {options}"
 
 
-def _figures(result: "TextResult") -> list[tuple[str, str]]:
+def _metrics(result: "TextResult") -> list[tuple[str, str]]:
     """Return the metrics as rows of a label and a text."""
     settings = result.settings
     success = result.success

@@ -26,7 +26,7 @@ EXAMPLES = (
 )
 
 
-def mcp(
+def mcp(  # noqa: PLR0913 - parameters are the command's options
     graph: Book = "everyday",
     *,
     settings: Annotated[GameSettings, Parameter(name="*", group="Games")] = GameSettings(),

@@ -9,7 +9,7 @@ left-out fold, which keeps train tasks from scores that were learned from their 
 ``pairs`` holds u and v, ``recipe`` holds w, ``registry`` finds sources by name. This module holds
 names only, and imports no torch, so that ``--help`` stays fast::
 
-    sources = make_sources(["u", "v"], load_scorer("models/mine"))
+    sources = make_sources(["combines", "component"], load_scorer("models/mine"))
     sources[0](States(goal, selection, table))
 
 To add a source, subclass :class:`~wordcraft_kg.models.policies.sources.source.Source`. An entry
@@ -20,6 +20,7 @@ source's name, and the names, types and shapes of its buffers, which are in the 
 policies.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
@@ -33,7 +34,7 @@ class Label:
     """The names under which a source appears in settings, formulas and reports.
 
     Attributes:
-        name: name in settings (``--use``) and records.
+        name: name in records, and in settings (``--use``) beside the longer one in :data:`SPELLED`.
         symbol: symbol in formulas, such as ``v``.
         about: column header in tables; ``{selection}`` is replaced by the selected entity.
         words: name in running text; by default ``name``.
@@ -97,6 +98,10 @@ W = Label(
 BUILT_IN = {label.name: label for label in (U, V, W)}
 LABELS = dict(BUILT_IN)
 """Labels by name, for built-in and registered sources."""
+SPELLED = {"combines": "u", "component": "v", "recipe": "w", "plan": "p"}
+"""Names for people by name in records. Settings take both; records, addresses and formulas keep the
+short ones, so that results from before the longer names stay valid. A dictionary here and not a
+field of the label, because the label of p lies in a module that imports torch."""
 
 
 @cache
@@ -114,12 +119,35 @@ def source_names() -> tuple[str, ...]:
     return (*BUILT_IN, *sorted(plug_ins))
 
 
+def short_name(name: str) -> str:
+    """Return a source's name in records: ``u`` for ``combines`` and for ``u``.
+
+    Unknown names stay as they are, so that an error can quote them.
+    """
+    return SPELLED.get(name, name)
+
+
+def shown_setting(name: str, value: object) -> str:
+    """Return a setting's value for tables: that of ``use`` with the names for people."""
+    return with_letters(str(value).split(",")) if name == "use" else str(value)
+
+
+def with_letters(names: Iterable[str]) -> str:
+    """Return the names of sources for people, as in ``combines (u), component (v)``.
+
+    Plug-ins have a single name, without a letter.
+    """
+    spelled = {short: f"{name} ({short})" for name, short in SPELLED.items()}
+    return ", ".join(spelled.get(short_name(name), name) for name in names)
+
+
 def label_of(name: str) -> Label:
     """Return the label for a source's name, or for ``alpha``, the attention's logits.
 
     Raises:
         KeyError: if no source has this name.
     """
+    name = short_name(name)
     if name == ALPHA.name:
         return ALPHA
     if name in LABELS:

@@ -171,7 +171,7 @@ class PairSource(FoldedSource):
 
 
 class CombinesWith(PairSource):
-    """The source u, ``u_i = L(e_i, combinesWith, e_s)``: slot i with selection s, else 0.
+    """The source combines (u): ``u_i = L(e_i, combinesWith, e_s)`` with selection s, else 0.
 
     Source: Jiang et al. 2020, section "Link Prediction Model".
     """
@@ -189,7 +189,7 @@ class CombinesWith(PairSource):
 
 
 class ComponentOf(PairSource):
-    """The source v, ``v_i = L(e_i, componentOf, e_g)``: slot i with the goal g.
+    """The source component (v), ``v_i = L(e_i, componentOf, e_g)``: slot i with the goal g.
 
     Source: Jiang et al. 2020, section "Link Prediction Model".
     """

@@ -1,4 +1,4 @@
-"""The source w: the score for the best recipe that makes the goal with a slot's entity."""
+"""The source recipe (w): the score for the best recipe that makes the goal with a slot's entity."""
 
 from collections.abc import Mapping
 from itertools import islice
@@ -59,7 +59,7 @@ SUPPORTING = 3
 
 
 class BestRecipe(FoldedSource):
-    """The source w, the score of a slot's best recipe for the goal.
+    """The source recipe (w), the score of a slot's best recipe for the goal.
 
     ``w_i = S(e_i, e_s -> e_g)``; without selection, ``w_i = max_j S(e_i, e_j -> e_g)``.
 
@@ -93,8 +93,8 @@ class BestRecipe(FoldedSource):
         whole = whole_of(scorer)
         if not isinstance(whole, RecipeScorer):
             raise ConfigError(
-                "`use` w needs recipe scores, and this scorer only has link scores. Use a scorer "
-                "from `wordcraft-kg train-recipes`, or leave out w."
+                "`use` recipe (w) needs recipe scores, and this scorer only has link scores. Use a "
+                "scorer from `wordcraft-kg train-recipes`, or leave out recipe."
             )
         size = len(scorer.entities)
         folded = folds_of(scorer)

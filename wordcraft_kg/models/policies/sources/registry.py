@@ -11,8 +11,11 @@ from wordcraft_kg.models.policies.sources import (
     ALPHA,
     BUILT_IN,
     LABELS,
+    SPELLED,
     installed_sources,
+    short_name,
     source_names,
+    with_letters,
 )
 from wordcraft_kg.models.policies.sources.pairs import CombinesWith, ComponentOf
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
@@ -36,10 +39,11 @@ def register_source(kind: _SourceT) -> _SourceT:
     earlier source with the same name is replaced.
 
     Raises:
-        ConfigError: for the name of a built-in source, which policies in existing folders use.
+        ConfigError: for a name of a built-in source, which policies in existing folders use, or for
+            its longer name, such as ``combines``.
     """
     name = kind.label.name
-    if name == ALPHA.name or name in BUILT_IN:
+    if name == ALPHA.name or name in BUILT_IN or name in SPELLED:
         raise ConfigError(
             f"the source '{name}' is built in; give the label of {kind.__name__} another name."
         )
@@ -49,16 +53,21 @@ def register_source(kind: _SourceT) -> _SourceT:
 
 
 def source_class(name: str) -> type[Source]:
-    """Return the class of a source, such as u, loading an installed package only when needed.
+    """Return the class of a source, loading an installed package only when needed.
+
+    Args:
+        name: either name of the source, such as ``combines`` or ``u``.
 
     Raises:
         ConfigError: if no source has this name.
     """
+    name = short_name(name)
     if name not in _CLASSES:
         point = installed_sources().get(name)
         if point is None:
             raise ConfigError(
-                f"unknown source '{name}'; expected a name among {', '.join(source_names())}. "
+                f"unknown source '{name}'; expected a name among "
+                f"{with_letters(source_names())}. "
                 "Install the package that provides this source, or register the class."
             )
         # Loading imports the other package, so only now, and not for `--help`.
@@ -86,7 +95,7 @@ def pairs_need_factors(
     """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
-    # A recipe scorer with tables has no limit here: its training needed more memory than its sources.
+    # A recipe scorer with tables has no limit here: its training needed more memory.
     has_tables = BestRecipe.serves(scorer) and not isinstance(scorer, FactoredScorer)
     if needed <= TABLE_LIMIT or has_tables:
         folded = folds_of(scorer)
@@ -120,7 +129,7 @@ def make_sources(
     """Make sources, functions that score table slots, by name from a scorer.
 
     Args:
-        names: names of the sources, such as ``["u", "v"]``.
+        names: names of the sources: ``["combines", "component"]``, or short, ``["u", "v"]``.
         scorer: model whose scores the sources use.
         view: scale of the scores and treatment of self edges; by default raw scores.
         tasks: tasks to score, such as ``world.tasks``, which replace the view's. Without tasks,
@@ -135,7 +144,7 @@ def make_sources(
         GraphMismatchError: if the tasks belong to another graph or split than the scorer's folds.
 
     Example:
-        >>> u, v = make_sources(["u", "v"], load_scorer("models/kitchen"))
+        >>> u, v = make_sources(["combines", "component"], load_scorer("models/kitchen"))
         >>> u.label.symbol, v.graph_hash == open_graph("kitchen").graph.hash
         ('u', True)
     """

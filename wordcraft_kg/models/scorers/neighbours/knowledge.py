@@ -36,7 +36,7 @@ OF_SLOTS = (
 
 | feature | meaning |
 |---|---|
-| evidence | log of the sum over recipes that make c's neighbours: likeness of c and of x to one of their ingredients |
+| evidence | log of a sum over recipes that make c's neighbours, by likeness of c and of x |
 | best_evidence, words_evidence | the largest term; the sum by words |
 | words, kernel | word cosine and similarity of x and c |
 | uses, made, count | log(1 + recipes that use x, that make x, that make c with x) |
@@ -123,7 +123,7 @@ class NeighbourKnowledge(PairKnowledge):
 
     @classmethod
     def of_recipes(cls, recipes: Ids, vectors: NDArray[np.float16], near_words: Any) -> Self:
-        """Return the knowledge of training recipes, ids (n, 3), for a single model without ranker."""
+        """Return the knowledge of recipes, ids (n, 3), for a single model without ranker."""
         rows = torch.from_numpy(recipes.astype(np.int32))
         return cls(
             {
@@ -167,7 +167,7 @@ class NeighbourKnowledge(PairKnowledge):
         return stack
 
     def lists(self, model: int = 0) -> Lists:
-        """Return a model's lists; made at the first call, by one thread, so that they never differ."""
+        """Return a model's lists; made at the first call by one thread, so that none differ."""
         if model not in self._lists:
             recipes = self.recipes[self.seen[model]].cpu().numpy().astype(np.int64)
             vectors = self.vectors.float().cpu().numpy()
@@ -266,7 +266,7 @@ class NeighbourKnowledge(PairKnowledge):
 
 
 def _features(lists: Lists, goals: Ids, tables: Ids, one: Ids, other: Ids) -> Floats:
-    """Return the features of pairs of slots, shape (B, P, F), by as many threads as torch may use."""
+    """Return the features of pairs of slots, (B, P, F), by as many threads as torch may use."""
     from wordcraft_kg.models.scorers.neighbours import loops
 
     features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)

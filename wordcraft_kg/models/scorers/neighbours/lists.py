@@ -103,7 +103,8 @@ def nearest_words(
     Exact, in blocks of rows: T² D operations, and memory for ``block`` x T cosines.
 
     Args:
-        vectors: unit vectors, shape (T, D); zeros have no neighbours, and without words lists are empty.
+        vectors: unit vectors, shape (T, D); zeros have no neighbours, and without words lists are
+            empty.
         count: length of the lists; -1 fills lists that are too short.
         block: rows at once.
         first: entity with the first list; the lists of others are known already.
@@ -134,7 +135,6 @@ def make_lists(
     used: int = USED,
     made: int = MADE,
     support: int = SUPPORT,
-    common: int = COMMON,
     rank: int = RANK,
 ) -> Lists:
     """Make the lists of a set of recipes.
@@ -147,7 +147,6 @@ def make_lists(
         used: N, neighbours that are ingredients.
         made: G, neighbours that are results.
         support: R, recipes for a goal.
-        common: longest profile column in the search for neighbours.
         rank: rank of the kernel regression.
     """
     from wordcraft_kg.models.scorers.neighbours import loops
@@ -166,7 +165,7 @@ def make_lists(
         columns.indptr,
         columns.indices,
         columns.data,
-        common,
+        COMMON,
         min(nearest, max(size, 1)),
     )
     # A profile has length 1, words add their part; entities with neither stay at the words' part.

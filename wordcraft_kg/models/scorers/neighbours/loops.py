@@ -10,7 +10,8 @@ import numpy as np
 
 from wordcraft_kg.models.scorers.neighbours.compiled import compiled
 
-# numba reads the types of arguments, so the interfaces are untyped: `lists` is a `Lists`, the rest are arrays.
+# numba reads the types of arguments, so interfaces are untyped: `lists` is a `Lists`, the rest are
+# arrays and numbers.
 Array = Any
 
 FLOOR = np.float32(1e-4)
@@ -31,7 +32,7 @@ OF_PAIRS = 16
 _FAR = 2**31 - 1
 
 
-# --- lists -----------------------------------------------------------------------------------------------------------
+# --- lists ----------------------------------------------------------------------------------------
 
 
 @compiled
@@ -236,7 +237,7 @@ def supporting(made, alike, words_alike, starts, by_result, width):  # type: ign
     return numbers, of_alike, of_words
 
 
-# --- hash tables -----------------------------------------------------------------------------------------------------
+# --- hash tables ----------------------------------------------------------------------------------
 
 
 @compiled
@@ -308,7 +309,7 @@ def _makes(lists, place, goal):  # type: ignore[no-untyped-def]
     return low < end and lists.result[low] == goal
 
 
-# --- features --------------------------------------------------------------------------------------------------------
+# --- features -------------------------------------------------------------------------------------
 
 
 @compiled
@@ -500,12 +501,12 @@ def table_features(  # type: ignore[no-untyped-def]
             )
 
 
-# --- evidence and candidates -----------------------------------------------------------------------------------------
+# --- evidence and candidates ----------------------------------------------------------------------
 
 
 @compiled
 def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
-    """Write similarities of a goal's supporting recipes, (R, 2): ingredients straight and crossed."""
+    """Write similarities of a goal's supporting recipes, (R, 2): straight and crossed."""
     for row in range(lists.support.shape[1]):
         recipe = lists.support[goal, row]
         if recipe < 0:

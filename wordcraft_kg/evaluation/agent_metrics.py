@@ -30,7 +30,7 @@ class AgainstScorer(Record):
     """An agent's decisions and success beside its scorer alone, on the same tables.
 
     Attributes:
-        scorer: sources that the scorer alone follows, such as `w`.
+        scorer: sources that the scorer alone follows, such as `recipe (w)`.
         differs: share of episodes in which the agent combines other pairs than the scorer alone.
         success, scorer_success: success rate of agent and scorer in these episodes; None without
             such episodes.
@@ -110,7 +110,7 @@ def compare_with_scorer(
 
     Args:
         results: an evaluation of each run, on the same tables.
-        scorer: the sources that the scorer alone follows, such as `w`.
+        scorer: the sources that the scorer alone follows, such as `recipe (w)`.
         alone: the evaluation of the scorer alone on these tables.
 
     Returns:

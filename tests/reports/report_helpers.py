@@ -1,7 +1,12 @@
-"""HTML pages as tests read them."""
+"""Link reports from a scorer in one call, and HTML pages as tests read them."""
 
 import re
 from html.parser import HTMLParser
+
+from wordcraft_kg.evaluation.links import view_links
+from wordcraft_kg.evaluation.ranked_links import rank_links
+from wordcraft_kg.models.scorers.config import MAX_QUERIES
+from wordcraft_kg.reports.link_report import make_link_report
 
 VOID = {
     "area",
@@ -54,3 +59,9 @@ class Page(HTMLParser):
 
 def text_of(html):
     return re.sub(r"\s+", " ", " ".join(Page(html).text))
+
+
+def link_report(scorer, opened, kg="partial", *, max_queries=MAX_QUERIES, seed=0, **more):
+    """Evaluate a scorer and return its report, as ``evaluate-links`` does."""
+    links = rank_links(scorer, opened, kg, max_queries=max_queries, seed=seed)
+    return make_link_report(view_links(links, seed=seed, **more), links.labelled_ranks)

@@ -1,0 +1,169 @@
+"""The environment and data set for TRL, by what TRL 1.16 asks of them."""
+
+import inspect
+import json
+
+import pytest
+
+from wordcraft_kg.apps.text_agents.conversation import Play
+from wordcraft_kg.apps.text_agents.settings import EvaluationSettings
+from wordcraft_kg.apps.text_agents.trl import (
+    CraftingEnvironment,
+    LookUpEnvironment,
+    crafting_rows,
+)
+from wordcraft_kg.base.errors import ConfigError, EpisodeError
+
+
+def rows_of(**settings):
+    return crafting_rows("kitchen", **{"part": "all", "distractors": 2, **settings})
+
+
+def plan_of(environment):
+    """Return the label pairs of a plan of the game's task, in order."""
+    game = environment.talk.game
+    rows = game.tasks.plans[game.task][0]
+    pairs = (game.graph.labels(pair) for pair in game.graph.recipes[rows, :2].tolist())
+    # A pair with two results stands twice in a plan that needs both.
+    return [*dict.fromkeys(pairs)]
+
+
+def play(environment, row, pairs):
+    environment.reset(**row)
+    return [environment.combine(*pair) for pair in pairs]
+
+
+def begun(row, environment=None):
+    environment = environment or CraftingEnvironment()
+    environment.reset(**row)
+    return environment
+
+
+@pytest.mark.parametrize("depth", [1, 2])
+def test_the_pairs_of_a_plan_earn_the_reward(depth):
+    for row in rows_of(depth=depth, tasks=20):
+        environment = begun(row)
+        *_, last = play(environment, row, plan_of(environment))
+        assert environment.get_reward() == 1
+        assert "You made" in last
+        assert environment.record.success
+
+
+def test_shaped_rewards_are_those_of_the_paper():
+    row = next(iter(rows_of(depth=2, reward="official")))
+    environment = begun(row)
+    plan = plan_of(environment)
+    play(environment, row, plan)
+    assert environment.get_reward() == pytest.approx(2)  # 1 for the intermediate, 1 for the goal
+    table = environment.record.table
+    useless = next(
+        (one, one) for one in table if not len(environment.talk.game.graph.results(one, one))
+    )
+    play(environment, row, [useless])
+    assert environment.get_reward() == pytest.approx(-0.1)
+    play(environment, {**row, "reward": "sparse"}, [useless])
+    assert environment.get_reward() == 0
+
+
+def test_all_rollouts_of_a_row_play_the_same_game():
+    rows = rows_of(depth=[1, 2], distractors=[1, 8], tables=2, tasks=5)
+    assert len(rows) == len({row["task_id"] for row in rows}) == 2 * 2 * 5 * 2
+    pooled = CraftingEnvironment()
+    for row in rows + rows[::-1]:
+        alone = begun(row).record
+        assert begun(row, pooled).record == alone
+        assert len(alone.table) >= row["distractors"] + 1
+    # Other tables of a task have other distractors.
+    first, second = (
+        begun(row).record.table for row in rows_of(depth=1, distractors=8, tables=2)[:2]
+    )
+    assert first != second
+
+
+def test_a_game_is_replayed_to_the_byte_from_its_row_and_pairs():
+    settings = EvaluationSettings(part="all", distractors=2, depth=2, distractor_seeds=3)
+    games = Play.open("kitchen", settings)
+    for row in rows_of(depth=2, tables=3, tasks=4):
+        environment = begun(row)
+        play(environment, row, [("1", "2"), *plan_of(environment)])
+        record = environment.record
+        again = games.begin(row["task"], row["distractor_seed"])
+        for pair in record.pairs:
+            again.combine(*pair)
+        assert (again.game.pairs, again.game.is_made) == ([*record.pairs], record.success)
+        assert again.game.start == record.table
+
+
+def test_invalid_calls_are_counted_and_end_the_game_at_last():
+    environment = begun(rows_of(depth=1)[0])
+    for call in range(4):
+        reply = environment.combine("no such item", "x" * 10_000_000)
+        assert len(reply) < 1_000
+        assert environment.talk.is_over == (call == 3)
+    assert environment.talk.invalid_actions == 4
+    before = environment.record
+    assert environment.combine("1", "2").startswith("This game is over.")
+    assert environment.record == before
+    assert environment.get_reward() == 0
+
+
+def test_numbers_from_a_model_are_read():
+    environment = begun(rows_of(depth=1)[0])
+    first = environment.talk.game.labels[0]
+    environment.combine(1, 1)
+    assert environment.record.pairs == ((first, first),)
+
+
+def test_look_ups_are_offered_by_the_other_class_alone():
+    row = rows_of(part="test", depth=1, knowledge="partial", look_ups=1)[0]
+    assert "look_up" in row["prompt"][0]["content"]
+    environment = begun(row, LookUpEnvironment())
+    entity = environment.talk.game.graph.entities[0]
+    assert "Goal:" in environment.look_up(entity)
+    assert "no look-ups left" in environment.look_up(entity)
+    assert environment.record.look_ups == 1
+    assert not hasattr(CraftingEnvironment, "look_up")
+
+
+def test_a_row_of_another_split_or_a_changed_row_is_refused_by_name():
+    row = rows_of(part="train", depth=1)[0]
+    for changes, says in (
+        ({"split_hash": "0" * 64}, "another split of 'kitchen'"),
+        ({"goal": "unicorn"}, "the row's goal is 'unicorn'"),
+        ({"task": None}, "no column 'task'"),
+        ({"task": 10**9}, "task"),
+        ({"depth": 99}, "depth"),
+        ({"reward": "large"}, "reward"),
+    ):
+        with pytest.raises(ConfigError, match=says):
+            CraftingEnvironment().reset(**{**row, **changes})
+    with pytest.raises(EpisodeError, match="call reset"):
+        CraftingEnvironment().combine("1", "2")
+
+
+def test_the_prompt_is_complete_and_reset_adds_nothing_to_it():
+    row = rows_of(depth=1)[0]
+    environment = CraftingEnvironment()
+    assert environment.reset(**row) is None
+    prompt = row.pop("prompt")[0]["content"]
+    assert environment.reset(**row) == prompt
+    assert environment.talk.game.state in prompt
+
+
+def test_trl_finds_the_tools_and_no_other_method():
+    """TRL takes all public functions of the class except `reset` and `get_reward` as tools."""
+    for kind, tools in (
+        (CraftingEnvironment, {"combine"}),
+        (LookUpEnvironment, {"combine", "look_up"}),
+    ):
+        public = {
+            name
+            for name, _ in inspect.getmembers(kind, predicate=inspect.isfunction)
+            if not name.startswith("_")
+        }
+        assert public - {"reset", "get_reward"} == tools
+
+
+def test_rows_are_plain_json():
+    rows = rows_of(depth=[1, 2], tasks=3)
+    assert json.loads(json.dumps(rows)) == rows

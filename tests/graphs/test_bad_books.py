@@ -1,0 +1,170 @@
+"""Files that are nearly recipe books: refused with the place, or read, all rows named."""
+
+import gzip
+import io
+import json
+import stat
+import zipfile
+
+import pytest
+from book_shapes import ROWS, table, zipped
+
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.graphs import RecipeGraph, read_book
+from wordcraft_kg.graphs.book_check import check_book
+
+HEADER = "ingredient_a,ingredient_b,result\n"
+
+
+@pytest.fixture
+def put(tmp_path):
+    def put(content, name="book.csv"):
+        path = tmp_path / name
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return path
+
+    return put
+
+
+def linked_zip():
+    """A zip archive with a symbolic link to a file outside."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr("book.csv", table())
+        link = zipfile.ZipInfo("other.csv")
+        link.external_attr = (stat.S_IFLNK | 0o777) << 16
+        archive.writestr(link, "/etc/hostname")
+    return buffer.getvalue()
+
+
+def locked_zip():
+    """A zip archive whose member has the flag of encryption."""
+    data = bytearray(zipped({"book.csv": table()}))
+    data[6] |= 1
+    data[data.index(b"PK\x01\x02") + 8] |= 1
+    return bytes(data)
+
+
+ZEROS = gzip.compress(b"a" * 50_000_000)
+REFUSED = {
+    "total at the end": (table() + "Total,,7\n", "b.csv", "line 9: 'Total' is the only ingredient"),
+    "merged cells": (table() + ",earth,pot\n", "b.csv", "line 9: 'earth' is the only"),
+    "formula": (table().replace("mud", '"=CONCAT(A2;B2)"').replace("_a", "1"), "b.csv", "formula"),
+    "error of a formula": (
+        table(header=("in1", "in2", "out")).replace("steam", "#REF!"),
+        "b.csv",
+        "'#REF!' is a spreadsheet's formula or its error",
+    ),
+    "mark in the middle": (
+        table() + "\ufeff" + table(),
+        "b.csv",
+        "line 9: a byte order mark in the middle",
+    ),
+    "header in the middle": (table() + table(), "b.csv", "line 9: the header is repeated"),
+    "ten million characters": (
+        table() + f"a,b,{'x' * 10_000_000}\n",
+        "b.csv",
+        "line 9: a line of 10,000,005 characters",
+    ),
+    "bomb, gzip": (ZEROS, "b.csv.gz", "expand more than 200 times"),
+    "bomb, zip": (zipped({"b.csv": b"a" * 50_000_000}), "b.zip", "expand more than 200 times"),
+    "bomb in a zip": (zipped({"b.csv.gz": ZEROS}), "b.zip", "expand more than 200 times"),
+    "link in a zip": (linked_zip(), "b.zip", "holds a link, 'other.csv'; links are not followed"),
+    "encrypted zip": (locked_zip(), "b.zip", "is encrypted"),
+    "damaged zip": (zipped({"b.csv": table()})[:60], "b.zip", "a damaged zip archive"),
+    "cut gzip": (gzip.compress(table().encode())[:-20], "b.gz", "gzip"),
+    "more after gzip": (gzip.compress(table().encode()) + b"more", "b.gz", "4 bytes after the end"),
+    "zip in a zip": (zipped({"b.csv": zipped({"c.csv": table()})}), "b.zip", "within an archive"),
+    "empty zip": (zipped({}), "b.zip", "0 files that may be recipe books"),
+    "deep JSON": ('{"a":' * 10_000 + "1" + "}" * 10_000, "b.json", "nested too deeply"),
+    "deep lists": ("[" * 10_000 + "]" * 10_000, "b.json", "nested too deeply"),
+    "bzip2": (b"BZh91AY&SY", "b.csv", "compressed with bzip2"),
+    "binary": (b"\x00\x01\x02a,b,c\n", "b.csv", "a binary file"),
+    "two delimiters": (
+        "a;b,c;d,e;f\na;b,x;d,y;f\n",
+        "b.csv",
+        r"two delimiters fit: \['a;b', 'x;d', 'y;f'\] \(commas\) or",
+    ),
+    "sums on both sides": ("a + b = c\nd = e + f\n", "b.txt", "sums on either side"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_bad_files_are_refused_with_what_is_wrong(put, case):
+    content, name, says = REFUSED[case]
+    path = put(content, name)
+    with pytest.raises(RecipeFileError, match=says) as caught:
+        read_book(path)
+    assert len(str(caught.value)) < 1_500
+    assert not check_book(path).passed
+
+
+@pytest.mark.parametrize(
+    ("head", "says"),
+    [
+        ("item1,item2,result\ningredient_a,ingredient_b,result\n", "'result' also stands below"),
+        ("Item1,Item2,Makes\nfirst,second,product\n", "names the columns again: 'first', 'second'"),
+        ("Ingredients,,Result\nwhat,with,thing\n", "names no column 2, but it is filled below"),
+    ],
+)
+def test_two_header_lines_are_refused(put, head, says):
+    with pytest.raises(RecipeFileError, match=says):
+        read_book(put(head + table(header=None)))
+
+
+def test_html_entities_and_text_from_right_to_left_are_kept_and_named(put):
+    text = HEADER + "salt &amp; pepper,water,brine\nמים,אש,אדים\n"
+    book = read_book(put(text))
+    assert "salt &amp; pepper" in book.entities
+    assert "1 labels with HTML entities, such as 'salt &amp; pepper'" in book.reading.line()
+    notes = [f.message for f in check_book(put(text)).findings if f.kind == "html"]
+    assert notes == ["'salt &amp; pepper' holds an HTML entity; write the character itself"]
+    assert ("אש", "מים", "אדים") in book.recipes
+
+
+def test_options_name_what_a_guess_cannot_know(put):
+    path = put("x,y,z\n" + table(header=None))
+    with pytest.raises(RecipeFileError, match="may name the columns or be a recipe"):
+        read_book(path)
+    expected = RecipeGraph.from_recipes(ROWS).hash
+    named = read_book(path, columns=["x", "y", "z"])
+    assert RecipeGraph.from_book(named).hash == expected
+    turned = read_book(put(table(header=None)), columns=["1", "2", "3"])
+    assert RecipeGraph.from_book(turned).hash == expected
+    spaced = read_book(put(table(delimiter="^")), delimiter="^")
+    assert RecipeGraph.from_book(spaced).hash == expected
+    mac = put("in1,in2,out\nthé,eau,crème\n".encode("mac_roman"))
+    assert read_book(mac, encoding="mac_roman").recipes == (("eau", "thé", "crème"),)
+    upper = read_book(put(table().upper().replace("BRICK", "brick")), case="fold")
+    assert RecipeGraph.from_book(upper).hash == expected
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ({"columns": ["nope", "b"]}, "`columns` 'nope': no such column"),
+        ({"columns": ["1"]}, "expected different columns"),
+        ({"columns": ["1", "1", "2"]}, "expected different columns"),
+        ({"delimiter": "::"}, "`delimiter` '::'"),
+        ({"encoding": "klingon"}, "`encoding` 'klingon'"),
+        ({"encoding": "hex"}, "`encoding` 'hex'"),
+        ({"case": "lower"}, "`case` 'lower'"),
+        ({"ingredients": "three"}, "`ingredients` 'three'"),
+    ],
+)
+def test_wrong_options_are_refused(put, options, says):
+    with pytest.raises(ConfigError, match=says):
+        read_book(put(table()), **options)
+
+
+def test_a_total_and_blank_rows_are_named(put):
+    book = read_book(put(table(header=("in1", "in2", "out")) + ",,\n"))
+    assert book.reading.left_out == {"blank": 1}
+    assert "(1 blank)" in book.reading.line()
+
+
+def test_the_reading_is_kept_as_json(put):
+    from wordcraft_kg.base.records import as_values
+
+    values = as_values(read_book(put(table(delimiter=";"))).reading)
+    assert json.loads(json.dumps(values))["delimiter"] == ";"

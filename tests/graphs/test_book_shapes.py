@@ -1,0 +1,53 @@
+"""Files as people have them: read as downloaded, or refused with what is missing."""
+
+import pytest
+from book_shapes import SHAPES
+
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.graphs import read_book
+from wordcraft_kg.graphs.book_check import check_book
+from wordcraft_kg.graphs.chains import unchained
+
+READ = [shape for shape in SHAPES if not shape.says]
+REFUSED = [shape for shape in SHAPES if shape.says]
+
+
+def put(shape, folder):
+    """Write a shape's files, and return the path of the book."""
+    for name, data in shape.files.items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(data)
+    return folder if len(shape.files) > 1 else folder / next(iter(shape.files))
+
+
+def expected(rows):
+    whole = {(tuple(sorted(parts)), result) for *parts, result in rows}
+    return {((one * 2 if len(one) == 1 else one), result) for one, result in whole}
+
+
+@pytest.mark.parametrize("shape", READ, ids=lambda shape: shape.name)
+def test_a_shape_is_read_as_it_is_downloaded(tmp_path, shape):
+    path = put(shape, tmp_path)
+    book = read_book(path, **shape.options)
+    assert set(unchained(book.recipes)) == expected(shape.rows)
+    reading = book.reading
+    assert reading.rows == reading.kept + sum(reading.left_out.values())
+    assert reading.kept == len(shape.rows)
+    assert reading.line().startswith(f"read as {reading.shape}")
+    checked = check_book(path, **shape.options)
+    assert checked.book.recipes == book.recipes
+    assert checked.reading == reading
+
+
+@pytest.mark.parametrize("shape", REFUSED, ids=lambda shape: shape.name)
+def test_a_refusal_names_what_is_missing_and_the_guide(tmp_path, shape):
+    path = put(shape, tmp_path)
+    with pytest.raises(RecipeFileError, match=shape.says) as caught:
+        read_book(path, **shape.options)
+    assert "docs/your-file.md#" in str(caught.value)
+    assert not check_book(path, **shape.options).passed
+
+
+def test_at_least_42_shapes_are_read():
+    assert len(READ) >= 42

@@ -1,0 +1,332 @@
+"""Crafting games to train language models in: an environment and a data set for TRL.
+
+TRL's ``GRPOTrainer(environment_factory=CraftingEnvironment)`` makes an environment for each
+rollout, calls ``reset`` with a row of the data set, offers the public methods as tools, and asks
+for the reward at the end. The classes are plain: nothing here imports TRL, and any trainer that
+calls tools can use them::
+
+    rows = crafting_rows("everyday", part="train", depth=2)
+    environment = CraftingEnvironment()
+    environment.reset(**rows[0])
+    environment.combine("water", "flour")
+    environment.get_reward()
+
+A row names a task and its table completely, so all rollouts of a group play the same game, and a
+game can be replayed from its row and its pairs.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Literal
+
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
+from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.records import TaskGameRecord
+from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
+from wordcraft_kg.apps.text_agents.settings import (
+    LOOK_UPS,
+    EvaluationSettings,
+    LookUps,
+)
+from wordcraft_kg.base.errors import ConfigError, EpisodeError
+from wordcraft_kg.base.extras import missing_extra
+from wordcraft_kg.base.settings import one_of, whole
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.envs.config import REWARDS
+from wordcraft_kg.graphs.tasks import TaskPart
+
+if TYPE_CHECKING:
+    import datasets
+
+_LONGEST_ITEM = 1_000
+"""Characters of an item that are read: more than the longest label."""
+_PLAYS_IN_MEMORY = 32
+"""Opened graphs with settings: more than a mixture of depths and numbers of distractors needs."""
+
+
+@dataclass(frozen=True)
+class CraftingRow:
+    """The part of a row that names a game: the rest of a row is for the trainer.
+
+    Attributes:
+        graph: graph folder, recipe book file, or name of a built-in book.
+        split_hash: content hash of the graph's split, so that a row never plays another task.
+        part: tasks of the split: train, valid, test or all.
+        depth: fewest attempts that solve the task, 1 to 5.
+        distractors: entities on the table that no plan needs.
+        attempts: attempts in the game.
+        reward: sparse (1 for the goal), or official (the paper's shaped reward besides).
+        knowledge: what can be looked up: none, or partial (train recipes that do not make the goal
+            from the table).
+        look_ups: look-ups in the game.
+        task: index of the task in its part.
+        distractor_seed: seed of the distractors on the table.
+        goal: label of the entity to make.
+    """
+
+    graph: str
+    split_hash: str
+    part: TaskPart
+    depth: int
+    distractors: int
+    attempts: int
+    reward: str
+    knowledge: LookUps
+    look_ups: int
+    task: int
+    distractor_seed: int
+    goal: str
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any]) -> "CraftingRow":
+        """Return the game that a row of a data set names.
+
+        Raises:
+            ConfigError: if a column is missing.
+        """
+        names = [field.name for field in fields(cls)]
+        missing = [name for name in names if row.get(name) is None]
+        if missing:
+            raise ConfigError(
+                f"the row has no column '{missing[0]}'; expected the columns {', '.join(names)}. "
+                "Make the data set with crafting_dataset."
+            )
+        return cls(**{name: row[name] for name in names})
+
+    def begin(self) -> Conversation:
+        """Begin the game.
+
+        Raises:
+            ConfigError: if the graph, its split or the task is not that of the row, or a value is
+                out of range.
+        """
+        play = _play(
+            self.graph,
+            self.part,
+            self.depth,
+            self.distractors,
+            self.attempts,
+            self.reward,
+            self.knowledge,
+            self.look_ups,
+        )
+        if play.settings.split_hash != self.split_hash:
+            raise ConfigError(
+                f"the row is of another split of '{self.graph}', in which its task may be a test "
+                "task. Make the data set again with crafting_dataset."
+            )
+        talk = play.begin(self.task, self.distractor_seed)
+        if talk.game.goal != self.goal:
+            raise ConfigError(
+                f"task {self.task} of the part {self.part} makes {talk.game.goal!r}, and the row's "
+                f"goal is {self.goal!r}: the row was changed. Make the data set again."
+            )
+        return talk
+
+
+class CraftingEnvironment:
+    """A crafting game, played by the tool ``combine``.
+
+    An invalid call costs nothing, but after three in a row the next one costs an attempt, so that
+    every game ends. Calls after the end change nothing.
+
+    Attributes:
+        talk: the game's conversation, with counts of invalid calls and look-ups; None before the
+            first ``reset``.
+    """
+
+    def __init__(self) -> None:
+        """Wait for a row."""
+        self.talk: Conversation | None = None
+
+    def reset(self, **row: Any) -> str | None:
+        """Begin the game of a row from :func:`crafting_rows`.
+
+        Args:
+            row: the columns of :class:`CraftingRow`; others, such as ``prompt``, are for the
+                trainer.
+
+        Returns:
+            None if the row has a prompt, which contains the game's rules and state; else both.
+
+        Raises:
+            ConfigError: for a row that names no game, or another than it did when it was made.
+        """
+        self.talk = CraftingRow.of(row).begin()
+        return None if row.get("prompt") else _opening(self.talk)
+
+    def combine(self, first: str, second: str) -> str:
+        """Combine two items on the table. This takes an attempt.
+
+        Args:
+            first: name or number of an item on the table.
+            second: name or number of an item on the table; it can be the first item again.
+
+        Returns:
+            What the pair makes, and the new state of the game.
+        """
+        talk = self._begun
+        return _after_the_end(talk) or talk.combine(_item(first), _item(second))
+
+    def get_reward(self) -> float:
+        """Return the reward so far: 1 for the goal, and the row's shaped rewards."""
+        return _task_game(self._begun).reward
+
+    @property
+    def record(self) -> TaskGameRecord:
+        """The game as a record without messages, given up if it is not over."""
+        talk = self._begun
+        talk.game.end()
+        record = record_of(talk, [])
+        assert isinstance(record, TaskGameRecord)
+        return record
+
+    @property
+    def _begun(self) -> Conversation:
+        if self.talk is None:
+            raise EpisodeError("there is no game; call reset with a row of the data set first.")
+        return self.talk
+
+
+class LookUpEnvironment(CraftingEnvironment):
+    """A crafting game with the tool ``look_up`` besides, for rows with ``knowledge`` partial."""
+
+    def look_up(self, item: str) -> str:
+        """Look up the known recipes of an item. This takes no attempt.
+
+        Args:
+            item: name of any item.
+
+        Returns:
+            The recipes that use or make the item, and the state of the game.
+        """
+        talk = self._begun
+        return _after_the_end(talk) or talk.look_up_item(_item(item))
+
+
+def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for a user
+    graph: str = "everyday",
+    *,
+    part: TaskPart = "train",
+    depth: int | Sequence[int] = 1,
+    distractors: int | Sequence[int] = 8,
+    attempts: int | None = None,
+    reward: Literal["sparse", "official"] = "sparse",
+    knowledge: LookUps = "none",
+    look_ups: int = LOOK_UPS,
+    tables: int = 1,
+    tasks: int | None = None,
+) -> list[dict[str, Any]]:
+    """Return rows for :class:`CraftingEnvironment`: a game each, with a prompt.
+
+    Args:
+        graph: graph folder, recipe book file, or name of a built-in book.
+        part: tasks of the split: train, valid, test or all.
+        depth: depth or depths, 1 to 5.
+        distractors: number or numbers of entities on the table that no plan needs.
+        attempts: attempts in a game; None means the depth.
+        reward: sparse, or official (shaped as in the paper's released code).
+        knowledge: look-ups, with :class:`LookUpEnvironment`: none or partial.
+        look_ups: look-ups in a game.
+        tables: tables for each task, with other distractors.
+        tasks: number of tasks of each depth, evenly spaced over the part; None means all.
+
+    Returns:
+        dictionaries with the columns of :class:`CraftingRow`, ``task_id`` (a name of the game) and
+        ``prompt`` (a list with a user's message), grouped by depth and number of distractors.
+
+    Raises:
+        ConfigError: for a value out of range.
+        LeakError: if look-ups would leak train recipes on train tasks.
+    """
+    whole("tables", tables, 1)
+    rows = []
+    for each_depth in (depth,) if isinstance(depth, int) else depth:
+        for number in (distractors,) if isinstance(distractors, int) else distractors:
+            most = each_depth if attempts is None else attempts
+            play = _play(graph, part, each_depth, number, most, reward, knowledge, look_ups)
+            assert isinstance(play.games, TaskGames)
+            for task in chosen_tasks(play.games.world, tasks).tolist():
+                for seed in range(tables):
+                    talk = play.begin(task, seed)
+                    row = CraftingRow(
+                        graph=graph,
+                        split_hash=play.settings.split_hash,
+                        part=part,
+                        depth=each_depth,
+                        distractors=number,
+                        attempts=most,
+                        reward=reward,
+                        knowledge=knowledge,
+                        look_ups=look_ups,
+                        task=task,
+                        distractor_seed=seed,
+                        goal=_task_game(talk).goal,
+                    )
+                    name = f"{play.settings.graph}-{part}-{each_depth}-{number}-{task}-{seed}"
+                    prompt = [{"role": "user", "content": _opening(talk)}]
+                    rows.append({"task_id": name, **vars(row), "prompt": prompt})
+    return rows
+
+
+def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Dataset":
+    """Return the rows of :func:`crafting_rows`, with the same arguments, as a data set for TRL.
+
+    Raises:
+        ExtraMissingError: without the package datasets, which TRL requires itself.
+    """
+    rows = crafting_rows(graph, **settings)
+    try:
+        from datasets import Dataset
+    except ModuleNotFoundError:
+        raise missing_extra("trl", ["datasets"]) from None
+    return Dataset.from_list(rows)
+
+
+@lru_cache(maxsize=_PLAYS_IN_MEMORY)
+def _play(
+    graph: str,
+    part: TaskPart,
+    depth: int,
+    distractors: int,
+    attempts: int,
+    reward: str,
+    knowledge: LookUps,
+    look_ups: int,
+) -> Play:
+    """Open the games with these settings, once: thousands of rollouts share them."""
+    one_of("reward", reward, tuple(REWARDS))
+    settings = EvaluationSettings(
+        part=part,
+        depth=depth,
+        distractors=distractors,
+        attempts=attempts,
+        knowledge=knowledge,
+        look_ups=look_ups,
+    )
+    return Play.open(graph, settings, reward=reward)
+
+
+def _opening(talk: Conversation) -> str:
+    """Return the first message: rules, the offer of look-ups, and the state of the game."""
+    lines = [talk.game.rules, "Use the tool `combine` for each attempt."]
+    if talk.offers_look_ups:
+        most = counted(talk.offers_look_ups, "look-up")
+        lines.append(f"The tool `look_up` shows known recipes; there are {most}.")
+    return "\n".join([*lines, "", talk.game.state])
+
+
+def _after_the_end(talk: Conversation) -> str:
+    """Return the answer to a call after the end of the game, which changes nothing; else ""."""
+    return f"This game is over. {talk.game.state}" if talk.is_over else ""
+
+
+def _task_game(talk: Conversation) -> TaskGame:
+    assert isinstance(talk.game, TaskGame)
+    return talk.game
+
+
+def _item(written: Any) -> str:
+    """Return the text of an argument; models also write numbers, and texts of any length."""
+    return str(written)[:_LONGEST_ITEM]

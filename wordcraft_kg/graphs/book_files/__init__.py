@@ -1,0 +1,23 @@
+"""Read and write recipe books: files that list recipes, in the shapes that people have.
+
+Read ``reader`` first: :func:`read_book` finds container (``container``), encoding (``text``) and
+shape, and every shape yields the same entries (``rows``):
+
+- ``tables`` with ``dialects`` (delimiter and quotes) and ``columns`` (ingredients and results);
+- ``lines``: a + b = c;
+- ``json_shapes``: our own JSON, the paper's, saves of Infinite Craft, and what other games write;
+- ``minecraft``: folders of recipes.
+
+``guide`` words refusals; ``writing`` writes books. Labels are matched exactly. To add a shape,
+write a subclass of ``RowSource``, or a function in ``SHAPES`` of ``json_shapes``.
+"""
+
+from wordcraft_kg.graphs.book_files.columns import KIND as KIND
+from wordcraft_kg.graphs.book_files.reader import BookOptions as BookOptions
+from wordcraft_kg.graphs.book_files.reader import ReadOptions as ReadOptions
+from wordcraft_kg.graphs.book_files.reader import book_name as book_name
+from wordcraft_kg.graphs.book_files.reader import read_book as read_book
+from wordcraft_kg.graphs.book_files.tables import CSV_HEADER as CSV_HEADER
+from wordcraft_kg.graphs.book_files.writing import book_json as book_json
+from wordcraft_kg.graphs.book_files.writing import recipe_table as recipe_table
+from wordcraft_kg.graphs.book_files.writing import write_book as write_book

@@ -1,0 +1,35 @@
+"""Refusals of files: the shape seen, the nearest readable shape, and the guide's anchor."""
+
+from pathlib import Path
+
+from wordcraft_kg.base.errors import RecipeFileError
+
+GUIDE = "docs/your-file.md"
+"""Guide with an example of each readable shape."""
+SHAPES = {
+    "table": "a table with two columns of ingredients and one of results: a,b,result",
+    "lines": "a line for each recipe: water + earth = mud",
+    "json": 'JSON such as {"mud": [["water", "earth"]]} or '
+    '[{"name": "mud", "recipes": [["water", "earth"]]}]',
+    "infinite-craft": 'a save of Infinite Craft: {"items": [{"id": 0, "text": "Water"}, ...]}',
+    "minecraft": "a data pack with JSON files in a folder recipe or recipes",
+    "compressed": "a file that is gzip, or a zip archive with one recipe book",
+    "encodings": "text in UTF-8",
+    "arities": "recipes of two ingredients, or any number with `ingredients` chain",
+}
+"""Readable shapes by the anchor of their section in the guide."""
+
+
+def refusal(path: Path | str, seen: str, anchor: str, remedy: str = "") -> RecipeFileError:
+    """Return the error for a file that is not read; the caller raises it.
+
+    Args:
+        path: the file.
+        seen: what was seen, and what is missing.
+        anchor: key of :data:`SHAPES`: the nearest readable shape.
+        remedy: a sentence about what to do; empty if the readable shape says it.
+    """
+    hint = f" {remedy}" if remedy else ""
+    return RecipeFileError(
+        f"{path}: {seen}.{hint} Nearest readable shape: {SHAPES[anchor]}. See {GUIDE}#{anchor}."
+    )

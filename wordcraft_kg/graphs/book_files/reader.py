@@ -1,0 +1,441 @@
+"""Read a recipe book from a file in any readable shape; one guess, which is announced.
+
+:func:`open_source` finds container, encoding and shape. :class:`BookRows` turns the source's
+entries into recipes of two ingredients and counts what is left out. :func:`read_book` stops at the
+first fault; ``check_book`` takes the same rows and lists all faults.
+"""
+
+import hashlib
+import json
+import logging
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypedDict, Unpack
+
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.base.progress import stage
+from wordcraft_kg.base.settings import nearest, one_of
+from wordcraft_kg.graphs.book_files.container import (
+    is_zip,
+    json_members,
+    opened,
+    read_bytes,
+    zip_names,
+)
+from wordcraft_kg.graphs.book_files.dialects import delimiter_of
+from wordcraft_kg.graphs.book_files.guide import GUIDE
+from wordcraft_kg.graphs.book_files.json_shapes import JsonRecipes
+from wordcraft_kg.graphs.book_files.lines import SumLines, looks_like_lines
+from wordcraft_kg.graphs.book_files.minecraft import (
+    MinecraftRecipes,
+    folder_files,
+    is_recipe_file,
+    read_folder,
+)
+from wordcraft_kg.graphs.book_files.rows import Fault, LeftOut, Place, RowSource
+from wordcraft_kg.graphs.book_files.tables import ENDINGS, Table
+from wordcraft_kg.graphs.book_files.text import check_encoding, decode
+from wordcraft_kg.graphs.chains import HALF, chain, is_half_product
+from wordcraft_kg.graphs.reading import Reading
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label, label_fault
+
+CASES = ("keep", "fold")
+INGREDIENTS = ("two", "chain")
+_SELF_RESULT = "with an ingredient as the result"
+_SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
+HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
+_JSON_ENDINGS = (".json", ".jsonl", ".ndjson", ".ic")
+_SAMPLE_LINES = 200
+
+
+class ReadOptions(TypedDict, total=False):
+    """The fields of :class:`BookOptions` as keyword arguments."""
+
+    single_ingredient: str | None
+    columns: Sequence[str] | None
+    delimiter: str | None
+    encoding: str | None
+    case: str
+    ingredients: str
+
+
+@dataclass(frozen=True)
+class BookOptions:
+    """What a user says about a file, instead of a guess.
+
+    Attributes:
+        single_ingredient: second ingredient for recipes of one: ``self`` repeats the ingredient,
+            another text names a second one, such as furnace; None refuses such recipes, or repeats
+            the ingredient if ``ingredients`` is chain.
+        columns: names, or numbers from 1, of the columns of ingredients and, last, of the result;
+            None to guess.
+        delimiter: column delimiter, a character or comma, semicolon, tab, pipe, space; None to
+            guess.
+        encoding: encoding of the text; None to guess.
+        case: ``keep``, or ``fold`` for labels in lower case.
+        ingredients: ``two`` refuses recipes of three and more, ``chain`` makes them chains of
+            half-products, see :mod:`~wordcraft_kg.graphs.chains`.
+    """
+
+    single_ingredient: str | None = None
+    columns: Sequence[str] | None = None
+    delimiter: str | None = None
+    encoding: str | None = None
+    case: str = "keep"
+    ingredients: str = "two"
+
+    def __post_init__(self) -> None:
+        one_of("case", self.case, CASES)
+        one_of("ingredients", self.ingredients, INGREDIENTS)
+        check_encoding(self.encoding)
+        if isinstance(self.columns, str):
+            raise ConfigError(f"`columns` {self.columns!r}: expected a list of names or numbers.")
+        if self.delimiter is not None:
+            delimiter_of(self.delimiter)
+        if self.single_ingredient is not None:
+            check_label(self.single_ingredient, "`single_ingredient`")
+
+
+@dataclass(frozen=True)
+class OpenedFile:
+    """A file whose shape is known.
+
+    Attributes:
+        path: the file or folder.
+        source: its entries.
+        data: the bytes, before decompression; empty for a folder.
+        sha256: hash of the content.
+        container: see :class:`~wordcraft_kg.graphs.reading.Reading`.
+        encoding: see there.
+        has_mark: whether the text began with a byte order mark.
+        text: the text; empty for a folder.
+    """
+
+    path: Path
+    source: RowSource
+    sha256: str
+    container: str = ""
+    encoding: str = ""
+    has_mark: bool = False
+    text: str = ""
+
+
+def open_source(path: Path, options: BookOptions) -> OpenedFile:
+    """Find a file's container, encoding and shape.
+
+    Raises:
+        RecipeFileError: if the file cannot be read, or its shape is unknown or not certain.
+    """
+    if path.is_dir():
+        files = folder_files(path)
+        if files:
+            contents = list(read_folder(path, files))
+            return OpenedFile(path, MinecraftRecipes(contents), _hash_of(contents))
+    data = read_bytes(path)
+    sha256 = hashlib.sha256(data).hexdigest()
+    if is_zip(data) and any(map(is_recipe_file, zip_names(path, data))):
+        return OpenedFile(path, MinecraftRecipes(json_members(path, data)), sha256, "zip")
+    content = opened(path, data)
+    decoded = decode(path, content.data, options.encoding)
+    source = _source_of(path, Path(content.name).suffix.lower(), decoded.text, options)
+    return OpenedFile(
+        path, source, sha256, content.container, decoded.encoding, decoded.has_mark, decoded.text
+    )
+
+
+def _hash_of(contents: Sequence[tuple[str, bytes]]) -> str:
+    """Return a hash of files' names and bytes."""
+    digest = hashlib.sha256()
+    for name, data in contents:
+        digest.update(json.dumps([name, len(data)]).encode())
+        digest.update(data)
+    return digest.hexdigest()
+
+
+def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> RowSource:
+    """Return the reader for a text: its beginning counts more than the file's ending."""
+    delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
+    named = Path(path.stem + ending)
+    if ending in _JSON_ENDINGS or (text.lstrip()[:1] in ("{", "[") and _is_json(path, text)):
+        return JsonRecipes(path, text, options.columns)
+    is_table = ending in ENDINGS or delimiter is not None or options.columns is not None
+    if not is_table and looks_like_lines(_first_lines(text)):
+        return SumLines(path, text)
+    if ending in ENDINGS and delimiter is None and _has_no_delimiter(text):
+        # Such lines are often saved under the ending of a table.
+        lines = _first_lines(text)
+        if looks_like_lines(lines):
+            return SumLines(path, text)
+    return Table(path, text, delimiter, options.columns, usual=ENDINGS.get(named.suffix, ","))
+
+
+def _is_json(path: Path, text: str) -> bool:
+    from wordcraft_kg.graphs.book_files.json_shapes import load_json
+
+    try:
+        load_json(path, text)
+    except RecipeFileError as error:
+        return "not JSON" not in str(error)
+    return True
+
+
+def _first_lines(text: str) -> list[str]:
+    lines = text[: 2**17].splitlines()
+    return [line for line in lines if line.strip()][:_SAMPLE_LINES]
+
+
+def _has_no_delimiter(text: str) -> bool:
+    return not any(any(sign in line for sign in ",;\t|") for line in _first_lines(text)[:20])
+
+
+class BookRows:
+    """The recipes of an opened file, with two ingredients each; iterate once.
+
+    Attributes:
+        kinds: kind of reasoning by recipe; complete after the iteration.
+        rows: rows that were recipes.
+        left_out: number of other entries by reason.
+        arities: number of rows by number of ingredients.
+    """
+
+    def __init__(self, file: OpenedFile, options: BookOptions):
+        self.file = file
+        self.options = options
+        self.kinds: dict[Recipe, str] = {}
+        self.rows = 0
+        self.left_out: Counter[str] = Counter()
+        self.arities: Counter[int] = Counter()
+        self._counts_dropped = 0
+        self._halves: dict[str, Recipe] = {}
+
+    @property
+    def base(self) -> dict[str, Place] | None:
+        """Declared base entities and their places."""
+        base = self.file.source.base
+        return None if base is None else {self._folded(label): at for label, at in base.items()}
+
+    @property
+    def listed(self) -> dict[str, Place]:
+        """Entities listed outside of recipes and their places."""
+        return {self._folded(label): at for label, at in self.file.source.listed.items()}
+
+    def _folded(self, label: str) -> str:
+        return label.lower() if self.options.case == "fold" else label
+
+    def __iter__(self) -> Iterator[tuple[Place, list[Recipe]] | Fault]:
+        """Yield each row's place and recipes, the row's own recipe last, and faults.
+
+        A chain is several recipes; its first ones make half-products.
+        """
+        fold = self.options.case == "fold"
+        has_kinds = self.file.source.kind_of
+        for entry in self.file.source:
+            if isinstance(entry, Fault):
+                yield entry
+                continue
+            if isinstance(entry, LeftOut):
+                self.rows += 1
+                self.left_out[entry.reason] += 1
+                continue
+            place, labels = entry
+            self.rows += 1
+            kind = has_kinds.get((tuple(sorted(labels[:-1])), labels[-1]), "") if has_kinds else ""
+            if fold:
+                labels = [label.lower() for label in labels]
+            self.arities[len(labels) - 1] += 1
+            recipes: list[Recipe] | Fault | LeftOut
+            if len(labels) == 3:
+                recipes = [Recipe.of(labels[0], labels[1], labels[2])]
+            else:
+                recipes = self._paired(place, labels)
+            if isinstance(recipes, LeftOut):
+                self.left_out[recipes.reason] += 1
+                continue
+            if isinstance(recipes, Fault):
+                yield recipes
+                continue
+            if kind and recipes:
+                self.kinds[recipes[-1]] = kind
+            yield place, recipes
+
+    def _paired(self, place: Place, labels: Sequence[str]) -> list[Recipe] | Fault | LeftOut:
+        """Return the recipes of two ingredients for a row of one, or of three and more."""
+        *ingredients, result = labels
+        where = f"{place}: " if isinstance(place, str) else ""
+        single = self.options.single_ingredient
+        is_chain = self.options.ingredients == "chain"
+        if len(ingredients) > 2 and not is_chain:
+            message = (
+                f"{where}{' + '.join(ingredients)[:80]!r} are {len(ingredients):,} ingredients of "
+                f"'{result[:80]}'; a recipe needs two. Read it as a chain of half-products with "
+                f"`ingredients` chain. See {GUIDE}#arities."
+            )
+            return Fault(place, "row", message, f"{len(ingredients)} ingredients")
+        distinct = list(dict.fromkeys(ingredients))
+        self._counts_dropped += len(ingredients) - len(distinct)
+        if len(distinct) > 1:
+            return self._chained(place, distinct, result)
+        (one,) = distinct
+        if single is None and not is_chain:
+            return Fault(place, "label", where + _alone(one))
+        other = one if single in (None, _SELF) else single
+        return [Recipe.of(one, other, result)]
+
+    def _chained(
+        self, place: Place, ingredients: Sequence[str], result: str
+    ) -> list[Recipe] | Fault | LeftOut:
+        """Return a chain without the half-products of earlier rows, which are no repetition."""
+        where = f"{place}: " if isinstance(place, str) else ""
+        if result in ingredients:
+            # As a whole, like a pair that makes one of its ingredients; never as part of a chain.
+            return LeftOut(place, _SELF_RESULT)
+        marked = next(filter(is_half_product, (*ingredients, result)), None)
+        if marked is not None:
+            message = f"the label {marked[:80]!r} ends like a half-product, in{HALF!r}; rename it."
+            return Fault(place, "label", where + message)
+        *halves, last = chain(ingredients, result)
+        new = []
+        for half in halves:
+            known = self._halves.setdefault(half.result, half)
+            if known is half:
+                new.append(half)
+            elif known != half:
+                message = f"'{half}' and '{known}' would be one half-product; rename a ' + '."
+                return Fault(place, "label", where + message)
+        return [*new, last]
+
+    def reading(self, merged: int, self_results: int, labels: Iterable[str]) -> Reading:
+        """Return the record of how the file was read, after the iteration.
+
+        Args:
+            merged: number of rows that repeat a recipe.
+            self_results: number of rows left out because the result is an ingredient.
+            labels: all labels, for remarks about them.
+        """
+        source, file = self.file.source, self.file
+        left_out = Counter(self.left_out)
+        left_out["that repeat a recipe"] += merged
+        left_out[_SELF_RESULT] += self_results
+        reasons = {reason: number for reason, number in left_out.items() if number}
+        html = [label for label in labels if "&" in label and HTML_ENTITY.search(label)]
+        notes = [*source.notes]
+        if html:
+            notes.append(f"{len(html):,} labels with HTML entities, such as {html[0][:60]!r}")
+        return Reading(
+            shape=source.shape,
+            container=file.container,
+            encoding=file.encoding,
+            delimiter=source.delimiter,
+            quote=source.quote,
+            header=source.header,
+            columns=source.columns,
+            ignored=source.ignored,
+            case="fold" if self.options.case == "fold" else "",
+            rows=self.rows,
+            kept=self.rows - sum(reasons.values()),
+            left_out=reasons,
+            arities={str(arity): self.arities[arity] for arity in sorted(self.arities)},
+            counts_dropped=source.counts_dropped + self._counts_dropped,
+            several_outputs=source.several_outputs,
+            notes=tuple(notes),
+        )
+
+
+@stage("reading the book")
+def read_book(
+    path: str | Path,
+    *,
+    keep_self_results: bool = False,
+    name: str | None = None,
+    **options: Unpack[ReadOptions],
+) -> RecipeBook:
+    """Read and validate a recipe book from a file, or from a graph folder.
+
+    Tables with any delimiter and order of columns, lines ``a + b = c``, JSON in the shapes of
+    common games, saves of Infinite Craft and folders of Minecraft recipes are read, also in gzip or
+    zip. The guess is in ``reading`` of the result. In tables, leading lines with ``#`` are
+    comments; ``# base: a, b`` declares base entities (known at the start), and ``# entities: a, b``
+    lists entities without a recipe. A column ``kind`` may name each recipe's kind of reasoning.
+
+    Args:
+        path: the file, or a graph folder.
+        keep_self_results: keep recipes with the result among the ingredients.
+        name: the book's name; None uses the file's or folder's name.
+        options: what a user says about the file, see :class:`BookOptions`.
+
+    Raises:
+        RecipeFileError: naming the line or JSON key with the first error.
+        ConfigError: for an option outside its values.
+    """
+    path = Path(path)
+    if (path / "graph.json").is_file():
+        path = path / "graph.json"
+    chosen = BookOptions(**options)
+    file = open_source(path, chosen)
+    rows = BookRows(file, chosen)
+    book = RecipeBook.of(
+        name or book_name(path),
+        _without_faults(path, rows),
+        listed=rows.listed,
+        keep_self_results=keep_self_results,
+        sha256=file.sha256,
+    )
+    entities = book.entities
+    reading = rows.reading(book.merged_duplicates, book.dropped_self_results, entities)
+    if not book.recipes:
+        reasons = ", ".join(f"{number:,} {reason}" for reason, number in reading.left_out.items())
+        raise RecipeFileError(
+            f"{path} has no recipe to keep (read as {reading.shape}; {reasons or 'no rows'}). "
+            f"See {GUIDE}."
+        )
+    base = rows.base
+    for label, line in (base or {}).items():
+        if isinstance(line, int) and label not in entities:
+            raise RecipeFileError(f"{path}, line {line}: {unknown_base(label, entities)}")
+    declared = None if base is None else tuple(sorted(base))
+    kinds = {}
+    if rows.kinds:
+        kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
+    logging.getLogger(__name__).info("%s: %s", path, reading.line())
+    return replace(book, base=declared, kinds=kinds, reading=reading)
+
+
+def _without_faults(path: Path, rows: BookRows) -> Iterator[Recipe]:
+    for entry in rows:
+        if isinstance(entry, Fault):
+            raise RecipeFileError(place_of(path, entry))
+        yield from entry[1]
+
+
+def place_of(path: Path, fault: Fault) -> str:
+    """Return a fault's message with its file and line; places in JSON are in the message."""
+    if isinstance(fault.place, int):
+        return f"{path}, line {fault.place}: {fault.message}"
+    return f"{path}: {fault.message}"
+
+
+def book_name(path: Path) -> str:
+    """Return a book's default name: the file or folder name, without control characters."""
+    name = path.parent.name if path.name == "graph.json" else path.stem
+    if label_fault(name) is None:
+        return name
+    return "".join(char if char.isprintable() else "_" for char in name) or "book"
+
+
+def unknown_base(label: str, known: Any) -> str:
+    """Return the error message for a base entity that is not among the ``known`` labels."""
+    return (
+        f"the base entity '{label}' is in no recipe.{nearest(label, known)} "
+        f"If it is meant, list it as well: # entities: {label}"
+    )
+
+
+def _alone(ingredient: str) -> str:
+    return (
+        f"'{ingredient}' is the only ingredient; a recipe needs two. Write it twice, or build the "
+        f"graph with `single_ingredient` {_SELF}, which reads {ingredient} + {ingredient}, or the "
+        "name of what it is combined with."
+    )

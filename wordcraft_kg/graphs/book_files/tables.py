@@ -1,0 +1,469 @@
+"""Tables: a row for each recipe, in any dialect, with columns in any order.
+
+A header with our own names is read as it is. Any other table is guessed: the dialect from the
+first rows, the columns from their names or, without a header, from the rows.
+"""
+
+import csv
+import io
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from wordcraft_kg.graphs.book_files.columns import (
+    KIND,
+    Roles,
+    readings,
+    repeated_cells,
+    result_by_rows,
+    roles_of_header,
+    roles_of_option,
+)
+from wordcraft_kg.graphs.book_files.dialects import (
+    DELIMITERS,
+    Dialect,
+    cells_of,
+    first_lines,
+    guess_dialect,
+    strict_cells,
+    trimmed,
+)
+from wordcraft_kg.graphs.book_files.guide import refusal
+from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, RowSource
+from wordcraft_kg.graphs.recipes import label_fault
+
+CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
+ENDINGS = {".csv": ",", ".tsv": "\t", ".tab": "\t"}
+"""Usual column delimiters by file ending."""
+MAX_LINE_LENGTH = 100_000
+"""Longest row, in characters: a file without line ends fails early, with the reason."""
+_OWN = (CSV_HEADER, (*CSV_HEADER, KIND))
+_JUDGED_ROWS = 100_000  # rows by which columns without a header are judged
+_HEAD_LINES = 1_000  # of the start of a file, to find the first rows below comments
+_FORMULA = re.compile(
+    r"=\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
+)
+_RULE = re.compile(r"[\s|:=-]+")  # the line below the header of a Markdown table
+_NUMBER = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
+_JOINERS = ("+", ";", "&", ",")  # between ingredients in one cell
+
+
+class Table(RowSource):
+    """A table of recipes, read row by row."""
+
+    shape = "table"
+
+    def __init__(
+        self,
+        path: Path,
+        text: str,
+        delimiter: str | None = None,
+        columns: Sequence[str] | None = None,
+        usual: str = ",",
+    ):
+        """Guess the dialect and the columns.
+
+        Args:
+            path: the file, for errors.
+            text: its text.
+            delimiter: the delimiter; None to guess.
+            columns: names or numbers of the columns of ingredients and, last, of the result; None
+                to guess.
+            usual: the delimiter of the file's ending.
+
+        Raises:
+            RecipeFileError: if the columns cannot be told; the message shows the readings.
+            ConfigError: if ``columns`` are not in the table.
+        """
+        super().__init__()
+        self._path = path
+        self._text = text
+        self._lines = enumerate(io.StringIO(text, newline=""), start=1)
+        self._faults: list[Fault] = []
+        self._first: tuple[int, str] | None = None
+        named = self._read_head()
+        first = "" if self._first is None else self._first[1]
+        self._is_own = _is_own(first, delimiter or usual)
+        self._dialect = Dialect(delimiter or usual)
+        self._joiner = ""
+        self._known: dict[str, str] = {}
+        if self._is_own and columns is None:
+            names = [cell.strip() for cell in first.split(self._dialect.delimiter)]
+            self._names: list[str] | None = names
+            self._roles = Roles((0, 1), (2,), 3 if len(names) == 4 else None)
+            self._width = len(names)
+        else:
+            self._guess(delimiter or named, usual, columns)
+        self.delimiter, self.quote = self._dialect.delimiter, self._dialect.quote
+        self.quote = "" if self.quote == '"' else self.quote
+        self.header = self._names is not None
+        self._is_plain = self._roles.ingredients == (0, 1) and self._roles.results == (2,)
+        # A row of three cells needs no further look, the frequent case in a large book.
+        self._may_hold_formula = not self._is_own and ("=" in text or "#" in text)
+        self._is_plain = self._is_plain and self._width == 3 and not self._may_hold_formula
+        self._is_plain = self._is_plain and not self._dialect.is_framed
+        self._name_columns()
+
+    # --- the head ---------------------------------------------------------------------------------
+
+    def _read_head(self) -> str | None:
+        """Read comments up to the first row; return the delimiter that Excel's first line names."""
+        named = None
+        for number, line in self._lines:
+            if line.startswith("#"):
+                fault = self._read_directive(number, line)
+                if fault is not None:
+                    self._faults.append(fault)
+            elif re.fullmatch(r'"?sep=(.)"?', line.strip("\r\n ")) and named is None:
+                named = line.strip('\r\n "')[4]
+            elif line.strip():
+                self._first = (number, line)
+                break
+        return named
+
+    def _read_directive(self, number: int, line: str) -> Fault | None:
+        key, colon, rest = line[1:].strip().partition(":")
+        key = key.strip().lower()
+        if not colon or key not in ("base", "entities"):
+            return None
+        if len(line) > MAX_LINE_LENGTH:
+            return Fault(number, "directive", _too_long(line))
+        labels = [cell for row in csv.reader([trimmed(rest, ",")]) for cell in row]
+        for fault in filter(None, map(label_fault, labels)):
+            return Fault(number, "directive", fault)
+        if key == "base":
+            self.base = (self.base or {}) | dict.fromkeys(labels, number)
+        else:
+            self.listed |= dict.fromkeys(labels, number)
+        return None
+
+    # --- the guess --------------------------------------------------------------------------------
+
+    def _guess(self, delimiter: str | None, usual: str, columns: Sequence[str] | None) -> None:
+        """Set dialect, header and roles."""
+        if self._first is None:
+            raise refusal(self._path, "no row of a table, only comments", "table")
+        number, first = self._first
+        lines = first_lines([first, *self._following(_HEAD_LINES)])
+        if max(map(len, lines)) > MAX_LINE_LENGTH:
+            longest = max(lines, key=len)
+            raise refusal(self._path, f"no table: {_too_long(longest)[:-1]}", "table")
+        self._dialect = guess_dialect(self._path, lines, delimiter, usual)
+        rows = [cells_of(line, self._dialect) for line in lines]
+        names, *rows = [row for row in rows if not self._is_rule(row)]
+        # A delimiter at the end of a header begins no column.
+        while len(names) > 1 and not names[-1]:
+            names = names[:-1]
+        self._width = max(len(_without_blanks(row)) for row in [names, *rows])
+        self._names = names
+        if columns is not None:
+            self._take_columns(columns, names, rows)
+            return
+        roles = roles_of_header(names)
+        if roles is None:
+            self._judge_rows()
+            return
+        repeated = repeated_cells(names, roles, rows)
+        if repeated:
+            raise refusal(
+                self._path,
+                f"line {number} may name the columns or be a recipe: "
+                f"{', '.join(map(repr, repeated[:3]))} also stands below",
+                "table",
+                "Choose with `columns`: names take the line as header, numbers as recipe.",
+            )
+        self._check_names(number, names, rows)
+        self._roles = roles
+        self._shift_row_names(names, rows)
+        self._width = max(self._width, max((*self._roles.used, 0)) + 1)
+        self._find_joiner(rows)
+
+    def _check_names(self, number: int, names: list[str], rows: Sequence[Sequence[str]]) -> None:
+        """Refuse a header of two rows: a column without a name, or names below names."""
+        # Row names, in the first column, have no header in R and pandas.
+        for i in range(1, len(names)):
+            if not names[i] and any(len(row) > i and row[i] for row in rows):
+                raise refusal(
+                    self._path,
+                    f"line {number} names no column {i + 1}, but it is filled below",
+                    "table",
+                    "Give each column a name, or choose with `columns`.",
+                )
+        second = roles_of_header(rows[0]) if rows else None
+        if second is not None and len(second.ingredients) > 1:
+            again = ", ".join(map(repr, rows[0][:4]))
+            raise refusal(
+                self._path,
+                f"the row below line {number} names the columns again: {again}",
+                "table",
+                "Keep one header line, or choose with `columns`.",
+            )
+
+    def _following(self, limit: int) -> list[str]:
+        number = 0 if self._first is None else self._first[0]
+        lines = []
+        for index, line in enumerate(io.StringIO(self._text, newline=""), start=1):
+            if index > number:
+                lines.append(line)
+            if len(lines) >= limit:
+                break
+        return lines
+
+    def _take_columns(
+        self, columns: Sequence[str], names: Sequence[str], rows: Sequence[Sequence[str]]
+    ) -> None:
+        """Take the roles from the option; numbers alone leave a header to its names."""
+        by_number = all(column.strip().isdecimal() for column in columns)
+        if by_number:
+            roles = roles_of_header(names)
+            if roles is None or repeated_cells(names, roles, rows):
+                self._names = None
+        self._roles = roles_of_option(columns, self._names, self._width)
+        self._find_joiner(rows)
+
+    def _judge_rows(self) -> None:
+        """Find the roles of columns without known names, or refuse the table."""
+        _, first = self._first or (0, "")
+        lines = [first, *self._following(_JUDGED_ROWS)]
+        rows = [cells_of(line, self._dialect) for line in lines if line.strip()]
+        rows = [row for row in rows if any(row) and not self._is_rule(row)]
+        rows = [_without_blanks(row) for row in rows]
+        first_row, *others = rows
+        seen = ", ".join(repr(cell[:40]) for cell in first_row[:8])
+        named = (
+            f"a table with {DELIMITERS.get(self._dialect.delimiter, repr(self._dialect.delimiter))}"
+        )
+        remedy = "Name the columns of ingredients and, last, of the result with `columns`."
+        if len(first_row) == 2 and any("+" in cell for cell in first_row):
+            self._plus_columns(rows)
+            return
+        if len(first_row) != 3:
+            cells = f"{len(first_row)} column{'s' * (len(first_row) != 1)} ({seen})"
+            missing = "none is named as ingredients and result"
+            raise refusal(self._path, f"{named} and {cells}; {missing}", "table", remedy)
+        full = [row for row in rows if len(row) == 3 and all(row)]
+        numeric = [
+            i for i in range(3) if all(_NUMBER.fullmatch(row[i]) for row in full[1:]) and full[1:]
+        ]
+        if len(numeric) == 1:
+            raise refusal(
+                self._path,
+                f"{named} whose column {numeric[0] + 1} ({first_row[numeric[0]][:40]!r}) holds "
+                "only numbers, such as weights or ids; a column of results is missing",
+                "table",
+                remedy,
+            )
+        known = {cell for row in others for cell in row}
+        if known.isdisjoint(first_row) and others:
+            raise refusal(
+                self._path,
+                f"{named} whose first row ({seen}) may name the columns or be a recipe",
+                "table",
+                "Choose with `columns`: names take the row as header, numbers as recipe.",
+            )
+        result = result_by_rows(full)
+        if result is None:
+            raise refusal(
+                self._path,
+                f"{named} without a header, and the rows do not tell which column is the result: "
+                f"{readings(first_row)}",
+                "table",
+            )
+        self._names = None
+        self._width = 3
+        self._roles = Roles(tuple(i for i in range(3) if i != result), (result,))
+
+    def _plus_columns(self, rows: Sequence[Sequence[str]]) -> None:
+        """Take two columns without known names, of which one has sums of ingredients."""
+        sums = [i for i in range(2) if all(len(row) == 2 and "+" in row[i] for row in rows)]
+        if len(sums) != 1:
+            raise refusal(
+                self._path,
+                "a table of two columns, where '+' stands in both or not in all rows",
+                "lines",
+            )
+        self._names = None
+        self._width = 2
+        self._roles = Roles((sums[0],), (1 - sums[0],))
+        self._joiner = "+"
+
+    def _shift_row_names(self, names: list[str], rows: Sequence[Sequence[str]]) -> None:
+        """R writes row numbers without a name in the header: all names move by one column."""
+        is_shifted = bool(rows) and all(
+            len(row) == len(names) + 1 and row[0].isdecimal() for row in rows
+        )
+        if not is_shifted:
+            return
+        self._names = ["", *names]
+        ingredients, results, kind, counts = self._roles
+        self._roles = Roles(
+            tuple(i + 1 for i in ingredients),
+            tuple(i + 1 for i in results),
+            None if kind is None else kind + 1,
+            tuple(i + 1 for i in counts),
+        )
+
+    def _find_joiner(self, rows: Sequence[Sequence[str]]) -> None:
+        """Find what stands between ingredients, if one column holds them all."""
+        if len(self._roles.ingredients) != 1:
+            return
+        (column,) = self._roles.ingredients
+        cells = [row[column] for row in rows if len(row) > column and row[column]]
+        present = [joiner for joiner in _JOINERS if any(joiner in cell for cell in cells)]
+        everywhere = [joiner for joiner in present if all(joiner in cell for cell in cells)]
+        fitting = everywhere if len(everywhere) == 1 else present
+        if len(fitting) > 1:
+            one, other = fitting[:2]
+            cell = next(cell for cell in cells if one in cell or other in cell)
+            raise refusal(
+                self._path,
+                f"ingredients such as {cell[:60]!r} could be parted at {one!r} or at {other!r}",
+                "table",
+                "Write each ingredient in a column of its own.",
+            )
+        self._joiner = fitting[0] if fitting else ""
+
+    def _is_rule(self, cells: Sequence[str]) -> bool:
+        return self._dialect.is_framed and all(_RULE.fullmatch(cell) for cell in cells)
+
+    def _name_columns(self) -> None:
+        used = [*self._roles.ingredients, *self._roles.results]
+        if self._names is None:
+            self.columns = tuple(f"column {i + 1}" for i in used)
+            others = [i for i in range(self._width) if i not in self._roles.used]
+            self.ignored = tuple(f"column {i + 1}" for i in others)
+            return
+        names = [*self._names, *[""] * (self._width - len(self._names))]
+        self.columns = tuple(names[i] for i in used)
+        others = [i for i in range(len(names)) if i not in self._roles.used]
+        named = [names[i] or f"column {i + 1}" for i in others]
+        self.ignored = tuple(named[: len(self._names)])
+
+    # --- the rows ---------------------------------------------------------------------------------
+
+    def __iter__(self) -> Iterator[Entry]:
+        """Yield recipes, invalid rows and rows left out, in file order."""
+        yield from self._faults
+        if self._first is not None and self._names is None:
+            yield from self._read(*self._first)
+        for number, line in self._lines:
+            labels = self._plain_labels(line) if self._is_plain else None
+            if labels is not None:
+                yield number, labels
+            else:
+                yield from self._read(number, line)
+
+    def _plain_labels(self, line: str) -> list[str] | None:
+        """Return three valid labels of an unquoted row, the frequent case, or None."""
+        if self._dialect.quote in line or len(line) > MAX_LINE_LENGTH or line[0] == "\ufeff":
+            return None
+        delimiter = self._dialect.delimiter
+        cells = trimmed(line.rstrip("\r\n"), delimiter).split(delimiter)
+        if len(cells) != 3 or not all(cells) or cells == self._names:
+            return None
+        # Most labels were met before: a look-up is faster than a check, and repeated labels become
+        # one object, which saves memory and makes sorting faster.
+        known = self._known
+        try:
+            return [known[cells[0]], known[cells[1]], known[cells[2]]]
+        except KeyError:
+            if any(map(label_fault, cells)):
+                return None
+            return [known.setdefault(cell, cell) for cell in cells]
+
+    def _read(self, number: int, line: str) -> Iterator[Entry]:
+        if len(line) > MAX_LINE_LENGTH:
+            yield Fault(number, "row", _too_long(line), "long")
+            return
+        if line[0] == "\ufeff":
+            message = "a byte order mark in the middle, as where two files were joined; remove it."
+            yield Fault(number, "row", message, "mark")
+            return
+        try:
+            cells = strict_cells(line, self._dialect)
+        except (csv.Error, ValueError) as error:
+            message = f"{error}; a quoted cell ends in its line, and a quote in it is doubled."
+            yield Fault(number, "row", message, "quote")
+            return
+        if not cells or (self._dialect.is_framed and self._is_rule(cells)):
+            return
+        if not any(cells):
+            yield LeftOut(number, "blank")
+        elif self._names is not None and cells == self._names:
+            yield Fault(number, "header", "the header is repeated in the middle", "header")
+        else:
+            yield from self._recipes(number, cells)
+
+    def _recipes(self, number: int, cells: list[str]) -> Iterator[Entry]:
+        roles = self._roles
+        while len(cells) > self._width and not cells[-1]:
+            cells = cells[:-1]
+        needed = max(*roles.ingredients, *roles.results) + 1
+        limit = self._width if self._names is None else max(len(self._names), needed)
+        if not needed <= len(cells) <= limit:
+            yield Fault(number, "row", self._wrong_width(cells, limit), f"width {len(cells)}")
+            return
+        ingredients = [cells[i] for i in roles.ingredients if cells[i]]
+        if self._joiner and ingredients:
+            parts = [part.strip() for part in ingredients[0].split(self._joiner)]
+            ingredients = parts
+        results = [cells[i] for i in roles.results if cells[i]] or [cells[roles.results[0]]]
+        kind = cells[roles.kind] if roles.kind is not None and roles.kind < len(cells) else ""
+        labels = [*(ingredients or [""]), *results, *([kind] if kind else [])]
+        faults = list(dict.fromkeys(filter(None, map(self._label_fault, labels))))
+        if faults:
+            yield Fault(number, "label", " Also, ".join(faults))
+            return
+        self.counts_dropped += sum(
+            1 for i in roles.counts if i < len(cells) and cells[i] not in ("", "1")
+        )
+        self.several_outputs += len(results) > 1
+        for result in results:
+            fault = self._note_kind(number, ingredients, result, kind) if kind else None
+            yield fault or (number, [*ingredients, result])
+
+    def _label_fault(self, label: str) -> str | None:
+        if self._may_hold_formula and _FORMULA.match(label):
+            return f"{label[:80]!r} is a spreadsheet's formula or its error; save the values."
+        return label_fault(label)
+
+    def _note_kind(
+        self, number: int, ingredients: list[str], result: str, kind: str
+    ) -> Fault | None:
+        key = tuple(sorted(ingredients)), result
+        if self.kind_of.setdefault(key, kind) != kind:
+            *_, last = key
+            recipe = f"{' + '.join(key[0])} -> {last}"
+            message = f"{recipe} has the kind '{kind}' here, and '{self.kind_of[key]}' above."
+            return Fault(number, "row", message)
+        return None
+
+    def _wrong_width(self, cells: Sequence[str], limit: int) -> str:
+        row = self._dialect.delimiter.join(cells)[:80]
+        if not self._is_plain and not self._is_own:
+            return (
+                f"'{row}' has {len(cells)} cell{'s' * (len(cells) != 1)}; the table has {limit} "
+                "columns. Quote a cell with a delimiter in it."
+            )
+        count = len(cells) - 1
+        hint = " For a single ingredient, leave the second cell empty." if count == 1 else ""
+        return (
+            f"'{row}' has {count} ingredient{'s' * (count != 1)} and a result"
+            f"{'' if count else ' missing'}; a recipe needs two and a result, in three columns."
+            f"{hint}"
+        )
+
+
+def _without_blanks(cells: list[str]) -> list[str]:
+    """Return cells without the blank ones at the end."""
+    while cells and not cells[-1]:
+        cells = cells[:-1]
+    return cells
+
+
+def _is_own(line: str, delimiter: str) -> bool:
+    return tuple(map(str.strip, line.rstrip("\r\n").split(delimiter))) in _OWN
+
+
+def _too_long(line: str) -> str:
+    return f"a line of {len(line):,} characters; the limit is {MAX_LINE_LENGTH:,}."

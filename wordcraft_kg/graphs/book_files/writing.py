@@ -1,0 +1,76 @@
+"""Write recipe books: tables with our own header, or our own JSON."""
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from wordcraft_kg.base.artefacts import output_target, write_atomically
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.graphs.book_files.columns import KIND
+from wordcraft_kg.graphs.book_files.tables import CSV_HEADER
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
+
+_JSON_FORMAT = "wordcraft-kg recipe book 1"
+
+
+def write_book(book: RecipeBook, path: Path) -> None:
+    """Write a recipe book as ``.csv``, ``.tsv`` or ``.json``; reading restores an equal book."""
+    ending = path.suffix.lower()
+    target = output_target(path)
+    if ending == ".json":
+        write_atomically(target, book_json(book))
+    elif ending in (".csv", ".tsv"):
+        directives = [("base", book.base), ("entities", book.idle or None)]
+        head = [
+            f"# {key}: {_csv_line(labels, ',')}" for key, labels in directives if labels is not None
+        ]
+        write_atomically(
+            target,
+            [*head, *recipe_table(book.recipes, "," if ending == ".csv" else "\t", book.kinds)],
+        )
+    else:
+        raise RecipeFileError(
+            f"{path}: unknown ending '{ending}'; a recipe book is written as .csv, .tsv or .json."
+        )
+
+
+def recipe_table(
+    recipes: Iterable[Recipe], delimiter: str = ",", kinds: Mapping[Recipe, str] | None = None
+) -> Iterator[str]:
+    """Yield table lines: a header, then (ingredient, ingredient, result), with kinds if any."""
+    yield delimiter.join((*CSV_HEADER, KIND) if kinds else CSV_HEADER) + "\n"
+    for recipe in recipes:
+        yield _csv_line((*recipe, kinds.get(recipe, "")) if kinds else recipe, delimiter)
+
+
+def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
+    """Yield a book in our JSON layout, one recipe per line; ``extra`` adds top-level keys."""
+    dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
+    yield f'{{\n"format": {dump(_JSON_FORMAT)},\n"name": {dump(book.name)},\n'
+    if book.kinds:
+        extra["kinds"] = [book.kinds.get(recipe, "") for recipe in book.recipes]
+    for key, value in extra.items():
+        yield f"{dump(key)}: {dump(value)},\n"
+    yield f'"base": {dump(book.base)},\n"entities": {dump(book.entities)},\n"recipes": [\n'
+    last = len(book.recipes) - 1
+    for index, recipe in enumerate(book.recipes):
+        yield dump(recipe) + (",\n" if index < last else "\n")
+    yield "]\n}\n"
+
+
+def _csv_line(labels: Iterable[str], delimiter: str) -> str:
+    # Quotes only where they are needed; csv.writer needs a buffer because it only writes to files.
+    cells = list(labels)
+    if not any(
+        delimiter in cell or '"' in cell or cell != cell.strip() or cell[:1] in ("#", "\ufeff")
+        for cell in cells
+    ):
+        return delimiter.join(cells) + "\n"
+    buffer = io.StringIO()
+    csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_ALL).writerow(
+        cells
+    )
+    return buffer.getvalue()

@@ -1,0 +1,79 @@
+"""Chains: recipes of three and more ingredients as recipes of two, through half-products.
+
+``a + b + c = r`` becomes ``a + b = a + b + …`` and ``a + b + … + c = r``, with the ingredients in
+the order of their labels. A half-product carries its mark in its label, so that every file format,
+copy and hash of a graph keeps it: no export can lose which entities are no things of the game.
+"""
+
+from collections.abc import Iterable, Sequence
+
+from wordcraft_kg.graphs.recipes import Recipe
+
+HALF = " + …"
+"""End of the label of each half-product."""
+
+
+def is_half_product(label: str) -> bool:
+    """Return whether a label names a half-product of a chain."""
+    return label.endswith(HALF)
+
+
+def chain(ingredients: Sequence[str], result: str) -> list[Recipe]:
+    """Return the recipes of two ingredients for a recipe of any number.
+
+    Args:
+        ingredients: labels, without repetition if there are three or more.
+        result: label of the result.
+
+    Example:
+        >>> for recipe in chain(["stick", "coal", "rope"], "torch"):
+        ...     print(recipe)
+        coal + rope -> coal + rope + …
+        coal + rope + … + stick -> torch
+    """
+    first, *others = sorted(ingredients)
+    if not others:
+        return [Recipe(first, first, result)]
+    recipes = []
+    at_hand, done = first, first
+    for ingredient in others[:-1]:
+        done = f"{done} + {ingredient}"
+        recipes.append(Recipe.of(at_hand, ingredient, done + HALF))
+        at_hand = done + HALF
+    return [*recipes, Recipe.of(at_hand, others[-1], result)]
+
+
+def unchained(recipes: Iterable[Recipe]) -> list[tuple[tuple[str, ...], str]]:
+    """Return recipes as they were before :func:`chain`: ingredients, sorted, and the result.
+
+    Args:
+        recipes: all recipes of a book or graph. Recipes without half-products stay as they are.
+
+    Example:
+        >>> unchained(chain(["stick", "coal", "rope"], "torch"))
+        [(('coal', 'rope', 'stick'), 'torch')]
+    """
+    recipes = list(recipes)
+    parts_of = {
+        recipe.result: (recipe.ingredient_a, recipe.ingredient_b)
+        for recipe in recipes
+        if is_half_product(recipe.result)
+    }
+
+    def expanded(label: str) -> list[str]:
+        parts = []
+        stack = [label]
+        while stack:
+            current = stack.pop()
+            if current in parts_of:
+                stack += parts_of[current]
+            else:
+                parts.append(current)
+        return parts
+
+    whole = []
+    for recipe in recipes:
+        if not is_half_product(recipe.result):
+            parts = [*expanded(recipe.ingredient_a), *expanded(recipe.ingredient_b)]
+            whole.append((tuple(sorted(parts)), recipe.result))
+    return whole

@@ -1,0 +1,102 @@
+"""The record of how a recipe book's file was read: the guess that commands announce."""
+
+from collections.abc import Iterator
+
+import msgspec
+
+from wordcraft_kg.base.escaping import for_terminal
+from wordcraft_kg.base.records import Count, Record
+from wordcraft_kg.base.wording import counted
+
+_SHOWN = 6  # names of columns that are left out, in the line
+
+
+class Reading(Record, omit_defaults=True, kw_only=True):
+    """How a recipe book's file was read, and what became of its rows.
+
+    ``rows`` is the sum of ``kept`` and all numbers in ``left_out``: no row is lost in silence.
+
+    Attributes:
+        shape: kind of file, such as "table" or "lines a + b = c".
+        container: compression or archive around the file, such as "gzip"; empty without one.
+        encoding: encoding of the text; empty if it is not text, such as a folder.
+        delimiter: column delimiter of a table; empty for other shapes.
+        quote: character around the cells of a table, if it is not the double quote.
+        header: whether a table's first row names the columns.
+        columns: columns, keys or fields with the ingredients and, last, the results.
+        ignored: further columns, which are not read.
+        case: "fold" if labels were changed to lower case; empty if they are as in the file.
+        rows: recipes in the file; a row with several results counts once for each.
+        kept: rows that became a recipe of the book.
+        left_out: number of other rows by reason.
+        arities: number of rows by their number of ingredients, as digits.
+        counts_dropped: ingredients whose number of pieces is not kept.
+        several_outputs: rows of the file with several results.
+        notes: further remarks.
+    """
+
+    shape: str
+    container: str = ""
+    encoding: str = ""
+    delimiter: str = ""
+    quote: str = ""
+    header: bool = True
+    columns: tuple[str, ...] = ()
+    ignored: tuple[str, ...] = ()
+    case: str = ""
+    rows: Count = 0
+    kept: Count = 0
+    left_out: dict[str, Count] = msgspec.field(default_factory=dict)
+    arities: dict[str, Count] = msgspec.field(default_factory=dict)
+    counts_dropped: Count = 0
+    several_outputs: Count = 0
+    notes: tuple[str, ...] = ()
+
+    def line(self) -> str:
+        """Return a sentence for people: shape, columns, rows kept, and rows left out with reasons.
+
+        Example:
+            >>> left_out = {"repeated": 1}
+            >>> Reading(shape="table", delimiter=";", rows=3, kept=2, left_out=left_out).line()
+            "read as table with delimiter ';'; kept 2 of 3 rows (1 repeated)"
+        """
+        return for_terminal("; ".join([", ".join(self._facts()), self._rows()]))
+
+    def _rows(self) -> str:
+        reasons = ", ".join(f"{number:,} {reason}" for reason, number in self.left_out.items())
+        kept = f"kept {self.kept:,} of {counted(self.rows, 'row')}"
+        return f"{kept} ({reasons})" if reasons else kept
+
+    def _facts(self) -> Iterator[str]:
+        """Yield what the line says about the file, without what goes without saying."""
+        delimiter = f" with delimiter {self.delimiter!r}" if self.delimiter else ""
+        yield f"read as {self.shape}{delimiter}"
+        if self.quote:
+            yield f"quotes {self.quote}"
+        if self.columns:
+            *ingredients, result = self.columns
+            yield f"{' + '.join(ingredients)} = {result}"
+        if not self.header:
+            yield "no header"
+        if self.ignored:
+            more = len(self.ignored) - _SHOWN
+            names = ", ".join(self.ignored[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+            yield f"other columns ignored: {names}"
+        if self.container:
+            yield f"from {self.container}"
+        if self.encoding not in ("", "utf-8"):
+            yield f"encoding {self.encoding}"
+        yield from self._changes()
+
+    def _changes(self) -> Iterator[str]:
+        """Yield what is another than in the file."""
+        if self.case:
+            yield "labels in lower case"
+        if self.counts_dropped:
+            yield f"{counted(self.counts_dropped, 'number')} of pieces not kept"
+        if self.several_outputs:
+            yield f"{counted(self.several_outputs, 'row')} with several results"
+        if self.arities.keys() - {"2"}:
+            arities = [f"{number:,} of {arity}" for arity, number in self.arities.items()]
+            yield f"rows by number of ingredients: {', '.join(arities)}"
+        yield from self.notes

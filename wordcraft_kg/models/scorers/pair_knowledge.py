@@ -34,15 +34,16 @@ class PairKnowledge(nn.Module, ABC):
 
     Attributes:
         feature_names: names of the F features, in the order of the rankers' weights. Among them are
-            ``known`` (the pair
-            has known results), ``makes`` (it makes the goal) and the feature in :attr:`made_name`.
+            ``known`` (the pair has known results), ``makes`` (it makes the goal) and the feature in
+            :attr:`made_name`.
         made_name: name of the feature ``log(1 + recipes that make the goal)``.
         sampled_results: results to score on random tables of a fold, to calibrate probabilities.
         buffer_names: names of the stored tensors.
         num_entities: E, also the id of an empty slot.
-        first, first_bias, second, bias: the rankers' weights, with H hidden units: shapes (M, F,
-            H), (M, H), (M, H) and
-            (M,).
+        first: the rankers' weights, with H hidden units: shape (M, F, H).
+        first_bias: shape (M, H).
+        second: shape (M, H).
+        bias: shape (M,).
     """
 
     feature_names: ClassVar[tuple[str, ...]]

@@ -42,6 +42,6 @@ recipes, and how many recipes make c with x.
 With lists as long as the book nothing is approximate but the pruning: tests compare features with
 full tables.
 
-The loops are compiled by numba. Vectorised torch was not kept: look-ups of lists with different
-lengths need padding to the longest, and a single decision has too little work for its calls.
+The loops are compiled by numba: lists end at different places, and searches stop early, which
+vectorised operations would pad to the longest.
 """

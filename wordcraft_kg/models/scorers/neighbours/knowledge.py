@@ -158,12 +158,12 @@ class NeighbourKnowledge(PairKnowledge):
         rankers = {name: torch.cat([getattr(model, name) for model in known]) for name in RANKER}
         shared = {"vectors": known[0].vectors, "near_words": known[0].near_words}
         stack = cls({**shared, "recipes": every, "seen": seen, **rankers})
-        stack._lists = {
-            place: lists
-            for place, model in enumerate(known)
-            for lists in model._lists.values()
-            if model.num_models == 1
-        }
+        # Lists that are made already serve the stack, too.
+        first = 0
+        for model in known:
+            for number, lists in model._lists.items():
+                stack._lists[first + number] = lists
+            first += model.num_models
         return stack
 
     def lists(self, model: int = 0) -> Lists:

@@ -28,7 +28,8 @@ from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.graphs.train_samples import draw_train_sample
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.factors import TableScorer
-from wordcraft_kg.models.scorers.pair_features import FEATURES, RANKER, knowledge_of
+from wordcraft_kg.models.scorers.pair_features import FEATURES, knowledge_of
+from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
 from wordcraft_kg.planning.search import FURTHER, INTERMEDIATE, NO_PLAN, PlanSearch
 from wordcraft_kg.planning.source import BestPlan
@@ -51,7 +52,7 @@ def random_search(seed, width=SIZE, recipes=6):
         name: torch.randn(shape, generator=generator)
         for name, shape in zip(RANKER, shapes, strict=True)
     }
-    return PlanSearch(knowledge.with_ranker(weights), CURVE, width=width)
+    return PlanSearch(knowledge.with_ranker(Ranker(**weights)), CURVE, width=width)
 
 
 def state_of(goal, table, **options):

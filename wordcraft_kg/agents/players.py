@@ -31,6 +31,7 @@ from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
+from wordcraft_kg.models.recipes.method import uses_lists
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
 from wordcraft_kg.models.scorers.config import SelfEdges, dense_bytes
 from wordcraft_kg.models.scorers.features import glove_features
@@ -260,8 +261,8 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     no_self = fact_sources(graph, graph.triples[~loops])
     train = split.recipes("train")
     planner = {}
-    # The planner needs a dense table of pairs, which a large book does not fit into memory.
-    if dense_bytes(graph.num_entities) <= memory():
+    # In a book that is not large, the planner has tables of all pairs.
+    if uses_lists(graph.num_entities) or dense_bytes(graph.num_entities) <= memory():
         plans = BestPlan.of_recipes(graph.num_entities, train)
         planner["partial KG, planner"] = knowledge_player([plans])
     return {

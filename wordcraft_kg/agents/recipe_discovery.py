@@ -68,13 +68,10 @@ class RecipeDiscoverer(Discoverer):
     """
 
     def __init__(self, labelled: LabelledScorer):
-        """Read the tables of a recipe scorer that describes the labels of all entities."""
+        """Take a recipe scorer that describes the labels of all entities."""
         self._scorer, self._own, self._rows = labelled
-        knowledge = self._scorer.knowledge
-        self._parts = knowledge.parts[0, :-1, : self._own, 1].float()
-        self._words = knowledge.words.float().numpy()
-        self._recorded = knowledge.numbers[0].numpy() > 0
-        self._uses = knowledge.counts[0, :-1, 0].double().numpy()
+        self._knowledge = self._scorer.knowledge
+        self._uses = self._knowledge.log_uses().double().numpy()
         self._width = min(CANDIDATES, self._own)
         self._scored: dict[Pair, tuple[NDArray[np.int64], Floats]] = {}
         # Two columns: mean and variance of each weight.
@@ -105,12 +102,13 @@ class RecipeDiscoverer(Discoverer):
         kept = [self._scored[_ordered(row, partner)] for partner in partners.tolist()]
         results = [of_pair for of_pair, _ in kept]
         scores = [of_pair for _, of_pair in kept]
+        others = torch.from_numpy(partners)
         fixed = [
             np.ones(len(partners)),
             self._uses[row] + self._uses[partners],
             float(row >= self._own) + (partners >= self._own),
-            self._words[row, partners],
-            self._recorded[row, partners],
+            self._knowledge.word_cosines(row, others).numpy(),
+            self._knowledge.have_recipes(row, others).numpy(),
             partners == row,
         ]
         one = np.full(len(partners), entity)
@@ -158,7 +156,9 @@ class RecipeDiscoverer(Discoverer):
         wanted = [other for other in different if _ordered(row, other) not in self._scored]
         if wanted:
             others = torch.tensor(wanted)[:, None]
-            fit = self._parts[row] + self._parts[others[:, 0]]
+            of_others = self._knowledge.component_scores(others[:, 0])
+            fit = self._knowledge.component_scores(torch.tensor([row])) + of_others
+            fit = fit[:, : self._own]
             likely = fit.topk(min(_LIKELY, self._own), dim=1).indices
             scored = self._scorer.score_recipes(torch.tensor(row), others, likely)
             scores, best = scored.topk(self._width, dim=1)

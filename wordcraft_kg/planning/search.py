@@ -13,18 +13,18 @@ equally probable plans the shortest is best: each attempt after the first costs 
 attempt the search begins again from the new table, with one attempt less, and without the tried pairs. So intermediates
 may be used several times, and the number of attempts left is exact.
 
-The search is exhaustive over a limited number of intermediates x, the candidates: entities that known recipes make from
-the table, then those with the highest componentOf scores from the table and to the goal.
+The search is exhaustive over a limited number of intermediates x, see :mod:`~wordcraft_kg.planning.intermediates`.
 """
 
 from collections.abc import Iterator
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
 from wordcraft_kg.base.settings import check_memory
-from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
+from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve
+from wordcraft_kg.planning.intermediates import candidates_of
 
 MAX_ATTEMPTS = 4
 """Largest number of attempts that the search looks ahead."""
@@ -35,12 +35,6 @@ INTERMEDIATE = 3.0
 likely than any result. 2 to 4 give about the same success, see docs/planning.md."""
 FURTHER = 1e-4
 """Nats that each attempt of a plan after the first costs: just above rounding errors."""
-KNOWN_LINK = 8.0
-"""Score of a known link: above nearly all unknown links."""
-HOP = 12.0
-"""Score lost by a link over an unknown intermediate."""
-NEAR = 16
-"""Intermediates for links of two hops."""
 SCORES = 2**20
 """Recipes scored at once."""
 NO_PLAN = -30.0
@@ -50,17 +44,14 @@ NO_PLAN = -30.0
 class PlanSearch:
     """Values of pairs by the most probable plan, with ``width`` candidates; 0 for :data:`WIDTHS`."""
 
-    def __init__(self, knowledge: RecipeKnowledge, curve: RecipeCurve, *, width: int = 0):
+    def __init__(self, knowledge: PairKnowledge, curve: RecipeCurve, *, width: int = 0):
         self.knowledge, self.curve, self.width = knowledge, curve, width
-        size = knowledge.num_entities
-        kernel, learned = knowledge.parts[:, :size, :size].float().unbind(-1)
-        # The learned link score is low for known links if no train recipe of a left-out fold makes the result.
-        self._links = torch.maximum(learned, (10 * kernel).clamp(max=KNOWN_LINK))
+        self._candidates = candidates_of(knowledge)
 
     @property
     def device(self) -> torch.device:
         """The device of the arrays."""
-        return self._links.device
+        return self.knowledge.bias.device
 
     @torch.no_grad()
     def values(
@@ -148,7 +139,7 @@ class PlanSearch:
         slots = table.shape[1]
         if number == 1:
             return self._log_probabilities(goal, table, model, tried)[:, None], goal[:, None]
-        candidates = self._candidates(goal, table, model, number)
+        candidates = self._candidates(goal, table, model, number, self._width(number))
         width = candidates.shape[1]
         wide = torch.cat([table, candidates], dim=1)
         # With two attempts left, two candidates can never be combined.
@@ -210,30 +201,6 @@ class PlanSearch:
             values[:, : tried.shape[1], : tried.shape[2]].masked_fill_(tried, -torch.inf)
         return values
 
-    def _candidates(self, goal: Tensor, table: Tensor, model: Tensor, number: int) -> Tensor:
-        """Return the entities that a plan may make before the goal, shape (B, W)."""
-        knowledge, size, slots = self.knowledge, self.knowledge.num_entities, table.shape[1]
-        one, other = torch.triu_indices(slots, slots, device=table.device)
-        pair = knowledge.numbers[model[:, None], table[:, one], table[:, other]].long()
-        known = torch.zeros(len(goal), size + 1, dtype=torch.bool, device=table.device)
-        known.scatter_(1, knowledge.results[model[:, None], pair].long().flatten(1), True)
-        known = known[:, :size]
-        to_goal = self._links[model, :, goal]
-        of_table = self._links[model[:, None], table.clamp(max=size - 1)]
-        of_table = of_table.masked_fill((table == size)[:, :, None], -torch.inf)
-        from_table = _best_two(of_table).maximum(KNOWN_LINK * known - 50.0 * ~known)
-        for _ in range(number - 2):
-            best, near = to_goal.topk(min(NEAR, size), dim=1)
-            over = self._links.transpose(1, 2)[model[:, None], near] + best[:, :, None] - HOP
-            made = self._links[model[:, None], from_table.topk(min(NEAR, size), dim=1).indices]
-            to_goal = to_goal.maximum(over.amax(1))
-            from_table = from_table.maximum(_best_two(torch.cat([of_table, made], dim=1)) - HOP / 4)
-        scores = to_goal + from_table + 1000.0 * known
-        at_hand = torch.cat([table, goal[:, None]], dim=1)
-        scores = nn.functional.pad(scores, (0, 1)).scatter_(1, at_hand, -torch.inf)[:, :size]
-        best, chosen = scores.topk(self._width(number), dim=1)
-        return chosen.masked_fill(best == -torch.inf, size)
-
 
 def _after(
     begin: Tensor,
@@ -266,9 +233,3 @@ def _after(
         steps = torch.maximum(steps.unsqueeze(-3), pairs)
     after = _after(begin, further, direct, steps, last.unsqueeze(1), pairs.unsqueeze(1), number - 1)
     return torch.maximum(direct, (begin + after).amax(-1) - FURTHER)
-
-
-def _best_two(scores: Tensor) -> Tensor:
-    """Return the mean of the two largest scores along axis 1; the largest if all others are -inf."""
-    best = scores.topk(min(2, scores.shape[1]), dim=1).values
-    return best.where(best > -torch.inf, best[:, :1]).mean(1)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import ClassVar, Self
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -12,12 +13,16 @@ from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import Evidence, ScoreView, check_constants
 from wordcraft_kg.models.policies.states import Attempts, States
+from wordcraft_kg.models.recipes.method import uses_lists
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
-from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge, knowledge_of
+from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
+from wordcraft_kg.models.scorers.pair_features import knowledge_of
+from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipe_curve import KINDS, RecipeCurve
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.planning.search import KNOWN_LINK, NO_PLAN, PlanSearch
+from wordcraft_kg.planning.intermediates import KNOWN_LINK
+from wordcraft_kg.planning.search import NO_PLAN, PlanSearch
 
 P = Label(
     "p",
@@ -41,7 +46,7 @@ class BestPlan(BestRecipe):
     curve: Tensor
 
     def __init__(
-        self, num_entities: int, knowledge: RecipeKnowledge, fold_of_recipe: Tensor | None = None
+        self, num_entities: int, knowledge: PairKnowledge, fold_of_recipe: Tensor | None = None
     ):
         super().__init__(num_entities, knowledge, fold_of_recipe)
         self._search: PlanSearch | None = None
@@ -87,7 +92,7 @@ class BestPlan(BestRecipe):
     @property
     def search(self) -> PlanSearch:
         """The search for plans."""
-        if self._search is None or self._search.device != self.knowledge.parts.device:
+        if self._search is None or self._search.device != self.knowledge.bias.device:
             a, b, c, d, slope, shift, width = self.curve.tolist()
             curve = RecipeCurve(intercepts=(a, b, c, d), slope=slope, shift=shift)
             self._search = PlanSearch(self.knowledge, curve, width=int(width))
@@ -115,13 +120,7 @@ class BestPlan(BestRecipe):
     @classmethod
     def of_recipes(cls, size: int, recipes: Ids) -> Self:
         """Return a source that plans with the given recipes alone, ids (n, 3), for a graph with ``size`` entities."""
-        nothing, links = torch.zeros(size, size), torch.zeros(size, size)
-        for part in (0, 1):
-            links[recipes[:, part].copy(), recipes[:, 2].copy()] = KNOWN_LINK
-        source = cls(
-            size,
-            knowledge_of(recipes, torch.eye(size), nothing, (nothing, links), (nothing, links)),
-        )
+        source = cls(size, _without_words(size, recipes))
         impossible = [10 * NO_PLAN] * KINDS
         source.register_buffer(
             "curve", torch.tensor([*impossible, 0.0, 0.0, 0.0], dtype=torch.float64)
@@ -156,6 +155,20 @@ class BestPlan(BestRecipe):
         return tuple(
             one and planned(entity, one) for entity, one in zip(entities, evidence, strict=True)
         )
+
+
+def _without_words(size: int, recipes: Ids) -> PairKnowledge:
+    """Return the knowledge of recipes, ids (n, 3), and nothing else, for a graph with ``size`` entities."""
+    if uses_lists(size):
+        no_words = np.zeros((size, 0))
+        return NeighbourKnowledge.of_recipes(
+            recipes, no_words.astype(np.float16), no_words.astype(np.int32)
+        )
+    nothing = torch.zeros(size, size)
+    links = torch.zeros(size, size)
+    for part in (0, 1):
+        links[recipes[:, part].copy(), recipes[:, 2].copy()] = KNOWN_LINK
+    return knowledge_of(recipes, torch.eye(size), nothing, (nothing, links), (nothing, links))
 
 
 def _forget(source: nn.Module, _: object) -> None:

@@ -15,12 +15,11 @@ from wordcraft_kg.models.scorers.pair_features import (
     EVIDENCE,
     FEATURES,
     FLOOR,
-    LEAST_SHARE,
-    RANKER,
     RecipeKnowledge,
     knowledge_of,
-    pairs_of,
 )
+from wordcraft_kg.models.scorers.pair_knowledge import LEAST_SHARE, pairs_of
+from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
 SIZE = 12
 
@@ -36,7 +35,8 @@ def knowledge(seed, num_recipes=70):
     links = (pairs + pairs.T, parts)  # combinesWith is symmetric
     found = knowledge_of(base.recipes, base.kernel, text, (base.pairs, base.parts), links)
     shapes = {"first": (len(FEATURES), 8), "first_bias": (8,), "second": (8,), "bias": ()}
-    return found.with_ranker({name: torch.randn(shapes[name], generator=draws) for name in RANKER})
+    drawn = {name: torch.randn(shapes[name], generator=draws) for name in RANKER}
+    return found.with_ranker(Ranker(**drawn))
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,6 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book,
 from wordcraft_kg.models.scorers.baselines import NeighbourScorer
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.kernel import (
-    SMOOTHING,
     KernelScorer,
     completion,
     cosines,
@@ -23,7 +22,6 @@ from wordcraft_kg.models.scorers.kernel import (
     normalised,
     profiles,
     similarity,
-    two_step_regression,
 )
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 
@@ -119,23 +117,6 @@ def test_kernel_regression_is_the_explicit_ridge_on_all_pairs(seed, ridge):
     kernel = parts @ parts.T / 7
     found = kernel_regression(torch.from_numpy(kernel), torch.from_numpy(links), ridge=ridge)[0]
     np.testing.assert_allclose(found.numpy(), explicit_ridge(kernel, links, ridge), atol=1e-5)
-
-
-@given(seed=st.integers(0, 10_000))
-def test_two_step_regression_smooths_heads_then_tails_of_the_seen(seed):
-    rng = np.random.default_rng(seed)
-    parts, links, seen = (
-        rng.standard_normal((7, 9)),
-        (rng.random((7, 7)) < 0.4).astype(float),
-        [0, 2, 3, 6],
-    )
-    kernel = parts @ parts.T / 9
-    smooth = kernel[:, seen] @ np.linalg.inv(kernel[np.ix_(seen, seen)] + SMOOTHING * np.eye(4))
-    given = torch.from_numpy(kernel), torch.from_numpy(links)
-    (found,) = two_step_regression(*given, seen=torch.tensor(seen))
-    np.testing.assert_allclose(
-        found.numpy(), smooth @ links[np.ix_(seen, seen)] @ smooth.T, atol=1e-5
-    )
 
 
 @any_recipes

@@ -10,7 +10,6 @@ from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.models.scorers.kernel import (
-    MANY,
     TEXT,
     completion,
     kernel_scores,
@@ -53,9 +52,7 @@ class Base:
         kernel = similarity(recipes, text)
         seen = torch.from_numpy(np.unique(recipes) if len(recipes) else np.arange(size))
         completed = completion(recipes, size)
-        # A factorisation in place of eigenvectors needs a positive kernel: negative cosines count as positive.
-        positive = kernel if size <= MANY else kernel + TEXT * text.clamp(max=0) ** 2
-        pairs, parts = kernel_scores(recipes, positive, completed, seen)
+        pairs, parts = kernel_scores(recipes, kernel, completed, seen)
         return cls(recipes, seen, text, kernel, completed, pairs, parts)
 
     # Tables that follow from others are made when needed: a large book has no room for all.
@@ -111,9 +108,9 @@ def features_of_pairs(base: Base) -> list[Tensor]:
     return [
         base.pairs,
         _log(base.completed),
-        _log(_symmetric(_times(similar, combines))),
-        _log(_symmetric(_times(similar**3, combines))),
-        _log(_symmetric(_times(_to_others(words_like), combines))),
+        _log(_symmetric(similar @ combines)),
+        _log(_symmetric(similar**3 @ combines)),
+        _log(_symmetric(_to_others(words_like) @ combines)),
         _log(_symmetric(_evidence(alike, [first], second))),
         _log(_symmetric(_evidence(words_like, [first], second))),
         base.text,
@@ -138,18 +135,18 @@ def features_of_parts(base: Base) -> list[Tensor]:
     shape = components.shape
     return [
         base.parts,
-        _log(_times(similar, components)),
-        _log(_times(similar**3, components)),
-        _log(_times(components, similar)),
-        _log(_times(components, similar**3)),
-        _log(_times(words, components)),
-        _log(_times(components, words)),
+        _log(similar @ components),
+        _log(similar**3 @ components),
+        _log(components @ similar),
+        _log(components @ similar**3),
+        _log(words @ components),
+        _log(components @ words),
         _log(_evidence(base.alike, [first, second], result)),
         _log(_evidence(base.words_like, [first, second], result)),
         base.text,
         base.kernel,
-        _log(_times(combines, components)),
-        _log(_times(components, components)),
+        _log(combines @ components),
+        _log(components @ components),
         combines,
         used[:, None].expand(shape),
         used.expand(shape),
@@ -158,24 +155,9 @@ def features_of_parts(base: Base) -> list[Tensor]:
     ]
 
 
-def _times(one: Tensor, other: Tensor) -> Tensor:
-    """Return the product of two tables, in a large book by sparse arithmetic: one of them holds links."""
-    if len(one) <= MANY:
-        return one @ other
-    return (
-        one.to_sparse() @ other
-        if one.count_nonzero() <= other.count_nonzero()
-        else _times(other.T, one.T).T
-    )
-
-
 def _evidence(alike: Tensor, heads: Sequence[Tensor], tails: Tensor) -> Tensor:
     """Return ``Σ_r k(x, head_r) k(y, tail_r)`` for all x and y; k is ``alike``, and r runs over recipes."""
-    if len(alike) <= MANY:
-        return sum((alike[:, head] for head in heads[1:]), alike[:, heads[0]]) @ alike[:, tails].T
-    cells = torch.cat([*heads]), tails.repeat(len(heads))
-    links = torch.zeros_like(alike).index_put_(cells, torch.ones(()), accumulate=True)
-    return alike @ _times(links, alike)  # an E x E problem, for any number of recipes
+    return sum((alike[:, head] for head in heads[1:]), alike[:, heads[0]]) @ alike[:, tails].T
 
 
 def _log(sums: Tensor) -> Tensor:

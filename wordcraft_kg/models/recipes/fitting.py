@@ -7,7 +7,7 @@ without a fold is fitted in the same way on the remaining folds.
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -24,32 +24,12 @@ from wordcraft_kg.graphs.triples import (
     recipe_triples,
 )
 from wordcraft_kg.models.recipes.base import NOTHING, Base, LinkTables, link_features
-from wordcraft_kg.models.scorers.kernel import MANY
-from wordcraft_kg.models.scorers.pair_features import (
-    FEATURES,
-    RecipeKnowledge,
-    knowledge_of,
-    pairs_of,
-)
+from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of
+from wordcraft_kg.models.scorers.pair_knowledge import pairs_of
+from wordcraft_kg.models.scorers.ranker import Ranker
 
 HIDDEN = 32
 WEIGHT_DECAY = 1e-4
-
-
-@dataclass(frozen=True, eq=False)
-class Ranker:
-    """A network over F features: ``score(x) = second · relu(x first + first_bias) + bias``; ``first`` is (F, H)."""
-
-    first: Tensor
-    first_bias: Tensor
-    second: Tensor
-    bias: Tensor
-
-    def __call__(self, features: Tensor) -> Tensor:
-        """Return scores of shape (...) for features of shape (..., F)."""
-        return (features @ self.first).add_(
-            self.first_bias
-        ).relu_() @ self.second + self.bias  # in place: less memory
 
 
 Batch = tuple[Tensor, Tensor, Tensor]
@@ -100,10 +80,10 @@ def fit_ranker(
         loss.backward()
         optimizer.step()
         schedule.step()
-    return Ranker(*(weights.detach() for weights in vars(standardised()).values()))
+    return Ranker(*(weights.detach() for weights in standardised().weights().values()))
 
 
-def _scale(deviation: Tensor, span: Tensor) -> Tensor:
+def feature_scale(deviation: Tensor, span: Tensor) -> Tensor:
     """Return deviations, spans where the sample misses a feature, and inf for constants, whose weight is 0 then."""
     return torch.where(deviation > 1e-6, deviation, span).masked_fill(span <= 1e-6, torch.inf)
 
@@ -136,10 +116,10 @@ def fit_recipe_scorer(
 ) -> tuple[RecipeKnowledge, LinkRankers]:
     """Fit a recipe scorer: link rankers (networks that score triples), then a recipe ranker that uses their scores.
 
-    The ``folds`` of train recipes, except those with numbers in ``left_out``, are held out in turn; in a large book,
-    only the first of them, because each takes minutes. ``text`` holds cosines between word vectors of entities, shape
-    (E, E), zeros without words; ``outside`` adds link features that are the same in all folds. ``seed`` is for initial
-    weights and the sampled tables with distractors. ``after`` is called after each fold, and may raise to end the fit.
+    The ``folds`` of train recipes, except those with numbers in ``left_out``, are held out in turn. ``text`` holds
+    cosines between word vectors of entities, shape (E, E), zeros without words; ``outside`` adds link features that are
+    the same in all folds. ``seed`` is for initial weights and the sampled tables with distractors. ``after`` is called
+    after each fold, and may raise to end the fit.
 
     Returns the feature arrays with the recipe ranker's weights, and the link rankers.
     """
@@ -160,14 +140,17 @@ def fit_recipe_scorer(
     flat = features[competes]
     order = torch.randperm(len(features), generator=generator)
     batches = [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)]
-    mean, scale = flat.mean(0), _scale(flat.std(0), flat.amax(0) - flat.amin(0))
+    mean, scale = flat.mean(0), feature_scale(flat.std(0), flat.amax(0) - flat.amin(0))
     ranker = fit_ranker(
         batches, mean, scale, epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator
     )
     knowledge = knowledge_from(whole, rankers, outside)
     if scale[_MAKES].isinf():
-        ranker = _with_known(ranker, knowledge, whole.recipes, ranker(flat).amax())
-    return knowledge.with_ranker(vars(ranker)), rankers
+        a, b, goal = torch.from_numpy(whole.recipes.copy()).T
+        table = torch.stack([a, b], dim=1)
+        of_known = knowledge.features(goal.contiguous(), table, torch.zeros_like(goal))[:, :, 1].T
+        ranker = with_known(ranker, of_known, _MAKES, ranker(flat).amax())
+    return knowledge.with_ranker(ranker), rankers
 
 
 def knowledge_from(
@@ -192,7 +175,7 @@ def scorer_tensors(
         **{
             f"{relation}.{name}": weights
             for relation, ranker in zip(RELATIONS, rankers, strict=True)
-            for name, weights in vars(ranker).items()
+            for name, weights in ranker.weights().items()
         },
         "recipes": torch.from_numpy(recipes.astype("int32")),
     }
@@ -230,8 +213,7 @@ def fit_link_rankers(
         (base, _new_triples(folds.recipes_of(fold), base.recipes, size), nobody)
         for fold, base in zip(turns, bases, strict=True)
     ]
-    if size <= MANY or text.any():
-        queries.append(_unknown_entities(folds.recipes(left_out), text, rng))
+    queries.append(_unknown_entities(folds.recipes(left_out), text, rng))
     for base, new, unknown in queries:
         for relation, features in zip(
             (COMBINES_WITH, COMPONENT_OF), link_features(base, outside), strict=True
@@ -254,7 +236,7 @@ def fit_link_rankers(
     fitted = []
     for of_relation, seen, span in zip(batches, moments, spans, strict=True):
         together = torch.cat(seen)
-        mean, scale = together.mean(0), _scale(together.std(0), torch.stack(span).amax(0))
+        mean, scale = together.mean(0), feature_scale(together.std(0), torch.stack(span).amax(0))
         fitted.append(
             fit_ranker(
                 of_relation,
@@ -270,8 +252,7 @@ def fit_link_rankers(
 
 
 def _turns(folds: Folds, left_out: Collection[int]) -> list[int]:
-    turns = [fold for fold in range(folds.count) if fold not in left_out]
-    return turns if folds.split.graph.num_entities <= MANY else turns[:1]
+    return [fold for fold in range(folds.count) if fold not in left_out]
 
 
 def _new_triples(held_out: Ids, seen: Ids, size: int) -> Ids:
@@ -346,24 +327,20 @@ def pair_examples(
     return features, competes, (keys[place] == pair_keys) & competes
 
 
-def _with_known(ranker: Ranker, knowledge: RecipeKnowledge, recipes: Ids, least: Tensor) -> Ranker:
-    """Return a ranker that scores known recipes (n, 3) at least ``least``, and all other pairs as before, to the bit.
+def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> Ranker:
+    """Return a ranker that scores known recipes at least ``least``, and all other pairs as before, to the bit.
 
     Held-out goals have no known recipes, so the ranker learns nothing about the feature ``makes`` (a + b makes the
-    goal), and low scores for known pairs, even with their own results.
+    goal), and low scores for known pairs, even with their own results. ``of_known`` are features of known recipes,
+    shape (n, F), and ``makes`` is the feature's number.
     """
-    a, b, goal = torch.from_numpy(recipes.copy()).T
-    table = torch.stack([a, b], dim=1)
-    units = (
-        knowledge.features(goal.contiguous(), table, torch.zeros_like(goal))[:, :, 1].T
-        @ ranker.first
-    )
+    units = of_known @ ranker.first
     units += ranker.first_bias
     positive = ranker.second.clamp(min=0)
     # A lower bound, because relu(x) is never below x.
     lowest = (units.relu() @ (ranker.second - positive) + units @ positive + ranker.bias).amin()
     first = ranker.first.clone()
-    first[_MAKES] = (least - lowest).clamp(min=0) / positive.sum() * (positive > 0)
+    first[makes] = (least - lowest).clamp(min=0) / positive.sum() * (positive > 0)
     return replace(ranker, first=first)
 
 

@@ -22,12 +22,14 @@ from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.recipes import check_label
 from wordcraft_kg.models.recipes.base import Base
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import Ranker, knowledge_from, scorer_tensors
+from wordcraft_kg.models.recipes.fitting import knowledge_from, scorer_tensors
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.features import ENCODE, make_features, named
+from wordcraft_kg.models.scorers.features import ENCODE, EntityFeatures, make_features, named
 from wordcraft_kg.models.scorers.kernel import cosines
-from wordcraft_kg.models.scorers.pair_features import RANKER
+from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
+from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
+from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
@@ -50,10 +52,7 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
         raise ConfigError(
             f"{scorer.name} is not a recipe scorer; expected a model from `wordcraft-kg train-recipes`."
         )
-    entities = (*whole.entities, *(check_label(label, "a new entity") for label in labels))
-    if len({*entities}) < len(entities):
-        repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
-        raise ConfigError(f"the new entity '{repeated}' exists already; expected each label once.")
+    entities = _with_labels(whole, labels)
     if text.shape != (len(entities), len(entities)):
         raise ConfigError(
             f"text has shape {tuple(text.shape)}; expected word cosines for all {len(entities)} entities."
@@ -73,12 +72,44 @@ def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScore
         if name in RANKER
     }
     return RecipeScorer(
-        scorer_tensors(knowledge.with_ranker(ranker), (rankers[0], rankers[1]), recipes),
+        scorer_tensors(knowledge.with_ranker(Ranker(**ranker)), (rankers[0], rankers[1]), recipes),
         entities,
         f"{whole.graph_hash} and {len(labels)} more",
         device=whole.device,
         name=scorer.name,
     )
+
+
+def extended_lists(
+    scorer: NeighbourRecipeScorer, labels: Sequence[str], vectors: NDArray[np.floating]
+) -> NeighbourRecipeScorer:
+    """Return a copy of a scorer by neighbour lists that scores n more entities, as :func:`extended`.
+
+    ``vectors`` are unit word vectors of the new entities, shape (n, D). Old entities keep their lists, and so their
+    scores up to rounding; the lists of new entities name old and new ones.
+    """
+    constants = scorer.knowledge.constants()
+    new = torch.from_numpy(vectors.astype(np.float16))
+    every = torch.cat([constants["vectors"].cpu(), new])
+    size = len(scorer.entities)
+    near = constants["near_words"].cpu()
+    of_new = nearest_words(every.float().numpy(), near.shape[1], first=size)
+    return NeighbourRecipeScorer(
+        constants | {"vectors": every, "near_words": torch.cat([near, torch.from_numpy(of_new)])},
+        _with_labels(scorer, labels),
+        f"{scorer.graph_hash} and {len(labels)} more",
+        device=scorer.device,
+        name=scorer.name,
+    )
+
+
+def _with_labels(scorer: RecipeScorer, labels: Sequence[str]) -> tuple[str, ...]:
+    """Return the labels of a scorer's entities and of new ones; ConfigError for a label that exists or is invalid."""
+    entities = (*scorer.entities, *(check_label(label, "a new entity") for label in labels))
+    if len({*entities}) < len(entities):
+        repeated = next(label for label in reversed(entities) if entities.count(label) > 1)
+        raise ConfigError(f"the new entity '{repeated}' exists already; expected each label once.")
+    return entities
 
 
 class LabelledScorer(NamedTuple):
@@ -171,24 +202,40 @@ def with_words(
             f"`features` {words} have changed since '{folder}' was trained, so new words cannot be "
             "compared with the entities. Restore the vector file, or train again."
         )
-    text, known = cosines(torch.tensor(features.vectors)), features.known
-    why = f"No word in this label has a vector in {words}."
-    if words == "minilm":
-        text, known = _completed(text, known, (*scorer.entities, *labels))
-        why = "No word in this label has a vector."
-    elif os.path.isdir(words):
-        again = f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
-        why = f"The model's `features` {words} have no vector for this label. {again}"
+    whole = whole_of(scorer)
+    text, known = torch.empty(0), features.known
+    if not isinstance(whole, NeighbourRecipeScorer):
+        text, known = _compared(features, words, (*scorer.entities, *labels))
+    why = _why_unknown(words)
     for label, is_known in zip(labels, known[size:], strict=True):
         if not (is_known or allow_missing):
             raise unknown(label, why)
+    if isinstance(whole, NeighbourRecipeScorer):
+        return extended_lists(whole, labels, features.unit_vectors[size:])
     return extended(scorer, labels, text)
 
 
-def _completed(
-    text: Tensor, known: NDArray[np.bool_], labels: Sequence[str]
+def _why_unknown(words: str) -> str:
+    """Return why a label has no vector in the features ``words``, and what to do."""
+    if words == "minilm":
+        return "No word in this label has a vector."
+    if os.path.isdir(words):
+        again = f"Encode it with the graph, `{ENCODE} --labels LABEL`, and train with these vectors, or with glove."
+        return f"The model's `features` {words} have no vector for this label. {again}"
+    return f"No word in this label has a vector in {words}."
+
+
+def _compared(
+    features: EntityFeatures, words: str, labels: Sequence[str]
 ) -> tuple[Tensor, NDArray[np.bool_]]:
-    """Compare labels without built-in sentence vectors, which only the built-in books' labels have, by GloVe."""
+    """Return word cosines of all pairs, and the labels with a vector.
+
+    Labels without built-in sentence vectors, which only the built-in books' labels have, are compared by GloVe.
+    """
+    text = cosines(torch.tensor(features.vectors))
+    known = features.known
+    if words != "minilm":
+        return text, known
     glove = make_features("glove", labels, allow_missing=True)
     new, alike = torch.from_numpy(~known).nonzero()[:, 0], cosines(torch.tensor(glove.vectors))
     text[new], text[:, new] = alike[new], alike[:, new]

@@ -3,6 +3,7 @@
 Fits run in parallel if there are enough CPU cores. A resumed run makes only fits that were not finished.
 """
 
+import hashlib
 import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -34,6 +35,8 @@ from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
+from wordcraft_kg.models.recipes.method import MOST_WITH_TABLES, check_lists, uses_lists
+from wordcraft_kg.models.recipes.neighbour_fitting import LeftOut, Words, fit_by_neighbours
 from wordcraft_kg.models.recipes.outside import (
     describe_source,
     is_book,
@@ -46,7 +49,7 @@ from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
 from wordcraft_kg.models.scorers.config import check_dense, fit_bytes
 from wordcraft_kg.models.scorers.features import make_features, named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
-from wordcraft_kg.models.scorers.kernel import MANY
+from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
@@ -92,19 +95,26 @@ def train_recipes(
 
 def _fit_bytes(opened: OpenedGraph, settings: RecipeScorerConfig) -> int:
     graph = opened.graph
-    # In a large book, a fit takes the features of one fold alone.
-    folds = settings.folds if graph.num_entities <= MANY else 1
-    return fit_bytes(graph.num_entities, graph.num_recipes, folds)
+    return fit_bytes(graph.num_entities, graph.num_recipes, settings.folds)
 
 
 def _check_fit(opened: OpenedGraph, settings: RecipeScorerConfig) -> None:
     check_dense("a recipe scorer", opened.graph.num_entities, _fit_bytes(opened, settings))
 
 
+def _check_outside(opened: OpenedGraph, settings: RecipeScorerConfig) -> None:
+    """Raise ConfigError for outside knowledge, whose tables would be too large for a large book."""
+    size = opened.graph.num_entities
+    if settings.with_ or settings.kg == "none":
+        raise ConfigError(
+            f"`with` {', '.join(settings.with_)} is compared with all pairs of {size:,} entities; expected at most "
+            f"{MOST_WITH_TABLES:,}. Leave out `with`, or use a smaller graph."
+        )
+
+
 def _folds(
     opened: OpenedGraph, settings: RecipeScorerConfig, without: Sequence[RecipeGraph]
 ) -> Folds:
-    _check_fit(opened, settings)
     split = opened.split
     if settings.kg == "full":
         split = make_split(opened.graph, SplitConfig("none"))
@@ -216,11 +226,15 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         super().__init__(config, opened)
         settings = config.settings
         sources = settings.with_, opened, settings.features
+        self.uses_lists = uses_lists(opened.graph.num_entities)
+        if self.uses_lists:
+            _check_outside(opened, settings)
+        else:
+            _check_fit(opened, settings)
         self.without = [open_graph(book).graph for book in settings.without]
         self.own: Tensor | None = None
         with _threads(settings.threads):
             if settings.kg == "none":
-                _check_fit(opened, settings)
                 joint = join_books(
                     *sources, folds=settings.folds, allow_missing=settings.allow_missing
                 )
@@ -230,11 +244,28 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 self.folds = _folds(opened, settings, self.without)
                 self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
             self.words = named(settings.features, opened.graph.entities)
+            if self.uses_lists:
+                self._read_words(opened.graph)
+                return
             features = make_features(
                 self.words, opened.graph.entities, allow_missing=settings.allow_missing
             )
             self._bytes = _fit_bytes(opened, settings)
             self.text, self.features = text_of(features), features.sha256
+
+    def _read_words(self, graph: RecipeGraph) -> None:
+        """Set the unit vectors for neighbour lists; ConfigError if memory does not suffice."""
+        if self.words == "one-hot":
+            # No words: E x E vectors would say the same, at the cost of all pairs.
+            self.vectors = np.zeros((graph.num_entities, 0), dtype=np.float32)
+            self.features = hashlib.sha256(f"one-hot {graph.num_entities}".encode()).hexdigest()
+        else:
+            features = make_features(
+                self.words, graph.entities, allow_missing=self.config.settings.allow_missing
+            )
+            self.vectors = features.unit_vectors
+            self.features = features.sha256
+        check_lists(graph.num_entities, len(self.folds.recipes()), self.vectors.shape[1], cores())
 
     def begin(self, run: RunFolder[FitDone], report: Progress | None) -> Mapping[str, Any]:  # noqa: D102 - inherited
         settings, inputs = (
@@ -264,7 +295,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         log: Log,
         checkpoint: Checkpoint[FitDone] | None,
     ) -> TrainedRecipes:
-        settings, folds = self.config.settings, self.folds
+        settings = self.config.settings
         if not run.is_live:
             for name, sha256 in {"features": self.features, **self._outside_hashes()}.items():
                 if sha256 != run.record.inputs.get(name):
@@ -272,12 +303,72 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                         f"`{name}` has changed since '{run.path}' began. Restore the earlier files, or train again."
                     )
             run.resume(self.config)
-        began, is_partial = time.perf_counter(), settings.kg == "partial"
+        began = time.perf_counter()
+        kept = _kept(run.path)
+        fit = self._fit_lists if self.uses_lists else self._fit_tables
+        fit(run, report, kept)
+        with _threads(settings.threads):
+            return self._finish(run, kept, time.perf_counter() - began)
+
+    def _fit_lists(
+        self, run: RunFolder[FitDone], report: Progress | None, kept: Checkpoints[FitDone]
+    ) -> None:
+        """Make and save all fits that are not saved yet, by neighbour lists."""
+        settings = self.config.settings
+        folds = self.folds
+        number = folds.count if settings.kg == "partial" else 0
+        every: list[LeftOut] = [(), *((fold,) for fold in range(number))]
+        saved = set(kept.records())
+        wanted = [left_out for fit, left_out in enumerate(every) if fit not in saved]
+        # Sets of lists: without each fold, and without each two folds.
+        total = folds.count + number * (folds.count - 1) // 2
+        steps = 0
+
+        def after() -> None:
+            nonlocal steps
+            if run.interrupted.is_set():
+                raise KeyboardInterrupt
+            steps += 1
+            if report:
+                report(min(steps, total), total, {})
+
+        try:
+            with _threads(settings.threads):
+                words = Words.of(self.vectors)
+                fitted = fit_by_neighbours(
+                    folds, words, wanted, seed=settings.seed, workers=cores(), after=after
+                )
+                for left_out, knowledge in fitted:
+                    tensors = knowledge.constants()
+                    if left_out:
+                        # The main model has the words for all folds.
+                        tensors = {
+                            name: tensor
+                            for name, tensor in tensors.items()
+                            if name not in NeighbourRecipeScorer.shared
+                        }
+                    trained_on = triples_hash(folds.triples(left_out))
+                    kept.save(every.index(left_out), tensors, FitDone(trained_on=trained_on))
+        except KeyboardInterrupt:
+            raise self._interrupted(run, len(kept.records()), len(every)) from None
+        if report:
+            report(total, total, {})
+
+    def _interrupted(self, run: RunFolder[FitDone], saved: int, number: int) -> KeyboardInterrupt:
+        done = f"interrupted; {saved} of {number} fits are saved in '{run.path}'."
+        return KeyboardInterrupt(f"{done} Repeat the command to make the rest.")
+
+    def _fit_tables(
+        self, run: RunFolder[FitDone], report: Progress | None, kept: Checkpoints[FitDone]
+    ) -> None:
+        """Make and save all fits that are not saved yet, by tables of all pairs."""
+        settings = self.config.settings
+        folds = self.folds
+        is_partial = settings.kg == "partial"
         jobs = [
             _Job(run.path, number, folds, self.text, self.outside.tables, self.own, settings)
             for number in range(1 + folds.count * is_partial)
         ]
-        kept = _kept(run.path)
         waiting = not_done(jobs, kept)
         total = len(jobs) * (settings.folds + 3)
         so_far = dict.fromkeys((job.fold for job in jobs if job not in waiting), settings.folds + 3)
@@ -290,38 +381,34 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 if report:
                     report(sum(so_far.values()), total, {})
 
-        # A large book's tables fill the memory, so fits do not run in parallel.
         at_once = min(len(waiting), max(cores() // settings.threads, 1))
         fits_memory = at_once * self._bytes <= memory()
-        is_long = len(folds.recipes()) > ALONE and len(self.text) <= MANY and fits_memory
+        is_long = len(folds.recipes()) > ALONE and fits_memory
         try:
             train_jobs(waiting, settings.threads, note, is_long=is_long)
         except KeyboardInterrupt:
-            done = (
-                f"interrupted; {len(kept.records())} of {len(jobs)} fits are saved in '{run.path}'."
-            )
-            raise KeyboardInterrupt(f"{done} Repeat the command to make the rest.") from None
+            raise self._interrupted(run, len(kept.records()), len(jobs)) from None
         if report:
             report(total, total, {})
-        with _threads(settings.threads):
-            return self._finish(run, kept, time.perf_counter() - began)
 
     def _finish(
         self, run: RunFolder[FitDone], kept: Checkpoints[FitDone], seconds: float
     ) -> TrainedRecipes:
         graph, settings, folds = self.opened.graph, self.config.settings, self.folds
         tensors = kept.read(0).tensors
-        write_scorer(run.path, RecipeScorer.kind, tensors, graph)
+        scorer: type[RecipeScorer] = NeighbourRecipeScorer if self.uses_lists else RecipeScorer
+        write_scorer(run.path, scorer.kind, tensors, graph)
         outputs: tuple[str, ...] = OUTPUTS
         record = None
         if settings.kg == "partial":
 
             def part(fold: int) -> tuple[str, dict[str, Tensor]]:
                 fit = kept.read(fold + 1)
-                return fit.progress.trained_on, fit.tensors
+                return fit.progress.trained_on, shared | fit.tensors
 
-            whole = RecipeScorer(tensors, graph.entities, graph.hash)
-            record = write_folds(run.path, folds, whole, RecipeScorer.kind, part)
+            shared = {name: tensors[name] for name in scorer.shared}
+            whole = scorer(tensors, graph.entities, graph.hash)
+            record = write_folds(run.path, folds, whole, scorer.kind, part)
             outputs += FOLD_OUTPUTS
         metrics = RecipeMetrics(
             kg=settings.kg,

@@ -18,7 +18,7 @@ from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.knowledge.folder import KNOWLEDGE, check_same_split
 from wordcraft_kg.models.recipes.base import LinkTables
-from wordcraft_kg.models.recipes.fitting import LinkRankers, Ranker
+from wordcraft_kg.models.recipes.fitting import LinkRankers
 from wordcraft_kg.models.recipes.outside import (
     OutsideKnowledge,
     is_book,
@@ -26,6 +26,7 @@ from wordcraft_kg.models.recipes.outside import (
     open_outside,
 )
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of
+from wordcraft_kg.models.scorers.ranker import Ranker
 
 
 class JointBook(NamedTuple):
@@ -116,4 +117,4 @@ def tables_alone(outside: LinkTables, text: Tensor) -> tuple[RecipeKnowledge, Li
         Ranker(torch.zeros(1, 1), torch.zeros(1), torch.zeros(1), torch.zeros(()))
         for _ in RELATIONS
     ]
-    return knowledge.with_ranker(vars(ranker)), (unused[0], unused[1])
+    return knowledge.with_ranker(ranker), (unused[0], unused[1])

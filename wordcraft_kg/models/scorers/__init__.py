@@ -2,8 +2,10 @@
 
 Read ``protocol`` first (the interface), then ``scorer`` (the base class: labels to ids). The kinds
 are ``factors`` (score tables, and ComplEx embeddings), ``baselines`` (facts, counts, neighbours and
-votes, nothing learned), ``kernel`` (closed form) and ``recipes`` (scores for whole recipes, with
-``pair_features`` and ``recipe_curve``). ``cross_fitting`` joins models of all folds, ``folder``
+votes, nothing learned), ``kernel`` (closed form) and ``recipes`` (scores for whole recipes). Their
+features follow the interface of ``pair_knowledge``: ``pair_features`` from tables of all pairs, the
+room ``neighbours`` from lists, for large books; a ``ranker`` makes scores of them, and
+``recipe_curve`` probabilities. ``cross_fitting`` joins models of all folds, ``folder``
 loads and writes trained scorers, ``scales`` maps scores to a common scale, ``calibration`` to
 probabilities, ``ranking`` evaluates test triples, ``roles`` and ``link_evidence`` explain scores by
 similar entities and links, ``features`` provides entity vectors, and ``near_synonyms`` finds test

@@ -12,6 +12,9 @@ from torch import Tensor
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer, check_shapes
 
+_PAIRS = 2**16
+"""Pairs whose factors are in memory at once."""
+
 
 class TableScorer(StoredScorer):
     """A scorer with a score table, shape (R, E, E): by relation, head and tail, for E entities.
@@ -147,6 +150,32 @@ class ComplExScorer(StoredScorer):
             "relation_real": self.relation.real,
             "relation_imag": self.relation.imag,
         }
+
+
+def product_scores(
+    left: Tensor, right: Tensor, heads: Tensor, relations: Tensor, tails: Tensor
+) -> Tensor:
+    """Return ``left[head] · right[tail]``; a grid of queries and candidates is one matrix product.
+
+    Args:
+        left: factors of heads, shape (E, m).
+        right: factors of tails, shape (E, m).
+        heads: ids; the three arguments broadcast against each other.
+        relations: only their shape counts.
+        tails: ids.
+
+    Returns:
+        float, the broadcast shape.
+    """
+    is_grid, is_turned = _grids(heads, relations, tails)
+    if is_grid:
+        return left[heads[:, 0]] @ right[tails[0]].T
+    if is_turned:
+        return right[tails[:, 0]] @ left[heads[0]].T
+    heads, tails, _ = torch.broadcast_tensors(heads, tails, relations)
+    pairs = zip(heads.reshape(-1).split(_PAIRS), tails.reshape(-1).split(_PAIRS), strict=True)
+    scores = [(left[head] * right[tail]).sum(-1) for head, tail in pairs]
+    return torch.cat(scores).view(heads.shape)
 
 
 def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:

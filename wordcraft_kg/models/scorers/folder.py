@@ -26,9 +26,15 @@ from wordcraft_kg.models.scorers.calibration import Probabilities, predictions
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
+from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
-from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples, sampled_for
-from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.ranking import (
+    mean_reciprocal_rank,
+    rank_triples,
+    sampled,
+    sampled_for,
+)
+from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import read_finished_run
@@ -41,6 +47,8 @@ FOLDS_TENSORS = "folds.safetensors"
 CALIBRATION = "calibration.json"
 FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 """Further files of a cross-fitted model."""
+FOLD_TRIPLES = 5_000
+"""Most triples of a fold that are ranked, by two models: enough to see that it was left out."""
 OF_RECIPE = "of_recipe"
 """Name of the tensor with each recipe's fold."""
 TRAIN_RESULTS = "train_results"
@@ -48,7 +56,8 @@ TRAIN_RESULTS = "train_results"
 MODEL = "a model folder from train-complex, train-links or train-recipes"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
-    "wordcraft_kg.models", {kind.kind: kind for kind in (ComplExScorer, TableScorer, RecipeScorer)}
+    "wordcraft_kg.models",
+    {kind.kind: kind for kind in (ComplExScorer, TableScorer, RecipeScorer, NeighbourRecipeScorer)},
 )
 """Stored scorers by kind, the key in ``vocabulary.json``."""
 
@@ -121,14 +130,19 @@ def load_scorer(
             f"{folder} does not contain a scorer ({reason(error)}). Train again."
         ) from None
     if FOLDS_RECORD in files.run.outputs:
-        scorer = _cross_fitted(files, scorer, vocabulary)
+        scorer = _cross_fitted(files, scorer, vocabulary, tensors)
     if graph is not None:
         check_scorer(scorer, graph)
     return scorer
 
 
-def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> CrossFitted:
-    """Add the models of the folds; each becomes a scorer when it is first needed."""
+def _cross_fitted(
+    files: RunFiles, scorer: Scorer, vocabulary: Vocabulary, whole: "Tensors"
+) -> CrossFitted:
+    """Add the models of the folds; each becomes a scorer when it is first needed.
+
+    ``whole`` are the tensors of ``scorer``, some of which the folds share.
+    """
     path = files.folder / FOLDS_TENSORS
     inputs = files.run.inputs
     record = files.record(FOLDS_RECORD, FoldsRecord)
@@ -140,8 +154,9 @@ def _cross_fitted(files: RunFiles, scorer: Scorer, vocabulary: Vocabulary) -> Cr
             f"trained with {inputs.get('folds', 'none')[:12]}. Train again, or restore a copy."
         )
     makers = []
+    shared = {name: whole[name] for name in SCORERS[vocabulary.scorer].shared}
     for fold in range(record.count):
-        part = with_prefix(tensors, f"fold{fold}.")
+        part = shared | with_prefix(tensors, f"fold{fold}.")
         # Checked now, because the scorer is made in the middle of a training.
         try:
             SCORERS[vocabulary.scorer].check(part, len(vocabulary.entities))
@@ -205,7 +220,8 @@ def make_scorer(
         ValueError: if a tensor does not fit the entities.
     """
     scorer = SCORERS[kind].restored(tensors, entities, graph_hash, **settings)
-    if isinstance(scorer, FactoredScorer) and table_bytes(len(entities)) <= TABLE_LIMIT:
+    is_alone = isinstance(scorer, FactoredScorer) and not isinstance(scorer, RecipeScores)
+    if is_alone and table_bytes(len(entities)) <= TABLE_LIMIT:
         return TableScorer.of(scorer)
     return scorer
 
@@ -289,11 +305,17 @@ def write_folds(
     histograms = []
     for number in range(folds.count):
         trained_on, own_tensors = part(number)
-        tensors |= {f"fold{number}.{name}": tensor for name, tensor in own_tensors.items()}
+        shared = SCORERS[kind].shared
+        tensors |= {
+            f"fold{number}.{name}": tensor
+            for name, tensor in own_tensors.items()
+            if name not in shared
+        }
         seen = folds.triples([number])
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
         own = recipe_triples(folds.recipes_of(number))
-        queries = sampled_for(graph, own[~is_in(own, seen, graph.num_entities)])
+        new = own[~is_in(own, seen, graph.num_entities)]
+        queries = sampled(sampled_for(graph, new), FOLD_TRIPLES)
         left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
         histograms.append(predictions(left_out, folds, number))
         # Filtered by all train triples: test recipes must not leak into a model folder.

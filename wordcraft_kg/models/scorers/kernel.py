@@ -114,27 +114,6 @@ def kernel_regression(
     return tuple((factor @ (each / shrinkage) @ factor.T).float() for each in inner)
 
 
-MANY = 4_000
-"""Entities above which a large book's faster computations replace the small book's."""
-SMOOTHING = 0.5
-"""Ridge of both steps in two-step regression. Validation prefers .2 to .5 equally."""
-
-
-def two_step_regression(kernel: Tensor, *links: Tensor, seen: Tensor) -> tuple[Tensor, ...]:
-    """Fit links by ridge regression over heads, then over tails: ``P Y Pᵀ`` with ``P = K (K + λ)⁻¹``.
-
-    Arguments and scores as for :func:`kernel_regression`; a factorisation replaces eigenvectors, which take about ten
-    times as long in a large book.
-
-    Source: Pahikkala et al. 2014, "A two-step learning approach for solving full and almost full cold start problems in
-    dyadic prediction"; Stock et al. 2018.
-    """
-    rows = kernel[seen]
-    root = torch.linalg.cholesky(rows[:, seen] + SMOOTHING * torch.eye(len(seen)))
-    smoother = torch.cholesky_solve(rows, root)
-    return tuple(smoother.T @ (table[seen][:, seen].to_sparse() @ smoother) for table in links)
-
-
 def completion(recipes: Ids, num_entities: int) -> Tensor:
     """Score all pairs as ingredients by known pairs with the same result, shape (E, E); ``recipes`` are (n, 3).
 
@@ -187,11 +166,7 @@ def kernel_scores(
         return standardised(table.numpy(), None if seen is None else seen.numpy())
 
     links = link_matrices(recipes, len(kernel))
-    if seen is None or len(kernel) <= MANY:
-        fitted = kernel_regression(kernel, *links, seen=seen)
-    else:
-        fitted = two_step_regression(kernel, *links, seen=seen)
-    combines, component = map(scaled, fitted)
+    combines, component = map(scaled, kernel_regression(kernel, *links, seen=seen))
     combines += _COMPLETION * scaled(completed)
     return torch.from_numpy(combines).float(), torch.from_numpy(component).float()
 

@@ -5,8 +5,7 @@ three entities; its sum runs over the few recipes with results most similar to t
 """
 
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
-from typing import NamedTuple, Self
+from typing import ClassVar, Self
 
 import numpy as np
 import torch
@@ -14,6 +13,8 @@ from torch import Tensor, nn
 
 from wordcraft_kg.graphs.arrays import Ids, padded
 from wordcraft_kg.models.scorers.kernel import normalised
+from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, pairs_of
+from wordcraft_kg.models.scorers.ranker import RANKER
 
 FEATURES = (
     "part_sum",
@@ -51,27 +52,26 @@ FEATURES = (
 """
 EVIDENCE = 16
 """Supporting recipes per goal: those with the most similar results. More change no figure."""
-LEAST_SHARE = 0.01
-"""Smallest evidence share of a supporting recipe that counts as a reason."""
 FLOOR = 1e-4
 """Added to evidence before the logarithm."""
 _WORDS_POWER = 4
 """Power of word cosines in the evidence; only near synonyms count."""
 
+BUFFERS = (
+    "parts",
+    "pairs",
+    "numbers",
+    "results",
+    "alike",
+    "words",
+    "counts",
+    "supporting",
+    *RANKER,
+)
+"""Names of the stored tensors."""
 
-class Support(NamedTuple):
-    """A known recipe that supports another recipe: ids for both ingredients and the result, and its weight.
 
-    The weight is the recipe similarity, 1 for equality: the product of entity similarities for both ingredients (in the
-    better order) and the result. ``share`` is relative to the sum over all supporting recipes.
-    """
-
-    recipe: tuple[int, int, int]
-    weight: float
-    share: float
-
-
-class RecipeKnowledge(nn.Module):
+class RecipeKnowledge(PairKnowledge):
     """Arrays and networks that score any ingredient pair with any goal, for M models, such as the fold models.
 
     Row E is the empty slot. Columns from E + 1 on are entities of other books, which only supporting recipes contain;
@@ -90,8 +90,6 @@ class RecipeKnowledge(nn.Module):
         words: shape (E + 1, W), half: word cosines.
         counts: shape (M, E + 1, 2): log(1 + n), for n recipes that use (a + a counts twice), and that make, an entity.
         supporting: shape (M, E + 1, R, 3), int16: recipes with results most similar to a goal, padded with E.
-        first, first_bias, second, bias: network weights, with F features and H hidden units: shapes (M, F, H), (M, H),
-            (M, H) and (M,).
     """
 
     parts: Tensor
@@ -102,11 +100,11 @@ class RecipeKnowledge(nn.Module):
     words: Tensor
     counts: Tensor
     supporting: Tensor
-    first: Tensor
-    first_bias: Tensor
-    second: Tensor
-    bias: Tensor
     _words_alike: Tensor
+    feature_names: ClassVar[tuple[str, ...]] = FEATURES
+    made_name: ClassVar[str] = "made"
+    sampled_results: ClassVar[int] = 42_000
+    buffer_names: ClassVar[tuple[str, ...]] = BUFFERS
 
     def __init__(self, constants: Mapping[str, Tensor]):
         super().__init__()
@@ -117,10 +115,14 @@ class RecipeKnowledge(nn.Module):
         self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
-    def stacked(cls, models: Sequence["RecipeKnowledge"]) -> Self:
-        """Combine several models' knowledge along each array's first axis."""
+    def of_constants(cls, constants: Mapping[str, Tensor], num_entities: int) -> Self:  # noqa: D102 - inherited
+        return cls(constants)
+
+    @classmethod
+    def stacked(cls, models: Sequence[PairKnowledge]) -> Self:  # noqa: D102 - inherited
         nothing = models[0].num_entities
-        shape = [max(model.results.shape[axis] for model in models) for axis in (1, 2)]
+        results = [model.results for model in models if isinstance(model, RecipeKnowledge)]
+        shape = [max(each.shape[axis] for each in results) for axis in (1, 2)]
 
         def joined(name: str) -> Tensor:
             parts = [getattr(model, name) for model in models]
@@ -138,14 +140,6 @@ class RecipeKnowledge(nn.Module):
             return torch.cat(parts)
 
         return cls({name: joined(name) for name in BUFFERS})
-
-    def constants(self) -> dict[str, Tensor]:
-        """Return the feature arrays and network weights, the attributes of this module, by name."""
-        return {name: getattr(self, name) for name in BUFFERS}
-
-    def with_ranker(self, weights: Mapping[str, Tensor]) -> Self:
-        """Return a copy with other network weights (:data:`RANKER`, without axis M); only for a single model, M = 1."""
-        return type(self)(self.constants() | {name: weights[name][None] for name in RANKER})
 
     def of_entities(self, own: Tensor) -> Self:
         """Return the knowledge about the entities ``own``, (n,), with ids from 0; other entities come last."""
@@ -174,14 +168,9 @@ class RecipeKnowledge(nn.Module):
             }
         )
 
-    def features(
+    def features(  # noqa: D102 - inherited
         self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
     ) -> Tensor:
-        """Return the features in :data:`FEATURES` for P slot pairs, (F, B, P): ``pairs``, or all in :func:`pairs_of`.
-
-        Arguments are int64: goal ids (B,), entity ids in the slots (B, A) with E for empty slots, which of the M
-        stacked models to use (B,), and the first and second slot of each pair (P,).
-        """
         width, wide = self.num_entities + 1, self.words.shape[1]
         slots = table.shape[1]
         one, other = pairs or pairs_of(slots, table.device)
@@ -239,74 +228,36 @@ class RecipeKnowledge(nn.Module):
             self._words_alike = (self.words.float().clamp(min=0) ** _WORDS_POWER).half()
         return self._words_alike
 
-    def supporting_recipes(
-        self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5
-    ) -> list[Support]:
-        """Return up to ``limit`` of a model's recipes that support ``a + b -> goal``.
-
-        Recipes that make the goal itself come first, if their share is at least :data:`LEAST_SHARE`, then the others;
-        both by share.
-        """
+    def support_of(  # noqa: D102 - inherited
+        self, a: int, b: int, goal: int, model: int
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         supporting, alike = self.supporting[model, goal].long(), self.alike[model]
         one, other, result = supporting.T
-        like_goal = alike[goal, result].float()
-        orders = torch.stack(
-            [alike[a, one].float() * alike[b, other], alike[a, other].float() * alike[b, one]]
-        )
-        evidence, weights = like_goal * orders.sum(0), (like_goal * orders.amax(0)).clamp(max=1)
-        shares = evidence / evidence.sum().clamp(min=torch.finfo(evidence.dtype).tiny)
-        rows = torch.sort(evidence, descending=True, stable=True).indices.tolist()
-        is_other = ((result != goal) | (shares < LEAST_SHARE)).tolist()
-        rows.sort(
-            key=lambda row: is_other[row]
-        )  # stable, so each part stays in the order of shares
-        recipes = supporting.tolist()
-        best = [
-            Support(
-                (recipes[row][0], recipes[row][1], recipes[row][2]),
-                float(weights[row]),
-                float(shares[row]),
-            )
-            for row in rows
-            if weights[row] > 0 and max(recipes[row]) < self.num_entities
-        ]
-        return best[:limit]
+        straight = alike[a, one].float() * alike[b, other]
+        crossed = alike[a, other].float() * alike[b, one]
+        return supporting, alike[goal, result].float(), straight, crossed
 
-    def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Score all slot pairs for the goal, (B, A, A), in nats, -inf if empty; arguments as :meth:`features`."""
-        scores = self.scores(self.features(goal, table, model), model)
-        scores = scores.index_select(1, _square(table.shape[1], table.device))
-        is_empty = table == self.num_entities
-        scores = scores.view(*table.shape, table.shape[1])
-        return scores.masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
+    def component_scores(self, entities: Tensor) -> Tensor:  # noqa: D102 - inherited
+        return self.parts[0, entities, :-1, 1].float()
 
-    def scores(self, features: Tensor, model: Tensor) -> Tensor:
-        """Score P slot pairs, shape (B, P), in nats, from their :meth:`features`, shape (F, B, P)."""
-        first = self.first.transpose(1, 2).index_select(0, model)
-        hidden = torch.baddbmm(
-            self.first_bias.index_select(0, model)[:, :, None], first, features.transpose(0, 1)
-        ).relu_()
-        scores = torch.bmm(self.second.index_select(0, model)[:, None], hidden)[:, 0]
-        return scores + self.bias.index_select(0, model)[:, None]
+    def word_cosines(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
+        return self.words[entity, others].float()
+
+    def have_recipes(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
+        return self.numbers[0, entity, others] > 0
+
+    def log_uses(self) -> Tensor:  # noqa: D102 - inherited
+        return self.counts[0, :-1, 0]
+
+    def knows(self, recipes: Tensor, model: int) -> Tensor:  # noqa: D102 - inherited
+        one, other, result = recipes.T
+        number = self.numbers[model, one, other].long()
+        return (number > 0) & (self.results[model, number] == result[:, None]).any(1)
 
 
 def _forget(knowledge: nn.Module, _: object) -> None:
     assert isinstance(knowledge, RecipeKnowledge)
     knowledge._words_alike = torch.empty(0)
-
-
-RANKER = ("first", "first_bias", "second", "bias")
-BUFFERS = (
-    "parts",
-    "pairs",
-    "numbers",
-    "results",
-    "alike",
-    "words",
-    "counts",
-    "supporting",
-    *RANKER,
-)
 
 
 def knowledge_of(
@@ -367,21 +318,6 @@ def _known_pairs(recipes: Ids, size: int) -> tuple[Tensor, Tensor]:
     one, other = torch.from_numpy(pairs.copy()).T
     numbers[one, other] = numbers[other, one] = torch.arange(1, len(pairs) + 1, dtype=torch.int32)
     return numbers, torch.from_numpy(padded(of_pair, size, 1)).int()
-
-
-@lru_cache
-def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return the first and second slot in each slot pair, shape (P,) each, with first <= second."""
-    one, other = torch.triu_indices(slots, slots, device=device)
-    return one, other
-
-
-@lru_cache
-def _square(slots: int, device: torch.device) -> Tensor:
-    one, other = pairs_of(slots, device)
-    number = torch.zeros(slots, slots, dtype=torch.int64, device=device)
-    number[one, other] = number[other, one] = torch.arange(len(one), device=device)
-    return number.view(-1)
 
 
 def _rows(table: Tensor, cells: Tensor) -> Tensor:

@@ -21,15 +21,14 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, pairs_of
+from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, pairs_of
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 KINDS = 4
 """Kinds of recipes, ``2 * (the pair makes something known) + (a known recipe makes the result)``."""
-_KNOWN, _MAKES, _MADE = (FEATURES.index(name) for name in ("known", "makes", "made"))
 _CENTRES = np.arange(-20, 30.01, 0.05)
-_ENTITIES = 42_000
-"""Entities to score as results, over all sampled tables of a fold."""
+_FEWEST_TABLES = 4
+"""Fewest sampled tables of a fold; in a large book, results are sampled instead."""
 _SLOTS = 12
 """Entities on a sampled table."""
 _RIDGE = 1e-3
@@ -46,7 +45,7 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
 
     def log_probabilities(
         self,
-        knowledge: RecipeKnowledge,
+        knowledge: PairKnowledge,
         goal: Tensor,
         table: Tensor,
         model: Tensor,
@@ -61,16 +60,20 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
         """
         features = knowledge.features(goal, table, model, pairs)
         scores = knowledge.scores(features, model)
-        intercepts = torch.tensor(self.intercepts, device=scores.device)[kinds_of(features)]
+        intercepts = torch.tensor(self.intercepts, device=scores.device)[
+            kinds_of(knowledge, features)
+        ]
         shift = torch.where(model == 0, self.shift, 0.0)[:, None] + prior
         return nn.functional.logsigmoid(intercepts + shift + self.slope * scores).masked_fill(
-            features[_MAKES] > 0, 0
+            knowledge.feature(features, "makes") > 0, 0
         )
 
 
-def kinds_of(features: Tensor) -> Tensor:
+def kinds_of(knowledge: PairKnowledge, features: Tensor) -> Tensor:
     """Return each recipe's kind, see :data:`KINDS`, from its features (F, ...)."""
-    return 2 * (features[_KNOWN] > 0).long() + (features[_MADE] > 0).long()
+    is_known = knowledge.feature(features, "known") > 0
+    is_made = knowledge.feature(features, knowledge.made_name) > 0
+    return 2 * is_known.long() + is_made.long()
 
 
 def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int = 0) -> _Floats:
@@ -87,7 +90,7 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         features = knowledge.features(goal, table, model, pairs)
         scores, kinds = (
             knowledge.scores(features, model).cpu().numpy(),
-            kinds_of(features).cpu().numpy(),
+            kinds_of(knowledge, features).cpu().numpy(),
         )
         bins = np.rint((np.clip(scores, _CENTRES[0], _CENTRES[-1]) - _CENTRES[0]) / 0.05).astype(
             np.int64
@@ -113,14 +116,19 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         first, second = torch.tensor([0]), torch.tensor([1])
         count(own[:, 2], own[:, :2], (first, second), None)
         slots, entities = min(_SLOTS, size), torch.arange(size)
-        tables = max(_ENTITIES // size, 4)
+        tables = max(knowledge.sampled_results // size, _FEWEST_TABLES)
         one, other = (part.numpy() for part in pairs_of(slots, entities.device))
-        rest = size * (size - 1) / 2 / max((one != other).sum() * tables, 1)
-        weights = np.where(one == other, size / (slots * tables), rest)
         rng = np.random.default_rng([seed, fold])
+        most = knowledge.sampled_results // _FEWEST_TABLES
+        if size > most:
+            entities = torch.from_numpy(rng.permutation(size)[:most])
+        # A sampled result stands for several results.
+        tables_of_all = tables * len(entities) / size
+        rest = size * (size - 1) / 2 / max((one != other).sum() * tables_of_all, 1)
+        weights = np.where(one == other, size / (slots * tables_of_all), rest)
         for _ in range(tables):
             table = torch.from_numpy(rng.permutation(size)[:slots])
-            count(entities, table.expand(size, slots), None, weights)
+            count(entities, table.expand(len(entities), slots), None, weights)
     return counts
 
 

@@ -14,11 +14,11 @@ from wordcraft_kg.models.scorers.pair_features import (
     BUFFERS,
     EVIDENCE,
     FEATURES,
-    RANKER,
     RecipeKnowledge,
-    Support,
 )
+from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, Support
 from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.ranker import RANKER
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
 _ROWS = 4_096
@@ -84,17 +84,23 @@ class RecipeScorer(StoredScorer):
     """
 
     kind: ClassVar[str] = "recipes"
+    knowledge: PairKnowledge
 
     def __init__(
         self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any
     ):
         super().__init__(entities, graph_hash, **kwargs)
         self.check(tensors, len(self.entities))
-        self.knowledge = RecipeKnowledge(tensors).to(self.device).requires_grad_(False)
+        self.knowledge = self.knowledge_of(tensors).to(self.device).requires_grad_(False)
         self.recipes = tensors["recipes"]
         self.link_rankers = {
             relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS
         }
+
+    @staticmethod
+    def knowledge_of(tensors: Mapping[str, Tensor]) -> PairKnowledge:
+        """Return the knowledge in checked tensors."""
+        return RecipeKnowledge(tensors)
 
     def tensors(self) -> dict[str, Tensor]:
         """Return the tensors, by name, from which :meth:`restored` makes the scorer."""
@@ -106,14 +112,20 @@ class RecipeScorer(StoredScorer):
         return {**self.knowledge.constants(), **links, "recipes": self.recipes}
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        of_pairs, of_parts = (self.knowledge.pairs[0, ..., 1], self.knowledge.parts[0, ..., 1])
+        of_pairs, of_parts = self._link_tables()
         return torch.where(
             relations == COMBINES_WITH, of_pairs[heads, tails], of_parts[heads, tails]
         ).float()
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
         is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
-        return (self.knowledge.pairs if is_pair else self.knowledge.parts)[0, :-1, :-1, 1].float()
+        of_pairs, of_parts = self._link_tables()
+        return (of_pairs if is_pair else of_parts)[:-1, :-1].float()
+
+    def _link_tables(self) -> tuple[Tensor, Tensor]:
+        """Return the link ranker's scores of combinesWith and componentOf, (E + 1, E + 1) each."""
+        assert isinstance(self.knowledge, RecipeKnowledge)
+        return self.knowledge.pairs[0, ..., 1], self.knowledge.parts[0, ..., 1]
 
     def score_recipes(
         self, ingredients: EntityIds, others: EntityIds, results: EntityIds

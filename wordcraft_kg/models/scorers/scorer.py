@@ -167,9 +167,11 @@ class StoredScorer(Scorer):
     Attributes:
         kind: the key of the class in :data:`~wordcraft_kg.models.scorers.folder.SCORERS`, and the
             scorer kind in ``vocabulary.json``.
+        shared: names of tensors that the models of all folds have in common, stored once.
     """
 
     kind: ClassVar[str]
+    shared: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def tensors(self) -> dict[str, Tensor]:

@@ -18,16 +18,20 @@ from wordcraft_kg.models.policies.sources.source import (
 )
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
-from wordcraft_kg.models.scorers.pair_features import (
-    BUFFERS,
-    FEATURES,
-    RecipeKnowledge,
-)
-from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
+from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
+from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge
+from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
-# Axis names and types of the buffers of RecipeKnowledge, for `check_constants`; N is E + 1.
-_LAYOUTS = {
+# Axis names and types of the buffers, for `check_constants`; N is E + 1.
+_RANKER = {
+    "first": "models F hidden float32",
+    "first_bias": "models hidden float32",
+    "second": "models hidden float32",
+    "bias": "models float32",
+}
+_OF_TABLES = {
     "parts": "models N N two float16",
     "pairs": "models N N two float16",
     "numbers": "models N N int32",
@@ -36,10 +40,14 @@ _LAYOUTS = {
     "words": "N W float16",
     "counts": "models N two float32",
     "supporting": "models N evidence three int16",
-    "first": "models F hidden float32",
-    "first_bias": "models hidden float32",
-    "second": "models hidden float32",
-    "bias": "models float32",
+    **_RANKER,
+}
+_OF_NEIGHBOURS = {
+    "vectors": "E D float16",
+    "near_words": "E K int32",
+    "recipes": "recipes three int32",
+    "seen": "models recipes bool",
+    **_RANKER,
 }
 
 KEPT = 2**24
@@ -69,7 +77,7 @@ class BestRecipe(FoldedSource):
     def __init__(
         self,
         num_entities: int,
-        knowledge: RecipeKnowledge,
+        knowledge: PairKnowledge,
         fold_of_recipe: Tensor | None = None,
     ):
         """Take the knowledge of one model or more, and each recipe's fold if there are folds."""
@@ -91,7 +99,9 @@ class BestRecipe(FoldedSource):
         size = len(scorer.entities)
         folded = folds_of(scorer)
         if folded is None:
-            return cls(size, RecipeKnowledge(whole.knowledge.constants()).cpu())
+            # A copy, because moving a module moves its tensors in place.
+            knowledge = whole.knowledge.of_constants(whole.knowledge.constants(), size)
+            return cls(size, knowledge.cpu())
         models = [whole]
         of_recipe = cls.fold_numbers(folded, view)
         if view.tasks is not None:
@@ -100,7 +110,7 @@ class BestRecipe(FoldedSource):
                 left_out = folded.left_out(fold)
                 assert isinstance(left_out, RecipeScorer)
                 models.append(left_out)
-        knowledge = RecipeKnowledge.stacked([model.knowledge for model in models])
+        knowledge = whole.knowledge.stacked([model.knowledge for model in models])
         return cls(size, knowledge.cpu(), of_recipe).bound(view)
 
     @staticmethod
@@ -114,16 +124,19 @@ class BestRecipe(FoldedSource):
     ) -> Source:
         knowledge = with_prefix(constants, "knowledge.")
         models = (cls.num_folds(constants) or 0) + 1
+        kind: type[PairKnowledge] = NeighbourKnowledge if "seen" in knowledge else RecipeKnowledge
         check_constants(
             knowledge,
-            _LAYOUTS,
+            _OF_NEIGHBOURS if kind is NeighbourKnowledge else _OF_TABLES,
+            E=num_entities,
             N=num_entities + 1,
             models=models,
-            F=len(FEATURES),
+            F=len(kind.feature_names),
             two=2,
             three=3,
         )
-        empty = RecipeKnowledge({name: lazily_zero(knowledge[name]) for name in BUFFERS})
+        zeros = {name: lazily_zero(knowledge[name]) for name in kind.buffer_names}
+        empty = kind.of_constants(zeros, num_entities)
         of_recipe = constants.get("fold_of_recipe")
         if of_recipe is not None:
             of_recipe = lazily_zero(of_recipe)
@@ -131,6 +144,8 @@ class BestRecipe(FoldedSource):
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
+        if isinstance(scorer, FactoredScorer):
+            return 0  # no table of pairs
         # `parts`, `pairs`, `numbers` and `alike` have about 16 bytes for each pair of entities.
         return 16 * (len(scorer.entities) + 1) ** 2
 
@@ -138,7 +153,7 @@ class BestRecipe(FoldedSource):
         goal, selection, table, task, _ = states
         nothing = self.num_entities
         model = self.model_of(task)
-        num_models = len(self.knowledge.bias)
+        num_models = self.knowledge.num_models
         # The empty model of tasks without an out-of-sample model has the last number, and no
         # arrays: another model computes its scores, which become 0 below.
         used = torch.zeros_like(goal) if model is None else model.clamp(max=num_models - 1)
@@ -164,7 +179,7 @@ class BestRecipe(FoldedSource):
         goal, selection, table, task, _ = states
         models = self.model_of(task)
         model = 0 if models is None else int(models)
-        if model == len(self.knowledge.bias):  # the empty model
+        if model == self.knowledge.num_models:  # the empty model
             return (None,) * table.shape[1]
         if int(selection) == self.num_entities:
             scores = self._kept_pair_scores(states, torch.full_like(goal, model))
@@ -187,9 +202,7 @@ class BestRecipe(FoldedSource):
 
         A model may know fewer recipes than its folds say, if it was trained on a sample of them.
         """
-        one, other, result = recipes.T
-        number = self.knowledge.numbers[model, one, other].long()
-        return (number > 0) & (self.knowledge.results[model, number] == result[:, None]).any(1)
+        return self.knowledge.knows(recipes, model)
 
     def pair_scores(self, states: States, model: Tensor) -> Tensor:
         """Return scores for all slot pairs, shape (B, A, A), by models ``model``, shape (B,)."""

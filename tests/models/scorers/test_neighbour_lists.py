@@ -1,0 +1,325 @@
+"""Neighbour lists and their features: against full tables, with ties, hubs and pairs with many results."""
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+import torch
+from link_helpers import random_graph
+
+from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.models.scorers.kernel import TEXT, kernel_regression, link_matrices, profiles
+from wordcraft_kg.models.scorers.neighbours import loops
+from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, OF_PAIRS, NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
+from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
+
+SIZE = 12
+FLOOR = float(loops.FLOOR)
+
+
+def unit_vectors(size=SIZE, dim=6, seed=99):
+    rows = np.random.default_rng(seed).normal(size=(size, dim)).astype(np.float32)
+    rows[1] = 0  # an entity without words
+    norms = np.linalg.norm(rows, axis=1, keepdims=True)
+    return (rows / np.maximum(norms, 1e-9)).astype(np.float16).astype(np.float32)
+
+
+def full_lists(recipes, vectors):
+    """Lists as long as the book: nothing is left out."""
+    size = len(vectors)
+    near = nearest_words(vectors, size)
+    return make_lists(recipes, vectors, near, nearest=size, used=size, made=size, support=10**4)
+
+
+class SlowFeatures:
+    """All features by their definitions, from full tables of similarities."""
+
+    def __init__(self, recipes, vectors):
+        self.recipes = recipes.tolist()
+        self.size = len(vectors)
+        rows = profiles(recipes, self.size).toarray()
+        cosines = vectors.astype(float) @ vectors.astype(float).T
+        np.fill_diagonal(cosines, 1)
+        kernel = rows @ rows.T + TEXT * np.maximum(cosines, 0) ** 2
+        norms = np.sqrt(((rows**2).sum(1) > 0.5) + TEXT)
+        self.kernel = np.minimum(kernel / np.outer(norms, norms), 1)
+        np.fill_diagonal(self.kernel, 1)
+        self.cosines = cosines
+        self.alike = self.kernel**2
+        self.words = np.maximum(cosines, 0) ** 4
+        self.used = {entity for a, b, _ in self.recipes for entity in (a, b)}
+        self.made = {result for *_, result in self.recipes}
+        self.regression = kernel_tables(recipes, rows, cosines)
+
+    def links(self, x, c):
+        return sum(result == c and x in (a, b) for a, b, result in self.recipes)
+
+    def of_slot(self, x, c):
+        alike, words = self.alike, self.words
+        evidence = best = by_words = 0.0
+        for a, b, result in self.recipes:
+            for entity in (a, b):  # a + a counts twice
+                evidence += alike[c, result] * alike[x, entity]
+                best = max(best, alike[c, result] * alike[x, entity])
+                by_words += words[c, result] * words[x, entity]
+        link = link_words = 0.0
+        for other, result in product(self.used, self.made):
+            weight = alike[x, other] * alike[c, result]
+            if weight >= loops.LEAST:
+                link += weight * self.links(other, result)
+                link_words += words[x, other] * words[c, result] * self.links(other, result)
+        exact = sum(alike[c, result] * self.links(x, result) for result in self.made)
+        reverse = sum(alike[x, result] * self.links(c, result) for result in self.made)
+        partners = {b for a, b, _ in self.recipes if a == c} | {
+            a for a, b, _ in self.recipes if b == c
+        }
+        return [
+            math.log(FLOOR + evidence),
+            math.log(FLOOR + best),
+            math.log(FLOOR + by_words),
+            self.cosines[x, c],
+            self.kernel[x, c],
+            math.log1p(sum(x in (a, b) for a, b, _ in self.recipes)),
+            math.log1p(sum(result == x for *_, result in self.recipes)),
+            math.log1p(self.links(x, c)),
+            math.log(FLOOR + link),
+            math.log(FLOOR + exact),
+            math.log(FLOOR + link_words),
+            math.log(FLOOR + reverse),
+            math.log(FLOOR + sum(alike[x, partner] for partner in partners)),
+            self.regression[1][x, c],
+        ]
+
+    def of_pair(self, a, b, c):
+        alike, words = self.alike, self.words
+        evidence = by_words = best = 0.0
+        anything = makes = nearest = anything_words = makes_words = 0.0
+        for one, other, result in self.recipes:
+            straight = alike[a, one] * alike[b, other]
+            crossed = alike[a, other] * alike[b, one]
+            evidence += alike[c, result] * (straight + crossed)
+            best = max(best, alike[c, result] * max(straight, crossed))
+            by_words += words[c, result] * (
+                words[a, one] * words[b, other] + words[a, other] * words[b, one]
+            )
+            # A self pair is one pair of neighbours, any other pair is two.
+            for i, j in {(one, other), (other, one)}:
+                weight = alike[a, i] * alike[b, j]
+                if weight < loops.LEAST:
+                    continue
+                anything += weight
+                makes += weight * alike[c, result]
+                nearest = max(nearest, weight * alike[c, result])
+                anything_words += words[a, i] * words[b, j]
+                makes_words += words[a, i] * words[b, j] * words[c, result]
+        results = {result for one, other, result in self.recipes if {one, other} == {a, b}}
+        sums = (evidence, by_words, best, anything, makes, nearest, anything_words, makes_words)
+        return [
+            *(math.log(FLOOR + each) for each in sums),
+            float(bool(results)),
+            float(c in results),
+            self.cosines[a, b],
+            self.kernel[a, b],
+            float(a == b),
+            math.log1p(sum(result == c for *_, result in self.recipes)),
+            math.log1p(sum(c in (one, other) for one, other, _ in self.recipes)),
+            self.regression[0][a, b],
+        ]
+
+    def __call__(self, a, b, c):
+        one, other = np.array(self.of_slot(a, c)), np.array(self.of_slot(b, c))
+        return np.concatenate([one + other, np.minimum(one, other), self.of_pair(a, b, c)])
+
+
+def kernel_tables(recipes, rows, cosines):
+    kernel = torch.from_numpy(rows @ rows.T + TEXT * np.maximum(cosines, 0) ** 2)
+    # A vector of zeros is no word: it is not like itself.
+    words_of_itself = TEXT * torch.from_numpy(((cosines**2).sum(0) == 1).astype(float))
+    kernel -= torch.diag(words_of_itself)
+    seen = torch.from_numpy(np.unique(recipes))
+    links = link_matrices(recipes, len(rows))
+    return [table.numpy() for table in kernel_regression(kernel, *links, seen=seen)]
+
+
+def distinct(recipes):
+    rows = recipes.copy()
+    rows[:, :2].sort(axis=1)
+    return np.unique(rows, axis=0)
+
+
+@pytest.mark.parametrize("num_recipes", [70, 9])
+def test_with_lists_of_full_length_every_feature_is_what_its_definition_says(num_recipes):
+    recipes = distinct(random_graph(0, SIZE, num_recipes).recipes)
+    vectors = unit_vectors()
+    lists = full_lists(recipes, vectors)
+    slow = SlowFeatures(recipes, vectors)
+    rng = np.random.default_rng(1)
+    tables = rng.integers(SIZE, size=(25, 3))
+    tables[:4, 1] = tables[:4, 0]
+    goals = rng.integers(SIZE, size=25)
+    one, other = np.triu_indices(3)
+    found = np.zeros((25, 6, len(FEATURES)), dtype=np.float32)
+    loops.table_features(lists, goals, tables, one, other, found)
+    for row, pair in product(range(25), range(6)):
+        expected = slow(tables[row, one[pair]], tables[row, other[pair]], goals[row])
+        np.testing.assert_allclose(found[row, pair], expected, rtol=2e-3, atol=2e-3)
+
+
+def test_nearest_words_are_the_largest_positive_cosines_with_ties_by_id():
+    vectors = unit_vectors(40, 3)
+    vectors[7] = vectors[5]
+    vectors[3] = vectors[5]
+    near = nearest_words(vectors, 6, block=7)
+    for row in range(40):
+        cosines = vectors @ vectors[row]
+        cosines[row] = -1
+        order = np.lexsort((np.arange(40), -cosines))[:6]
+        expected = [int(other) if cosines[other] > 0 else -1 for other in order]
+        assert near[row].tolist() == expected
+    assert near[5, :2].tolist() == [3, 7]
+    np.testing.assert_array_equal(nearest_words(vectors, 6, first=30), near[30:])
+    assert nearest_words(vectors[:, :0], 6).shape == (40, 0)
+    assert nearest_words(vectors[:1], 6).shape == (1, 0)
+
+
+def test_structural_neighbours_have_the_largest_cosines_of_profiles():
+    recipes = distinct(random_graph(3, 30, 80).recipes)
+    vectors = np.zeros((30, 0), dtype=np.float32)
+    lists = make_lists(recipes, vectors, nearest_words(vectors), nearest=5)
+    rows = profiles(recipes, 30).toarray()
+    cosines = rows @ rows.T
+    np.fill_diagonal(cosines, 0)
+    for entity in range(30):
+        found = lists.near[entity]
+        found = found[found < 30]
+        assert sorted(found) == found.tolist()
+        values = lists.near_cosines[entity, : len(found)]
+        np.testing.assert_allclose(values, cosines[entity, found], rtol=1e-5)
+        assert len(found) == min(5, (cosines[entity] > 0).sum())
+        left_out = np.setdiff1d(np.arange(30), found)
+        assert cosines[entity, left_out].max() <= values.min(initial=np.inf) + 1e-6
+
+
+def random_knowledge(seed, num_recipes=70):
+    vectors = unit_vectors()
+    recipes = distinct(random_graph(seed, SIZE, num_recipes).recipes)
+    found = NeighbourKnowledge.of_recipes(
+        recipes, vectors.astype(np.float16), nearest_words(vectors)
+    )
+    draws = torch.Generator().manual_seed(seed)
+    shapes = ((len(FEATURES), 8), (8,), (8,), ())
+    weights = [torch.randn(shape, generator=draws) for shape in shapes]
+    return found.with_ranker(Ranker(**dict(zip(RANKER, weights, strict=True))))
+
+
+def random_tables(rows=30, slots=6):
+    rng = np.random.default_rng(0)
+    table = torch.from_numpy(rng.integers(SIZE + 1, size=(rows, slots)))
+    table[:3, 1] = table[:3, 0]
+    table[3:6, 2] = SIZE
+    return torch.from_numpy(rng.integers(SIZE, size=rows)), table
+
+
+def test_scores_of_a_batch_are_those_of_single_tables_in_any_order_of_slots():
+    known = random_knowledge(0)
+    goal, table = random_tables()
+    model = torch.zeros_like(goal)
+    features = known.features(goal, table, model)
+    for row in range(len(goal)):
+        one = slice(row, row + 1)
+        assert torch.equal(known.features(goal[one], table[one], model[one]), features[:, one])
+    scores = known(goal, table, model)
+    assert torch.equal(scores, scores.transpose(1, 2))
+    is_empty = table == SIZE
+    assert torch.equal(torch.isneginf(scores), is_empty[:, :, None] | is_empty[:, None])
+    order = torch.from_numpy(np.random.default_rng(3).permutation(table.shape[1]))
+    moved = known(goal, table[:, order], model)
+    torch.testing.assert_close(moved, scores[:, order][:, :, order], rtol=1e-4, atol=1e-4)
+
+
+def test_two_threads_compute_the_same_features_as_one():
+    known = random_knowledge(0)
+    goal, table = random_tables(rows=300)
+    model = torch.zeros_like(goal)
+    with torch_threads(1):
+        alone = known.features(goal, table, model)
+    with torch_threads(2):
+        assert torch.equal(known.features(goal, table, model), alone)
+
+
+def test_ids_outside_the_book_are_refused_and_a_missing_goal_has_no_features():
+    known = random_knowledge(0)
+    goal, table, model = torch.tensor([SIZE]), torch.tensor([[0, 1]]), torch.tensor([0])
+    assert not known.features(goal, table, model).any()
+    for wrong in (-1, SIZE + 1):
+        with pytest.raises(IndexError, match=r"0 \.\. 12"):
+            known.features(torch.tensor([wrong]), table, model)
+        with pytest.raises(IndexError, match=r"0 \.\. 12"):
+            known.features(torch.tensor([0]), torch.tensor([[0, wrong]]), model)
+
+
+def test_a_stack_answers_as_each_of_its_models_and_is_restored_from_its_constants():
+    models = [random_knowledge(seed) for seed in range(3)]
+    stack = NeighbourKnowledge.stacked(models)
+    again = NeighbourKnowledge.of_constants(stack.constants(), SIZE)
+    goal, table = random_tables()
+    for number, one in enumerate(models):
+        alone = one(goal, table, torch.zeros_like(goal))
+        for stacked in (stack, again):
+            found = stacked(goal, table, torch.full_like(goal, number))
+            torch.testing.assert_close(found, alone, rtol=1e-5, atol=1e-5)
+        assert stack.knows(one.recipes, number).all()
+        others = torch.tensor(list(product(range(SIZE), repeat=3)))
+        own = {tuple(row) for row in one.recipes.tolist()}
+        expected = [(min(a, b), max(a, b), c) in own for a, b, c in others.tolist()]
+        assert stack.knows(others, number).tolist() == expected
+
+
+def test_recipes_with_the_most_similar_results_support_a_goal():
+    known = random_knowledge(1)
+    lists = known.lists()
+    slow = SlowFeatures(known.recipes.numpy(), unit_vectors())
+    a, b, goal = 0, 1, 2
+    found = known.supporting_recipes(a, b, goal, limit=100)
+    assert found
+    for one in found:
+        i, j, result = one.recipe
+        orders = (slow.alike[a, i] * slow.alike[b, j], slow.alike[a, j] * slow.alike[b, i])
+        assert one.weight == pytest.approx(slow.alike[goal, result] * max(orders), rel=1e-3)
+    assert known.supporting_recipes(b, a, goal, limit=100) == found
+    i, j, result = known.recipes[0].tolist()
+    first, *_ = known.supporting_recipes(i, j, result)
+    assert (first.recipe, first.weight) == ((i, j, result), 1)
+    assert (lists.support[goal] >= 0).sum() == min(len(known.recipes), lists.support.shape[1])
+
+
+def test_a_pair_with_10000_results_and_a_hub_with_5000_recipes_cost_no_more():
+    size = 10_200
+    results = np.arange(100, 10_100)
+    many = np.column_stack([np.zeros_like(results), np.ones_like(results), results])
+    partners = np.arange(2, 5_002)
+    hub = np.column_stack([np.zeros_like(partners), partners, partners % 90 + 100])
+    recipes = np.concatenate([many, hub]).astype(np.int64)
+    vectors = np.zeros((size, 0), dtype=np.float32)
+    lists = make_lists(recipes, vectors, nearest_words(vectors), rank=8)
+    goals = np.array([100, 10_099, 10_150])
+    tables = np.array([[0, 1]] * 3)
+    features = np.zeros((3, 1, len(FEATURES)), dtype=np.float32)
+    loops.table_features(lists, goals, tables, np.array([0]), np.array([1]), features)
+    start = len(FEATURES) - len(OF_PAIRS)
+    makes = start + OF_PAIRS.index("makes")
+    assert np.isfinite(features).all()
+    assert features[:, 0, makes].tolist() == [1, 1, 0]
+
+
+@pytest.mark.parametrize("recipes", [[], [[0, 0, 0]], [[0, 1, 2]]])
+def test_books_with_hardly_a_recipe_have_features(recipes):
+    rows = np.array(recipes, dtype=np.int64).reshape(-1, 3)
+    vectors = unit_vectors(3)
+    lists = make_lists(rows, vectors, nearest_words(vectors))
+    features = np.zeros((1, 3, len(FEATURES)), dtype=np.float32)
+    one, other = np.triu_indices(2)
+    loops.table_features(lists, np.array([2]), np.array([[0, 1]]), one, other, features)
+    assert np.isfinite(features).all()

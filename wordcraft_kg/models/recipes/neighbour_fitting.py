@@ -1,0 +1,210 @@
+"""Fit recipe scorers by neighbour lists, for all recipes and without each fold, with shared work.
+
+As in :mod:`~wordcraft_kg.models.recipes.fitting`, a ranker learns from recipes of held-out folds,
+whose features come from the remaining folds. The ranker without fold i learns from fold j by lists
+without folds i and j; so does the ranker without fold j from fold i. These lists are made once, and
+1 + K + K (K - 1) / 2 sets of lists serve K + 1 rankers.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folds import Folds
+from wordcraft_kg.models.recipes.fitting import (
+    PAIR_BATCH,
+    PAIR_EPOCHS,
+    PAIR_RATE,
+    TABLES,
+    Batch,
+    feature_scale,
+    fit_ranker,
+    with_known,
+)
+from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.lists import Lists, Numbers, make_lists, nearest_words
+from wordcraft_kg.models.scorers.pair_knowledge import pairs_of
+
+EXAMPLES = 6_000
+"""Most held-out recipes from which a ranker learns, over all folds; each gives a table of each size."""
+KNOWN = 10_000
+"""Most known recipes whose scores are lifted if held-out goals have none."""
+LeftOut = tuple[int, ...]
+"""Folds that a scorer has not seen: none, or one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Words:
+    """What all fits share: word vectors and the nearest words.
+
+    Attributes:
+        vectors: shape (E, D), half: unit vectors as stored in a model; D is 0 without words.
+        near: shape (E, K_w), from :func:`~wordcraft_kg.models.scorers.neighbours.lists.nearest_words`.
+    """
+
+    vectors: NDArray[np.float16]
+    near: Numbers
+
+    @classmethod
+    def of(cls, vectors: NDArray[np.floating]) -> "Words":
+        """Round unit vectors as a model stores them, and find the nearest words."""
+        rounded = vectors.astype(np.float16)
+        return cls(rounded, nearest_words(rounded.astype(np.float32)))
+
+    def lists(self, recipes: Ids) -> Lists:
+        """Return the lists of recipes, ids (n, 3)."""
+        return make_lists(recipes, self.vectors.astype(np.float32), self.near)
+
+
+def fit_by_neighbours(
+    folds: Folds,
+    words: Words,
+    wanted: Sequence[LeftOut],
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    after: Callable[[], None] = lambda: None,
+) -> Iterator[tuple[LeftOut, NeighbourKnowledge]]:
+    """Fit a scorer for each entry of ``wanted``, in this order.
+
+    The result does not depend on the other entries, nor on ``workers``: each set of examples has
+    its own seed.
+
+    Args:
+        folds: folds of the train recipes.
+        words: word vectors.
+        wanted: the folds to leave out, () for none.
+        seed: seed of tables and initial weights.
+        workers: threads; the compiled loops run beside each other.
+        after: called after each set of lists, in the caller's thread; may raise to end the fits.
+    """
+    examples: dict[tuple[LeftOut, int], Batch] = {}
+    missing = set(wanted)
+    for left_out in wanted:
+        turns = [fold for fold in range(folds.count) if fold not in left_out]
+        new = [turn for turn in turns if (left_out, turn) not in examples]
+
+        def made(
+            turn: int, left_out: LeftOut = left_out
+        ) -> list[tuple[tuple[LeftOut, int], Batch]]:
+            without = {*left_out, turn}
+            lists = words.lists(folds.recipes(without))
+            # Each fold left out is held out for the ranker that leaves out the others.
+            others = [(tuple(sorted(without - {held_out})), held_out) for held_out in without]
+            return [
+                ((other, held_out), _examples(folds, lists, other, held_out, seed))
+                for other, held_out in others
+                if other in missing
+            ]
+
+        pool = ThreadPoolExecutor(workers)
+        try:
+            for found in pool.map(made, new):
+                examples.update(found)
+                after()
+        finally:
+            # After Ctrl-C, sets that are not begun are never made.
+            pool.shutdown(cancel_futures=True)
+        parts = [examples.pop((left_out, turn)) for turn in turns]
+        missing.remove(left_out)
+        yield left_out, _fitted(folds, words, left_out, parts, seed)
+
+
+def _fitted(
+    folds: Folds, words: Words, left_out: LeftOut, parts: Sequence[Batch], seed: int
+) -> NeighbourKnowledge:
+    """Fit the ranker of a scorer to its examples."""
+    features, competes, is_right = (torch.cat(part) for part in zip(*parts, strict=True))
+    generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
+    flat = features[competes]
+    mean = flat.mean(0)
+    scale = feature_scale(flat.std(0), flat.amax(0) - flat.amin(0))
+    order = torch.randperm(len(features), generator=generator)
+    batches = [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)]
+    ranker = fit_ranker(
+        batches, mean, scale, epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator
+    )
+    recipes = folds.recipes(left_out)
+    knowledge = NeighbourKnowledge.of_recipes(recipes, words.vectors, words.near)
+    makes = FEATURES.index("makes")
+    if scale[makes].isinf():
+        chosen = recipes[:: max(1, len(recipes) // KNOWN)]
+        a, b, goal = torch.from_numpy(chosen.copy()).T
+        pair = torch.tensor([0]), torch.tensor([1])
+        of_known = knowledge.features(
+            goal, torch.stack([a, b], dim=1), torch.zeros_like(goal), pair
+        )
+        ranker = with_known(ranker, of_known[:, :, 0].T, makes, ranker(flat).amax())
+    return knowledge.with_ranker(ranker)
+
+
+def _examples(folds: Folds, lists: Lists, left_out: LeftOut, held_out: int, seed: int) -> Batch:
+    """Make queries from a fold's recipes on tables with distractors.
+
+    Every pair in a recipe that the scorer without ``left_out`` has seen is right.
+    """
+    from wordcraft_kg.models.scorers.neighbours import loops
+
+    rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
+    known = folds.recipes(left_out)
+    recipes = folds.recipes_of(held_out)
+    most = -(-EXAMPLES // (folds.count - len(left_out)))
+    recipes = recipes[np.sort(rng.permutation(len(recipes))[:most])]
+    goals = np.tile(recipes[:, 2], len(TABLES))
+    size = folds.split.graph.num_entities
+    tables = np.concatenate([_tables(recipes, known, size, number, rng) for number in TABLES])
+    one, other = (slots.numpy() for slots in pairs_of(tables.shape[1], torch.device("cpu")))
+    features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
+    loops.table_features(lists, goals, tables, one, other, features)
+    a = tables[:, one]
+    b = tables[:, other]
+    competes = (a >= 0) & (b >= 0)
+    of_known = _codes(known[:, 0], known[:, 1], known[:, 2], size)
+    is_right = np.isin(_codes(a, b, goals[:, None], size), of_known) & competes
+    return _tensor(features), _tensor(competes), _tensor(is_right)
+
+
+def _tables(recipes: Ids, known: Ids, size: int, distractors: int, rng: np.random.Generator) -> Ids:
+    """Return tables with a recipe's ingredients and drawn entities, (n, 2 + most distractors); -1 is empty.
+
+    Distractors are drawn by 1 + their number of recipes, as environments draw them, without the
+    recipe's entities.
+    """
+    self_pairs = known[:, 0] == known[:, 1]
+    users = np.concatenate([known[:, 0], known[~self_pairs, 1]])
+    weights = 1.0 + np.bincount(users, minlength=size)
+    ends = np.cumsum(weights)
+    tables = np.full((len(recipes), 2 + max(TABLES)), -1, dtype=np.int64)
+    tables[:, :2] = recipes[:, :2]
+    tables[recipes[:, 0] == recipes[:, 1], 1] = -1
+    amount = max(min(distractors, size - 3), 0)
+    # Some are drawn twice; the first draws of different entities count.
+    drawn = np.searchsorted(ends, rng.random((len(recipes), 4 * amount + 16)) * ends[-1], "right")
+    for row, (recipe, entities) in enumerate(zip(recipes.tolist(), drawn.tolist(), strict=True)):
+        others = [entity for entity in dict.fromkeys(entities) if entity not in recipe]
+        if len(others) < amount:
+            # In a small book, nearly all draws may repeat a few entities.
+            rest = [each for each in rng.permutation(size).tolist() if each not in recipe]
+            others = list(dict.fromkeys([*others, *rest]))
+        chosen = others[:amount]
+        tables[row, 2 : 2 + len(chosen)] = chosen
+    return tables
+
+
+def _codes(a: Ids, b: Ids, result: Ids, size: int) -> Ids:
+    """Return a number for each recipe, whatever the order of its ingredients."""
+    return (np.minimum(a, b) * size + np.maximum(a, b)) * size + result
+
+
+def _seed_of(seed: int, left_out: Collection[int]) -> int:
+    return int(np.random.default_rng([seed, *sorted(left_out)]).integers(2**31))
+
+
+def _tensor(array: NDArray[np.generic]) -> Tensor:
+    return torch.from_numpy(array)

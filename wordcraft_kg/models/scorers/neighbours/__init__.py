@@ -1,0 +1,47 @@
+"""Recipe knowledge by neighbour lists: time and memory grow with entities and recipes.
+
+With E entities, n recipes and word vectors of length D. Read :mod:`.knowledge` first.
+
+**Similarity.** An entity's profile is its sparse row of partners, results, ingredients and
+contexts (:func:`~wordcraft_kg.models.scorers.kernel.profiles`), with length 1; w is the cosine of
+word vectors::
+
+    k(x, y) = [cos(profiles) + .2 max(0, w)²] / √(norm_x norm_y)
+    norm = 1.2 with recipes, .2 without
+
+Only the K entities with the most similar profiles are kept for each entity, and the K_w nearest by
+words; k is computed when it is needed, by a binary search in these lists and one product of word
+vectors. The lists N(x) and G(c) hold the entities with the largest k among both kinds of
+neighbours: N(x) those that are ingredients of known recipes, G(c) those that known recipes make.
+
+**Features** of a pair (a, b) and a goal c, with squared similarities k²::
+
+    goal side   Σ_r k²(c, c_r) [k²(a, a_r) k²(b, b_r) + k²(a, b_r) k²(b, a_r)]
+                over R recipes r that make G(c)
+    pair side   Σ k²(a, a') k²(b, b') k²(c, c')
+                over a' in N(a), b' in N(b) with a known recipe a' + b' -> c'
+    link side   Σ k²(x, x') k²(c, c') n(x', c')
+                over x' in N(x), c' in G(c); n counts recipes
+
+and the same as maxima, by words (w⁴ for k²), without c; known recipes; kernel regression; cosines;
+degrees. A product below .002 ends a search in both lists. Hash tables answer whether a pair has
+recipes, and how many recipes make c with x.
+
+**Link scores** are kernel regression at low rank m, see :mod:`.regression`.
+
+| step | cost |
+|---|---|
+| profiles | n |
+| structural neighbours | Σ of length² of profile columns, those above 1,000 skipped |
+| neighbours by words | E² D, exact, in blocks; once for all folds |
+| lists N, G and supporting recipes | E (K + K_w) D |
+| regression | E L D + L³ + n m, for L <= 1,536 landmarks |
+| features of a table with A slots | at most A (2 R D + N G) + A² (N² + R) |
+| memory | E (2 K + 3 N + 3 G + 3 R + D + 3 m) + about 25 n numbers |
+
+With lists as long as the book nothing is approximate but the pruning: tests compare features with
+full tables.
+
+The loops are compiled by numba: lists end at different places, and searches stop early, which
+vectorised operations would pad to the longest.
+"""

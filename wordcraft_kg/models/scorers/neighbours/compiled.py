@@ -1,0 +1,34 @@
+"""Compilation of inner loops by numba, once for each machine."""
+
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import numba
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_SUMS_IN_ANY_ORDER = {"reassoc", "contract", "nsz", "arcp"}
+"""Rules that LLVM may use to compute several terms of a sum at once.
+
+Infinite numbers and NaN keep their meaning. The order of a sum depends on the machine's
+instructions, never on threads.
+"""
+
+
+def compiled(function: F) -> F:
+    """Compile a function of arrays and numbers when it is first called.
+
+    The machine code is kept on the disk, beside the source or in the user's cache. Where neither
+    can be written, each process compiles again, which takes some seconds.
+
+    Args:
+        function: uses only what numba supports, and never writes to the same place as another
+            thread: it runs without Python's lock.
+    """
+    options = {"nogil": True, "fastmath": _SUMS_IN_ANY_ORDER}
+    try:
+        made = numba.njit(cache=True, **options)(function)
+    except RuntimeError:  # no folder for the machine code
+        made = numba.njit(**options)(function)
+    result: F = made
+    return result

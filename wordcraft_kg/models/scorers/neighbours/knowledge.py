@@ -1,0 +1,304 @@
+"""Recipe knowledge by neighbour lists: features and scores of pairs at any size of a book."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, ClassVar, Self
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+from torch import Tensor, nn
+
+from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.scorers.neighbours.lists import Floats, Lists, make_lists
+from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, pairs_of
+from wordcraft_kg.models.scorers.ranker import RANKER
+
+OF_SLOTS = (
+    "evidence",
+    "best_evidence",
+    "words_evidence",
+    "words",
+    "kernel",
+    "uses",
+    "made",
+    "count",
+    "link",
+    "link_exact",
+    "link_words",
+    "link_reverse",
+    "link_with_goal",
+    "regression",
+)
+"""Features of an ingredient x and a goal c; the sum and the minimum over both ingredients count.
+
+| feature | meaning |
+|---|---|
+| evidence | log of a sum over recipes that make c's neighbours, by likeness of c and of x |
+| best_evidence, words_evidence | the largest term; the sum by words |
+| words, kernel | word cosine and similarity of x and c |
+| uses, made, count | log(1 + recipes that use x, that make x, that make c with x) |
+| link | log of known links x' -> c' of neighbours, by likeness |
+| link_exact, link_words | the same for x' = x; by words |
+| link_reverse | the same for c as ingredient and x as result |
+| link_with_goal | x's neighbours that combine with c |
+| regression | componentOf(x, c) by kernel regression |
+"""
+OF_PAIRS = (
+    "pair_evidence",
+    "pair_words_evidence",
+    "pair_best_evidence",
+    "makes_anything",
+    "makes_alike",
+    "makes_best",
+    "makes_anything_words",
+    "makes_alike_words",
+    "known",
+    "makes",
+    "pair_words",
+    "pair_kernel",
+    "itself",
+    "goal_made",
+    "goal_uses",
+    "pair_regression",
+)
+"""Features of a pair (a, b) and a goal c.
+
+| feature | meaning |
+|---|---|
+| pair_evidence | log of the recipe-to-recipe kernel over recipes that make c's neighbours |
+| pair_words_evidence, pair_best_evidence | the same by words; its largest term |
+| makes_anything | log of known pairs (a', b') of neighbours, by likeness |
+| makes_alike, makes_best | the same times the likeness of their results and c: sum, largest term |
+| makes_anything_words, makes_alike_words | both sums by words |
+| known, makes | a + b has known results; c is a known result |
+| pair_words, pair_kernel, itself | word cosine and similarity of a and b; a equals b |
+| goal_made, goal_uses | log(1 + recipes that make c, that use c) |
+| pair_regression | combinesWith(a, b) by kernel regression |
+"""
+FEATURES = (
+    *(f"{name}_sum" for name in OF_SLOTS),
+    *(f"{name}_min" for name in OF_SLOTS),
+    *OF_PAIRS,
+)
+"""All features, in the order of the ranker's weights."""
+_ROWS = 64
+"""Fewest tables for a thread: starting it takes as long as a few tables."""
+BUFFERS = ("vectors", "near_words", "recipes", "seen", *RANKER)
+"""Names of the stored tensors."""
+
+
+class NeighbourKnowledge(PairKnowledge):
+    """Recipes, words and rankers, from which neighbour lists follow, for M models.
+
+    The lists of a model are made when they are first needed, on the CPU, and are not stored: see
+    the package for their mathematics and cost.
+
+    Attributes:
+        vectors: shape (E, D), half: unit word vectors; D is 0 without words.
+        near_words: shape (E, K_w), int32: neighbours by words, -1 at the end.
+        recipes: shape (n, 3), int32: training recipes of all models together.
+        seen: shape (M, n), bool: training recipes of each model.
+    """
+
+    feature_names: ClassVar[tuple[str, ...]] = FEATURES
+    made_name: ClassVar[str] = "goal_made"
+    sampled_results: ClassVar[int] = 6_000
+    buffer_names: ClassVar[tuple[str, ...]] = BUFFERS
+    vectors: Tensor
+    near_words: Tensor
+    recipes: Tensor
+    seen: Tensor
+
+    def __init__(self, constants: Mapping[str, Tensor]):
+        """Take the tensors in :data:`BUFFERS` by name."""
+        super().__init__()
+        for name in BUFFERS:
+            self.register_buffer(name, constants[name])
+        self.num_entities = len(self.vectors)
+        self._lists: dict[int, Lists] = {}
+        self.register_load_state_dict_post_hook(_forget)
+
+    @classmethod
+    def of_recipes(cls, recipes: Ids, vectors: NDArray[np.float16], near_words: Any) -> Self:
+        """Return the knowledge of recipes, ids (n, 3), for a single model without ranker."""
+        rows = torch.from_numpy(recipes.astype(np.int32))
+        return cls(
+            {
+                "vectors": torch.from_numpy(vectors),
+                "near_words": torch.from_numpy(near_words),
+                "recipes": rows,
+                "seen": torch.ones(1, len(rows), dtype=torch.bool),
+                "first": torch.zeros(1, len(FEATURES), 1),
+                "first_bias": torch.zeros(1, 1),
+                "second": torch.zeros(1, 1),
+                "bias": torch.zeros(1),
+            }
+        )
+
+    @classmethod
+    def of_constants(cls, constants: Mapping[str, Tensor], num_entities: int) -> Self:  # noqa: D102 - inherited
+        return cls(constants)
+
+    @classmethod
+    def stacked(cls, models: Sequence[PairKnowledge]) -> Self:  # noqa: D102 - inherited
+        known = [model for model in models if isinstance(model, NeighbourKnowledge)]
+        every, number = torch.cat([model.recipes for model in known]).unique(
+            dim=0, return_inverse=True
+        )
+        seen = torch.zeros(sum(model.num_models for model in known), len(every), dtype=torch.bool)
+        row = place = 0
+        for model in known:
+            own = number[place : place + len(model.recipes)]
+            seen[row : row + model.num_models, own] = model.seen
+            row += model.num_models
+            place += len(model.recipes)
+        rankers = {name: torch.cat([getattr(model, name) for model in known]) for name in RANKER}
+        shared = {"vectors": known[0].vectors, "near_words": known[0].near_words}
+        stack = cls({**shared, "recipes": every, "seen": seen, **rankers})
+        # Lists that are made already serve the stack, too.
+        first = 0
+        for model in known:
+            for number, lists in model._lists.items():
+                stack._lists[first + number] = lists
+            first += model.num_models
+        return stack
+
+    def lists(self, model: int = 0) -> Lists:
+        """Return a model's lists; made at the first call by one thread, so that none differ."""
+        if model not in self._lists:
+            recipes = self.recipes[self.seen[model]].cpu().numpy().astype(np.int64)
+            vectors = self.vectors.float().cpu().numpy()
+            near_words = self.near_words.cpu().numpy()
+            with torch_threads(1), threadpool_limits(1):
+                self._lists[model] = make_lists(recipes, vectors, near_words)
+        return self._lists[model]
+
+    def features(  # noqa: D102 - inherited
+        self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
+    ) -> Tensor:
+        one, other = (
+            slots.cpu().numpy() for slots in pairs or pairs_of(table.shape[1], table.device)
+        )
+        goals = self._ids(goal)
+        tables = self._ids(table)
+        models = model.cpu().numpy()
+        features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
+        for number in np.unique(models).tolist():
+            rows = np.flatnonzero(models == number)
+            features[rows] = _features(self.lists(number), goals[rows], tables[rows], one, other)
+        return torch.from_numpy(features).to(goal.device).permute(2, 0, 1)
+
+    def support_of(  # noqa: D102 - inherited
+        self, a: int, b: int, goal: int, model: int
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        from wordcraft_kg.models.scorers.neighbours import loops
+
+        lists = self.lists(model)
+        numbers = lists.support[goal]
+        terms = np.zeros((len(numbers), 2), dtype=np.float32)
+        loops.support_terms(lists, a, b, goal, terms)
+        numbers = numbers[numbers >= 0]
+        recipes = np.stack([lists.first, lists.second, lists.result], axis=1)[numbers]
+        straight, crossed = torch.from_numpy(terms[: len(numbers)]).unbind(1)
+        like_goal = torch.from_numpy(lists.support_alike[goal, : len(numbers)].copy())
+        return torch.from_numpy(recipes.astype(np.int64)), like_goal, straight, crossed
+
+    def component_scores(self, entities: Tensor) -> Tensor:  # noqa: D102 - inherited
+        lists = self.lists()
+        return torch.from_numpy(lists.left[entities.cpu().numpy()] @ lists.right.T)
+
+    def word_cosines(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
+        vectors = self.vectors.float()
+        return vectors[others] @ vectors[entity]
+
+    def have_recipes(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
+        lists = self.lists()
+        first, second = (torch.from_numpy(part) for part in (lists.first, lists.second))
+        partners = torch.cat([second[first == entity], first[second == entity]])
+        return torch.isin(others, partners)
+
+    def log_uses(self) -> Tensor:  # noqa: D102 - inherited
+        return torch.from_numpy(self.lists().num_uses).float().log1p()
+
+    def knows(self, recipes: Tensor, model: int) -> Tensor:  # noqa: D102 - inherited
+        size = self.num_entities
+        known = _codes(self.recipes[self.seen[model]].long(), size)
+        return torch.isin(_codes(recipes.long(), size), known)
+
+    def _ids(self, entities: Tensor) -> Ids:
+        """Return ids for compiled loops, which check no bounds: -1 for E, the empty slot."""
+        ids = entities.cpu().numpy()
+        if ids.size and not 0 <= ids.min() <= ids.max() <= self.num_entities:
+            raise IndexError(f"entity ids must be 0 .. {self.num_entities}")
+        return np.where(ids == self.num_entities, -1, ids)
+
+    def intermediates(
+        self, goal: Tensor, table: Tensor, model: Tensor, *, attempts: int, width: int, near: int
+    ) -> Tensor:
+        """Return entities that a plan may make before the goal, shape (B, W), the best first.
+
+        Args:
+            goal: shape (B,).
+            table: shape (B, A), E for empty slots.
+            model: shape (B,).
+            attempts: attempts left, 2 or more.
+            width: W; missing entities have the id E.
+            near: entities that stand for all others in a further attempt.
+        """
+        from wordcraft_kg.models.scorers.neighbours import loops
+
+        goals = self._ids(goal)
+        tables = self._ids(table)
+        models = model.cpu().numpy()
+        found = np.full((len(goals), width), -1, dtype=np.int32)
+        for number in np.unique(models).tolist():
+            rows = np.flatnonzero(models == number)
+            of_rows = found[rows]
+            loops.intermediates(
+                self.lists(number), goals[rows], tables[rows], attempts - 2, near, of_rows
+            )
+            found[rows] = of_rows
+        ids = torch.from_numpy(found.astype(np.int64)).to(goal.device)
+        return ids.masked_fill(ids < 0, self.num_entities)
+
+
+def _features(lists: Lists, goals: Ids, tables: Ids, one: Ids, other: Ids) -> Floats:
+    """Return the features of pairs of slots, (B, P, F), by as many threads as torch may use."""
+    from wordcraft_kg.models.scorers.neighbours import loops
+
+    features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
+    workers = min(torch.get_num_threads(), len(goals) // _ROWS)
+    if workers <= 1:
+        loops.table_features(lists, goals, tables, one, other, features)
+        return features
+    # Rows do not depend on each other, and compiled loops run without Python's lock.
+    blocks = [
+        slice(int(rows[0]), int(rows[-1]) + 1)
+        for rows in np.array_split(np.arange(len(goals)), workers)
+    ]
+    with ThreadPoolExecutor(workers) as pool:
+        done = [
+            pool.submit(
+                loops.table_features, lists, goals[rows], tables[rows], one, other, features[rows]
+            )
+            for rows in blocks
+        ]
+    for part in done:
+        part.result()
+    return features
+
+
+def _codes(recipes: Tensor, size: int) -> Tensor:
+    """Return a number for each recipe, ids (n, 3), whatever the order of its ingredients."""
+    low = torch.minimum(recipes[:, 0], recipes[:, 1])
+    high = torch.maximum(recipes[:, 0], recipes[:, 1])
+    return (low * size + high) * size + recipes[:, 2]
+
+
+def _forget(knowledge: nn.Module, _: object) -> None:
+    """Drop lists that were made from other recipes."""
+    assert isinstance(knowledge, NeighbourKnowledge)
+    knowledge._lists = {}

@@ -1,0 +1,254 @@
+"""Neighbour lists and look-ups of a set of recipes: arrays that grow with entities and recipes.
+
+See the package for the mathematics. Everything follows from recipes, word vectors and the nearest
+words, so a model folder stores these alone, and the lists are made again when a model is opened.
+Ties are broken by the smaller id.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.scorers.kernel import TEXT, profiles
+from wordcraft_kg.models.scorers.neighbours.regression import RANK, link_factors
+
+Numbers = NDArray[np.int32]
+Floats = NDArray[np.float32]
+
+NEAREST = 100
+"""Structural neighbours of an entity, K: the entities with the most similar profiles."""
+WORDS = 128
+"""Neighbours by words, K_w."""
+USED = 32
+"""Neighbours of an ingredient: similar entities that are ingredients of known recipes."""
+MADE = 40
+"""Neighbours of a goal: similar entities that known recipes make."""
+SUPPORT = 64
+"""Recipes that make a goal's neighbours, the most similar neighbours first."""
+COMMON = 1_000
+"""Profile columns with more entries are skipped in the search for neighbours.
+
+They belong to hubs, such as a partner with 5,000 recipes: they say little, and cost the square of
+their length.
+"""
+BLOCK = 512
+"""Rows of word cosines that are in memory at once."""
+
+
+class Lists(NamedTuple):
+    """Arrays for the features of T entities and n recipes; -1 is the end of a list.
+
+    A NamedTuple, because compiled loops take it as a whole.
+
+    Attributes:
+        vectors: shape (T, D), unit word vectors; D is 0 without words.
+        near: shape (T, K), structural neighbours by ascending id.
+        near_cosines: shape (T, K), cosines of profiles.
+        norms: shape (T,), similarity of an entity with itself, k(x, x).
+        used: shape (T, N), neighbours that are ingredients, the most similar first.
+        used_alike: shape (T, N), squared normalised similarities.
+        used_words: shape (T, N), positive word cosines to the power 4.
+        made: shape (T, G), neighbours that are results.
+        made_alike: shape (T, G), as ``used_alike``.
+        made_words: shape (T, G), as ``used_words``.
+        support: shape (T, R), recipe numbers.
+        support_alike: shape (T, R), similarities of the recipes' results to the goal.
+        support_words: shape (T, R), the same by words.
+        first, second, result: shape (n,), recipes in ascending order.
+        pair_keys, pair_starts, pair_counts: hash table of ingredient pairs: their recipes' numbers
+            are consecutive.
+        link_keys, link_counts: hash table of (ingredient, result): number of recipes.
+        num_uses, num_makers: shape (T,), recipes that use, and that make, an entity.
+        left, right: shape (T, m), componentOf by kernel regression is ``left[x] · right[c]``.
+        pair_left: shape (T, m), combinesWith is ``pair_left[a] · right[b]``.
+    """
+
+    vectors: Floats
+    near: Numbers
+    near_cosines: Floats
+    norms: Floats
+    used: Numbers
+    used_alike: Floats
+    used_words: Floats
+    made: Numbers
+    made_alike: Floats
+    made_words: Floats
+    support: Numbers
+    support_alike: Floats
+    support_words: Floats
+    first: Numbers
+    second: Numbers
+    result: Numbers
+    pair_keys: Ids
+    pair_starts: Numbers
+    pair_counts: Numbers
+    link_keys: Ids
+    link_counts: Numbers
+    num_uses: Numbers
+    num_makers: Numbers
+    left: Floats
+    right: Floats
+    pair_left: Floats
+
+
+def nearest_words(
+    vectors: Floats, count: int = WORDS, block: int = BLOCK, first: int = 0
+) -> Numbers:
+    """Return the entities with the largest positive cosines, shape (T, count), nearest first.
+
+    Exact, in blocks of rows: T² D operations, and memory for ``block`` x T cosines.
+
+    Args:
+        vectors: unit vectors, shape (T, D); zeros have no neighbours, and without words lists are
+            empty.
+        count: length of the lists; -1 fills lists that are too short.
+        block: rows at once.
+        first: entity with the first list; the lists of others are known already.
+    """
+    size = len(vectors)
+    width = min(count, max(size - 1, 0)) if vectors.shape[1] else 0
+    near = np.full((size - first, width), -1, dtype=np.int32)
+    if not width:
+        return near
+    # Compiled loops are imported late: numba takes as long to import as all the rest.
+    from wordcraft_kg.models.scorers.neighbours import loops
+
+    every = torch.tensor(vectors)
+    # One thread, because more threads may add in another order and so break ties differently.
+    with torch_threads(1):
+        for start in range(first, size, block):
+            cosines = (every[start : start + block] @ every.T).numpy()
+            loops.largest(cosines, start, near[start - first : start - first + block])
+    return near
+
+
+def make_lists(
+    recipes: Ids,
+    vectors: Floats,
+    near_words: Numbers,
+    *,
+    nearest: int = NEAREST,
+    used: int = USED,
+    made: int = MADE,
+    support: int = SUPPORT,
+    rank: int = RANK,
+) -> Lists:
+    """Make the lists of a set of recipes.
+
+    Args:
+        recipes: ids (ingredient, ingredient, result), shape (n, 3), any order.
+        vectors: unit word vectors, shape (T, D).
+        near_words: from :func:`nearest_words`.
+        nearest: K, structural neighbours.
+        used: N, neighbours that are ingredients.
+        made: G, neighbours that are results.
+        support: R, recipes for a goal.
+        rank: rank of the kernel regression.
+    """
+    from wordcraft_kg.models.scorers.neighbours import loops
+
+    size = len(vectors)
+    ordered = _ordered(recipes)
+    first, second, result = (np.ascontiguousarray(column, dtype=np.int32) for column in ordered.T)
+    num_uses = _counted(np.concatenate([first, second[first != second]]), size)
+    num_makers = _counted(result, size)
+    rows = profiles(ordered, size).astype(np.float32)
+    columns = rows.T.tocsr()
+    near, near_cosines = loops.structural_neighbours(
+        rows.indptr,
+        rows.indices,
+        rows.data,
+        columns.indptr,
+        columns.indices,
+        columns.data,
+        COMMON,
+        min(nearest, max(size, 1)),
+    )
+    # A profile has length 1, words add their part; entities with neither stay at the words' part.
+    norms = ((np.diff(rows.indptr) > 0) + TEXT).astype(np.float32)
+    is_used = num_uses > 0
+    is_made = num_makers > 0
+    of_used, used_alike, used_words = loops.merged_neighbours(
+        vectors, near, near_cosines, norms, near_words, is_used, min(used, size)
+    )
+    of_made, made_alike, made_words = loops.merged_neighbours(
+        vectors, near, near_cosines, norms, near_words, is_made, min(made, size)
+    )
+    starts = np.concatenate([[0], np.cumsum(num_makers)]).astype(np.int64)
+    most = min(support, max(len(ordered), 1))
+    supporting, support_alike, support_words = loops.supporting(
+        of_made, made_alike, made_words, starts, _by_result(ordered), most
+    )
+    pairs = first.astype(np.int64) * size + second
+    pair_keys, pair_starts, pair_counts = loops.pair_table(pairs, _table_size(len(pairs)))
+    # A recipe with twice the same ingredient is one link.
+    is_other = first != second
+    of_first = first.astype(np.int64) * size + result
+    of_second = second[is_other].astype(np.int64) * size + result[is_other]
+    links = np.concatenate([of_first, of_second])
+    link_keys, link_counts = loops.count_table(links, _table_size(len(links)))
+    left, right, pair_left = link_factors(ordered, rows, vectors, rank)
+    return Lists(
+        vectors=vectors,
+        near=near,
+        near_cosines=near_cosines,
+        norms=norms,
+        used=of_used,
+        used_alike=used_alike,
+        used_words=used_words,
+        made=of_made,
+        made_alike=made_alike,
+        made_words=made_words,
+        support=supporting,
+        support_alike=support_alike,
+        support_words=support_words,
+        first=first,
+        second=second,
+        result=result,
+        pair_keys=pair_keys,
+        pair_starts=pair_starts,
+        pair_counts=pair_counts,
+        link_keys=link_keys,
+        link_counts=link_counts,
+        num_uses=num_uses,
+        num_makers=num_makers,
+        left=left,
+        right=right,
+        pair_left=pair_left,
+    )
+
+
+def _ordered(recipes: Ids) -> Ids:
+    """Return distinct recipes in ascending order, the smaller ingredient first."""
+    rows = recipes.copy()
+    rows[:, :2].sort(axis=1)
+    return np.unique(rows, axis=0)
+
+
+def _counted(ids: Numbers, size: int) -> Numbers:
+    return np.bincount(ids, minlength=size).astype(np.int32)
+
+
+def _by_result(recipes: Ids) -> Numbers:
+    """Return recipe numbers by result, and within a result in an order that looks random.
+
+    A hub has more recipes than a list holds, and a random part speaks for it better than the
+    recipes with the smallest ids. The order depends on a recipe alone: other recipes that come or
+    go do not change it.
+    """
+    # The finalizer of splitmix64 (Steele, Lea and Flood 2014); products wrap around.
+    mixed = recipes[:, 0].astype(np.uint64) << np.uint64(32)
+    mixed |= recipes[:, 1].astype(np.uint64)
+    mixed = (mixed ^ (mixed >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    mixed ^= mixed >> np.uint64(31)
+    return np.lexsort((mixed, recipes[:, 2])).astype(np.int32)
+
+
+def _table_size(entries: int) -> int:
+    """Return the number of places in a hash table: a power of 2, at most a quarter is filled."""
+    return 1 << max(4, int(4 * entries).bit_length())

@@ -1,0 +1,93 @@
+"""Kernel regression of links at low rank: scores of all pairs as products of two thin matrices.
+
+With landmarks L, entities whose recipes are known, and k the entity similarity, an entity's
+coordinates are ``Φ = K_EL V w^(-1/2)`` (Nyström), with ``K_LL = V diag(w) Vᵀ``. The ridge
+regression of a link table Y with the product kernel has a closed form: with ``G = Φᵀ Φ`` over
+entities with recipes and ``G = Q diag(g) Qᵀ``::
+
+    scores = (Φ Q) [(Qᵀ Φᵀ Y Φ Q) / (g gᵀ + λ)] (Φ Q)ᵀ
+
+If all entities with recipes are landmarks, this is exactly
+:func:`~wordcraft_kg.models.scorers.kernel.kernel_regression`. The cost is E L D for the kernel,
+L³ for eigenvectors and (links) m for the products.
+
+Source: Williams and Seeger 2001 (Nyström); Stock et al. 2018 (two-step and Kronecker ridge).
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, recipe_triples
+from wordcraft_kg.models.scorers.kernel import TEXT
+
+RANK = 256
+"""Coordinates m of an entity in the regression."""
+LANDMARKS = 1_536
+"""Most landmarks: the entities in most recipes, ties by id."""
+RIDGE = 1.0
+"""λ, as in the regression with full tables."""
+_BLOCK = 2_048
+"""Rows of the kernel in memory at once."""
+
+Floats = NDArray[np.float32]
+
+
+def link_factors(
+    recipes: Ids, rows: Any, vectors: Floats, rank: int = RANK
+) -> tuple[Floats, Floats, Floats]:
+    """Return the factors of componentOf and combinesWith scores.
+
+    Args:
+        recipes: ids (n, 3).
+        rows: profiles, sparse, shape (T, M).
+        vectors: unit word vectors, shape (T, D).
+        rank: m, most coordinates.
+
+    Returns:
+        ``left``, ``right`` and ``pair_left``, shape (T, m) each: componentOf is ``left[x] ·
+        right[c]``, combinesWith ``pair_left[a] · right[b]``. Without recipes m is 0.
+    """
+    from scipy import sparse
+
+    size = len(vectors)
+    seen, counts = np.unique(recipes, return_counts=True)
+    if not len(seen) or not rank:
+        nothing = np.zeros((size, 0), dtype=np.float32)
+        return nothing, nothing, nothing
+    landmarks = np.sort(seen[np.argsort(-counts, kind="stable")[:LANDMARKS]])
+    kernel = _kernel(landmarks, landmarks, rows, vectors)
+    values, basis = np.linalg.eigh(kernel)
+    # The largest eigenvalues; those up to rounding or below 0 have no root.
+    kept = np.flatnonzero(values > 1e-6 * values[-1])[-rank:]
+    basis = basis[:, kept] / np.sqrt(values[kept])
+    parts = [
+        _kernel(block, landmarks, rows, vectors) @ basis
+        for block in np.split(np.arange(size), range(_BLOCK, size, _BLOCK))
+    ]
+    coordinates = np.concatenate(parts)
+    of_seen = coordinates[seen]
+    weights, turn = np.linalg.eigh(of_seen.T @ of_seen)
+    turned = coordinates @ turn
+    triples = recipe_triples(recipes)
+    products = np.maximum(weights, 0)
+    shrinkage = products[:, None] * products + RIDGE
+    lefts = []
+    for relation in (COMPONENT_OF, COMBINES_WITH):
+        heads, _, tails = triples[triples[:, 1] == relation].T
+        links = sparse.csr_array((np.ones(len(heads)), (heads, tails)), shape=(size, size))
+        inner = turned.T @ (links @ turned)
+        lefts.append(turned @ (inner / shrinkage))
+    left, pair_left = (np.ascontiguousarray(each, dtype=np.float32) for each in lefts)
+    return left, np.ascontiguousarray(turned, dtype=np.float32), pair_left
+
+
+def _kernel(one: Ids, other: Ids, rows: Any, vectors: Floats) -> NDArray[np.float64]:
+    """Return k(x, y) for the entities ``one`` by rows and ``other`` by columns."""
+    structure = (rows[one] @ rows[other].T).toarray().astype(np.float64)
+    if not vectors.shape[1]:
+        return structure
+    cosines = np.maximum(vectors[one] @ vectors[other].T, 0)
+    return np.asarray(structure + TEXT * cosines.astype(np.float64) ** 2)

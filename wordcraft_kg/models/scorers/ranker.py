@@ -1,0 +1,55 @@
+"""The ranker: a network with one hidden layer that makes a score of features."""
+
+from dataclasses import dataclass, fields
+
+import torch
+from torch import Tensor
+
+RANKER = ("first", "first_bias", "second", "bias")
+"""Names of a ranker's weights, in files and modules."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranker:
+    """A network with H hidden units, ``second · relu(x first + first_bias) + bias``.
+
+    A single network, or M networks along a first axis.
+
+    Attributes:
+        first: shape (F, H), or (M, F, H).
+        first_bias: shape (H,), or (M, H).
+        second: shape (H,), or (M, H).
+        bias: shape (), or (M,).
+    """
+
+    first: Tensor
+    first_bias: Tensor
+    second: Tensor
+    bias: Tensor
+
+    def __call__(self, features: Tensor) -> Tensor:
+        """Return a single network's scores, shape (...), of features, shape (..., F)."""
+        # In place, which takes less memory.
+        hidden = (features @ self.first).add_(self.first_bias).relu_()
+        return hidden @ self.second + self.bias
+
+    def of_models(self, features: Tensor, model: Tensor) -> Tensor:
+        """Return the scores of B rows by the network of each row.
+
+        Args:
+            features: shape (F, B, P).
+            model: network of each row, shape (B,), int64.
+
+        Returns:
+            shape (B, P).
+        """
+        first = self.first.transpose(1, 2).index_select(0, model)
+        hidden = torch.baddbmm(
+            self.first_bias.index_select(0, model)[:, :, None], first, features.transpose(0, 1)
+        ).relu_()
+        scores = torch.bmm(self.second.index_select(0, model)[:, None], hidden)[:, 0]
+        return scores + self.bias.index_select(0, model)[:, None]
+
+    def weights(self) -> dict[str, Tensor]:
+        """Return the weights by their names in :data:`RANKER`."""
+        return {field.name: getattr(self, field.name) for field in fields(self)}

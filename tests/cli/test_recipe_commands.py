@@ -226,7 +226,7 @@ def test_explain_and_the_report_name_the_recipes_that_support_a_pair(
     (trained,) = json.loads((agent / "report" / "report.json").read_text())["agents"]
     evaluated = printed("evaluate-agent", agent, "--distractor-seeds", 1)
     compared = trained["success"]["3"]["against_scorer"], evaluated["against_scorer"]["3"]
-    assert [beside["scorer"] for beside in compared] == ["w", "w"]
+    assert [beside["scorer"] for beside in compared] == ["recipe (w)", "recipe (w)"]
     evidences = 0
     for episode in printed("explain", agent, "--part", "train", "--episodes", "4")["episodes"]:
         plans = {recipe for plan in episode["plans"] for recipe in plan}

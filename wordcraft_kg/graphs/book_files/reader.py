@@ -231,33 +231,43 @@ class BookRows:
         A chain is several recipes; its first ones make half-products.
         """
         fold = self.options.case == "fold"
-        has_kinds = self.file.source.kind_of
+        kind_of = self.file.source.kind_of
+        pairs = 0
         for entry in self.file.source:
-            if isinstance(entry, Fault):
+            # The frequent row takes a short way: two ingredients, in a book without kinds.
+            if type(entry) is tuple and len(entry[1]) == 3 and not (fold or kind_of):
+                pairs += 1
+                yield entry[0], [Recipe.of(*entry[1])]
+            elif isinstance(entry, Fault):
                 yield entry
-                continue
-            if isinstance(entry, LeftOut):
+            elif isinstance(entry, LeftOut):
                 self.rows += 1
                 self.left_out[entry.reason] += 1
-                continue
-            place, labels = entry
-            self.rows += 1
-            kind = has_kinds.get((tuple(sorted(labels[:-1])), labels[-1]), "") if has_kinds else ""
-            if fold:
-                labels = [label.lower() for label in labels]
-            self.arities[len(labels) - 1] += 1
-            recipes: list[Recipe] | Fault | LeftOut
-            if len(labels) == 3:
-                recipes = [Recipe.of(labels[0], labels[1], labels[2])]
             else:
-                recipes = self._paired(place, labels)
-            if isinstance(recipes, LeftOut):
-                self.left_out[recipes.reason] += 1
-                continue
-            if isinstance(recipes, Fault):
-                yield recipes
-                continue
-            if kind and recipes:
+                yield from self._row(*entry)
+        if pairs:
+            self.rows += pairs
+            self.arities[2] += pairs
+
+    def _row(
+        self, place: Place, labels: Sequence[str]
+    ) -> Iterator[tuple[Place, list[Recipe]] | Fault]:
+        """Yield a row's recipes or its fault; nothing for a row that is left out."""
+        self.rows += 1
+        self.arities[len(labels) - 1] += 1
+        kind = self.file.source.kind_of.get((tuple(sorted(labels[:-1])), labels[-1]), "")
+        labels = list(map(self._folded, labels))
+        recipes: list[Recipe] | Fault | LeftOut
+        if len(labels) == 3:
+            recipes = [Recipe.of(labels[0], labels[1], labels[2])]
+        else:
+            recipes = self._paired(place, labels)
+        if isinstance(recipes, LeftOut):
+            self.left_out[recipes.reason] += 1
+        elif isinstance(recipes, Fault):
+            yield recipes
+        else:
+            if kind:
                 self.kinds[recipes[-1]] = kind
             yield place, recipes
 

@@ -486,6 +486,20 @@ def test_inferred_bases_and_unmakeable_entities_give_warnings(
     assert finding not in run("check-book", path, "--base", "a").out
 
 
+def test_labels_in_two_cases_are_named_with_the_remedy(printed, book, home, caplog, monkeypatch):
+    """Results in another case than ingredients put half of the recipes out of reach."""
+    path = book("book.csv", "# base: fire, earth\n" + TABLE + "fire,earth,Lava\nlava,fire,Ash\n")
+    monkeypatch.chdir(home)
+    printed("build-graph", path, "--split", "none", "--out", "kept")
+    assert caplog.messages[-1] == (
+        "2 labels differ only in case: Lava and lava. If they are the same thing, read the book "
+        "with --case fold."
+    )
+    caplog.clear()
+    printed("build-graph", path, "--split", "none", "--case", "fold", "--out", "folded")
+    assert not caplog.messages
+
+
 def test_shares_that_differ_from_the_settings_are_named(run, home):
     """Shares of a split that differ from the settings are named with the remedy."""
     assert "note: split" not in run("describe", "kitchen").out

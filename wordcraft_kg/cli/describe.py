@@ -1,7 +1,7 @@
 """``wordcraft-kg describe``."""
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.wording import counted, quoted
@@ -35,6 +35,7 @@ def describe(graph: Graph, *, entity: str | None = None, output: Output = Output
     else:
         audited = audit(opened.graph, opened.split)
         warn_of_base(audited)
+        warn_of_cases(opened.graph.entities)
         title = f"graph {opened.graph.name}"
         output.result(audited, [title, *lines_of_graph(audited), *note_of_shares(audited.split)])
 
@@ -68,6 +69,25 @@ def warn_of_base(audited: "Audit") -> None:
         which = names(labels, unreachable)
         number = f"{unreachable:,} of {audited.entities:,}"
         logger.warning("%s entities cannot be made from the base (%s): %s", number, base, which)
+
+
+def warn_of_cases(labels: Sequence[str]) -> None:
+    """Log a warning about labels that differ only in case, width or variation selectors.
+
+    A chat bot lists results as Lava and ingredients as lava: then half of the recipes are out of
+    reach, and nothing else names the cause.
+    """
+    from wordcraft_kg.graphs.recipes import case_variants
+
+    variants = case_variants(labels)
+    if not variants:
+        return
+    shown = names([" and ".join(map(quoted, group)) for group in variants], len(variants))
+    logging.getLogger(__name__).warning(
+        "%s only in case: %s. If they are the same thing, read the book with --case fold.",
+        "2 labels differ" if len(variants) == 1 else f"{len(variants):,} groups of labels differ",
+        shown,
+    )
 
 
 def note_of_shares(split: "SplitSummary") -> Iterator[str]:

@@ -1,11 +1,15 @@
 """Files as people have them: read as downloaded, or refused with what is missing."""
 
+import re
+from pathlib import Path
+
 import pytest
 from book_shapes import SHAPES
 
 from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.graphs import read_book
 from wordcraft_kg.graphs.book_check import check_book
+from wordcraft_kg.graphs.book_files import guide
 from wordcraft_kg.graphs.chains import unchained
 
 READ = [shape for shape in SHAPES if not shape.says]
@@ -51,3 +55,9 @@ def test_a_refusal_names_what_is_missing_and_the_guide(tmp_path, shape):
 
 def test_at_least_42_shapes_are_read():
     assert len(READ) >= 42
+
+
+def test_each_refusal_leads_to_a_section_of_the_guide():
+    text = (Path(__file__).parents[2] / guide.GUIDE).read_text()
+    headings = re.findall(r"^## (.+)$", text, re.MULTILINE)
+    assert set(guide.SHAPES) <= {heading.lower().replace(" ", "-") for heading in headings}

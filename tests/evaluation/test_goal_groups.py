@@ -21,6 +21,10 @@ from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
 
 
+# Trainings with a second book, which take half a minute together.
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def home(tmp_path_factory):
     """A graph split by goal, and a model that learned from another book, which makes every second

@@ -405,6 +405,7 @@ def the_run(plan=None):
     return plan.tasks[plan.runs[-1]]
 
 
+@pytest.mark.slow
 def test_a_remade_cell_has_the_same_bytes_and_a_remade_scorer(tmp_path):
     """A cell that is made again has the same bytes and needs its scorer trained again."""
     plan = small_plan(text=TRAINED.replace("seeds = 2", "seeds = 1"))

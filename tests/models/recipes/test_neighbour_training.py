@@ -26,6 +26,8 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 
+# Each fit takes seconds, and the first compiles all loops; test_neighbour_lists has what is fast.
+pytestmark = pytest.mark.slow
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
 
 

@@ -20,7 +20,6 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.training import train_recipes
 
-
 # Trainings with a second book, which take half a minute together.
 pytestmark = pytest.mark.slow
 

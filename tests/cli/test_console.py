@@ -18,6 +18,7 @@ from wordcraft_kg.cli import ALL, CORE, command_in, make_app, manual_of
 from wordcraft_kg.cli.console import aligned, lines_of
 from wordcraft_kg.cli.failures import OPTIONS, with_options
 from wordcraft_kg.cli.options import Force
+from wordcraft_kg.graphs import open_book
 from wordcraft_kg.runs.record import end_run, start_run
 
 HELPED = ["train-complex", "train-links", "train-agent", "score"]
@@ -463,6 +464,8 @@ def test_the_examples_of_the_help_work_by_copy_and_paste(run, home, tmp_path, mo
     monkeypatch.chdir(tmp_path)
     (tmp_path / "recipes.csv").write_text("ingredient_a,ingredient_b,result\nflour,water,dough\n")
     (tmp_path / "pairs.csv").write_text("head,relation,tail\nflour,combinesWith,water\n")
+    rows = ["item1;item2;product", *(";".join(recipe) for recipe in open_book("kitchen").recipes)]
+    (tmp_path / "recipes.txt").write_text("\n".join(rows))
     for name in IN_ORDER:
         for example in manual_of(name).module.EXAMPLES:
             if re.search(

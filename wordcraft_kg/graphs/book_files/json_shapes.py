@@ -285,7 +285,21 @@ def _loaded_line(path: Path, number: int, line: str) -> Any:
         ) from None
 
 
-def _loads(path: Path, text: str) -> Any:
+def parsed_json(path: Path | str, text: str) -> Any:
+    """Parse JSON.
+
+    Raises:
+        RecipeFileError: if it is not JSON.
+    """
+    try:
+        return _loads(path, text)
+    except json.JSONDecodeError as error:
+        raise RecipeFileError(
+            f"{path}, line {error.lineno}, column {error.colno}: not JSON ({error.msg})."
+        ) from None
+
+
+def _loads(path: Path | str, text: str) -> Any:
     def without_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = dict(pairs)
         if len(keys) < len(pairs):

@@ -127,6 +127,14 @@ READ = {
         },
         {MUD},
     ),
+    "a save with a label of digits": (
+        {"items": [{"id": 0, "text": "water"}, {"id": 1, "text": "0", "recipes": [[0, 0]]}]},
+        {("water", "water", "0")},
+    ),
+    "elements with a label of digits": (
+        [{"id": 1, "name": "water"}, {"id": 2, "name": "1", "recipes": [[1, 1]]}],
+        {("water", "water", "1")},
+    ),
     "two columns of results": (
         [["in 1", "in 2", "out 1", "out 2"], [*ROWS[0], "clay"], [*ROWS[1], "cloud"]],
         FOUR,

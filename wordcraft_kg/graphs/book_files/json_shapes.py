@@ -370,7 +370,7 @@ def _names_beside(path: Path, value: Mapping[str, Any], inner: str) -> dict[Any,
 
 
 def _names_of_ids(path: Path, rows: Iterable[tuple[Any, Mapping[str, Any]]]) -> dict[Any, str]:
-    """Return names by id, for whole numbers also by their digits.
+    """Return names by id, for digits also by their number.
 
     Raises:
         RecipeFileError: if two names have one id.
@@ -381,7 +381,8 @@ def _names_of_ids(path: Path, rows: Iterable[tuple[Any, Mapping[str, Any]]]) -> 
         if name is None or isinstance(identifier, bool) or not isinstance(identifier, (int, str)):
             continue
         text = str(identifier)
-        for key in (text, int(text)) if _is_digits(text) else (text,):
+        is_digits = isinstance(identifier, str) and _is_digits(text)
+        for key in (text, int(text)) if is_digits else (identifier,):
             if names.setdefault(key, name) != name:
                 both = f"{names[key][:60]!r} and {name[:60]!r}"
                 raise RecipeFileError(f"{path}: the id {text[:60]} belongs to {both}.")
@@ -415,6 +416,9 @@ def _resolved(path: Path, found: _Found, names: Mapping[Any, str]) -> _Found:
     if unknown and any(part in used for part in unknown):
         missing = min(map(str, unknown))[:60]
         raise refusal(path, f"recipes name elements by id, but none has the id {missing!r}", "json")
+    if all(isinstance(part, int) for part in strange if part in names):
+        # A label of digits, such as '7', is no id where ids are numbers.
+        names = {key: name for key, name in names.items() if isinstance(key, int)}
     return replace(found, names=names)
 
 

@@ -6,6 +6,7 @@ the column of results is the one without which the fewest rows share a pair.
 
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 from wordcraft_kg.base.errors import ConfigError
@@ -50,6 +51,7 @@ _IGNORED = words_of(
 )
 _IDS = frozenset({"id", "ids"})
 _COUNT = words_of("count counts amount amounts quantity qty number num pieces")
+_PROPERTY = _RESULT | _INGREDIENT | _IGNORED | _COUNT | words_of("name text label title")
 
 
 class Roles(NamedTuple):
@@ -171,3 +173,16 @@ def repeated_cells(names: Sequence[str], roles: Roles, rows: Sequence[Sequence[s
     """Return names of columns that are cells below, too: the header may be a recipe."""
     used = [(i, names[i]) for i in (*roles.ingredients, *roles.results)]
     return [name for i, name in used if any(len(row) > i and row[i] == name for row in rows)]
+
+
+@lru_cache(maxsize=10_000)
+def names_ingredient(key: str) -> bool:
+    """Return whether a key of an object names an ingredient, such as ``first`` or ``b``."""
+    words = words_of(key)
+    return bool(words & (_INGREDIENT | _WEAK_INGREDIENT)) and not words & (_IGNORED | _COUNT)
+
+
+@lru_cache(maxsize=10_000)
+def names_property(key: str) -> bool:
+    """Return whether a key of an object names a property of a thing, such as ``emoji``."""
+    return bool(words_of(key) & _PROPERTY)

@@ -6,14 +6,17 @@ shape yields ``_Raw`` recipes; :class:`JsonRecipes` checks their labels.
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.book_files.columns import (
+    Roles,
+    names_ingredient,
+    names_property,
     readings,
     repeated_cells,
     result_by_rows,
@@ -22,6 +25,12 @@ from wordcraft_kg.graphs.book_files.columns import (
     words_of,
 )
 from wordcraft_kg.graphs.book_files.guide import refusal
+from wordcraft_kg.graphs.book_files.json_keys import (
+    common_sign,
+    listed_parts,
+    pair_keys,
+    property_keys,
+)
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, RowSource
 from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
 from wordcraft_kg.graphs.recipes import check_label, label_fault, shown
@@ -31,6 +40,7 @@ NOTHING = "Nothing"
 """Infinite Craft's word for a pair without a result."""
 _NAMES = ("text", "name", "item", "id", "label", "title", "tag", "element", "displayName")
 """Keys of an object that stands for an entity, the usual ones first."""
+_TEXTS = ("name", "text", "label", "title")
 _COUNTS = ("count", "amount", "quantity", "qty", "number")
 _RECIPE_KEYS = words_of(
     "recipe recipes combinations combination combos canbemadewith madewith madefrom makeswith "
@@ -38,12 +48,17 @@ _RECIPE_KEYS = words_of(
     "reactants from craftedfrom crafting materials material requires parts pairs"
 )
 _RESULT_KEYS = words_of("result results output outputs product products")
-_WRAPPERS = words_of(
-    "recipes data items entities elements combinations results entries content payload book pairs"
+_ENTITY_LISTS = words_of("elements entities items nodes")
+_WRAPPERS = _ENTITY_LISTS | words_of(
+    "recipes data combinations combos results entries content payload book pairs"
 )
+_ABOUT = _WRAPPERS | words_of("base bases start starting initial starters basics kinds columns")
+"""Keys that say something about a book, and are no result where labels follow."""
 _KEY_JOINERS = (" + ", "+", ";", "|", "&", ",")
 _MAX_DEPTH = 3  # objects around the recipes
-_FEW = 3  # objects by which a common key is told from an ingredient
+_MOST_COLUMNS = 20  # keys of an object that may be columns; a book has more results
+_MOST_PIECES = 10**12  # a larger number next to a label is no number of pieces
+_LONG = 10  # labels in lists of one length that are columns rather than ingredients
 _LOOKED_AT = 1_000  # entries by which a shape is judged
 
 
@@ -56,6 +71,7 @@ class _Raw(NamedTuple):
         ingredients: values that stand for ingredients.
         result: value that stands for the result.
         kind: kind of reasoning, or empty.
+        counts: numbers of pieces next to the values, which are not kept.
     """
 
     where: str
@@ -63,6 +79,7 @@ class _Raw(NamedTuple):
     ingredients: Sequence[Any]
     result: Any
     kind: Any = ""
+    counts: int = 0
 
 
 @dataclass
@@ -152,6 +169,10 @@ class JsonRecipes(RowSource):
             )
             self.several_outputs += is_same and not is_counted
             before, is_counted = raw, is_same
+            if self._found.known is None:
+                counted = raw.ingredients if not is_same else ()
+                self.counts_dropped += sum(map(_has_count, (*counted, raw.result)))
+                self.counts_dropped += raw.counts if not is_same else 0
             yield self._entry(raw)
 
     def _entry(self, raw: _Raw) -> Entry:
@@ -181,13 +202,23 @@ class JsonRecipes(RowSource):
                 "row",
                 f"{raw.where} is {shown(raw.shown)}; a recipe needs two ingredients.",
             )
-        self.counts_dropped += sum(map(_has_count, raw.ingredients))
-        if raw.kind:
-            fault = label_fault(raw.kind)
-            if fault:
-                return Fault(raw.where, "label", f"{raw.where}: {fault}")
-            self.kind_of[tuple(sorted(labels[:-1])), labels[-1]] = raw.kind
+        conflict = self._note_kind(raw, labels) if raw.kind else None
+        if conflict is not None:
+            return conflict
         return raw.where, labels
+
+    def _note_kind(self, raw: _Raw, labels: Sequence[str]) -> Fault | None:
+        """Keep a recipe's kind, or return what is wrong with it."""
+        fault = label_fault(raw.kind)
+        if fault:
+            return Fault(raw.where, "label", f"{raw.where}: {fault}")
+        *ingredients, result = labels
+        known = self.kind_of.setdefault((tuple(sorted(ingredients)), result), raw.kind)
+        if known != raw.kind:
+            recipe = f"{' + '.join(ingredients)} -> {result}"
+            kinds = f"the kind '{raw.kind}' here, and '{known}' above"
+            return Fault(raw.where, "row", f"{raw.where}: {recipe} has {kinds}.")
+        return None
 
     def _unknown(self, label: Any, where: str) -> str | None:
         fault = label_fault(label)
@@ -200,6 +231,12 @@ class JsonRecipes(RowSource):
 
     def _label(self, value: Any) -> Any:
         """Return the label that a value stands for, or a value that stands for none."""
+        label = self._named(value)
+        # Our own layouts keep blanks; elsewhere they are slips, as in tables.
+        is_ours = self._found.known is not None or not isinstance(label, str)
+        return label if is_ours else label.strip()
+
+    def _named(self, value: Any) -> Any:
         found = self._found
         if isinstance(value, dict):
             value = next((value[key] for key in _NAMES if _is_name(value.get(key))), value)
@@ -224,12 +261,14 @@ def load_json(path: Path, text: str) -> tuple[Any, bool]:
     try:
         return _loads(path, text), False
     except json.JSONDecodeError as error:
-        lines = [line for line in text.splitlines() if line.strip()]
+        # Other line separators, such as U+2028, may stand in a text.
+        every = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+        lines = [line for line in every if line.strip()]
         is_lines = error.msg == "Extra data" and len(lines) > 1 and error.lineno > 1
         if is_lines and all(line.lstrip()[:1] in "{[" for line in lines[:_LOOKED_AT]):
             return [
                 _loaded_line(path, number, line)
-                for number, line in enumerate(text.splitlines(), 1)
+                for number, line in enumerate(every, 1)
                 if line.strip()
             ], True
         raise RecipeFileError(
@@ -246,7 +285,21 @@ def _loaded_line(path: Path, number: int, line: str) -> Any:
         ) from None
 
 
-def _loads(path: Path, text: str) -> Any:
+def parsed_json(path: Path | str, text: str) -> Any:
+    """Parse JSON.
+
+    Raises:
+        RecipeFileError: if it is not JSON.
+    """
+    try:
+        return _loads(path, text)
+    except json.JSONDecodeError as error:
+        raise RecipeFileError(
+            f"{path}, line {error.lineno}, column {error.colno}: not JSON ({error.msg})."
+        ) from None
+
+
+def _loads(path: Path | str, text: str) -> Any:
     def without_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = dict(pairs)
         if len(keys) < len(pairs):
@@ -270,6 +323,7 @@ def _loads(path: Path, text: str) -> Any:
 
 def _shape_of(path: Path, content: Any, columns: Sequence[str] | None) -> _Found:
     value, where = content, ""
+    names: dict[Any, str] = {}
     for _ in range(_MAX_DEPTH):
         inner = _unwrapped(value)
         # A key such as "elements" around a list is no result of its own.
@@ -277,11 +331,22 @@ def _shape_of(path: Path, content: Any, columns: Sequence[str] | None) -> _Found
         for shape in LAYOUTS if is_wrapped else (*LAYOUTS, *SHAPES):
             found = shape(path, value, where, columns)
             if found is not None:
-                return found
+                return _resolved(path, _with_columns(path, found, columns), names)
         if inner is None:
             break
+        names = names or _names_beside(path, value, inner)
         value, where = value[inner], f"{where}.{inner}".lstrip(".")
     raise refusal(path, f"{_seen(content)}; recipes in a known shape are missing", "json")
+
+
+def _with_columns(path: Path, found: _Found, columns: Sequence[str] | None) -> _Found:
+    """Return a shape that took the option `columns`, or refuse the option."""
+    if columns is not None and not found.columns:
+        raise ConfigError(
+            f"`columns` {','.join(columns)}: {path} is read as {found.shape}, which has no "
+            "columns; leave `columns` out."
+        )
+    return found
 
 
 def _unwrapped(value: Any) -> str | None:
@@ -290,8 +355,71 @@ def _unwrapped(value: Any) -> str | None:
         return None
     inner = [key for key, each in value.items() if isinstance(each, (dict, list)) and each]
     named = [key for key in inner if key.lower() in _WRAPPERS]
-    chosen = named if len(named) == 1 else inner
+    # Elements may be listed next to their recipes.
+    recipes = [key for key in named if key.lower() not in _ENTITY_LISTS]
+    chosen = next((keys for keys in (named, recipes) if len(keys) == 1), inner)
     return chosen[0] if len(chosen) == 1 else None
+
+
+def _names_beside(path: Path, value: Mapping[str, Any], inner: str) -> dict[Any, str]:
+    """Return the names by id of elements that are listed next to the recipes."""
+    lists = [each for key, each in value.items() if key != inner and key.lower() in _ENTITY_LISTS]
+    objects = [each for each in lists if isinstance(each, list)]
+    rows = [row for row in chain.from_iterable(objects) if isinstance(row, dict)]
+    return _names_of_ids(path, ((row.get("id"), row) for row in rows))
+
+
+def _names_of_ids(path: Path, rows: Iterable[tuple[Any, Mapping[str, Any]]]) -> dict[Any, str]:
+    """Return names by id, for digits also by their number.
+
+    Raises:
+        RecipeFileError: if two names have one id.
+    """
+    names: dict[Any, str] = {}
+    for identifier, row in rows:
+        name = next((row[key] for key in _TEXTS if isinstance(row.get(key), str)), None)
+        if name is None or isinstance(identifier, bool) or not isinstance(identifier, (int, str)):
+            continue
+        text = str(identifier)
+        is_digits = isinstance(identifier, str) and _is_digits(text)
+        for key in (text, int(text)) if is_digits else (identifier,):
+            if names.setdefault(key, name) != name:
+                both = f"{names[key][:60]!r} and {name[:60]!r}"
+                raise RecipeFileError(f"{path}: the id {text[:60]} belongs to {both}.")
+    return names
+
+
+def _is_digits(text: str) -> bool:
+    # Longer numbers are no ids, and int() refuses thousands of digits.
+    return text.isascii() and text.isdigit() and len(text) < 20
+
+
+def _resolved(path: Path, found: _Found, names: Mapping[Any, str]) -> _Found:
+    """Return a shape with names for ids if recipes name entities by id.
+
+    Raises:
+        RecipeFileError: if only some of the values are ids.
+    """
+    if not names or found.names:
+        return found
+    raws = list(found.raws)
+    rows = [raw for raw in raws if isinstance(raw, _Raw)]
+    used = {part for raw in rows for part in raw.ingredients if _is_name(part)}
+    results = {raw.result for raw in rows if _is_name(raw.result)}
+    labels = set(names.values())
+    strange = [part for part in used | results if part not in labels]
+    unknown = [part for part in strange if part not in names]
+    found = replace(found, raws=raws)
+    if not strange or not any(part in names for part in strange):
+        return found
+    # A result may be the name of the object around it.
+    if unknown and any(part in used for part in unknown):
+        missing = min(map(str, unknown))[:60]
+        raise refusal(path, f"recipes name elements by id, but none has the id {missing!r}", "json")
+    if all(isinstance(part, int) for part in strange if part in names):
+        # A label of digits, such as '7', is no id where ids are numbers.
+        names = {key: name for key, name in names.items() if isinstance(key, int)}
+    return replace(found, names=names)
 
 
 def _own(path: Path, value: Any, where: str, columns: Sequence[str] | None) -> _Found | None:
@@ -362,11 +490,18 @@ def _craft_items(
         return _infinite_craft("a dump of Infinite Craft", raws, names)
     if not items or not all(isinstance(item, dict) and "text" in item for item in items):
         return None
-    names = {item.get("id", i): item["text"] for i, item in enumerate(items)}
+    if not all(isinstance(item["text"], str) for item in items):
+        raise refusal(path, "an item whose 'text' is no text", "infinite-craft")
+    names = _names_of_ids(path, ((item.get("id", i), item) for i, item in enumerate(items)))
 
     def saved() -> Iterator[_Raw | Fault]:
         for i, item in enumerate(items):
-            for j, pair in enumerate(item.get("recipes") or ()):
+            pairs = item.get("recipes") or []
+            if not isinstance(pairs, list):
+                here = f"items[{i}].recipes"
+                yield Fault(here, "row", f"{here} is {shown(pairs)}; expected a list of pairs.")
+                continue
+            for j, pair in enumerate(pairs):
                 here = f"items[{i}].recipes[{j}]"
                 if isinstance(pair, list) and pair:
                     yield _Raw(here, pair, pair, item["text"])
@@ -428,26 +563,19 @@ def _rows_of_three(
     """A list of lists ``[a, b, result]``, like a table without a header."""
     if not isinstance(value, list) or not value or not all(isinstance(row, list) for row in value):
         return None
+    # A list within a row holds the ingredients: the columns are known.
+    is_parted = all(map(_is_parted, value))
+    if is_parted:
+        value = [[*ingredients, result] for ingredients, result in value]
     width = len(value[0])
     if not all(isinstance(cell, (str, int)) for row in value for cell in row) or width < 2:
         return None
     rows = [[str(cell) for cell in row] for row in value]
-    names, *others = rows
-    header = roles_of_header(names)
-    if header is not None and not repeated_cells(names, header, others):
-        roles, start = header, 1
-    elif columns is not None:
-        roles, start = roles_of_option(columns, None, width), 0
-    else:
-        full = [row for row in rows if len(row) == 3]
-        result = result_by_rows(full)
-        if width != 3 or result is None:
-            seen = f"a list of lists of {width} labels, and nothing tells which is the result"
-            two = f": {readings(names)}" if width == 3 else ""
-            raise refusal(
-                path, seen + two, "json", "Choose with `columns`, numbers with the result last."
-            )
-        roles, start = roles_of_option([str(1 + (result + i) % 3) for i in (1, 2, 3)], None, 3), 0
+    names = rows[0]
+    if is_parted:
+        parted = (_Raw(f"{where}[{i}]", row, row[:-1], row[-1]) for i, row in enumerate(rows))
+        return _Found("a list of lists", parted)
+    roles, start = _roles_of_lists(path, rows, columns)
 
     def raws() -> Iterator[_Raw | Fault]:
         for index, row in enumerate(rows[start:], start):
@@ -457,13 +585,97 @@ def _rows_of_three(
                 yield Fault(here, "row", message, f"width {len(row)}")
                 continue
             parts = [row[i] for i in roles.ingredients if row[i]]
-            yield _Raw(here, row, parts, row[roles.results[0]])
+            for result in [row[i] for i in roles.results if row[i]] or [""]:
+                yield _Raw(here, row, parts, result)
 
     titles = tuple(
         names[i] if start else f"place {i + 1}" for i in (*roles.ingredients, *roles.results)
     )
     ignored = [names[i] if start else f"place {i + 1}" for i in range(width) if i not in roles.used]
     return _Found("a list of lists", raws(), columns=titles, ignored=tuple(ignored))
+
+
+def _is_parted(row: Sequence[Any]) -> bool:
+    """Whether a row is a list of ingredients and a result: ``[["water", "earth"], "mud"]``."""
+    return len(row) == 2 and isinstance(row[0], list) and isinstance(row[1], (str, int))
+
+
+def _roles_of_lists(
+    path: Path, rows: Sequence[Sequence[str]], columns: Sequence[str] | None
+) -> tuple[Roles, int]:
+    """Return the roles of a list of lists, and the index of its first recipe."""
+    names, *others = rows
+    width = len(names)
+    header = roles_of_header(names)
+    has_header = header is not None and not repeated_cells(names, header, others)
+    if columns is not None:
+        by_number = all(column.strip().isdecimal() for column in columns)
+        return roles_of_option(columns, names, width), int(has_header or not by_number)
+    if header is not None and has_header:
+        return header, 1
+    full = [row for row in rows if len(row) == 3]
+    result = result_by_rows(full)
+    if width != 3 or result is None:
+        seen = f"a list of lists of {width} labels, and nothing tells which is the result"
+        two = f": {readings(names)}" if width == 3 else ""
+        raise refusal(
+            path, seen + two, "json", "Choose with `columns`, numbers with the result last."
+        )
+    return roles_of_option([str(1 + (result + i) % 3) for i in (1, 2, 3)], None, 3), 0
+
+
+def _split(path: Path, value: Any, where: str, columns: Sequence[str] | None) -> _Found | None:
+    """A table as pandas writes it with its columns apart: ``{"columns": [], "data": [[]]}``."""
+    if not isinstance(value, dict) or not isinstance(value.get("columns"), list):
+        return None
+    rows = value.get("data")
+    if not isinstance(rows, list):
+        return None
+    return _rows_of_three(path, [value["columns"], *rows], "data", columns)
+
+
+def _columnar(path: Path, value: Any, where: str, columns: Sequence[str] | None) -> _Found | None:
+    """An object of columns, each a list of cells, or an object of cells by row."""
+    if not isinstance(value, dict) or not 2 < len(value) <= _MOST_COLUMNS:
+        return None
+    cells = _cells_by_column(list(value.values()))
+    keys = list(value)
+    if cells is None or (
+        roles_of_header(keys) is None if columns is None else columns[0] not in keys
+    ):
+        return None
+    strange = [key for key in keys if not names_property(key) and not names_ingredient(key)]
+    if strange and columns is None:
+        seen = f"{keys[0][:40]!r} and {strange[0][:40]!r} may be columns of a table, or results"
+        raise refusal(path, seen, "json", "If they are columns, name them with `columns`.")
+    records = [dict(zip(keys, row, strict=True)) for row in zip(*cells, strict=True)]
+    places = [f"{where}[{index}]" for index in range(len(records))]
+    found = _of_records(path, records, places, columns)
+    return None if found is None else replace(found, shape="columns")
+
+
+def _cells_by_column(values: Sequence[Any]) -> list[list[Any]] | None:
+    """Return the cells of columns of one length; None if the values are no columns."""
+    first = values[0]
+    if isinstance(first, list) and first:
+        is_table = all(isinstance(each, list) and len(each) == len(first) for each in values)
+        cells = values
+    elif isinstance(first, dict) and first:
+        is_table = all(isinstance(each, dict) and each.keys() == first.keys() for each in values)
+        cells = [[each[key] for key in first] for each in values] if is_table else []
+    else:
+        return None
+    is_flat = is_table and not any(isinstance(cell, (list, dict)) for row in cells for cell in row)
+    return list(cells) if is_flat else None
+
+
+def _record(path: Path, value: Any, where: str, columns: Sequence[str] | None) -> _Found | None:
+    """One recipe, an object with keys like columns, such as the only one of JSON lines."""
+    if not isinstance(value, dict) or not all(
+        isinstance(each, (str, int, type(None))) and "+" not in str(each) for each in value.values()
+    ):
+        return None
+    return _of_records(path, [value], [where or "the object"], columns) if value else None
 
 
 def _records(path: Path, value: Any, where: str, columns: Sequence[str] | None) -> _Found | None:
@@ -483,12 +695,29 @@ def _named_records(
     if not all(isinstance(row, dict) for row in value.values()):
         return None
     places = [f"{where}['{key}']" for key in value]
-    records = [{"name": key, **row} for key, row in value.items()]
-    keys = _recipe_keys(records)
+    # Objects that have names of their own are under their ids.
+    own = [row for row in value.values() if any(isinstance(row.get(key), str) for key in _TEXTS)]
+    key_name = "id" if len(own) == len(value) else "name"
+    records = [{key_name: key, **row} for key, row in value.items()]
     # Without such a key the inner keys are ingredients, see _nested.
-    inner = {key for row in islice(value.values(), _LOOKED_AT) for key in row}
-    by_column = roles_of_header(sorted(inner)) if inner and len(inner) < len(value) else None
-    return _of_records(path, records, places, columns) if keys or by_column else None
+    if not _recipe_keys(records) and not _has_columns(value):
+        return None
+    return _of_records(path, records, places, columns)
+
+
+def _has_columns(value: Mapping[str, Mapping[str, Any]]) -> bool:
+    """Whether every object has the same keys of ingredients, and a result or its own key as one."""
+    rows = list(value.values())
+    keys = list(dict.fromkeys(key for row in islice(rows, _LOOKED_AT) for key in row))
+    keys = [key for key in keys if key not in value]
+    roles = roles_of_header(keys)
+    if roles is not None:
+        used = [keys[i] for i in (*roles.ingredients, *roles.results[:1])]
+        return all(set(used) <= row.keys() for row in rows)
+    pair = pair_keys(rows[0])
+    return (
+        bool(pair) and all(pair_keys(row) == pair for row in rows) and value.keys().isdisjoint(pair)
+    )
 
 
 def _recipe_keys(records: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -517,8 +746,10 @@ def _of_records(
     recipe_keys = _recipe_keys(records)
     outputs = [key for key in keys if _plain(key) in _RESULT_KEYS]
     names = [key for key in _NAMES if any(_is_name(row.get(key)) for row in records)]
+    if not recipe_keys and outputs:
+        recipe_keys = _only_recipe_key(records, [key for key in keys if key not in outputs])
     if columns is None and recipe_keys and (outputs or names):
-        return _entities(records, places, recipe_keys, outputs, names, keys)
+        return _entities(path, records, places, recipe_keys, outputs, names, keys)
     roles = (
         roles_of_option(columns, keys, len(keys)) if columns is not None else roles_of_header(keys)
     )
@@ -526,11 +757,14 @@ def _of_records(
         return None
     parts = [keys[i] for i in roles.ingredients]
     made = [keys[i] for i in roles.results]
+    if len(parts) == 1:
+        _refuse_joined(path, [row.get(parts[0]) for row in records])
 
     def raws() -> Iterator[_Raw | Fault]:
         for row, place in zip(records, places, strict=True):
             ingredients = [row[key] for key in parts if row.get(key) not in (None, "")]
-            results = [row[key] for key in made if row.get(key) not in (None, "")]
+            results = [each for key in made for each in _results_of(row.get(key), True)]
+            dropped = sum(row.get(keys[i]) not in (None, "", 1, "1") for i in roles.counts)
             if not ingredients or not results:
                 message = (
                     f"{place} is {shown(row)}; expected {', '.join(parts)} and {', '.join(made)}."
@@ -542,13 +776,27 @@ def _of_records(
                 )
             )
             for result in results if flat else ():
-                yield _Raw(place, row, flat, result)
+                yield _Raw(place, row, flat, result, counts=dropped)
 
     ignored = tuple(key for key in keys if key not in (*parts, *made))
     return _Found("a list of objects", raws(), columns=(*parts, *made), ignored=ignored)
 
 
+def _only_recipe_key(records: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> list[str]:
+    """Return the only key whose values are all lists of labels or sums, whatever its name."""
+    fitting = [key for key in keys if all(_is_listed(row.get(key)) for row in records)]
+    return fitting if len(fitting) == 1 else []
+
+
+def _is_listed(value: Any) -> bool:
+    """Whether a value is a list of labels or a sum."""
+    if isinstance(value, list):
+        return len(value) > 1 and all(isinstance(each, (str, int)) for each in value)
+    return _is_sum(value)
+
+
 def _entities(
+    path: Path,
     records: Sequence[Mapping[str, Any]],
     places: Sequence[str],
     recipe_keys: Sequence[str],
@@ -557,18 +805,23 @@ def _entities(
     keys: Sequence[str],
 ) -> _Found:
     """Objects with a key for recipes or ingredients, and one for the results or the name."""
-    made = outputs[:1] or name_keys[:1]
+    _refuse_joined(path, [row.get(key) for row in records for key in recipe_keys])
+    made = _made_key(path, records, recipe_keys, outputs, name_keys)
     raws: list[_Raw | Fault | LeftOut] = []
     listed = []
     for row, place in zip(records, places, strict=True):
-        results = _results_of(row.get(made[0]), bool(outputs))
-        recipes = [pair for key in recipe_keys for pair in _pairs(row.get(key))]
+        results = _results_of(row.get(made), bool(outputs))
+        if not results and outputs and name_keys:
+            # Some tools leave out the product of a recipe that is called like it.
+            results = _results_of(row.get(name_keys[0]), False)
+        values = [row[key] for key in recipe_keys if row.get(key)]
+        recipes = [pair for value in values for pair in _pairs(value)]
         if not results:
-            raws.append(
-                Fault(
-                    place, "row", f"{place} is {shown(row)}; {made[0]!r} names no result.", "result"
-                )
-            )
+            message = f"{place} is {shown(row)}; {made!r} names no result."
+            raws.append(Fault(place, "row", message, "result"))
+        elif not all(map(_pairs, values)):
+            message = f"{place} is {shown(row)}; expected pairs of ingredients."
+            raws.append(Fault(place, "row", message, "pairs"))
         elif not recipes:
             raws.append(LeftOut(place, "without a recipe"))
             listed += results if not outputs else []
@@ -577,30 +830,58 @@ def _entities(
             for pair in recipes
             for result in results
         ]
-    names = _names_by_id(records, raws)
-    ignored = tuple(key for key in keys if key not in (*recipe_keys, *made))
-    return _Found(
-        "a list of objects",
-        raws,
-        listed,
-        columns=(*recipe_keys, *made),
-        ignored=ignored,
-        names=names,
-    )
+    ignored = tuple(key for key in keys if key not in (*recipe_keys, made))
+    found = _Found("a list of objects", raws, listed, columns=(*recipe_keys, made), ignored=ignored)
+    return _resolved(path, found, _names_of_ids(path, ((row.get("id"), row) for row in records)))
 
 
-def _names_by_id(records: Sequence[Mapping[str, Any]], raws: Iterable[Any]) -> dict[Any, str]:
-    """Return names by id if recipes name entities by id, otherwise an empty dictionary."""
-    names = {
-        row["id"]: row[key]
-        for row in records
-        for key in ("name", "text", "label", "title")
-        if isinstance(row.get("id"), (str, int)) and isinstance(row.get(key), str)
-    }
-    parts = [part for raw in raws if isinstance(raw, _Raw) for part in raw.ingredients]
-    used = {part for part in parts if isinstance(part, (str, int)) and not isinstance(part, bool)}
-    known = set(names.values())
-    return names if used and used <= names.keys() and not used <= known else {}
+def _made_key(
+    path: Path,
+    records: Sequence[Mapping[str, Any]],
+    recipe_keys: Sequence[str],
+    outputs: Sequence[str],
+    name_keys: Sequence[str],
+) -> str:
+    """Return the key of results: that of outputs, or of names if there is none.
+
+    Raises:
+        RecipeFileError: if both name entities, so that a recipe could make either.
+    """
+    if not outputs:
+        return name_keys[0]
+    if not name_keys:
+        return outputs[0]
+    name, output = name_keys[0], outputs[0]
+    pairs = [pair for row in records for key in recipe_keys for pair in _pairs(row.get(key))]
+    used = {part for pair in pairs for part in map(_own_name, pair) if _is_name(part)}
+    alike = 0
+    other: list[Mapping[str, Any]] = []
+    for row in records:
+        results = list(map(_own_name, _results_of(row.get(output), True)))
+        if row.get(name) in results:
+            alike += 1
+        elif results and _is_name(row.get(name)) and row[name] in used:
+            other.append(row)
+    if len(other) > alike:
+        row = other[0]
+        seen = f"{name!r} {shown(row[name])} and {output!r} {shown(row[output])} both name things"
+        raise refusal(path, f"{seen}; either may be what is made", "json")
+    return output
+
+
+def _refuse_joined(path: Path, values: Sequence[Any]) -> None:
+    """Refuse texts that all hold a sign such as a comma: they may be labels or pairs."""
+    filled = [value for value in values if value]
+    sign = common_sign(filled)
+    if sign:
+        text = filled[0][0] if isinstance(filled[0], list) else filled[0]
+        parts = " + ".join(part.strip() for part in text.split(sign))
+        raise refusal(
+            path,
+            f"every ingredient holds {sign!r}: {text[:60]!r} may be one label, or {parts[:60]}",
+            "json",
+            'Write pairs as lists, such as ["water", "earth"].',
+        )
 
 
 def _result_map(path: Path, value: Any, where: str, columns: Sequence[str] | None) -> _Found | None:
@@ -611,24 +892,46 @@ def _result_map(path: Path, value: Any, where: str, columns: Sequence[str] | Non
     if not all(each is None or isinstance(each, (list, str)) for each in values):
         return None
     filled = [each for each in values if each]
-    sums_in_keys = all(_parted_key(key, value) for key in value)
-    is_sum = [isinstance(each, str) and "+" in each for each in filled]
-    if any(isinstance(each, str) for each in filled) and not all(
-        isinstance(each, list) or "+" in each for each in filled
-    ):
+    if any(isinstance(each, str) and not _is_sum(each) for each in filled):
         return None
-    if sums_in_keys and (all(is_sum) or not all(map(_holds_pairs, filled))):
-        return None
+    _refuse_about(path, value)
+    if len(filled) > 1 and all(map(_is_long, filled)) and len(set(map(len, filled))) == 1:
+        seen = f"lists of {len(filled[0]):,} labels under {', '.join(map(repr, list(value)[:6]))}"
+        remedy = "If they are columns, name them with `columns`."
+        raise refusal(path, f"{seen}; they may be columns, or ingredients", "json", remedy)
+    _refuse_joined(path, filled)
+    _refuse_partners(path, value)
     listed = [key for key, each in value.items() if not each]
     return _Found("recipes by result", _of_results(value.items(), where), listed)
 
 
-def _holds_pairs(value: Any) -> bool:
-    return (
-        isinstance(value, str)
-        or any(isinstance(each, (list, dict)) for each in value)
-        or len(value) > 1
-    )
+def _is_long(value: Any) -> bool:
+    return isinstance(value, list) and len(value) >= _LONG and all(map(_is_name, value))
+
+
+def _refuse_about(path: Path, value: Mapping[str, Any]) -> None:
+    """Refuse a key such as base that says something about the book, next to results."""
+    for key, each in value.items():
+        rows = each if isinstance(each, list) else []
+        is_flat = rows and not any(isinstance(row, list) for row in rows)
+        if key in _ABOUT and is_flat:
+            seen = f"{key!r} may be a result, or a list for the whole book"
+            remedy = 'Write {"entities": [...], "base": [...], "recipes": [[a, b, result]]}.'
+            raise refusal(path, seen, "json", remedy)
+
+
+def _refuse_partners(path: Path, value: Mapping[str, Any]) -> None:
+    """Refuse pairs that rather are partners with results, judged like a table without a header."""
+    rows = [
+        [key, *pair]
+        for key, each in islice(value.items(), _LOOKED_AT)
+        for pair in _pairs(each)
+        if len(pair) == 2 and all(isinstance(part, str) for part in pair)
+    ]
+    if result_by_rows(rows) in (1, 2):
+        key, one, other = rows[0]
+        seen = f"{key[:40]!r} with {one[:40]!r} and {other[:40]!r}: the key may be an ingredient"
+        raise refusal(path, f"{seen} ({key} + {one} = {other}) or the result", "json")
 
 
 def _of_results(items: Iterable[tuple[str, Any]], where: str) -> Iterator[_Raw | Fault | LeftOut]:
@@ -659,8 +962,7 @@ def _amounts(path: Path, value: Any, where: str, columns: Sequence[str] | None) 
         return None
     if not all(type(number) is int and number > 0 for row in rows for number in row.values()):
         return None
-    # A key of all objects is a property of things, such as a price.
-    if len(rows) >= _FEW and set(rows[0]).intersection(*rows):
+    if property_keys(rows, value.keys()):
         return None
     return _Found("numbers of ingredients by result", _of_results(value.items(), where))
 
@@ -669,83 +971,122 @@ def _nested(path: Path, value: Any, where: str, columns: Sequence[str] | None) -
     """An object ``{a: {b: result}}``, with several results as a list, and null for none."""
     if not isinstance(value, dict) or not value:
         return None
-    inner = list(value.values())
-    if not all(each is None or isinstance(each, dict) for each in inner):
+    inner = [each or {} for each in value.values() if each is None or isinstance(each, dict)]
+    if len(inner) < len(value):
         return None
-    leaves = list(chain.from_iterable((each or {}).values() for each in inner))
-    if not leaves or not all(
-        leaf is None or isinstance(leaf, (str, list)) or _is_entity(leaf) for leaf in leaves
-    ):
+    leaves = list(chain.from_iterable(each.values() for each in inner))
+    # Objects with values of other kinds are another shape, unless they hold properties.
+    is_nested = any(leaves) and all(_made(leaf) is not None for leaf in leaves)
+    made = {leaf for leaf in leaves if isinstance(leaf, str)} if is_nested else set()
+    _refuse_properties(path, value, property_keys(inner, made | value.keys()))
+    if not is_nested:
         return None
 
     def raws() -> Iterator[_Raw | Fault | LeftOut]:
         for one, partners in value.items():
             for other, made in (partners or {}).items():
                 place = f"{where}['{one}']['{other}']"
-                results = made if isinstance(made, list) else [made]
-                if not any(results):
+                results = _made(made)
+                if not results:
                     yield LeftOut(place, "without a result")
-                for result in results:
-                    if result:
-                        yield _Raw(place, [one, other, result], [one, other], result)
+                for result in results or ():
+                    yield _Raw(place, [one, other, result], [one, other], result)
 
     return _Found("results by two keys", raws())
+
+
+def _refuse_properties(
+    path: Path,
+    value: Mapping[str, Any],
+    keys: Sequence[str],
+) -> None:
+    """Refuse objects with keys that may be properties of things."""
+    if keys:
+        one = next(key for key, each in value.items() if each and keys[0] in each)
+        made = shown(value[one][keys[0]])
+        seen = (
+            f"objects with the keys {', '.join(repr(key[:40]) for key in keys[:6])}, which may be "
+            f"properties ({one[:40]!r} has {keys[0][:40]!r} {made}) or ingredients ({one[:40]} + "
+            f"{keys[0][:40]} = {made})"
+        )
+        raise refusal(path, f"{seen}; recipes in a known shape are missing", "json")
 
 
 def _key_sums(path: Path, value: Any, where: str, columns: Sequence[str] | None) -> _Found | None:
     """An object of results by a key such as ``"water+earth"``."""
     if not isinstance(value, dict) or not value:
         return None
-    if not all(
-        each is None or isinstance(each, (str, list)) or _is_entity(each) for each in value.values()
-    ):
+    results = [_made(each) for each in value.values()]
+    parts = _parts_of_keys(path, list(value))
+    if parts is None or any(made is None for made in results):
         return None
+    filled = [made for made in results if made]
+    if filled and all(all(map(_is_sum, made)) for made in filled):
+        key, made = next((key, made) for key, made in zip(value, results, strict=True) if made)
+        seen = f"sums on either side: {key[:60]!r} may make {shown(made[0])}, or be made of it"
+        raise refusal(path, seen, "json")
+    # Labels with such signs are usual, and several labels may be the ingredients.
+    is_label = any(sign in key for sign in ",&" for key in islice(value, 1))
+    if is_label and filled and all(len(made) > 1 for made in filled):
+        key = next(iter(value))
+        seen = f"{key[:60]!r} may be made of {shown(value[key])}, or be a sum that makes them"
+        raise refusal(path, seen, "json")
+
+    def raws() -> Iterator[_Raw | LeftOut]:
+        for key, labels, made in zip(value, parts, results, strict=True):
+            place = f"{where}['{key}']"
+            if not made:
+                yield LeftOut(place, "without a result")
+            for result in made or ():
+                yield _Raw(place, key, labels, result)
+
+    return _Found("results by a sum", raws())
+
+
+def _parts_of_keys(path: Path, keys: Sequence[str]) -> list[list[str]] | None:
+    """Return the ingredients in keys such as ``water+earth`` or ``["water", "earth"]``.
+
+    Returns:
+        None if not all keys hold two ingredients.
+
+    Raises:
+        RecipeFileError: if keys could be parted in two ways, or only some are lists.
+    """
+    if all(key[:1] in ("(", "[") and key[-1:] in (")", "]") for key in keys):
+        lists = [listed_parts(key) for key in keys]
+        read = [each for each in lists if each is not None]
+        if len(read) < len(keys):
+            key = keys[lists.index(None)]
+            raise refusal(path, f"the key {key[:60]!r} is no list of labels", "json")
+        return read
     joiners = [
         joiner
         for joiner in _KEY_JOINERS
         if all(
-            len(key.split(joiner)) == 2 and all(map(str.strip, key.split(joiner))) for key in value
+            len(key.split(joiner)) == 2 and all(map(str.strip, key.split(joiner))) for key in keys
         )
     ]
     # " + " holds "+": the longer one is meant.
     joiners = [joiner for joiner in joiners if joiner != "+" or " + " not in joiners]
     if len(joiners) > 1:
-        key = next(iter(value))
-        seen = f"keys such as {key[:60]!r} could be parted at {joiners[0]!r} or {joiners[1]!r}"
+        seen = f"keys such as {keys[0][:60]!r} could be parted at {joiners[0]!r} or {joiners[1]!r}"
         raise refusal(path, seen, "json")
-    if not joiners:
-        return None
-    (joiner,) = joiners
-
-    def raws() -> Iterator[_Raw | LeftOut]:
-        for key, made in value.items():
-            place = f"{where}['{key}']"
-            parts = [part.strip() for part in key.split(joiner)]
-            results = made if isinstance(made, list) else [made]
-            if not any(results):
-                yield LeftOut(place, "without a result")
-            for result in results:
-                if result:
-                    yield _Raw(place, key, parts, result)
-
-    return _Found("results by a sum", raws())
-
-
-def _parted_key(key: str, value: Any) -> bool:
-    return any(len(key.split(joiner)) == 2 for joiner in _KEY_JOINERS)
+    return [[part.strip() for part in key.split(joiners[0])] for key in keys] if joiners else None
 
 
 _ShapeOf = Callable[[Path, Any, str, Sequence[str] | None], _Found | None]
-LAYOUTS: tuple[_ShapeOf, ...] = (_own, _official, _hif, _craft_items, _craft_elements)
+LAYOUTS: tuple[_ShapeOf, ...] = (_own, _official, _hif, _craft_items, _craft_elements, _split)
 """Layouts with keys of their own, which are tried first."""
 SHAPES: tuple[_ShapeOf, ...] = (
+    _columnar,
+    _record,
     _rows_of_three,
     _records,
+    _key_sums,
     _named_records,
     _amounts,
     _nested,
     _result_map,
-    _key_sums,
 )
 """Other readable shapes, in the order in which they are tried, also below a key such as data."""
 
@@ -765,35 +1106,77 @@ def _pairs(value: Any) -> list[Sequence[Any]]:
         return _pairs_of_object(value)
     if not isinstance(value, list) or not value:
         return []
-    if all(isinstance(each, str) and "+" in each.strip("+ ") for each in value):
+    if all(map(_is_sum, value)):
         return [_summands(each) for each in value]
     if all(isinstance(each, (str, int)) or _is_entity(each) for each in value):
         return [value]
+    if all(map(_is_counted, value)):
+        return [[{"name": label, "count": number} for label, number in value]]
     if all(isinstance(each, list) for each in value):
         return list(value)
     if all(isinstance(each, dict) for each in value):
-        return [pair for each in value for pair in _pairs(each)]
+        pairs = [_pairs(each) for each in value]
+        # One object that is no recipe must not vanish among others.
+        return list(chain.from_iterable(pairs)) if all(pairs) else []
     return []
+
+
+def _is_counted(value: Any) -> bool:
+    """Whether a value is a label with a number of pieces, such as ``["iron-plate", 2]``."""
+    return (
+        isinstance(value, list)
+        and len(value) == 2
+        and isinstance(value[0], str)
+        and isinstance(value[1], (int, float))
+        and not isinstance(value[1], bool)
+        and 0 < value[1] < _MOST_PIECES
+    )
+
+
+def _made(value: Any) -> list[Any] | None:
+    """Return the results that a value stands for; None if it stands for none.
+
+    A result is a label, an object with a name, or an object with a key such as ``result``; a list
+    holds several.
+    """
+    if isinstance(value, list):
+        each_made = [_made(each) for each in value if not isinstance(each, list)]
+        lists = [made for made in each_made if made is not None]
+        return list(chain.from_iterable(lists)) if len(lists) == len(value) else None
+    if isinstance(value, dict):
+        outputs = [key for key in value if _plain(key) in _RESULT_KEYS]
+        others = any(_plain(key) in _RECIPE_KEYS for key in value)
+        if len(outputs) == 1 and not others and not pair_keys(value):
+            return _made(value[outputs[0]])
+        return [value] if _is_entity(value) else None
+    if value in (None, "", False):
+        return []
+    return [value] if _is_name(value) else None
+
+
+def _is_sum(value: Any) -> bool:
+    return isinstance(value, str) and "+" in value.strip("+ ")
 
 
 def _pairs_of_object(value: Mapping[str, Any]) -> list[Sequence[Any]]:
     """Return the recipes of an object: an entity, numbers by label, or keys like columns."""
+    if any(_plain(key) in _RESULT_KEYS for key in value):
+        return []  # a recipe of another thing
+    keys = pair_keys(value)
+    if keys:
+        return [[value[key] for key in keys]]
     if _is_entity(value):
         return [[value]]
     if value and all(isinstance(each, (int, float)) for each in value.values()):
         return [[{"name": key, "count": number} for key, number in value.items()]]
     inner = [each for key, each in value.items() if _plain(key) in _RECIPE_KEYS]
-    if inner:
-        return [pair for each in inner for pair in _pairs(each)]
-    keys = [*value]
-    roles = roles_of_header([*keys, "result"])
-    if roles is not None and roles.results == (len(keys),):
-        return [[value[keys[i]] for i in roles.ingredients]]
-    return []
+    return [pair for each in inner for pair in _pairs(each)]
 
 
 def _results_of(value: Any, is_output: bool) -> list[Any]:
     if isinstance(value, list) and is_output:
+        if all(map(_is_counted, value)):
+            return [{"name": label, "count": number} for label, number in value]
         return [each for each in value if each not in (None, "")]
     if is_output and isinstance(value, dict) and not _is_entity(value):
         return list(value)  # numbers by product
@@ -821,7 +1204,9 @@ def _is_entity(value: Any) -> bool:
     if not isinstance(value, dict):
         return False
     has_recipe = any(_plain(key) in _RECIPE_KEYS for key in value)
-    return not has_recipe and any(_is_name(value.get(key)) for key in _NAMES)
+    return (
+        not has_recipe and not pair_keys(value) and any(_is_name(value.get(key)) for key in _NAMES)
+    )
 
 
 def _has_count(value: Any) -> bool:

@@ -1,16 +1,17 @@
 """Folders of Minecraft recipes, as data packs and mods have them: a JSON file for each recipe.
 
-A pattern becomes the set of its ingredients; where one of several items may be used, each choice is
-a recipe. A tag, such as ``#minecraft:planks``, is an entity of its own.
+A pattern becomes the set of its ingredients, of two pieces a pair; where one of several items may
+be used, each choice is a recipe. A tag, such as ``#minecraft:planks``, is an entity of its own.
 """
 
-import json
-from collections.abc import Iterable, Iterator
-from itertools import islice, product
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import chain, combinations_with_replacement, islice, product
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.graphs.book_files.json_shapes import parsed_json
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, RowSource
 from wordcraft_kg.graphs.recipes import label_fault, shown
 
@@ -20,6 +21,11 @@ _MAX_FILE = 2**20  # bytes of one recipe
 _MAX_CHOICES = 64
 """Recipes that one file may stand for, where each ingredient may be one of several items."""
 _ENTITY_KEYS = ("item", "id", "tag", "fluid")
+_COUNT_KEYS = ("count", "amount")
+_RESULT_KEYS = ("result", "output", "results", "outputs")
+_PARTS = frozenset({"type", "pattern", "ingredients", "ingredient", *_RESULT_KEYS})
+"""Keys of which a recipe has at least one."""
+_DAMAGED = "with a damaged pattern"
 
 
 class MinecraftRecipes(RowSource):
@@ -40,8 +46,11 @@ class MinecraftRecipes(RowSource):
 
     def _recipes(self, name: str, data: bytes) -> Iterator[Entry]:
         try:
-            value = json.loads(data.decode("utf-8-sig"))
-        except (ValueError, RecursionError) as error:
+            value = parsed_json(name, data.decode("utf-8-sig"))
+        except RecipeFileError as error:
+            yield Fault(name, "row", str(error), "not JSON")
+            return
+        except ValueError as error:
             yield Fault(name, "row", f"{name}: not JSON ({type(error).__name__}).", "not JSON")
             return
         if not isinstance(value, dict):
@@ -49,21 +58,35 @@ class MinecraftRecipes(RowSource):
                 name, "row", f"{name} is {shown(value)}; expected an object.", "not an object"
             )
             return
-        slots = _slots(value)
-        result, count = _result(value)
-        if not slots or result is None:
-            yield LeftOut(name, "without ingredients or result")
+        parts, results = _parts(value), _results(value)
+        reason = _why_left_out(parts, results)
+        if reason:
+            yield LeftOut(name, reason)
             return
-        choices = list(islice(product(*slots), _MAX_CHOICES + 1))
+        choices = list(islice(_recipes_of(list(map(_choices, parts))), _MAX_CHOICES + 1))
         if len(choices) > _MAX_CHOICES:
             message = f"{name}: more than {_MAX_CHOICES} choices of ingredients."
             yield Fault(name, "row", message, "choices")
             return
-        self.counts_dropped += count != 1
+        self.counts_dropped += _number_of_counts(value, parts, results[0])
         for ingredients in choices:
-            labels = [*ingredients, result]
+            labels = [*ingredients, *_choices(results[0])]
             fault = next(filter(None, map(label_fault, labels)), None)
             yield Fault(name, "label", f"{name}: {fault}") if fault else (name, labels)
+
+
+def looks_like_recipe(name: str, data: bytes) -> bool:
+    """Return whether a JSON file may be a recipe of Minecraft, rather than a recipe book.
+
+    Args:
+        name: its name, for errors.
+        data: its bytes; what is not JSON may have been a recipe.
+    """
+    try:
+        value = parsed_json(name, data.decode("utf-8-sig"))
+    except (RecipeFileError, ValueError):
+        return True
+    return isinstance(value, dict) and not _PARTS.isdisjoint(value)
 
 
 def is_recipe_file(name: str) -> bool:
@@ -108,30 +131,65 @@ def read_folder(folder: Path, files: Iterable[Path]) -> Iterator[tuple[str, byte
         yield (name if is_recipe_file(name) else f"recipes/{name}"), data
 
 
-def _slots(value: dict[str, Any]) -> list[list[str]]:
-    """Return the choices for each ingredient of a recipe, without repetition; empty if unknown."""
+def _why_left_out(parts: Sequence[Any], results: Sequence[Any]) -> str:
+    """Return why a recipe is left out, or an empty text."""
+    if _DAMAGED in parts:
+        return _DAMAGED
+    if not parts or not results:
+        return "without ingredients or result"
+    if len(results) > 1:
+        return "with several results"
+    if not all(map(_choices, parts)):
+        return "with an ingredient of an unknown kind"
+    return "" if len(_choices(results[0])) == 1 else "without ingredients or result"
+
+
+def _parts(value: dict[str, Any]) -> list[Any]:
+    """Return a recipe's ingredients as they are, one for each piece; empty if there are none."""
     if isinstance(value.get("key"), dict) and isinstance(value.get("pattern"), list):
-        used = set("".join(row for row in value["pattern"] if isinstance(row, str)))
-        parts = [each for sign, each in value["key"].items() if sign in used]
-    elif isinstance(value.get("ingredients"), list):
-        parts = value["ingredients"]
-    elif "base" in value and "addition" in value:
-        parts = [value[key] for key in ("template", "base", "addition") if value.get(key)]
-    elif "ingredient" in value:
-        parts = [value["ingredient"]]
-    else:
-        return []
-    slots = [_choices(part) for part in parts]
-    distinct = [list(each) for each in dict.fromkeys(tuple(slot) for slot in slots)]
-    # A pair of equal things stays a pair; larger amounts are no part of a set.
-    if len(slots) == 2 and len(distinct) == 1:
-        return [distinct[0], distinct[0]] if len(distinct[0]) == 1 else distinct
-    return distinct if all(distinct) else []
+        return _cells(value["key"], value["pattern"])
+    if isinstance(value.get("ingredients"), list):
+        return value["ingredients"]
+    if "base" in value and "addition" in value:
+        return [value[key] for key in ("template", "base", "addition") if value.get(key)]
+    return [value["ingredient"]] if "ingredient" in value else []
+
+
+def _cells(key: dict[str, Any], pattern: list[Any]) -> list[Any]:
+    """Return the ingredients in a pattern's cells; a space is an empty cell."""
+    if " " in key or not all(isinstance(row, str) for row in pattern):
+        return [_DAMAGED]
+    signs = [sign for sign in "".join(pattern) if sign != " "]
+    return [key[sign] for sign in signs] if set(signs) <= key.keys() else [_DAMAGED]
+
+
+def _recipes_of(slots: Sequence[Sequence[str]]) -> Iterable[tuple[str, ...]]:
+    """Return the sets of ingredients that a recipe allows.
+
+    Args:
+        slots: the items of which one is used, for each piece.
+    """
+    if len(slots) == 2:
+        # A pair of equal things stays a pair; larger amounts are no part of a set.
+        one, other = slots
+        is_same = set(one) == set(other)
+        return combinations_with_replacement(one, 2) if is_same else product(one, other)
+    return product(*dict.fromkeys(map(tuple, slots)))
+
+
+def _number_of_counts(value: dict[str, Any], parts: Sequence[Any], result: Any) -> int:
+    """Return how many numbers of pieces a recipe has that its set of ingredients does not keep."""
+    repeated = Counter(map(tuple, map(_choices, parts))) if len(parts) > 2 else Counter()
+    counted = [each for each in (*parts, result, value) if isinstance(each, dict)]
+    has_count = (any(each.get(key, 1) != 1 for key in _COUNT_KEYS) for each in counted)
+    return sum(has_count) + sum(number > 1 for number in repeated.values())
 
 
 def _choices(part: Any) -> list[str]:
+    """Return the items of which one is used; empty if one of them is of an unknown kind."""
     if isinstance(part, list):
-        return list(dict.fromkeys(label for each in part for label in _choices(each)))
+        choices = [_choices(each) for each in part]
+        return list(dict.fromkeys(chain.from_iterable(choices))) if all(choices) else []
     if isinstance(part, str):
         return [part] if part else []
     if isinstance(part, dict):
@@ -141,14 +199,10 @@ def _choices(part: Any) -> list[str]:
     return []
 
 
-def _result(value: dict[str, Any]) -> tuple[str | None, Any]:
-    """Return the label of a recipe's result and the number of pieces."""
-    result = value.get("result", value.get("output"))
-    if isinstance(result, list) and len(result) == 1:
-        (result,) = result
-    if isinstance(result, str) and result:
-        return result, value.get("count", 1)
-    if isinstance(result, dict):
-        name = next((result[key] for key in _ENTITY_KEYS if isinstance(result.get(key), str)), None)
-        return name, result.get("count", 1)
-    return None, 1
+def _results(value: dict[str, Any]) -> list[Any]:
+    """Return a recipe's results as they are."""
+    for key in _RESULT_KEYS:
+        result = value.get(key)
+        if result:
+            return result if isinstance(result, list) else [result]
+    return []

@@ -33,6 +33,7 @@ from wordcraft_kg.graphs.book_files.minecraft import (
     MinecraftRecipes,
     folder_files,
     is_recipe_file,
+    looks_like_recipe,
     read_folder,
 )
 from wordcraft_kg.graphs.book_files.rows import Fault, LeftOut, Place, RowSource
@@ -136,7 +137,7 @@ def open_source(path: Path, options: BookOptions) -> OpenedFile:
             return OpenedFile(path, MinecraftRecipes(contents), _hash_of(contents))
     data = read_bytes(path)
     sha256 = hashlib.sha256(data).hexdigest()
-    if is_zip(data) and any(map(is_recipe_file, zip_names(path, data))):
+    if is_zip(data) and _is_data_pack(path, data):
         return OpenedFile(path, MinecraftRecipes(json_members(path, data)), sha256, "zip")
     content = opened(path, data)
     decoded = decode(path, content.data, options.encoding)
@@ -144,6 +145,15 @@ def open_source(path: Path, options: BookOptions) -> OpenedFile:
     return OpenedFile(
         path, source, sha256, content.container, decoded.encoding, decoded.has_mark, decoded.text
     )
+
+
+def _is_data_pack(path: Path, data: bytes) -> bool:
+    """Return whether an archive holds recipes of Minecraft."""
+    names = list(filter(is_recipe_file, zip_names(path, data)))
+    if len(names) != 1:
+        return bool(names)
+    # A single file may be a recipe book, in a folder called recipes.
+    return any(looks_like_recipe(*file) for file in json_members(path, data) if file[0] in names)
 
 
 def _hash_of(contents: Sequence[tuple[str, bytes]]) -> str:

@@ -1,0 +1,83 @@
+"""What the keys of JSON objects stand for: labels, properties of things, or several labels."""
+
+import ast
+import json
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import islice
+from typing import Any
+
+from wordcraft_kg.graphs.book_files.columns import names_ingredient, names_property
+
+_FEW = 3  # objects by which a common key is told from an ingredient
+_LOOKED_AT = 1_000  # objects whose keys are looked at
+_MAX_KEY = 4_000  # characters of a key that may be a list; a label has at most 1,000
+_SIGNS = (",", ";", "|", "/", "&")
+
+
+def property_keys(rows: Iterable[Mapping[str, Any]], labels: Collection[str]) -> list[str]:
+    """Return keys that may be properties of things rather than ingredients; empty without any.
+
+    Every object has a key with the name of a property, such as ``emoji``, or all objects share a
+    key that stands nowhere else. Two objects must have the same keys: one common partner of two
+    ingredients is usual.
+
+    Args:
+        rows: the objects; empty ones do not count.
+        labels: labels of the file, which are no properties.
+    """
+    filled = [row for row in rows if row]
+    if not filled:
+        return []
+    keys = dict.fromkeys(key for row in islice(filled, _LOOKED_AT) for key in row)
+    named = {key for key in keys if names_property(key) and key not in labels}
+    if named and all(named & row.keys() for row in filled):
+        return [key for key in keys if key in named]
+    is_alike = all(row.keys() == filled[0].keys() for row in filled)
+    if len(filled) < (2 if is_alike else _FEW):
+        return []
+    common = set(filled[0]).intersection(*filled).difference(labels)
+    return [key for key in filled[0] if key in common]
+
+
+def pair_keys(value: Mapping[str, Any]) -> list[str]:
+    """Return the keys of an object's ingredients, such as ``a`` and ``b``; empty without two."""
+    keys = [
+        key
+        for key, each in value.items()
+        if isinstance(each, (str, int, dict)) and not isinstance(each, bool)
+        if names_ingredient(key)
+    ]
+    return keys if len(keys) > 1 else []
+
+
+def listed_parts(key: str) -> list[str] | None:
+    """Return the labels in a key that is a list, as Python or JSON writes it; None for another.
+
+    Example:
+        >>> listed_parts("('water', 'earth')"), listed_parts('["water", "earth"]')
+        (['water', 'earth'], ['water', 'earth'])
+    """
+    if key[:1] + key[-1:] not in ("()", "[]") or len(key) > _MAX_KEY:
+        return None
+    try:
+        parts = json.loads(key) if key.startswith("[") else ast.literal_eval(key)
+    except (ValueError, SyntaxError, RecursionError, MemoryError):
+        return None
+    is_list = isinstance(parts, (list, tuple)) and len(parts) > 1
+    return list(parts) if is_list and all(isinstance(part, str) for part in parts) else None
+
+
+def common_sign(values: Sequence[Any]) -> str:
+    """Return a sign such as a comma that parts every text in recipes of texts; empty without one.
+
+    Such a text may be a label, or several ingredients.
+
+    Args:
+        values: texts, or lists of texts.
+    """
+    texts: list[Any] = []
+    for value in islice(values, _LOOKED_AT):
+        texts += value if isinstance(value, list) else [value]
+    if not texts or not all(isinstance(text, str) for text in texts):
+        return ""
+    return next((sign for sign in _SIGNS if all(sign in text[1:-1] for text in texts)), "")

@@ -13,6 +13,8 @@ from pathlib import Path
 from wordcraft_kg.graphs.book_files.columns import (
     KIND,
     Roles,
+    are_reused,
+    names_a_result,
     readings,
     repeated_cells,
     result_by_rows,
@@ -28,8 +30,20 @@ from wordcraft_kg.graphs.book_files.dialects import (
     strict_cells,
     trimmed,
 )
+from wordcraft_kg.graphs.book_files.directives import read_directive
 from wordcraft_kg.graphs.book_files.guide import refusal
-from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, RowSource
+from wordcraft_kg.graphs.book_files.rows import (
+    NOTHING,
+    WITH_NOTHING,
+    Entry,
+    Fault,
+    LeftOut,
+    RowSource,
+    alternatives,
+    is_infinite_craft,
+    is_missing,
+)
+from wordcraft_kg.graphs.chains import is_half_product
 from wordcraft_kg.graphs.recipes import label_fault
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
@@ -41,11 +55,15 @@ _OWN = (CSV_HEADER, (*CSV_HEADER, KIND))
 _JUDGED_ROWS = 100_000  # rows by which columns without a header are judged
 _HEAD_LINES = 1_000  # of the start of a file, to find the first rows below comments
 _FORMULA = re.compile(
-    r"=\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
+    r"[=@]\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
 )
-_RULE = re.compile(r"[\s|:=-]+")  # the line below the header of a Markdown table
+# The line below the header of a table in Markdown or Org; one sign alone may be a cell.
+_RULE = re.compile(r":?[-=+]{2,}:?")
 _NUMBER = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
 _JOINERS = ("+", ";", "&", ",")  # between ingredients in one cell
+_OTHER_JOINERS = ("/", "|", " and ", " or ", " with ", " x ", " et ", " und ")
+"""Between ingredients in one cell, too, but also in labels: not parted."""
+_MOSTLY = 0.5  # share of a column's cells
 
 
 class Table(RowSource):
@@ -99,9 +117,13 @@ class Table(RowSource):
         self.header = self._names is not None
         self._is_plain = self._roles.ingredients == (0, 1) and self._roles.results == (2,)
         # A row of three cells needs no further look, the frequent case in a large book.
-        self._may_hold_formula = not self._is_own and ("=" in text or "#" in text)
+        self._may_hold_formula = any(sign in text for sign in "=#@")
+        self._drops_nothing = not self._is_own and is_infinite_craft(text)
+        # Our own tables hold any label, so that what is written is read again.
+        self._has_spaces = not self._is_own and "\u00a0" in text
         self._is_plain = self._is_plain and self._width == 3 and not self._may_hold_formula
-        self._is_plain = self._is_plain and not self._dialect.is_framed
+        self._is_plain = self._is_plain and self.delimiter != "|"
+        self._is_plain = self._is_plain and not (self._drops_nothing or self._has_spaces)
         self._name_columns()
 
     # --- the head ---------------------------------------------------------------------------------
@@ -111,7 +133,7 @@ class Table(RowSource):
         named = None
         for number, line in self._lines:
             if line.startswith("#"):
-                fault = self._read_directive(number, line)
+                fault = read_directive(self, number, line)
                 if fault is not None:
                     self._faults.append(fault)
             elif re.fullmatch(r'"?sep=(.)"?', line.strip("\r\n ")) and named is None:
@@ -120,22 +142,6 @@ class Table(RowSource):
                 self._first = (number, line)
                 break
         return named
-
-    def _read_directive(self, number: int, line: str) -> Fault | None:
-        key, colon, rest = line[1:].strip().partition(":")
-        key = key.strip().lower()
-        if not colon or key not in ("base", "entities"):
-            return None
-        if len(line) > MAX_LINE_LENGTH:
-            return Fault(number, "directive", _too_long(line))
-        labels = [cell for row in csv.reader([trimmed(rest, ",")]) for cell in row]
-        for fault in filter(None, map(label_fault, labels)):
-            return Fault(number, "directive", fault)
-        if key == "base":
-            self.base = (self.base or {}) | dict.fromkeys(labels, number)
-        else:
-            self.listed |= dict.fromkeys(labels, number)
-        return None
 
     # --- the guess --------------------------------------------------------------------------------
 
@@ -175,6 +181,8 @@ class Table(RowSource):
         self._check_names(number, names, rows)
         self._roles = roles
         self._shift_row_names(names, rows)
+        self._check_results(rows)
+        self._check_sums(rows)
         self._width = max(self._width, max((*self._roles.used, 0)) + 1)
         self._find_joiner(rows)
 
@@ -198,6 +206,43 @@ class Table(RowSource):
                 "table",
                 "Keep one header line, or choose with `columns`.",
             )
+
+    def _check_results(self, rows: Sequence[Sequence[str]]) -> None:
+        """Refuse a column that is taken for results only because it is left over, or of numbers."""
+        names = self._names or []
+        parts = {cell for i in self._roles.ingredients for cell in _column(rows, i)}
+        for i in self._roles.results:
+            cells = _column(rows, i)
+            # Ingredients may be numbers as well, such as ids.
+            is_numeric = bool(cells) and all(map(_NUMBER.fullmatch, cells))
+            is_numeric = is_numeric and not all(map(_NUMBER.fullmatch, parts))
+            is_told = names_a_result(names[i]) or are_reused(set(cells), parts)
+            if is_numeric or not is_told:
+                why = "holds only numbers" if is_numeric else "is not named as results"
+                raise refusal(
+                    self._path,
+                    f"a table whose column {i + 1} ({names[i][:40]!r}) {why}; a column of results "
+                    "is missing",
+                    "table",
+                    "Name the columns of ingredients and, last, of the result with `columns`.",
+                )
+
+    def _check_sums(self, rows: Sequence[Sequence[str]]) -> None:
+        """Refuse several columns of ingredients whose cells are recipes of their own."""
+        if len(self._roles.ingredients) == 1:
+            return
+        for i in self._roles.ingredients:
+            cells = _column(rows, i)
+            for joiner in ("+", ";", "&", ","):
+                joined = [cell for cell in cells if joiner in cell and not is_half_product(cell)]
+                if joined and len(joined) > _MOSTLY * len(cells):
+                    raise refusal(
+                        self._path,
+                        f"a table with several columns of ingredients, in which {joined[0][:60]!r} "
+                        f"may be a recipe of its own, with {joiner!r} between ingredients",
+                        "table",
+                        "Write one recipe in each row.",
+                    )
 
     def _following(self, limit: int) -> list[str]:
         number = 0 if self._first is None else self._first[0]
@@ -322,9 +367,19 @@ class Table(RowSource):
                 "Write each ingredient in a column of its own.",
             )
         self._joiner = fitting[0] if fitting else ""
+        for joiner in () if fitting else _OTHER_JOINERS:
+            joined = [cell for cell in cells if joiner in cell]
+            if joined and len(joined) > _MOSTLY * len(cells):
+                raise refusal(
+                    self._path,
+                    f"one column of ingredients, and {joiner!r} in cells such as "
+                    f"{joined[0][:60]!r} may stand between them or be part of a label",
+                    "table",
+                    "Write + between the ingredients, or each in a column of its own.",
+                )
 
     def _is_rule(self, cells: Sequence[str]) -> bool:
-        return self._dialect.is_framed and all(_RULE.fullmatch(cell) for cell in cells)
+        return self._dialect.delimiter == "|" and all(_RULE.fullmatch(cell) for cell in cells)
 
     def _name_columns(self) -> None:
         used = [*self._roles.ingredients, *self._roles.results]
@@ -366,7 +421,7 @@ class Table(RowSource):
         try:
             return [known[cells[0]], known[cells[1]], known[cells[2]]]
         except KeyError:
-            if any(map(label_fault, cells)):
+            if any(map(self._label_fault, cells)):
                 return None
             return [known.setdefault(cell, cell) for cell in cells]
 
@@ -384,7 +439,9 @@ class Table(RowSource):
             message = f"{error}; a quoted cell ends in its line, and a quote in it is doubled."
             yield Fault(number, "row", message, "quote")
             return
-        if not cells or (self._dialect.is_framed and self._is_rule(cells)):
+        if self._has_spaces:
+            cells = [cell.strip(" \u00a0") for cell in cells]
+        if not cells or self._is_rule(cells):
             return
         if not any(cells):
             yield LeftOut(number, "blank")
@@ -406,6 +463,10 @@ class Table(RowSource):
         if self._joiner and ingredients:
             parts = [part.strip() for part in ingredients[0].split(self._joiner)]
             ingredients = parts
+            message = alternatives(parts)
+            if message:
+                yield Fault(number, "row", message, "alternatives")
+                return
         results = [cells[i] for i in roles.results if cells[i]] or [cells[roles.results[0]]]
         kind = cells[roles.kind] if roles.kind is not None and roles.kind < len(cells) else ""
         labels = [*(ingredients or [""]), *results, *([kind] if kind else [])]
@@ -416,14 +477,30 @@ class Table(RowSource):
         self.counts_dropped += sum(
             1 for i in roles.counts if i < len(cells) and cells[i] not in ("", "1")
         )
+        if self._drops_nothing and NOTHING in ingredients:
+            yield LeftOut(number, "with Nothing as ingredient")
+            return
         self.several_outputs += len(results) > 1
         for result in results:
+            if self._drops_nothing and result == NOTHING:
+                yield LeftOut(number, WITH_NOTHING)
+                continue
             fault = self._note_kind(number, ingredients, result, kind) if kind else None
             yield fault or (number, [*ingredients, result])
 
     def _label_fault(self, label: str) -> str | None:
         if self._may_hold_formula and _FORMULA.match(label):
             return f"{label[:80]!r} is a spreadsheet's formula or its error; save the values."
+        if not self._is_own and is_missing(label):
+            return (
+                f"{label!r} may be a missing value or a label. Leave the cell empty; if it is a "
+                f"label, name the columns {','.join(CSV_HEADER)}."
+            )
+        if not self._is_own and " + " in label and not is_half_product(label):
+            return (
+                f"{label[:80]!r} may be several things or one. Write one recipe in each row; if it "
+                f"is a label, name the columns {','.join(CSV_HEADER)}."
+            )
         return label_fault(label)
 
     def _note_kind(
@@ -458,6 +535,11 @@ def _without_blanks(cells: list[str]) -> list[str]:
     while cells and not cells[-1]:
         cells = cells[:-1]
     return cells
+
+
+def _column(rows: Sequence[Sequence[str]], index: int) -> list[str]:
+    """Return the cells of a column that are not blank."""
+    return [row[index] for row in rows if len(row) > index and row[index]]
 
 
 def _is_own(line: str, delimiter: str) -> bool:

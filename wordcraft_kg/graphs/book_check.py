@@ -28,6 +28,7 @@ from wordcraft_kg.graphs.book_files.reader import (
     OpenedFile,
     ReadOptions,
     book_name,
+    note_of_numbers,
     open_source,
     unknown_base,
 )
@@ -179,6 +180,7 @@ def check_book(
     findings += [
         _note("left-out", f"{number:,} rows {reason}") for reason, number in rows.left_out.items()
     ]
+    findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
     if makes_nothing(book.recipes):
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(_problem("empty", "it has no recipe"))

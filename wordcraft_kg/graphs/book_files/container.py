@@ -166,6 +166,12 @@ def _members(path: Path, data: bytes) -> list[zipfile.ZipInfo]:
     kept = []
     for entry in entries:
         parts = PurePosixPath(entry.filename).parts
+        if ".." in parts or PurePosixPath(entry.filename).is_absolute():
+            raise refusal(
+                path,
+                f"the archive holds a path that leads out of it, {entry.filename[:80]!r}",
+                "compressed",
+            )
         # Finder's copies and dotfiles are no content.
         is_hidden = any(part.startswith((".", "__MACOSX")) for part in parts)
         if entry.is_dir() or is_hidden:

@@ -56,7 +56,7 @@ _WRAPPERS = (('"', '"'), ("“", "”"), ("'", "'"), ("`", "`"), ("**", "**"), (
 """Quotes and markup around a label or a sum."""
 _LEFT_OVER = re.compile(
     rf"^[=<>~≈|:;*\"“`]|^-[-\s]|[=<>~≈|:;*\"”`]$|\s[-–—]$|[{_FORWARD}{_BACKWARD}≈]|\[\[|\]\]|;\s"
-    r"|\s(?:[=<>~|#]|//|:=)\s"
+    r"|\s(?:[=<>~|#/]|//|:=)\s"
 )
 """Signs, quotes and comments that a label does not hold."""
 _PREFIX = re.compile(r"[^\w\s\"'(#]+\s*|.{0,30}?[:\])|]\s+|\S*\d\S*\s+")

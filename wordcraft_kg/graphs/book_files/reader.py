@@ -10,7 +10,7 @@ import json
 import logging
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -18,6 +18,7 @@ from typing import Any, TypedDict, Unpack
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest, one_of
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.container import (
     is_zip,
     json_members,
@@ -36,7 +37,14 @@ from wordcraft_kg.graphs.book_files.minecraft import (
     is_recipe_file,
     read_folder,
 )
-from wordcraft_kg.graphs.book_files.rows import Fault, LeftOut, Place, RowSource, alternatives
+from wordcraft_kg.graphs.book_files.rows import (
+    NOTHING,
+    Fault,
+    LeftOut,
+    Place,
+    RowSource,
+    alternatives,
+)
 from wordcraft_kg.graphs.book_files.tables import ENDINGS, Table
 from wordcraft_kg.graphs.book_files.text import check_encoding, decode
 from wordcraft_kg.graphs.chains import (
@@ -55,6 +63,8 @@ INGREDIENTS = ("two", "chain")
 _SELF_RESULT = "with an ingredient as the result"
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
 HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
+_NUMBERED = re.compile(r"\d+ ?[x×]? +[^\W\d]")
+_MANY_NUMBERED = 0.2  # share of the labels
 _JSON_ENDINGS = (".json", ".jsonl", ".ndjson", ".ic")
 _SAMPLE_LINES = 200
 
@@ -391,7 +401,7 @@ class BookRows:
                 return Fault(place, "label", where + message)
         return [*new, last]
 
-    def reading(self, merged: int, self_results: int, labels: Iterable[str]) -> Reading:
+    def reading(self, merged: int, self_results: int, labels: Collection[str]) -> Reading:
         """Return the record of how the file was read, after the iteration.
 
         Args:
@@ -405,7 +415,9 @@ class BookRows:
         left_out[_SELF_RESULT] += self_results
         reasons = {reason: number for reason, number in left_out.items() if number}
         html = [label for label in labels if "&" in label and HTML_ENTITY.search(label)]
-        notes = [*source.notes]
+        notes = [*source.notes, *note_of_numbers(labels)]
+        if NOTHING in labels:
+            notes.append("'Nothing' is kept as an entity")
         if html:
             notes.append(f"{len(html):,} labels with HTML entities, such as {html[0][:60]!r}")
         return Reading(
@@ -486,6 +498,17 @@ def read_book(
         kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
     logging.getLogger(__name__).info("%s: %s", path, reading.line())
     return replace(book, base=declared, kinds=kinds, reading=reading)
+
+
+def note_of_numbers(labels: Collection[str]) -> list[str]:
+    """Return a remark, or none, about many labels that begin with numbers of pieces."""
+    numbered = [label for label in labels if _NUMBERED.match(label)]
+    if len(numbered) <= _MANY_NUMBERED * len(labels):
+        return []
+    return [
+        f"{len(numbered):,} of {counted(len(labels), 'label')} begin with numbers, such as "
+        f"{numbered[0][:60]!r}; numbers of pieces are no part of a label"
+    ]
 
 
 def _without_faults(path: Path, rows: BookRows) -> Iterator[Recipe]:

@@ -46,7 +46,7 @@ NOTHING = "Nothing"
 WITH_NOTHING = "with the result Nothing"
 _OF_INFINITE_CRAFT = ("Water", "Fire", "Wind", "Earth")
 _MISSING = frozenset({"NA", "N/A", "n/a", "<NA>", "nan", "NaN", "NULL", "null", "None", "-", "--"})
-_ALTERNATIVE = re.compile(r"[;|]| or | / ")
+_ALTERNATIVE = re.compile(r"[;|]| or | / ", re.IGNORECASE)
 
 
 def is_missing(cell: str) -> bool:

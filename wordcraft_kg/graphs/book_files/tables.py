@@ -7,6 +7,7 @@ first rows, the columns from their names or, without a header, from the rows.
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -30,7 +31,7 @@ from wordcraft_kg.graphs.book_files.dialects import (
     strict_cells,
     trimmed,
 )
-from wordcraft_kg.graphs.book_files.directives import read_directive
+from wordcraft_kg.graphs.book_files.directives import is_directive, read_directive
 from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.rows import (
     NOTHING,
@@ -63,6 +64,7 @@ _NUMBER = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
 _JOINERS = ("+", ";", "&", ",")  # between ingredients in one cell
 _OTHER_JOINERS = ("/", "|", " and ", " or ", " with ", " x ", " et ", " und ")
 """Between ingredients in one cell, too, but also in labels: not parted."""
+_TITLE_ROWS = 5  # rows below the first in which a header is looked for
 _MOSTLY = 0.5  # share of a column's cells
 
 
@@ -98,6 +100,7 @@ class Table(RowSource):
         self._text = text
         self._lines = enumerate(io.StringIO(text, newline=""), start=1)
         self._faults: list[Fault] = []
+        self._comments: list[tuple[int, str]] = []
         self._first: tuple[int, str] | None = None
         named = self._read_head()
         first = "" if self._first is None else self._first[1]
@@ -133,6 +136,8 @@ class Table(RowSource):
         named = None
         for number, line in self._lines:
             if line.startswith("#"):
+                if not is_directive(line):
+                    self._comments.append((number, line))
                 fault = read_directive(self, number, line)
                 if fault is not None:
                     self._faults.append(fault)
@@ -150,6 +155,7 @@ class Table(RowSource):
         if self._first is None:
             raise refusal(self._path, "no row of a table, only comments", "table")
         number, first = self._first
+        self._check_comments(first, delimiter, usual)
         lines = first_lines([first, *self._following(_HEAD_LINES)])
         if max(map(len, lines)) > MAX_LINE_LENGTH:
             longest = max(lines, key=len)
@@ -185,6 +191,25 @@ class Table(RowSource):
         self._check_sums(rows)
         self._width = max(self._width, max((*self._roles.used, 0)) + 1)
         self._find_joiner(rows)
+
+    def _check_comments(self, first: str, delimiter: str | None, usual: str) -> None:
+        """Refuse comments that have the cells of a row, such as ids with # or tags.
+
+        Raises:
+            RecipeFileError: naming the line.
+        """
+        signs = [delimiter] if delimiter else dict.fromkeys((usual, *DELIMITERS))
+        for number, line in self._comments:
+            for sign in signs:
+                is_row = sign in line and line.count(sign) == first.count(sign)
+                if is_row and not line[1:2].isspace():
+                    raise refusal(
+                        self._path,
+                        f"line {number} begins with # and has the cells of a row: it may be a "
+                        "comment or a row",
+                        "table",
+                        "Write a space after the # of a comment, or quotes around a label.",
+                    )
 
     def _check_names(self, number: int, names: list[str], rows: Sequence[Sequence[str]]) -> None:
         """Refuse a header of two rows: a column without a name, or names below names."""
@@ -279,9 +304,18 @@ class Table(RowSource):
             f"a table with {DELIMITERS.get(self._dialect.delimiter, repr(self._dialect.delimiter))}"
         )
         remedy = "Name the columns of ingredients and, last, of the result with `columns`."
+        self._check_title(others)
         if len(first_row) == 2 and any("+" in cell for cell in first_row):
             self._plus_columns(rows)
             return
+        if max(map(len, rows)) == 1:
+            raise refusal(
+                self._path,
+                f"no table, because {named[13:]} give 1 column ({seen}), and no lines a + b = c "
+                "with a sign such as = or ->",
+                "lines",
+                "Another delimiter is named with `delimiter`.",
+            )
         if len(first_row) != 3:
             cells = f"{len(first_row)} column{'s' * (len(first_row) != 1)} ({seen})"
             missing = "none is named as ingredients and result"
@@ -317,6 +351,21 @@ class Table(RowSource):
         self._names = None
         self._width = 3
         self._roles = Roles(tuple(i for i in range(3) if i != result), (result,))
+
+    def _check_title(self, others: Sequence[Sequence[str]]) -> None:
+        """Refuse a table whose header stands below other rows.
+
+        Raises:
+            RecipeFileError: naming the header.
+        """
+        for row in others[:_TITLE_ROWS]:
+            if len(row) > 1 and roles_of_header(row) is not None:
+                raise refusal(
+                    self._path,
+                    f"rows above the row that names the columns ({', '.join(row[:4])[:80]})",
+                    "table",
+                    "Remove what stands above it, such as a title.",
+                )
 
     def _plus_columns(self, rows: Sequence[Sequence[str]]) -> None:
         """Take two columns without known names, of which one has sums of ingredients."""
@@ -367,6 +416,7 @@ class Table(RowSource):
                 "Write each ingredient in a column of its own.",
             )
         self._joiner = fitting[0] if fitting else ""
+        self._check_single(rows)
         for joiner in () if fitting else _OTHER_JOINERS:
             joined = [cell for cell in cells if joiner in cell]
             if joined and len(joined) > _MOSTLY * len(cells):
@@ -376,6 +426,23 @@ class Table(RowSource):
                     f"{joined[0][:60]!r} may stand between them or be part of a label",
                     "table",
                     "Write + between the ingredients, or each in a column of its own.",
+                )
+
+    def _check_single(self, rows: Sequence[Sequence[str]]) -> None:
+        """Refuse a column of single ingredients if results repeat: rows may be parts of a recipe.
+
+        Raises:
+            RecipeFileError: naming such a result.
+        """
+        results = Counter(_column(rows, self._roles.results[0]))
+        for result, number in () if self._joiner else results.most_common(1):
+            if number > 1:
+                raise refusal(
+                    self._path,
+                    f"one ingredient in each row, and {number:,} rows with the result "
+                    f"{result[:40]!r}: they may be one recipe or several",
+                    "table",
+                    "Write one recipe in each row.",
                 )
 
     def _is_rule(self, cells: Sequence[str]) -> bool:
@@ -463,7 +530,7 @@ class Table(RowSource):
         if self._joiner and ingredients:
             parts = [part.strip() for part in ingredients[0].split(self._joiner)]
             ingredients = parts
-            message = alternatives(parts)
+            message = alternatives(parts) or self._not_parted(parts)
             if message:
                 yield Fault(number, "row", message, "alternatives")
                 return
@@ -487,6 +554,17 @@ class Table(RowSource):
                 continue
             fault = self._note_kind(number, ingredients, result, kind) if kind else None
             yield fault or (number, [*ingredients, result])
+
+    def _not_parted(self, parts: Sequence[str]) -> str | None:
+        """Return why a cell without the table's joiner may hold several ingredients, or None."""
+        joiners = (*_JOINERS, *_OTHER_JOINERS) if len(parts) == 1 else ()
+        joiner = next((each for each in joiners if each in parts[0]), None)
+        if joiner is None:
+            return None
+        return (
+            f"{parts[0][:80]!r} may be one ingredient or several, with {joiner.strip()!r} between "
+            f"them; write {self._joiner} as in other rows."
+        )
 
     def _label_fault(self, label: str) -> str | None:
         if self._may_hold_formula and _FORMULA.match(label):

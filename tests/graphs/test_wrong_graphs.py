@@ -48,6 +48,11 @@ TABLES = {
     "dashes": ("| a | b | result |\n|---|---|---|\n| - | - | - |\n", "line 3: '-' may be"),
     "and": ("Result,Ingredients\nmud,water and earth\n", "' and ' in cells such as"),
     "slash": ("Ingredients,Result\nwater/earth,mud\n", "'/' in cells such as"),
+    "a recipe in two rows": (
+        "id,ingredient,result\n1,water,mud\n1,earth,mud\n",
+        "they may be one recipe or several",
+    ),
+    "another joiner": ("Ingredients,Result\na+b,c\nx & y,z\n", "could be parted|may be one"),
     "or": ("Result,Ingredients\nmud,water + earth or rain + dirt\n", "'or' between them"),
     "formula in our own table": (OWN + "=SUM(A2),b,c\n", "line 2: '=SUM.A2.' is a spreadsheet's"),
 }
@@ -163,6 +168,7 @@ WRONG_LINES = {
     "a quote left over": ('"water" + earth = "mud" x\n', "holds '\"'"),
     "or": ("mud = water + earth or rain + dirt\n", "'or' between them"),
     "semicolons": ("mud = water + earth; rain + dirt\n", "';' between them"),
+    "a slash": ("fire + water = steam\nwater + earth = mud / clay\n", "holds '/'"),
     "two signs": ("fire + water = steam\nwater + earth = mud = clay\n", "or several"),
     "a comment or a label": ("#water + earth = mud\n", "may be a comment or a label"),
 }

@@ -3,6 +3,7 @@
 import gzip
 import io
 import json
+import os
 import stat
 import zipfile
 
@@ -45,6 +46,16 @@ def locked_zip():
     return bytes(data)
 
 
+def zip_of_damaged_lzma():
+    """A zip archive whose member is no LZMA data."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_LZMA) as archive:
+        archive.writestr("book.csv", table() * 20)
+    data = bytearray(buffer.getvalue())
+    data[60:90] = bytes(range(200, 230))
+    return bytes(data)
+
+
 ZEROS = gzip.compress(b"a" * 50_000_000)
 REFUSED = {
     "total at the end": (table() + "Total,,7\n", "b.csv", "line 9: 'Total' is the only ingredient"),
@@ -71,6 +82,16 @@ REFUSED = {
     "bomb in a zip": (zipped({"b.csv.gz": ZEROS}), "b.zip", "expand more than 200 times"),
     "link in a zip": (linked_zip(), "b.zip", "holds a link, 'other.csv'; links are not followed"),
     "encrypted zip": (locked_zip(), "b.zip", "is encrypted"),
+    "path out of a zip": (zipped({"../b.csv": table()}), "b.zip", r"leads out of it, '\.\./b.csv'"),
+    "damaged LZMA": (zip_of_damaged_lzma(), "b.zip", "in the archive is damaged"),
+    "two marks": (b"\xef\xbb\xbf" * 2 + table().encode(), "b.csv", "two byte order marks"),
+    "title": ("My recipes,,\n" + table(), "b.csv", "rows above the row that names the columns"),
+    "row like a comment": (
+        "#a:b,coal,torch\nstick,coal,torch\n",
+        "b.csv",
+        "line 1 begins with # and has the cells of a row",
+    ),
+    "no table": ("water + earth > mud\n", "b.txt", "no table, because commas give 1 column"),
     "damaged zip": (zipped({"b.csv": table()})[:60], "b.zip", "a damaged zip archive"),
     "cut gzip": (gzip.compress(table().encode())[:-20], "b.gz", "gzip"),
     "more after gzip": (gzip.compress(table().encode()) + b"more", "b.gz", "4 bytes after the end"),
@@ -148,6 +169,10 @@ def test_options_name_what_a_guess_cannot_know(put):
         ({"delimiter": "::"}, "`delimiter` '::'"),
         ({"encoding": "klingon"}, "`encoding` 'klingon'"),
         ({"encoding": "hex"}, "`encoding` 'hex'"),
+        *[
+            ({"encoding": name}, f"`encoding` '{name}'")
+            for name in ("punycode", "idna", "unicode_escape", "undefined")
+        ],
         ({"case": "lower"}, "`case` 'lower'"),
         ({"ingredients": "three"}, "`ingredients` 'three'"),
     ],
@@ -168,3 +193,33 @@ def test_the_reading_is_kept_as_json(put):
 
     values = as_values(read_book(put(table(delimiter=";"))).reading)
     assert json.loads(json.dumps(values))["delimiter"] == ";"
+
+
+def test_another_encoding_than_that_of_the_mark_is_refused(put):
+    path = put(b"\xef\xbb\xbf" + table().encode())
+    with pytest.raises(RecipeFileError, match="begins with the byte order mark of utf-8"):
+        read_book(path, encoding="cp1252")
+    assert read_book(path, encoding="UTF8").recipes == read_book(path).recipes
+
+
+def test_gzip_of_many_members_is_read_in_time_that_grows_with_its_size(put):
+    # Copying all that follows a member, for each member, takes time that grows with its square.
+    members = b"".join(gzip.compress(f"a{i},b,c{i}\n".encode()) for i in range(20_000))
+    book = read_book(put(gzip.compress(HEADER.encode()) + members, "book.csv.gz"))
+    assert len(book.recipes) == 20_000
+
+
+def test_a_pipe_among_recipe_files_is_passed_over(tmp_path):
+    folder = tmp_path / "recipes"
+    folder.mkdir()
+    os.mkfifo(folder / "pipe.json")
+    recipe = {"ingredients": ["water", "earth"], "result": "mud"}
+    (folder / "mud.json").write_text(json.dumps(recipe))
+    assert len(read_book(tmp_path).recipes) == 1
+
+
+def test_labels_that_begin_with_numbers_are_named(put):
+    path = put("2 plank + 1 stick = axe\n3 plank + 2 stick = sword\n", "book.txt")
+    says = "4 of 6 labels begin with numbers, such as '1 stick'"
+    assert says in read_book(path).reading.line()
+    assert says in " ".join(f.message for f in check_book(path).findings if f.kind == "numbers")

@@ -28,10 +28,12 @@ from wordcraft_kg.graphs.book_files.reader import (
     OpenedFile,
     ReadOptions,
     book_name,
+    note_of_numbers,
     open_source,
     unknown_base,
 )
-from wordcraft_kg.graphs.book_files.rows import Fault, Place
+from wordcraft_kg.graphs.book_files.rows import NOTHING, Fault, Place, is_missing
+from wordcraft_kg.graphs.chains import makes_nothing
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -178,7 +180,8 @@ def check_book(
     findings += [
         _note("left-out", f"{number:,} rows {reason}") for reason, number in rows.left_out.items()
     ]
-    if not book.recipes:
+    findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
+    if makes_nothing(book.recipes):
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(_problem("empty", "it has no recipe"))
         return BookCheck(_sorted(findings), None, None, None, reading)
@@ -331,6 +334,15 @@ def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Find
         if "," in label:
             message = f"the label '{label}' contains a comma, at which other tools may split it"
             yield _problem("comma", message, _at([label], line_of))
+        if label != label.strip():
+            message = f"the label {label!r} begins or ends with a space; remove it"
+            yield _problem("space", message, _at([label], line_of))
+        if is_missing(label):
+            message = f"the label '{label}' may be a missing value; leave the cell empty"
+            yield _note("missing", message, _at([label], line_of))
+        if label == NOTHING:
+            message = "'Nothing' is an entity here; in Infinite Craft it means no result"
+            yield _note("nothing", message, _at([label], line_of))
         if (visible := for_terminal(label)) != label:
             message = (
                 f"'{visible}' holds an invisible character; remove it, or replace it by a space"

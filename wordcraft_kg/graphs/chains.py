@@ -13,6 +13,10 @@ HALF = " + …"
 """End of the label of each half-product."""
 
 
+MOST_INGREDIENTS = 1_000
+"""Most ingredients of a recipe: the labels of a chain grow with the square of their number."""
+
+
 def is_half_product(label: str) -> bool:
     """Return whether a label names a half-product of a chain."""
     return label.endswith(HALF)
@@ -41,6 +45,26 @@ def chain(ingredients: Sequence[str], result: str) -> list[Recipe]:
         recipes.append(Recipe.of(at_hand, ingredient, done + HALF))
         at_hand = done + HALF
     return [*recipes, Recipe.of(at_hand, others[-1], result)]
+
+
+def is_step(recipe: Recipe) -> bool:
+    """Return whether a recipe may be part of a chain: what it makes is named by its parts.
+
+    Example:
+        >>> is_step(Recipe("coal + rope + …", "stick", "coal + rope + stick + …"))
+        True
+        >>> is_step(Recipe("x", "y", "coal + rope + …"))
+        False
+    """
+    if not is_half_product(recipe.result):
+        return True
+    one, other = recipe.ingredient_a.removesuffix(HALF), recipe.ingredient_b.removesuffix(HALF)
+    return recipe.result.removesuffix(HALF) in (f"{one} + {other}", f"{other} + {one}")
+
+
+def makes_nothing(recipes: Iterable[Recipe]) -> bool:
+    """Return whether recipes make no entity but half-products, or there are none."""
+    return all(is_half_product(recipe.result) for recipe in recipes)
 
 
 def unchained(recipes: Iterable[Recipe]) -> list[tuple[tuple[str, ...], str]]:

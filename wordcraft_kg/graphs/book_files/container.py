@@ -4,6 +4,7 @@ Compressed data may expand a thousandfold, so the size and the ratio are limited
 """
 
 import io
+import lzma
 import stat
 import zipfile
 import zlib
@@ -20,6 +21,11 @@ MAX_BOOK_SIZE = 2**30
 _MAX_RATIO = 200  # a book of repeated words compresses about 20 times, zeros 1,000 times
 _FREE = 2**20  # bytes that may come out of compressed data whatever the ratio
 _CHUNK = 2**20
+_INPUT = 2**12  # compressed bytes at a time: what follows a member's end is copied
+_DAMAGED = (
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError),
+    *(EOFError, NotImplementedError, OSError),
+)
 _MAX_MEMBERS = 100_000
 _TEXT_ENDINGS = (".csv", ".tsv", ".tab", ".txt", ".json", ".jsonl", ".ndjson", ".ic")
 _SIGNATURES = {
@@ -160,6 +166,12 @@ def _members(path: Path, data: bytes) -> list[zipfile.ZipInfo]:
     kept = []
     for entry in entries:
         parts = PurePosixPath(entry.filename).parts
+        if ".." in parts or PurePosixPath(entry.filename).is_absolute():
+            raise refusal(
+                path,
+                f"the archive holds a path that leads out of it, {entry.filename[:80]!r}",
+                "compressed",
+            )
         # Finder's copies and dotfiles are no content.
         is_hidden = any(part.startswith((".", "__MACOSX")) for part in parts)
         if entry.is_dir() or is_hidden:
@@ -189,7 +201,7 @@ def _member_bytes(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) 
             while chunk := stream.read(_CHUNK):
                 out += chunk
                 _check_ratio(path, len(out), entry.compress_size)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, OSError) as error:
+    except _DAMAGED as error:
         raise refusal(
             path, f"{entry.filename[:80]!r} in the archive is damaged ({error})", "compressed"
         ) from None
@@ -197,26 +209,34 @@ def _member_bytes(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) 
 
 
 def _gunzipped(path: Path, data: bytes) -> bytes:
+    """Return the content of gzip data, of one or several members, one after the other."""
     out = bytearray()
-    rest = data
+    at = 0
     try:
-        # A gzip file may hold several members, one after the other.
-        while rest[:2] == b"\x1f\x8b":
-            engine = zlib.decompressobj(wbits=31)
-            piece = engine.decompress(rest, _CHUNK)
-            while piece or engine.unconsumed_tail:
-                out += piece
-                _check_ratio(path, len(out), len(data))
-                piece = engine.decompress(engine.unconsumed_tail, _CHUNK)
-            if not engine.eof:
-                raise refusal(path, "gzip data that end too early", "compressed")
-            rest = engine.unused_data
+        while data[at : at + 2] == b"\x1f\x8b":
+            at = _add_member(path, data, at, out)
     except zlib.error as error:
         raise refusal(path, f"damaged gzip data ({error})", "compressed") from None
     # Zeros are padding; anything else after the last member would be lost in silence.
+    rest = data[at:]
     if rest.strip(b"\x00"):
         raise refusal(path, f"{len(rest):,} bytes after the end of the gzip data", "compressed")
     return bytes(out)
+
+
+def _add_member(path: Path, data: bytes, at: int, out: bytearray) -> int:
+    """Decompress a gzip member that begins at a place, and return where it ends."""
+    engine = zlib.decompressobj(wbits=31)
+    while not engine.eof:
+        piece = data[at : at + _INPUT]
+        if not piece:
+            raise refusal(path, "gzip data that end too early", "compressed")
+        at += len(piece)
+        while piece:
+            out += engine.decompress(piece, _CHUNK)
+            _check_ratio(path, len(out), len(data))
+            piece = engine.unconsumed_tail
+    return at - len(engine.unused_data)
 
 
 def _check_ratio(path: Path, out: int, compressed: int) -> None:

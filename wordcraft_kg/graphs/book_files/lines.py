@@ -1,39 +1,92 @@
 """Lines such as ``water + earth = mud``, as in forums and chats; several results by commas.
 
 Either side of the sign may hold the sum: ``mud = water + earth, clay + rain`` gives two recipes.
+Marks of lists are no part of labels. What else most lines begin or end with is refused.
 """
 
 import io
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+from wordcraft_kg.graphs.book_files.directives import is_directive, read_directive
 from wordcraft_kg.graphs.book_files.guide import refusal
-from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, RowSource
+from wordcraft_kg.graphs.book_files.rows import (
+    NOTHING,
+    WITH_NOTHING,
+    Entry,
+    Fault,
+    LeftOut,
+    RowSource,
+    alternatives,
+    is_infinite_craft,
+)
 from wordcraft_kg.graphs.recipes import label_fault
 
-_SIGNS = (" => ", " -> ", " → ", " ⇒ ", " = ", " : ", "=>", "->", "→", "⇒", "=", ":")
+_FORWARD = "→⇒⟶⟹➡⇨➔➜"
+_BACKWARD = "←⇐⟵⟸⬅⇦"
+_SIGNS = tuple(
+    re.compile(sign)
+    for sign in (
+        rf"[-=~—–]+>|[{_FORWARD}]\ufe0f?",
+        rf"[<‹][-=~—–]+|[{_BACKWARD}]\ufe0f?",
+        r":=",
+        r"\s=\s",
+        r"=",
+        r"\s:\s",
+        r":",
+    )
+)
 """Signs between ingredients and results, the more certain ones first."""
-_BULLET = re.compile(r"\s*(?:[-*•–]\s+|\(?\d+[.)]\s+)?")
+_IS_BACKWARD = re.compile(rf"[<‹{_BACKWARD}]")
+_MARK = re.compile(
+    r"\s*(?:[-*•–·◦▪‣+>]\s+|\*{2,}\s+|>+\s+|\(?\d+[.)\]:]\s+|\d+[.)](?=[^\W\d])|\[\d+\]\s+"
+    r"|\d+\s+[-–—]\s+|\[[ xX]?\]\s+|[☐☑☒✓✔✅]\ufe0f?\s*)"
+)
+"""A mark of a list before a line: a bullet, a number, a box, a quote."""
+_MOST_MARKS = 3  # such as a bullet, a box and a number
+_END_MARK = re.compile(r"\s*(?:;|<br\s*/?>|\\|[✓✔✅]\ufe0f?)\s*$", re.IGNORECASE)
 _HEADING = re.compile(r"\s*(?:#|//|={2,}|-{2,}|\*{2,})")
+_COMMENT = re.compile(r"\s*(?:#\s|//)")
+_TAG = re.compile(r"#[\w.-]+:\w")  # a label of Minecraft, such as #minecraft:planks
+_WRAPPERS = (('"', '"'), ("“", "”"), ("'", "'"), ("`", "`"), ("**", "**"), ("[[", "]]"))
+"""Quotes and markup around a label or a sum."""
+_LEFT_OVER = re.compile(
+    rf"^[=<>~≈|:;*\"“`]|^-[-\s]|[=<>~≈|:;*\"”`]$|\s[-–—]$|[{_FORWARD}{_BACKWARD}≈]|\[\[|\]\]|;\s"
+    r"|\s(?:[=<>~|#/]|//|:=)\s"
+)
+"""Signs, quotes and comments that a label does not hold."""
+_PREFIX = re.compile(r"[^\w\s\"'(#]+\s*|.{0,30}?[:\])|]\s+|\S*\d\S*\s+")
+_SUFFIX = re.compile(r"(?:\s*[\[(][^\[\]()]*[\])]|\s+[-–—]\s+.*|\s*[^\w\s\"')\]]+)$")
+_JUDGED_LINES = 10_000
+_OFTEN = 0.2  # share of lines with one beginning or end
+_SELDOM = 0.1  # how many times rarer it must be in other labels
 _LIMIT = 100_000  # characters in a line
 _ENOUGH = 0.5  # share of the lines that are recipes, in a file of this shape
 
 
 class _Sides(NamedTuple):
-    """A line's two sides of the sign."""
+    """A line's two sides of the sign, and whether it is an arrow to the left."""
 
     left: str
     right: str
+    is_backward: bool = False
 
 
 def looks_like_lines(lines: list[str]) -> bool:
     """Return whether most lines, which are not blank, have a sum and a sign."""
-    content = [line for line in lines if not _HEADING.match(line)]
-    parted = [_sides(line[:_LIMIT]) for line in content]
-    sums = [sides for sides in parted if sides and ("+" in sides.left or "+" in sides.right)]
+    content = [line for line in lines if not _is_heading(line)]
+    sums = [line for line in content if _is_recipe(line[:_LIMIT])]
     return bool(content) and len(sums) >= _ENOUGH * len(content)
+
+
+def begins_with_recipe(line: str) -> bool:
+    """Return whether a line is a recipe up to its first comma, as in a + b = c, d."""
+    sides = _sides(line.partition(",")[0])
+    return sides is not None and "+" in sides.left
 
 
 class SumLines(RowSource):
@@ -45,23 +98,28 @@ class SumLines(RowSource):
         """Find on which side the sums are.
 
         Raises:
-            RecipeFileError: if they are on both sides.
+            RecipeFileError: if they are on both sides, or most lines begin or end alike.
         """
         super().__init__()
         self._path, self._text = path, text
+        self._drops_nothing = is_infinite_craft(text)
         left = right = 0
-        for _, sides in self._parted():
+        for number, sides in self._parted():
             left += "+" in sides.left
             right += "+" in sides.right
+            if sides.is_backward and "+" in sides.left:
+                seen = f"line {number}, whose arrow points at a sum of ingredients"
+                raise refusal(path, seen, "lines")
         if left and right:
             raise refusal(path, "lines with sums on either side of the sign, or on both", "lines")
         self._sum_is_left = left >= right
         self.columns = ("sum", "result") if self._sum_is_left else ("sum", "result before it")
         self._ingredients = self._known_ingredients()
+        self._check_ends()
 
     def _parted(self) -> Iterator[tuple[int, _Sides]]:
         for number, line in enumerate(io.StringIO(self._text, newline=""), start=1):
-            sides = None if _HEADING.match(line) else _sides(line)
+            sides = None if _is_heading(line) else _sides(line)
             if sides is not None:
                 yield number, sides
 
@@ -70,12 +128,44 @@ class SumLines(RowSource):
         sums = (sides.left if self._sum_is_left else sides.right for _, sides in self._parted())
         return frozenset(part for each in sums if "," in each for part in _summands(each))
 
+    def _check_ends(self) -> None:
+        """Refuse lines that often begin or end with what other labels do not have.
+
+        Raises:
+            RecipeFileError: naming the beginning or the end, such as "Step 1: " or " (new!)".
+        """
+        lines = [
+            [*_summands(sides.left), *_summands(sides.right)]
+            for _, sides in islice(self._parted(), _JUDGED_LINES)
+        ]
+        firsts = [labels[0] for labels in lines]
+        lasts = [labels[-1] for labels in lines]
+        after = [label for labels in lines for label in labels[1:]]
+        before = [label for labels in lines for label in labels[:-1]]
+        for where, pattern, ends, others in (
+            ("begin", _PREFIX, firsts, after),
+            ("end", _SUFFIX, lasts, before),
+        ):
+            often = _often(pattern, ends, others)
+            if often is not None:
+                raise refusal(
+                    self._path,
+                    f"many lines {where} as with {often.strip()[:40]!r}, which may be a mark or "
+                    "part of a label",
+                    "lines",
+                    "Remove it from the lines.",
+                )
+
     def __iter__(self) -> Iterator[Entry]:
         """Yield recipes, lines that are none, and headings."""
         for number, line in enumerate(io.StringIO(self._text, newline=""), start=1):
             if not line.strip():
                 continue
-            if _HEADING.match(line):
+            if is_directive(line):
+                fault = read_directive(self, number, line)
+                if fault is not None:
+                    yield fault
+            elif _is_heading(line):
                 yield LeftOut(number, "headings or comments")
             elif len(line) > _LIMIT:
                 message = f"a line of {len(line):,} characters; the limit is {_LIMIT:,}."
@@ -86,40 +176,113 @@ class SumLines(RowSource):
     def _recipes(self, number: int, line: str) -> Iterator[Entry]:
         sides = _sides(line)
         if sides is None:
-            message = f"{line.strip()[:80]!r} has no sign such as = or ->; expected a + b = c."
+            message = (
+                f"{line.strip()[:80]!r} has no sign such as = or ->, or several; expected "
+                "a + b = c."
+            )
             yield Fault(number, "row", message, "no sign")
             return
-        total, rest = sides if self._sum_is_left else (sides.right, sides.left)
+        total, rest = (sides.left, sides.right) if self._sum_is_left else (sides.right, sides.left)
         if self._sum_is_left:
             if "," in rest and rest in self._ingredients:
                 message = f"{rest[:80]!r} may be several results, or one: an ingredient elsewhere."
                 yield Fault(number, "row", message, "comma")
                 return
-            pairs = [(_summands(total), result.strip()) for result in rest.split(",")]
+            pairs = [(_summands(total), _unwrapped(result)) for result in rest.split(",")]
             self.several_outputs += len(pairs) > 1
         else:
             # Each part between commas makes the same result.
-            pairs = [(_summands(part), rest.strip()) for part in total.split(",")]
+            pairs = [(_summands(part), _unwrapped(rest)) for part in total.split(",")]
         for ingredients, result in pairs:
-            faults = list(dict.fromkeys(filter(None, map(label_fault, [*ingredients, result]))))
-            if faults:
-                yield Fault(number, "label", " Also, ".join(faults))
+            faults = list(dict.fromkeys(filter(None, map(_label_fault, [*ingredients, result]))))
+            message = alternatives(ingredients) or " Also, ".join(faults)
+            if message:
+                yield Fault(number, "label", message)
+            elif self._drops_nothing and NOTHING in (*ingredients, result):
+                is_result = result == NOTHING
+                yield LeftOut(number, WITH_NOTHING if is_result else "with Nothing as ingredient")
             else:
                 yield number, [*ingredients, result]
+
+
+def _often(pattern: re.Pattern[str], ends: Sequence[str], others: Sequence[str]) -> str | None:
+    """Return what the pattern finds in many of the labels at an end, and seldom in the others.
+
+    Numbers count as equal.
+    """
+
+    def found_in(labels: Sequence[str]) -> list[str]:
+        search = pattern.match if pattern is _PREFIX else pattern.search
+        return [each[0] for each in map(search, labels) if each]
+
+    found = found_in(ends)
+    elsewhere = Counter(map(_without_digits, found_in(others)))
+    for shape, number in Counter(map(_without_digits, found)).most_common(1):
+        share = number / len(ends)
+        if share >= _OFTEN and elsewhere[shape] <= _SELDOM * share * len(others):
+            return next(each for each in found if _without_digits(each) == shape)
+    return None
+
+
+def _without_digits(text: str) -> str:
+    return re.sub(r"\d+", "0", text)
+
+
+def _label_fault(label: str) -> str | None:
+    sign = _LEFT_OVER.search(label)
+    if sign is None and label.startswith("#") and not _TAG.match(label):
+        return f"{label[:80]!r} may be a comment or a label; remove the #."
+    if sign is not None and label_fault(label) is None:
+        return (
+            f"{label[:80]!r} holds {sign[0].strip() or sign[0]!r}, which may be a sign, a mark or "
+            "part of a label; expected a + b = c."
+        )
+    return label_fault(label)
+
+
+def _is_heading(line: str) -> bool:
+    """Return whether a line is a heading or comment; nested bullets and tags are recipes."""
+    if not _HEADING.match(line):
+        return False
+    return bool(_COMMENT.match(line)) or not _is_recipe(line)
+
+
+def _is_recipe(line: str) -> bool:
+    sides = _sides(line)
+    return sides is not None and ("+" in sides.left or "+" in sides.right)
 
 
 def _sides(line: str) -> _Sides | None:
     """Return what stands left and right of a line's sign, or None without exactly one sign."""
     content = line.strip()
-    bullet = _BULLET.match(content)
-    content = content[bullet.end() :] if bullet else content
+    for _ in range(_MOST_MARKS):
+        mark = _MARK.match(content)
+        content = content[mark.end() :] if mark else content
+    content = _END_MARK.sub("", content)
     for sign in _SIGNS:
-        left, found, right = content.partition(sign)
-        if found and left.strip() and right.strip():
-            return None if sign in right else _Sides(left.strip(), right.strip())
+        found = list(islice(sign.finditer(content), 2))
+        if not found:
+            continue
+        left, right = content[: found[0].start()].strip(), content[found[0].end() :].strip()
+        if left and right:
+            is_backward = bool(_IS_BACKWARD.match(found[0][0]))
+            sides = _Sides(_unwrapped(left), _unwrapped(right), is_backward)
+            return None if len(found) > 1 else sides
     return None
 
 
 def _summands(text: str) -> list[str]:
     """Return the parts of a sum; a plus without spaces is part of a label if there is one with."""
-    return [part.strip() for part in text.split(" + " if " + " in text else "+")]
+    return [_unwrapped(part) for part in text.split(" + " if " + " in text else "+")]
+
+
+def _unwrapped(text: str) -> str:
+    """Return a text without quotes or markup around all of it."""
+    text = text.strip()
+    for start, end in _WRAPPERS:
+        inner = text[len(start) : -len(end)]
+        is_wrapped = text.startswith(start) and text.endswith(end) and inner.strip()
+        # A link with two names, or two quoted labels, stay as they are, and are refused.
+        if is_wrapped and start not in inner and end not in inner and "|" not in inner:
+            return inner.strip()
+    return text

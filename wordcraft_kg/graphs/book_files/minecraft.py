@@ -111,6 +111,8 @@ def folder_files(folder: Path) -> list[Path]:
                 continue
             if child.is_dir():
                 pending.append(child)
+            elif not child.is_file():
+                continue  # a pipe would be waited for without end
             elif inside or is_recipe_file(child.relative_to(folder).as_posix()):
                 found += [child] if child.suffix.lower() == ".json" else []
             if len(found) > _MAX_FILES:

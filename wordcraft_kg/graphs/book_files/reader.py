@@ -10,7 +10,7 @@ import json
 import logging
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
@@ -18,6 +18,7 @@ from typing import Any, TypedDict, Unpack
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest, one_of
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.container import (
     is_zip,
     json_members,
@@ -26,9 +27,10 @@ from wordcraft_kg.graphs.book_files.container import (
     zip_names,
 )
 from wordcraft_kg.graphs.book_files.dialects import delimiter_of
-from wordcraft_kg.graphs.book_files.guide import GUIDE
+from wordcraft_kg.graphs.book_files.foreign import foreign_format
+from wordcraft_kg.graphs.book_files.guide import GUIDE, refusal
 from wordcraft_kg.graphs.book_files.json_shapes import JsonRecipes
-from wordcraft_kg.graphs.book_files.lines import SumLines, looks_like_lines
+from wordcraft_kg.graphs.book_files.lines import SumLines, begins_with_recipe, looks_like_lines
 from wordcraft_kg.graphs.book_files.minecraft import (
     MinecraftRecipes,
     folder_files,
@@ -36,10 +38,24 @@ from wordcraft_kg.graphs.book_files.minecraft import (
     looks_like_recipe,
     read_folder,
 )
-from wordcraft_kg.graphs.book_files.rows import Fault, LeftOut, Place, RowSource
+from wordcraft_kg.graphs.book_files.rows import (
+    NOTHING,
+    Fault,
+    LeftOut,
+    Place,
+    RowSource,
+    alternatives,
+)
 from wordcraft_kg.graphs.book_files.tables import ENDINGS, Table
 from wordcraft_kg.graphs.book_files.text import check_encoding, decode
-from wordcraft_kg.graphs.chains import HALF, chain, is_half_product
+from wordcraft_kg.graphs.chains import (
+    HALF,
+    MOST_INGREDIENTS,
+    chain,
+    is_half_product,
+    is_step,
+    makes_nothing,
+)
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label, label_fault
 
@@ -48,6 +64,8 @@ INGREDIENTS = ("two", "chain")
 _SELF_RESULT = "with an ingredient as the result"
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
 HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
+_NUMBERED = re.compile(r"\d+ ?[x×]? +[^\W\d]")
+_MANY_NUMBERED = 0.2  # share of the labels
 _JSON_ENDINGS = (".json", ".jsonl", ".ndjson", ".ic")
 _SAMPLE_LINES = 200
 
@@ -169,17 +187,27 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> RowS
     """Return the reader for a text: its beginning counts more than the file's ending."""
     delimiter = None if options.delimiter is None else delimiter_of(options.delimiter)
     named = Path(path.stem + ending)
+    is_lines = delimiter is None and _are_lines(text)
     if ending in _JSON_ENDINGS or (text.lstrip()[:1] in ("{", "[") and _is_json(path, text)):
         return JsonRecipes(path, text, options.columns)
-    is_table = ending in ENDINGS or delimiter is not None or options.columns is not None
-    if not is_table and looks_like_lines(_first_lines(text)):
+    if is_lines and options.columns is not None:
+        seen = "lines a + b = c, which have no columns"
+        raise refusal(path, seen, "lines", "Leave `columns` out.")
+    # Lines are often saved under the ending of a table.
+    if is_lines or (
+        delimiter is None
+        and options.columns is None
+        and ending not in ENDINGS
+        and looks_like_lines(_first_lines(text))
+    ):
         return SumLines(path, text)
-    if ending in ENDINGS and delimiter is None and _has_no_delimiter(text):
-        # Such lines are often saved under the ending of a table.
-        lines = _first_lines(text)
-        if looks_like_lines(lines):
-            return SumLines(path, text)
-    return Table(path, text, delimiter, options.columns, usual=ENDINGS.get(named.suffix, ","))
+    try:
+        return Table(path, text, delimiter, options.columns, usual=ENDINGS.get(named.suffix, ","))
+    except RecipeFileError:
+        foreign = foreign_format(text)
+        if foreign is None:
+            raise
+        raise refusal(path, f"{foreign}, which is not read", "table") from None
 
 
 def _is_json(path: Path, text: str) -> bool:
@@ -197,8 +225,14 @@ def _first_lines(text: str) -> list[str]:
     return [line for line in lines if line.strip()][:_SAMPLE_LINES]
 
 
-def _has_no_delimiter(text: str) -> bool:
-    return not any(any(sign in line for sign in ",;\t|") for line in _first_lines(text)[:20])
+def _are_lines(text: str) -> bool:
+    """Return whether lines are sums whatever the file's ending: no delimiter, or after a sum."""
+    lines = _first_lines(text)
+    has_delimiter = any(any(sign in line for sign in ",;\t|") for line in lines[:20])
+    if not has_delimiter:
+        return looks_like_lines(lines)
+    # Several results after commas, as in a + b = c, d.
+    return all(begins_with_recipe(line) for line in lines)
 
 
 class BookRows:
@@ -220,6 +254,7 @@ class BookRows:
         self.arities: Counter[int] = Counter()
         self._counts_dropped = 0
         self._halves: dict[str, Recipe] = {}
+        self._marked = ""  # a label of the file that ends like a half-product
 
     @property
     def base(self) -> dict[str, Place] | None:
@@ -240,12 +275,16 @@ class BookRows:
 
         A chain is several recipes; its first ones make half-products.
         """
-        fold = self.options.case == "fold"
+        fold = self.options.case == "fold" or self.options.ingredients == "chain"
         kind_of = self.file.source.kind_of
         pairs = 0
         for entry in self.file.source:
             # The frequent row takes a short way: two ingredients, in a book without kinds.
-            if type(entry) is tuple and len(entry[1]) == 3 and not (fold or kind_of):
+            if (
+                type(entry) is tuple
+                and len(entry[1]) == 3
+                and not (fold or kind_of or is_half_product(entry[1][2]))
+            ):
                 pairs += 1
                 yield entry[0], [Recipe.of(*entry[1])]
             elif isinstance(entry, Fault):
@@ -269,7 +308,7 @@ class BookRows:
         labels = list(map(self._folded, labels))
         recipes: list[Recipe] | Fault | LeftOut
         if len(labels) == 3:
-            recipes = [Recipe.of(labels[0], labels[1], labels[2])]
+            recipes = self._pair(place, labels)
         else:
             recipes = self._paired(place, labels)
         if isinstance(recipes, LeftOut):
@@ -281,12 +320,48 @@ class BookRows:
                 self.kinds[recipes[-1]] = kind
             yield place, recipes
 
+    def _pair(self, place: Place, labels: Sequence[str]) -> list[Recipe] | Fault:
+        """Return a row's pair, unless its half-products are not those that chains make."""
+        recipe = Recipe.of(labels[0], labels[1], labels[2])
+        marked = next(filter(is_half_product, labels), None)
+        if marked is None:
+            return [recipe]
+        self._marked = self._marked or marked
+        if self._halves:
+            return self._collision(place)
+        if not is_step(recipe):
+            where = f"{place}: " if isinstance(place, str) else ""
+            message = (
+                f"{where}the label {labels[-1][:80]!r} ends like a half-product, in{HALF!r}, and "
+                f"is not that of {labels[0][:80]!r} and {labels[1][:80]!r}; rename it."
+            )
+            return Fault(place, "label", message)
+        return [recipe]
+
+    def _collision(self, place: Place) -> Fault:
+        """Return the fault of a book with half-products of its own and with chains."""
+        where = f"{place}: " if isinstance(place, str) else ""
+        message = (
+            f"{where}the label {self._marked[:80]!r} ends like a half-product, in{HALF!r}, and "
+            "other rows become chains; rename it, or write its chain as one row."
+        )
+        return Fault(place, "label", message)
+
     def _paired(self, place: Place, labels: Sequence[str]) -> list[Recipe] | Fault | LeftOut:
         """Return the recipes of two ingredients for a row of one, or of three and more."""
         *ingredients, result = labels
         where = f"{place}: " if isinstance(place, str) else ""
         single = self.options.single_ingredient
         is_chain = self.options.ingredients == "chain"
+        message = alternatives(ingredients)
+        if message is not None:
+            return Fault(place, "row", where + message, "alternatives")
+        if len(ingredients) > MOST_INGREDIENTS:
+            message = (
+                f"{where}{len(ingredients):,} ingredients of '{result[:80]}'; the limit is "
+                f"{MOST_INGREDIENTS:,}."
+            )
+            return Fault(place, "row", message, "many ingredients")
         if len(ingredients) > 2 and not is_chain:
             message = (
                 f"{where}{' + '.join(ingredients)[:80]!r} are {len(ingredients):,} ingredients of "
@@ -299,6 +374,9 @@ class BookRows:
         if len(distinct) > 1:
             return self._chained(place, distinct, result)
         (one,) = distinct
+        if len(ingredients) > 1:
+            # Several pieces of one thing, not a single ingredient that something else makes into.
+            return [Recipe.of(one, one, result)]
         if single is None and not is_chain:
             return Fault(place, "label", where + _alone(one))
         other = one if single in (None, _SELF) else single
@@ -316,7 +394,13 @@ class BookRows:
         if marked is not None:
             message = f"the label {marked[:80]!r} ends like a half-product, in{HALF!r}; rename it."
             return Fault(place, "label", where + message)
+        if self._marked and len(ingredients) > 2:
+            return self._collision(place)
         *halves, last = chain(ingredients, result)
+        too_long = label_fault(halves[-1].result) if halves else None
+        if too_long is not None:
+            message = f"the half-product of {len(ingredients) - 1:,} ingredients has {too_long}"
+            return Fault(place, "label", where + message, "long half-product")
         new = []
         for half in halves:
             known = self._halves.setdefault(half.result, half)
@@ -327,7 +411,7 @@ class BookRows:
                 return Fault(place, "label", where + message)
         return [*new, last]
 
-    def reading(self, merged: int, self_results: int, labels: Iterable[str]) -> Reading:
+    def reading(self, merged: int, self_results: int, labels: Collection[str]) -> Reading:
         """Return the record of how the file was read, after the iteration.
 
         Args:
@@ -341,7 +425,9 @@ class BookRows:
         left_out[_SELF_RESULT] += self_results
         reasons = {reason: number for reason, number in left_out.items() if number}
         html = [label for label in labels if "&" in label and HTML_ENTITY.search(label)]
-        notes = [*source.notes]
+        notes = [*source.notes, *note_of_numbers(labels)]
+        if NOTHING in labels:
+            notes.append("'Nothing' is kept as an entity")
         if html:
             notes.append(f"{len(html):,} labels with HTML entities, such as {html[0][:60]!r}")
         return Reading(
@@ -405,10 +491,11 @@ def read_book(
     )
     entities = book.entities
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, entities)
-    if not book.recipes:
+    if makes_nothing(book.recipes):
         reasons = ", ".join(f"{number:,} {reason}" for reason, number in reading.left_out.items())
         raise RecipeFileError(
-            f"{path} has no recipe to keep (read as {reading.shape}; {reasons or 'no rows'}). "
+            f"{path} has no recipe to keep (read as {reading.shape}; "
+            f"{reasons or ('half-products only' if book.recipes else 'no rows')}). "
             f"See {GUIDE}."
         )
     base = rows.base
@@ -421,6 +508,17 @@ def read_book(
         kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
     logging.getLogger(__name__).info("%s: %s", path, reading.line())
     return replace(book, base=declared, kinds=kinds, reading=reading)
+
+
+def note_of_numbers(labels: Collection[str]) -> list[str]:
+    """Return a remark, or none, about many labels that begin with numbers of pieces."""
+    numbered = [label for label in labels if _NUMBERED.match(label)]
+    if len(numbered) <= _MANY_NUMBERED * len(labels):
+        return []
+    return [
+        f"{len(numbered):,} of {counted(len(labels), 'label')} begin with numbers, such as "
+        f"{numbered[0][:60]!r}; numbers of pieces are no part of a label"
+    ]
 
 
 def _without_faults(path: Path, rows: BookRows) -> Iterator[Recipe]:

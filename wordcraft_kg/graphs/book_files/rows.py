@@ -1,5 +1,6 @@
 """What every reader yields: recipes with places, faults, and rows that are no recipe."""
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -40,6 +41,43 @@ class LeftOut(NamedTuple):
 
 
 Entry = Row | Fault | LeftOut
+NOTHING = "Nothing"
+"""Result of pairs that make nothing in Infinite Craft."""
+WITH_NOTHING = "with the result Nothing"
+_OF_INFINITE_CRAFT = ("Water", "Fire", "Wind", "Earth")
+_MISSING = frozenset({"NA", "N/A", "n/a", "<NA>", "nan", "NaN", "NULL", "null", "None", "-", "--"})
+_ALTERNATIVE = re.compile(r"[;|]| or | / ", re.IGNORECASE)
+
+
+def is_missing(cell: str) -> bool:
+    """Return whether a cell is what programs write for an empty one."""
+    return cell in _MISSING
+
+
+def is_infinite_craft(text: str) -> bool:
+    """Return whether a text holds the base of Infinite Craft, and its Nothing."""
+    words = (NOTHING, *_OF_INFINITE_CRAFT)
+    return all(word in text for word in words) and all(
+        re.search(rf"\b{word}\b", text) for word in words
+    )
+
+
+def alternatives(ingredients: Sequence[str]) -> str | None:
+    """Return why the parts of a sum may be those of several sums, or None.
+
+    Args:
+        ingredients: parts between pluses or other joiners, such as "water", "earth or rain",
+            "dirt". With two parts, the sign may as well be part of a label.
+    """
+    for part in ingredients if len(ingredients) > 2 else ():
+        sign = _ALTERNATIVE.search(part)
+        if sign:
+            return (
+                f"{part[:80]!r} in a sum of {len(ingredients)} may be the end of one recipe and "
+                f"the start of another, with {sign[0].strip()!r} between them; write one in each "
+                "row."
+            )
+    return None
 
 
 class RowSource(ABC):

@@ -7,12 +7,15 @@ first rows, the columns from their names or, without a header, from the rows.
 import csv
 import io
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from wordcraft_kg.graphs.book_files.columns import (
     KIND,
     Roles,
+    are_reused,
+    names_a_result,
     readings,
     repeated_cells,
     result_by_rows,
@@ -28,8 +31,20 @@ from wordcraft_kg.graphs.book_files.dialects import (
     strict_cells,
     trimmed,
 )
+from wordcraft_kg.graphs.book_files.directives import is_directive, read_directive
 from wordcraft_kg.graphs.book_files.guide import refusal
-from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, RowSource
+from wordcraft_kg.graphs.book_files.rows import (
+    NOTHING,
+    WITH_NOTHING,
+    Entry,
+    Fault,
+    LeftOut,
+    RowSource,
+    alternatives,
+    is_infinite_craft,
+    is_missing,
+)
+from wordcraft_kg.graphs.chains import is_half_product
 from wordcraft_kg.graphs.recipes import label_fault
 
 CSV_HEADER = ("ingredient_a", "ingredient_b", "result")
@@ -41,11 +56,16 @@ _OWN = (CSV_HEADER, (*CSV_HEADER, KIND))
 _JUDGED_ROWS = 100_000  # rows by which columns without a header are judged
 _HEAD_LINES = 1_000  # of the start of a file, to find the first rows below comments
 _FORMULA = re.compile(
-    r"=\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
+    r"[=@]\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
 )
-_RULE = re.compile(r"[\s|:=-]+")  # the line below the header of a Markdown table
+# The line below the header of a table in Markdown or Org; one sign alone may be a cell.
+_RULE = re.compile(r":?[-=+]{2,}:?")
 _NUMBER = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
 _JOINERS = ("+", ";", "&", ",")  # between ingredients in one cell
+_OTHER_JOINERS = ("/", "|", " and ", " or ", " with ", " x ", " et ", " und ")
+"""Between ingredients in one cell, too, but also in labels: not parted."""
+_TITLE_ROWS = 5  # rows below the first in which a header is looked for
+_MOSTLY = 0.5  # share of a column's cells
 
 
 class Table(RowSource):
@@ -80,6 +100,7 @@ class Table(RowSource):
         self._text = text
         self._lines = enumerate(io.StringIO(text, newline=""), start=1)
         self._faults: list[Fault] = []
+        self._comments: list[tuple[int, str]] = []
         self._first: tuple[int, str] | None = None
         named = self._read_head()
         first = "" if self._first is None else self._first[1]
@@ -99,9 +120,13 @@ class Table(RowSource):
         self.header = self._names is not None
         self._is_plain = self._roles.ingredients == (0, 1) and self._roles.results == (2,)
         # A row of three cells needs no further look, the frequent case in a large book.
-        self._may_hold_formula = not self._is_own and ("=" in text or "#" in text)
+        self._may_hold_formula = any(sign in text for sign in "=#@")
+        self._drops_nothing = not self._is_own and is_infinite_craft(text)
+        # Our own tables hold any label, so that what is written is read again.
+        self._has_spaces = not self._is_own and "\u00a0" in text
         self._is_plain = self._is_plain and self._width == 3 and not self._may_hold_formula
-        self._is_plain = self._is_plain and not self._dialect.is_framed
+        self._is_plain = self._is_plain and self.delimiter != "|"
+        self._is_plain = self._is_plain and not (self._drops_nothing or self._has_spaces)
         self._name_columns()
 
     # --- the head ---------------------------------------------------------------------------------
@@ -111,7 +136,9 @@ class Table(RowSource):
         named = None
         for number, line in self._lines:
             if line.startswith("#"):
-                fault = self._read_directive(number, line)
+                if not is_directive(line):
+                    self._comments.append((number, line))
+                fault = read_directive(self, number, line)
                 if fault is not None:
                     self._faults.append(fault)
             elif re.fullmatch(r'"?sep=(.)"?', line.strip("\r\n ")) and named is None:
@@ -121,22 +148,6 @@ class Table(RowSource):
                 break
         return named
 
-    def _read_directive(self, number: int, line: str) -> Fault | None:
-        key, colon, rest = line[1:].strip().partition(":")
-        key = key.strip().lower()
-        if not colon or key not in ("base", "entities"):
-            return None
-        if len(line) > MAX_LINE_LENGTH:
-            return Fault(number, "directive", _too_long(line))
-        labels = [cell for row in csv.reader([trimmed(rest, ",")]) for cell in row]
-        for fault in filter(None, map(label_fault, labels)):
-            return Fault(number, "directive", fault)
-        if key == "base":
-            self.base = (self.base or {}) | dict.fromkeys(labels, number)
-        else:
-            self.listed |= dict.fromkeys(labels, number)
-        return None
-
     # --- the guess --------------------------------------------------------------------------------
 
     def _guess(self, delimiter: str | None, usual: str, columns: Sequence[str] | None) -> None:
@@ -144,6 +155,7 @@ class Table(RowSource):
         if self._first is None:
             raise refusal(self._path, "no row of a table, only comments", "table")
         number, first = self._first
+        self._check_comments(first, delimiter, usual)
         lines = first_lines([first, *self._following(_HEAD_LINES)])
         if max(map(len, lines)) > MAX_LINE_LENGTH:
             longest = max(lines, key=len)
@@ -175,8 +187,29 @@ class Table(RowSource):
         self._check_names(number, names, rows)
         self._roles = roles
         self._shift_row_names(names, rows)
+        self._check_results(rows)
+        self._check_sums(rows)
         self._width = max(self._width, max((*self._roles.used, 0)) + 1)
         self._find_joiner(rows)
+
+    def _check_comments(self, first: str, delimiter: str | None, usual: str) -> None:
+        """Refuse comments that have the cells of a row, such as ids with # or tags.
+
+        Raises:
+            RecipeFileError: naming the line.
+        """
+        signs = [delimiter] if delimiter else dict.fromkeys((usual, *DELIMITERS))
+        for number, line in self._comments:
+            for sign in signs:
+                is_row = sign in line and line.count(sign) == first.count(sign)
+                if is_row and not line[1:2].isspace():
+                    raise refusal(
+                        self._path,
+                        f"line {number} begins with # and has the cells of a row: it may be a "
+                        "comment or a row",
+                        "table",
+                        "Write a space after the # of a comment, or quotes around a label.",
+                    )
 
     def _check_names(self, number: int, names: list[str], rows: Sequence[Sequence[str]]) -> None:
         """Refuse a header of two rows: a column without a name, or names below names."""
@@ -198,6 +231,43 @@ class Table(RowSource):
                 "table",
                 "Keep one header line, or choose with `columns`.",
             )
+
+    def _check_results(self, rows: Sequence[Sequence[str]]) -> None:
+        """Refuse a column that is taken for results only because it is left over, or of numbers."""
+        names = self._names or []
+        parts = {cell for i in self._roles.ingredients for cell in _column(rows, i)}
+        for i in self._roles.results:
+            cells = _column(rows, i)
+            # Ingredients may be numbers as well, such as ids.
+            is_numeric = bool(cells) and all(map(_NUMBER.fullmatch, cells))
+            is_numeric = is_numeric and not all(map(_NUMBER.fullmatch, parts))
+            is_told = names_a_result(names[i]) or are_reused(set(cells), parts)
+            if is_numeric or not is_told:
+                why = "holds only numbers" if is_numeric else "is not named as results"
+                raise refusal(
+                    self._path,
+                    f"a table whose column {i + 1} ({names[i][:40]!r}) {why}; a column of results "
+                    "is missing",
+                    "table",
+                    "Name the columns of ingredients and, last, of the result with `columns`.",
+                )
+
+    def _check_sums(self, rows: Sequence[Sequence[str]]) -> None:
+        """Refuse several columns of ingredients whose cells are recipes of their own."""
+        if len(self._roles.ingredients) == 1:
+            return
+        for i in self._roles.ingredients:
+            cells = _column(rows, i)
+            for joiner in ("+", ";", "&", ","):
+                joined = [cell for cell in cells if joiner in cell and not is_half_product(cell)]
+                if joined and len(joined) > _MOSTLY * len(cells):
+                    raise refusal(
+                        self._path,
+                        f"a table with several columns of ingredients, in which {joined[0][:60]!r} "
+                        f"may be a recipe of its own, with {joiner!r} between ingredients",
+                        "table",
+                        "Write one recipe in each row.",
+                    )
 
     def _following(self, limit: int) -> list[str]:
         number = 0 if self._first is None else self._first[0]
@@ -234,9 +304,18 @@ class Table(RowSource):
             f"a table with {DELIMITERS.get(self._dialect.delimiter, repr(self._dialect.delimiter))}"
         )
         remedy = "Name the columns of ingredients and, last, of the result with `columns`."
+        self._check_title(others)
         if len(first_row) == 2 and any("+" in cell for cell in first_row):
             self._plus_columns(rows)
             return
+        if max(map(len, rows)) == 1:
+            raise refusal(
+                self._path,
+                f"no table, because {named[13:]} give 1 column ({seen}), and no lines a + b = c "
+                "with a sign such as = or ->",
+                "lines",
+                "Another delimiter is named with `delimiter`.",
+            )
         if len(first_row) != 3:
             cells = f"{len(first_row)} column{'s' * (len(first_row) != 1)} ({seen})"
             missing = "none is named as ingredients and result"
@@ -272,6 +351,21 @@ class Table(RowSource):
         self._names = None
         self._width = 3
         self._roles = Roles(tuple(i for i in range(3) if i != result), (result,))
+
+    def _check_title(self, others: Sequence[Sequence[str]]) -> None:
+        """Refuse a table whose header stands below other rows.
+
+        Raises:
+            RecipeFileError: naming the header.
+        """
+        for row in others[:_TITLE_ROWS]:
+            if len(row) > 1 and roles_of_header(row) is not None:
+                raise refusal(
+                    self._path,
+                    f"rows above the row that names the columns ({', '.join(row[:4])[:80]})",
+                    "table",
+                    "Remove what stands above it, such as a title.",
+                )
 
     def _plus_columns(self, rows: Sequence[Sequence[str]]) -> None:
         """Take two columns without known names, of which one has sums of ingredients."""
@@ -322,9 +416,37 @@ class Table(RowSource):
                 "Write each ingredient in a column of its own.",
             )
         self._joiner = fitting[0] if fitting else ""
+        self._check_single(rows)
+        for joiner in () if fitting else _OTHER_JOINERS:
+            joined = [cell for cell in cells if joiner in cell]
+            if joined and len(joined) > _MOSTLY * len(cells):
+                raise refusal(
+                    self._path,
+                    f"one column of ingredients, and {joiner!r} in cells such as "
+                    f"{joined[0][:60]!r} may stand between them or be part of a label",
+                    "table",
+                    "Write + between the ingredients, or each in a column of its own.",
+                )
+
+    def _check_single(self, rows: Sequence[Sequence[str]]) -> None:
+        """Refuse a column of single ingredients if results repeat: rows may be parts of a recipe.
+
+        Raises:
+            RecipeFileError: naming such a result.
+        """
+        results = Counter(_column(rows, self._roles.results[0]))
+        for result, number in () if self._joiner else results.most_common(1):
+            if number > 1:
+                raise refusal(
+                    self._path,
+                    f"one ingredient in each row, and {number:,} rows with the result "
+                    f"{result[:40]!r}: they may be one recipe or several",
+                    "table",
+                    "Write one recipe in each row.",
+                )
 
     def _is_rule(self, cells: Sequence[str]) -> bool:
-        return self._dialect.is_framed and all(_RULE.fullmatch(cell) for cell in cells)
+        return self._dialect.delimiter == "|" and all(_RULE.fullmatch(cell) for cell in cells)
 
     def _name_columns(self) -> None:
         used = [*self._roles.ingredients, *self._roles.results]
@@ -366,7 +488,7 @@ class Table(RowSource):
         try:
             return [known[cells[0]], known[cells[1]], known[cells[2]]]
         except KeyError:
-            if any(map(label_fault, cells)):
+            if any(map(self._label_fault, cells)):
                 return None
             return [known.setdefault(cell, cell) for cell in cells]
 
@@ -384,7 +506,9 @@ class Table(RowSource):
             message = f"{error}; a quoted cell ends in its line, and a quote in it is doubled."
             yield Fault(number, "row", message, "quote")
             return
-        if not cells or (self._dialect.is_framed and self._is_rule(cells)):
+        if self._has_spaces:
+            cells = [cell.strip(" \u00a0") for cell in cells]
+        if not cells or self._is_rule(cells):
             return
         if not any(cells):
             yield LeftOut(number, "blank")
@@ -406,6 +530,10 @@ class Table(RowSource):
         if self._joiner and ingredients:
             parts = [part.strip() for part in ingredients[0].split(self._joiner)]
             ingredients = parts
+            message = alternatives(parts) or self._not_parted(parts)
+            if message:
+                yield Fault(number, "row", message, "alternatives")
+                return
         results = [cells[i] for i in roles.results if cells[i]] or [cells[roles.results[0]]]
         kind = cells[roles.kind] if roles.kind is not None and roles.kind < len(cells) else ""
         labels = [*(ingredients or [""]), *results, *([kind] if kind else [])]
@@ -416,14 +544,41 @@ class Table(RowSource):
         self.counts_dropped += sum(
             1 for i in roles.counts if i < len(cells) and cells[i] not in ("", "1")
         )
+        if self._drops_nothing and NOTHING in ingredients:
+            yield LeftOut(number, "with Nothing as ingredient")
+            return
         self.several_outputs += len(results) > 1
         for result in results:
+            if self._drops_nothing and result == NOTHING:
+                yield LeftOut(number, WITH_NOTHING)
+                continue
             fault = self._note_kind(number, ingredients, result, kind) if kind else None
             yield fault or (number, [*ingredients, result])
+
+    def _not_parted(self, parts: Sequence[str]) -> str | None:
+        """Return why a cell without the table's joiner may hold several ingredients, or None."""
+        joiners = (*_JOINERS, *_OTHER_JOINERS) if len(parts) == 1 else ()
+        joiner = next((each for each in joiners if each in parts[0]), None)
+        if joiner is None:
+            return None
+        return (
+            f"{parts[0][:80]!r} may be one ingredient or several, with {joiner.strip()!r} between "
+            f"them; write {self._joiner} as in other rows."
+        )
 
     def _label_fault(self, label: str) -> str | None:
         if self._may_hold_formula and _FORMULA.match(label):
             return f"{label[:80]!r} is a spreadsheet's formula or its error; save the values."
+        if not self._is_own and is_missing(label):
+            return (
+                f"{label!r} may be a missing value or a label. Leave the cell empty; if it is a "
+                f"label, name the columns {','.join(CSV_HEADER)}."
+            )
+        if not self._is_own and " + " in label and not is_half_product(label):
+            return (
+                f"{label[:80]!r} may be several things or one. Write one recipe in each row; if it "
+                f"is a label, name the columns {','.join(CSV_HEADER)}."
+            )
         return label_fault(label)
 
     def _note_kind(
@@ -458,6 +613,11 @@ def _without_blanks(cells: list[str]) -> list[str]:
     while cells and not cells[-1]:
         cells = cells[:-1]
     return cells
+
+
+def _column(rows: Sequence[Sequence[str]], index: int) -> list[str]:
+    """Return the cells of a column that are not blank."""
+    return [row[index] for row in rows if len(row) > index and row[index]]
 
 
 def _is_own(line: str, delimiter: str) -> bool:

@@ -31,6 +31,11 @@ _ENCODINGS = (
     *("shift_jis", "euc_jp", "gb18030", "big5", "cp949"),
 )
 """Encodings of text files other than Unicode's: Windows, Unix, DOS, Macintosh, East Asia."""
+_NOT_OF_FILES = frozenset(
+    {"punycode", "idna", "unicode_escape", "raw_unicode_escape", "undefined", "mbcs", "oem"}
+    | {"unicode-escape", "raw-unicode-escape"}
+)
+"""Python's encodings of names and source code, not of files."""
 _WORD = re.compile(r"[^\s,;|\t\"=+()\[\]{}:/-]+")
 _PUNCTUATION = frozenset(
     "'\u2019\u2018\u201c\u201d\u2013\u2014\u2026\u20ac\u00b0\u00bd\u00b2\u00b3\u00ab\u00bb._!?&#*"
@@ -65,6 +70,8 @@ def check_encoding(encoding: str | None) -> None:
     try:
         if not isinstance("".encode(encoding), bytes):
             raise LookupError
+        if codecs.lookup(encoding).name in _NOT_OF_FILES:
+            raise LookupError
         b"".decode(encoding)
     except (LookupError, UnicodeError, ValueError, TypeError):
         raise ConfigError(
@@ -87,6 +94,14 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
     """
     mark = next((mark for mark in _MARKS if data.startswith(mark)), b"")
     name = encoding or _MARKS.get(mark) or _guess(path, data)
+    if mark and encoding and not _fits_mark(encoding, _MARKS[mark]):
+        raise refusal(
+            path,
+            f"it begins with the byte order mark of {_MARKS[mark].removesuffix('-sig')}, and "
+            f"`encoding` is {encoding}",
+            "encodings",
+            "Leave `encoding` out.",
+        )
     if name in ("utf-8", "utf8", "utf-8-sig"):
         name = "utf-8-sig"
     try:
@@ -99,9 +114,18 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
             "encodings",
             "Name the file's encoding with `encoding`, or save the file as UTF-8.",
         ) from None
+    # A decoder with a byte order in its name leaves the mark.
+    text = text.removeprefix("\ufeff") if mark and encoding else text
+    if text.startswith("\ufeff"):
+        raise refusal(path, "two byte order marks", "encodings", "Remove them.")
     if not text.strip():
         raise RecipeFileError(f"{path} is empty; a recipe book needs at least one recipe.")
     return Decoded(text, name.removesuffix("-sig"), bool(mark))
+
+
+def _fits_mark(encoding: str, marked: str) -> bool:
+    """Return whether an encoding is of the family that a byte order mark tells."""
+    return codecs.lookup(encoding).name.startswith(marked.removesuffix("-sig"))
 
 
 def _guess(path: Path, data: bytes) -> str:

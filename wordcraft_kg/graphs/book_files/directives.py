@@ -1,0 +1,39 @@
+"""Comments that declare entities, in tables and lines: ``# base: a, b`` and ``# entities: c``."""
+
+import csv
+
+from wordcraft_kg.graphs.book_files.dialects import trimmed
+from wordcraft_kg.graphs.book_files.rows import Fault, RowSource
+from wordcraft_kg.graphs.recipes import label_fault
+
+_LIMIT = 100_000  # characters in a line
+
+
+def is_directive(line: str) -> bool:
+    """Return whether a comment declares base entities, or lists entities."""
+    key, colon, _ = line[1:].partition(":")
+    return bool(line.startswith("#") and colon and key.strip().lower() in ("base", "entities"))
+
+
+def read_directive(source: RowSource, number: int, line: str) -> Fault | None:
+    """Note the entities that a comment declares; return its fault, or None.
+
+    Args:
+        source: the file's reader, which gets the entities.
+        number: the line's number.
+        line: a line with ``#``; other comments are passed over.
+    """
+    if not is_directive(line):
+        return None
+    if len(line) > _LIMIT:
+        message = f"a line of {len(line):,} characters; the limit is {_LIMIT:,}."
+        return Fault(number, "directive", message)
+    key, _, rest = line[1:].partition(":")
+    labels = [cell for row in csv.reader([trimmed(rest.strip(), ",")]) for cell in row]
+    for fault in filter(None, map(label_fault, labels)):
+        return Fault(number, "directive", fault)
+    if key.strip().lower() == "base":
+        source.base = (source.base or {}) | dict.fromkeys(labels, number)
+    else:
+        source.listed |= dict.fromkeys(labels, number)
+    return None

@@ -165,8 +165,8 @@ BAD_TABLES = {
         TABLE + 'a,"b"b,c\n',
         "book.csv, line 2: ',' expected after '\"'",
     ),
-    "XML": ("xml", "<a>\n<b/>\n</a>\n", "a table with commas and 1 column ('<a>')"),
-    "no ending": ("", "a b c\n", "a table with commas and 1 column ('a b c')"),
+    "XML": ("xml", "<a>\n<b/>\n</a>\n", "XML, which is not read"),
+    "no ending": ("", "a b c\n", "no table, because commas give 1 column"),
 }
 
 BAD_JSON = {

@@ -193,7 +193,7 @@ DAMAGED = {
         "truncated": (b'{"format": "wordcraft', "Unterminated string"),
     },
     **{
-        "not UTF-8": (b"\xff\xfe", "0xff"),
+        "not UTF-8": (b"\xff\x80", "0xff"),
         "huge number": (b'{"format": ' + b"1" * 5000 + b"}", "4300 digits"),
     },
 }

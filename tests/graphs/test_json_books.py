@@ -5,7 +5,7 @@ import json
 import pytest
 
 from wordcraft_kg.base.errors import ConfigError, RecipeFileError
-from wordcraft_kg.graphs import read_book
+from wordcraft_kg.graphs import open_book, read_book
 
 MUD = ("earth", "water", "mud")
 STEAM = ("fire", "water", "steam")
@@ -233,8 +233,8 @@ REFUSED = {
         "expected pairs of ingredients",
     ),
     "many partners": (
-        {f"a{i}": [[f"a{i + j}", f"b{(i + j) // 2}"] for j in range(1, 9)] for i in range(12)},
-        "the key may be an ingredient .a0 . a1 = b0.",
+        {f"a{i}": [[f"a{i + j}", f"a{(i + j) // 2}"] for j in range(1, 9)] for i in range(12)},
+        "the key may be an ingredient .a0 . a1 = a0.",
     ),
     "a list for the book": (
         {"mud": ["water", "earth"], "base": ["water", "fire"]},
@@ -302,3 +302,15 @@ def test_other_line_separators_may_stand_in_json_lines(put):
     rows = [{"a": a, "b": b, "result": c, "note": "x\u2028y"} for a, b, c in ROWS]
     text = "\n".join(json.dumps(row, ensure_ascii=False) for row in rows)
     assert {tuple(r) for r in read_book(put(text, "book.jsonl")).recipes} == TWO
+
+
+def test_results_named_like_keys_of_a_wrapper_are_results(put):
+    """The book everyday makes a book, and the recipes of everything else must not vanish."""
+    book = open_book("everyday")
+    pairs, sums = {}, {}
+    for one, other, result in book.recipes:
+        pairs.setdefault(result, []).append([one, other])
+        sums.setdefault(result, []).append(f"{one} + {other}")
+    assert "book" in pairs
+    for content in (pairs, sums):
+        assert {*read_book(put(content)).recipes} == {*book.recipes}

@@ -354,6 +354,9 @@ def _unwrapped(value: Any) -> str | None:
     if not isinstance(value, dict):
         return None
     inner = [key for key, each in value.items() if isinstance(each, (dict, list)) and each]
+    # Among many keys, one such as book is a result like the others.
+    if len(inner) > _MOST_COLUMNS:
+        return None
     named = [key for key in inner if key.lower() in _WRAPPERS]
     # Elements may be listed next to their recipes.
     recipes = [key for key in named if key.lower() not in _ENTITY_LISTS]
@@ -913,7 +916,7 @@ def _refuse_about(path: Path, value: Mapping[str, Any]) -> None:
     """Refuse a key such as base that says something about the book, next to results."""
     for key, each in value.items():
         rows = each if isinstance(each, list) else []
-        is_flat = rows and not any(isinstance(row, list) for row in rows)
+        is_flat = rows and not any(isinstance(row, list) or _is_sum(row) for row in rows)
         if key in _ABOUT and is_flat:
             seen = f"{key!r} may be a result, or a list for the whole book"
             remedy = 'Write {"entities": [...], "base": [...], "recipes": [[a, b, result]]}.'

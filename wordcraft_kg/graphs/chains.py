@@ -14,7 +14,11 @@ HALF = " + …"
 
 
 MOST_INGREDIENTS = 1_000
-"""Most ingredients of a recipe: the labels of a chain grow with the square of their number."""
+"""Most ingredients of a recipe, with repetitions.
+
+The labels of a chain grow with the square of their number, and a larger weight in a hypergraph is
+no count of an ingredient.
+"""
 
 
 def is_half_product(label: str) -> bool:

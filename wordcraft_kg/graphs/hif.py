@@ -19,11 +19,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.graphs.chains import MOST_INGREDIENTS
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.recipes import check_label, shown
 
-MOST_INGREDIENTS = 1_000
-"""Most ingredients of a recipe, with repetitions; a larger weight is no count of an ingredient."""
 _DIRECTIONS = ("tail", "head")
 
 

@@ -31,13 +31,17 @@ from wordcraft_kg.graphs.book_files.json_keys import (
     pair_keys,
     property_keys,
 )
-from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, RowSource
+from wordcraft_kg.graphs.book_files.rows import (
+    INFINITE_CRAFT_BASE,
+    NOTHING,
+    Entry,
+    Fault,
+    LeftOut,
+    RowSource,
+)
 from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
 from wordcraft_kg.graphs.recipes import check_label, label_fault, shown
 
-INFINITE_CRAFT_BASE = ("Earth", "Fire", "Water", "Wind")
-NOTHING = "Nothing"
-"""Infinite Craft's word for a pair without a result."""
 _NAMES = ("text", "name", "item", "id", "label", "title", "tag", "element", "displayName")
 """Keys of an object that stands for an entity, the usual ones first."""
 _TEXTS = ("name", "text", "label", "title")

@@ -44,7 +44,7 @@ Entry = Row | Fault | LeftOut
 NOTHING = "Nothing"
 """Result of pairs that make nothing in Infinite Craft."""
 WITH_NOTHING = "with the result Nothing"
-_OF_INFINITE_CRAFT = ("Water", "Fire", "Wind", "Earth")
+INFINITE_CRAFT_BASE = ("Earth", "Fire", "Water", "Wind")
 _MISSING = frozenset({"NA", "N/A", "n/a", "<NA>", "nan", "NaN", "NULL", "null", "None", "-", "--"})
 _ALTERNATIVE = re.compile(r"[;|]| or | / ", re.IGNORECASE)
 
@@ -56,7 +56,7 @@ def is_missing(cell: str) -> bool:
 
 def is_infinite_craft(text: str) -> bool:
     """Return whether a text holds the base of Infinite Craft, and its Nothing."""
-    words = (NOTHING, *_OF_INFINITE_CRAFT)
+    words = (NOTHING, *INFINITE_CRAFT_BASE)
     return all(word in text for word in words) and all(
         re.search(rf"\b{word}\b", text) for word in words
     )

@@ -194,12 +194,12 @@ class NeighbourKnowledge(PairKnowledge):
     def support_of(  # noqa: D102 - inherited
         self, a: int, b: int, goal: int, model: int
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        from wordcraft_kg.models.scorers.neighbours import loops
+        from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 
         lists = self.lists(model)
         numbers = lists.support[goal]
         terms = np.zeros((len(numbers), 2), dtype=np.float32)
-        loops.support_terms(lists, a, b, goal, terms)
+        support_terms(lists, a, b, goal, terms)
         numbers = numbers[numbers >= 0]
         recipes = np.stack([lists.first, lists.second, lists.result], axis=1)[numbers]
         straight, crossed = torch.from_numpy(terms[: len(numbers)]).unbind(1)
@@ -248,7 +248,7 @@ class NeighbourKnowledge(PairKnowledge):
             width: W; missing entities have the id E.
             near: entities that stand for all others in a further attempt.
         """
-        from wordcraft_kg.models.scorers.neighbours import loops
+        from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
 
         goals = self._ids(goal)
         tables = self._ids(table)
@@ -257,7 +257,7 @@ class NeighbourKnowledge(PairKnowledge):
         for number in np.unique(models).tolist():
             rows = np.flatnonzero(models == number)
             of_rows = found[rows]
-            loops.intermediates(
+            intermediates(
                 self.lists(number), goals[rows], tables[rows], attempts - 2, near, of_rows
             )
             found[rows] = of_rows
@@ -267,12 +267,13 @@ class NeighbourKnowledge(PairKnowledge):
 
 def _features(lists: Lists, goals: Ids, tables: Ids, one: Ids, other: Ids) -> Floats:
     """Return the features of pairs of slots, (B, P, F), by as many threads as torch may use."""
-    from wordcraft_kg.models.scorers.neighbours import loops
+    # Compiled loops are imported late: numba takes as long to import as all the rest.
+    from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
 
     features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
     workers = min(torch.get_num_threads(), len(goals) // _ROWS)
     if workers <= 1:
-        loops.table_features(lists, goals, tables, one, other, features)
+        table_features(lists, goals, tables, one, other, features)
         return features
     # Rows do not depend on each other, and compiled loops run without Python's lock.
     blocks = [
@@ -282,7 +283,7 @@ def _features(lists: Lists, goals: Ids, tables: Ids, one: Ids, other: Ids) -> Fl
     with ThreadPoolExecutor(workers) as pool:
         done = [
             pool.submit(
-                loops.table_features, lists, goals[rows], tables[rows], one, other, features[rows]
+                table_features, lists, goals[rows], tables[rows], one, other, features[rows]
             )
             for rows in blocks
         ]

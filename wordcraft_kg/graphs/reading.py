@@ -24,6 +24,7 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         quote: character around the cells of a table, if it is not the double quote.
         header: whether a table's first row names the columns.
         columns: columns, keys or fields with the ingredients and, last, the results.
+        num_results: number of ``columns`` with results.
         ignored: further columns, which are not read.
         case: "fold" if labels were changed to lower case; empty if they are as in the file.
         rows: recipes in the file; a row with several results counts once for each.
@@ -42,6 +43,7 @@ class Reading(Record, omit_defaults=True, kw_only=True):
     quote: str = ""
     header: bool = True
     columns: tuple[str, ...] = ()
+    num_results: Count = 1
     ignored: tuple[str, ...] = ()
     case: str = ""
     rows: Count = 0
@@ -74,8 +76,9 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         if self.quote:
             yield f"quotes {self.quote}"
         if self.columns:
-            *ingredients, result = self.columns
-            yield f"{' + '.join(ingredients)} = {result}"
+            ingredients = self.columns[: -self.num_results]
+            results = self.columns[-self.num_results :]
+            yield f"{' + '.join(ingredients)} = {', '.join(results)}"
         if not self.header:
             yield "no header"
         if self.ignored:

@@ -4,9 +4,11 @@ import ast
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.graphs.book_files.columns import names_ingredient, names_property
+from wordcraft_kg.graphs.book_files.guide import refusal
 
 _FEW = 3  # objects by which a common key is told from an ingredient
 _LOOKED_AT = 1_000  # objects whose keys are looked at
@@ -81,3 +83,23 @@ def common_sign(values: Sequence[Any]) -> str:
     if not texts or not all(isinstance(text, str) for text in texts):
         return ""
     return next((sign for sign in _SIGNS if all(sign in text[1:-1] for text in texts)), "")
+
+
+def refuse_joined(path: Path, values: Sequence[Any]) -> None:
+    """Refuse texts that all hold a sign such as a comma: they may be labels or pairs.
+
+    Raises:
+        RecipeFileError: with both readings of the first text.
+    """
+    filled = [value for value in values if value]
+    sign = common_sign(filled)
+    if not sign:
+        return
+    text = filled[0][0] if isinstance(filled[0], list) else filled[0]
+    labels = " + ".join(label.strip() for label in text.split(sign))
+    raise refusal(
+        path,
+        f"every ingredient holds {sign!r}: {text[:60]!r} may be one label, or {labels[:60]}",
+        "json",
+        'Write pairs as lists, such as ["water", "earth"].',
+    )

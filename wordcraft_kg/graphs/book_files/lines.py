@@ -15,6 +15,7 @@ from typing import NamedTuple
 from wordcraft_kg.graphs.book_files.directives import is_directive, read_directive
 from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.rows import (
+    FROM_NOTHING,
     NOTHING,
     WITH_NOTHING,
     Entry,
@@ -200,7 +201,7 @@ class SumLines(RowSource):
                 yield Fault(number, "label", message)
             elif self._drops_nothing and NOTHING in (*ingredients, result):
                 is_result = result == NOTHING
-                yield LeftOut(number, WITH_NOTHING if is_result else "with Nothing as ingredient")
+                yield LeftOut(number, WITH_NOTHING if is_result else FROM_NOTHING)
             else:
                 yield number, [*ingredients, result]
 

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.json_shapes import parsed_json
+from wordcraft_kg.graphs.book_files.json_text import parsed_json
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, RowSource
 from wordcraft_kg.graphs.recipes import label_fault, shown
 

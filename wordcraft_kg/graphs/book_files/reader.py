@@ -211,7 +211,7 @@ def _source_of(path: Path, ending: str, text: str, options: BookOptions) -> RowS
 
 
 def _is_json(path: Path, text: str) -> bool:
-    from wordcraft_kg.graphs.book_files.json_shapes import load_json
+    from wordcraft_kg.graphs.book_files.json_text import load_json
 
     try:
         load_json(path, text)
@@ -438,6 +438,7 @@ class BookRows:
             quote=source.quote,
             header=source.header,
             columns=source.columns,
+            num_results=source.num_results,
             ignored=source.ignored,
             case="fold" if self.options.case == "fold" else "",
             rows=self.rows,

@@ -44,6 +44,8 @@ Entry = Row | Fault | LeftOut
 NOTHING = "Nothing"
 """Result of pairs that make nothing in Infinite Craft."""
 WITH_NOTHING = "with the result Nothing"
+FROM_NOTHING = "with Nothing as ingredient"
+"""Reasons for which such rows are left out."""
 INFINITE_CRAFT_BASE = ("Earth", "Fire", "Water", "Wind")
 _MISSING = frozenset({"NA", "N/A", "n/a", "<NA>", "nan", "NaN", "NULL", "null", "None", "-", "--"})
 _ALTERNATIVE = re.compile(r"[;|]| or | / ", re.IGNORECASE)
@@ -88,7 +90,7 @@ class RowSource(ABC):
         base: declared base entities with their places; None without a declaration.
         listed: entities that the file lists outside of recipes, with their places.
         kind_of: kind of reasoning by sorted ingredients and result; filled while iterating.
-        delimiter, quote, columns, ignored, header: see
+        delimiter, quote, columns, num_results, ignored, header: see
             :class:`~wordcraft_kg.graphs.reading.Reading`.
         counts_dropped: ingredients whose number of pieces was dropped; counted while iterating.
         several_outputs: entries with several results; counted while iterating.
@@ -105,6 +107,7 @@ class RowSource(ABC):
         self.quote = ""
         self.header = True
         self.columns: tuple[str, ...] = ()
+        self.num_results = 1
         self.ignored: tuple[str, ...] = ()
         self.counts_dropped = 0
         self.several_outputs = 0

@@ -34,6 +34,7 @@ from wordcraft_kg.graphs.book_files.dialects import (
 from wordcraft_kg.graphs.book_files.directives import is_directive, read_directive
 from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.rows import (
+    FROM_NOTHING,
     NOTHING,
     WITH_NOTHING,
     Entry,
@@ -450,6 +451,7 @@ class Table(RowSource):
 
     def _name_columns(self) -> None:
         used = [*self._roles.ingredients, *self._roles.results]
+        self.num_results = len(self._roles.results)
         if self._names is None:
             self.columns = tuple(f"column {i + 1}" for i in used)
             others = [i for i in range(self._width) if i not in self._roles.used]
@@ -545,7 +547,7 @@ class Table(RowSource):
             1 for i in roles.counts if i < len(cells) and cells[i] not in ("", "1")
         )
         if self._drops_nothing and NOTHING in ingredients:
-            yield LeftOut(number, "with Nothing as ingredient")
+            yield LeftOut(number, FROM_NOTHING)
             return
         self.several_outputs += len(results) > 1
         for result in results:

@@ -2,11 +2,11 @@
 
 Rows such as ``water, earth, mud`` have three readings, one for each place of the result. Many rows
 tell by their pairs, see :func:`~wordcraft_kg.graphs.book_files.columns.result_by_rows`. Few rows
-tell only by what a reading contradicts: a world in which water is made of mud, a pair that makes
-several things, or recipes that nothing leads to.
+tell only by what a reading contradicts, such as a world in which water is made of mud, or a pair
+that makes several things.
 """
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 
 from wordcraft_kg.graphs.book_files.columns import result_by_rows, roles_of_option, words_of
 from wordcraft_kg.graphs.book_files.guide import refusal
@@ -52,8 +52,8 @@ def contradictions(rows: Iterable[Sequence[str]], place: int) -> int:
     """Count what speaks against the result at a place of rows of three labels.
 
     These are rows that make an element, that make one of their ingredients, that make another
-    thing of a pair, or that have a twin with result and ingredient exchanged; and rows that cannot
-    be made from the labels that no row makes and the elements.
+    thing of a pair, or that have a twin with result and ingredient exchanged. Recipes that nothing
+    leads to say little: a part of a book has many.
 
     Args:
         rows: rows of three labels.
@@ -80,22 +80,7 @@ def contradictions(rows: Iterable[Sequence[str]], place: int) -> int:
         for part in parts
         if part != made and made not in parts
     )
-    unreachable = _unreachable(recipes, elements)
-    return made_elements + made_of_itself + len(recipes) - len(pairs) + exchanged + unreachable
-
-
-def _unreachable(recipes: Collection[tuple[frozenset[str], str]], elements: Collection[str]) -> int:
-    """Return the number of recipes that cannot be made from elements and what no recipe makes."""
-    made = {result for _, result in recipes}
-    at_hand = {label for parts, _ in recipes for label in parts if label not in made}
-    at_hand.update(elements)
-    waiting = list(recipes)
-    while True:
-        possible = [recipe for recipe in waiting if recipe[0] <= at_hand]
-        if not possible:
-            return len(waiting)
-        waiting = [recipe for recipe in waiting if not recipe[0] <= at_hand]
-        at_hand.update(result for _, result in possible)
+    return made_elements + made_of_itself + len(recipes) - len(pairs) + exchanged
 
 
 def chosen_place(

@@ -216,10 +216,3 @@ def test_a_pipe_among_recipe_files_is_passed_over(tmp_path):
     recipe = {"ingredients": ["water", "earth"], "result": "mud"}
     (folder / "mud.json").write_text(json.dumps(recipe))
     assert len(read_book(tmp_path).recipes) == 1
-
-
-def test_labels_that_begin_with_numbers_are_named(put):
-    path = put("2 plank + 1 stick = axe\n3 plank + 2 stick = sword\n", "book.txt")
-    says = "4 of 6 labels begin with numbers, such as '1 stick'"
-    assert says in read_book(path).reading.line()
-    assert says in " ".join(f.message for f in check_book(path).findings if f.kind == "numbers")

@@ -99,8 +99,10 @@ def test_a_table_is_read_without_its_marks(put, case):
 
 
 def test_our_own_table_keeps_any_label_and_the_check_names_it(put):
-    path = put(OWN + "None,Nothing,water\u00a0\n")
-    assert set(read_book(path).entities) == {"None", "Nothing", "water\u00a0"}
+    path = put(OWN + '"None","Nothing","water\u00a0"\n')
+    book = read_book(path)
+    assert set(book.entities) == {"None", "Nothing", "water\u00a0"}
+    assert "'None', 'Nothing' kept as entities" in book.reading.line()
     assert {f.kind for f in check_book(path).findings} >= {"missing", "nothing", "space"}
 
 

@@ -20,18 +20,12 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted
+from wordcraft_kg.graphs.book_files.book_rows import BookRows
+from wordcraft_kg.graphs.book_files.cells import HTML_ENTITY, note_of_marks, note_of_numbers
 from wordcraft_kg.graphs.book_files.container import read_bytes
-from wordcraft_kg.graphs.book_files.reader import (
-    HTML_ENTITY,
-    BookOptions,
-    BookRows,
-    OpenedFile,
-    ReadOptions,
-    book_name,
-    note_of_numbers,
-    open_source,
-    unknown_base,
-)
+from wordcraft_kg.graphs.book_files.opening import OpenedFile, open_source
+from wordcraft_kg.graphs.book_files.options import BookOptions, ReadOptions
+from wordcraft_kg.graphs.book_files.reader import book_name, unknown_base
 from wordcraft_kg.graphs.book_files.rows import NOTHING, Fault, Place, is_missing
 from wordcraft_kg.graphs.chains import makes_nothing
 from wordcraft_kg.graphs.planner import layers
@@ -181,6 +175,7 @@ def check_book(
         _note("left-out", f"{number:,} rows {reason}") for reason, number in rows.left_out.items()
     ]
     findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
+    findings += [_note("marks", message) for message in note_of_marks(book.entities)]
     if makes_nothing(book.recipes):
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(_problem("empty", "it has no recipe"))

@@ -32,6 +32,7 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         left_out: number of other rows by reason.
         arities: number of rows by their number of ingredients, as digits.
         counts_dropped: ingredients whose number of pieces is not kept.
+        trimmed: cells with characters at their ends that cannot be seen, which are left out.
         several_outputs: rows of the file with several results.
         notes: further remarks.
     """
@@ -51,6 +52,7 @@ class Reading(Record, omit_defaults=True, kw_only=True):
     left_out: dict[str, Count] = msgspec.field(default_factory=dict)
     arities: dict[str, Count] = msgspec.field(default_factory=dict)
     counts_dropped: Count = 0
+    trimmed: Count = 0
     several_outputs: Count = 0
     notes: tuple[str, ...] = ()
 
@@ -97,6 +99,8 @@ class Reading(Record, omit_defaults=True, kw_only=True):
             yield "labels in lower case"
         if self.counts_dropped:
             yield f"{counted(self.counts_dropped, 'number')} of pieces not kept"
+        if self.trimmed:
+            yield f"{counted(self.trimmed, 'cell')} without blanks that cannot be seen"
         if self.several_outputs:
             yield f"{counted(self.several_outputs, 'row')} with several results"
         if self.arities.keys() - {"2"}:

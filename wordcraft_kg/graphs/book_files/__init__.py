@@ -13,8 +13,8 @@ write a subclass of ``RowSource``, or a function in ``SHAPES`` of ``json_shapes`
 """
 
 from wordcraft_kg.graphs.book_files.columns import KIND as KIND
-from wordcraft_kg.graphs.book_files.reader import BookOptions as BookOptions
-from wordcraft_kg.graphs.book_files.reader import ReadOptions as ReadOptions
+from wordcraft_kg.graphs.book_files.options import BookOptions as BookOptions
+from wordcraft_kg.graphs.book_files.options import ReadOptions as ReadOptions
 from wordcraft_kg.graphs.book_files.reader import book_name as book_name
 from wordcraft_kg.graphs.book_files.reader import read_book as read_book
 from wordcraft_kg.graphs.book_files.tables import CSV_HEADER as CSV_HEADER

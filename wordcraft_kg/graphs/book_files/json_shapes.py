@@ -99,6 +99,7 @@ class JsonRecipes(RowSource):
         self.shape = f"{found.shape} (JSON lines)" if self._is_lines else found.shape
         self.columns = found.columns
         self.num_results = found.num_results
+        self.is_exact = found.known is not None
         self.ignored = found.ignored
         self.counts_dropped = found.counts_dropped
         self._read_listed()
@@ -204,7 +205,7 @@ class JsonRecipes(RowSource):
         label = self._named(value)
         # Our own layouts keep blanks; elsewhere they are slips, as in tables.
         is_ours = self._found.known is not None or not isinstance(label, str)
-        return label if is_ours else label.strip()
+        return label if is_ours else label.strip(" ")
 
     def _named(self, value: Any) -> Any:
         """Return the name of an object, an id or an index; other values as they are."""

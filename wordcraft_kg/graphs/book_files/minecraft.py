@@ -37,6 +37,7 @@ class MinecraftRecipes(RowSource):
         """Take names and bytes of JSON files, in the order of their names."""
         super().__init__()
         self._files = files
+        self.is_exact = True
 
     def __iter__(self) -> Iterator[Entry]:
         """Yield recipes, invalid files, and files of other kinds of recipes."""

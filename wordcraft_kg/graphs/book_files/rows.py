@@ -92,6 +92,9 @@ class RowSource(ABC):
         kind_of: kind of reasoning by sorted ingredients and result; filled while iterating.
         delimiter, quote, columns, num_results, ignored, header: see
             :class:`~wordcraft_kg.graphs.reading.Reading`.
+        is_exact: whether cells are labels as they stand, as in our own shapes.
+        trimmed: cells without the characters at their ends that cannot be seen; counted while
+            iterating.
         counts_dropped: ingredients whose number of pieces was dropped; counted while iterating.
         several_outputs: entries with several results; counted while iterating.
         notes: remarks for the announcement.
@@ -109,6 +112,8 @@ class RowSource(ABC):
         self.columns: tuple[str, ...] = ()
         self.num_results = 1
         self.ignored: tuple[str, ...] = ()
+        self.is_exact = False
+        self.trimmed = 0
         self.counts_dropped = 0
         self.several_outputs = 0
         self.notes: list[str] = []

@@ -9,8 +9,10 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from operator import ne
 from pathlib import Path
 
+from wordcraft_kg.graphs.book_files.cells import UNSEEN, trim_unseen
 from wordcraft_kg.graphs.book_files.columns import (
     KIND,
     Roles,
@@ -124,10 +126,11 @@ class Table(RowSource):
         self._may_hold_formula = any(sign in text for sign in "=#@")
         self._drops_nothing = not self._is_own and is_infinite_craft(text)
         # Our own tables hold any label, so that what is written is read again.
-        self._has_spaces = not self._is_own and "\u00a0" in text
+        self.is_exact = self._is_own
+        self._has_unseen = self._is_own and any(char in text for char in UNSEEN.strip(" "))
         self._is_plain = self._is_plain and self._width == 3 and not self._may_hold_formula
         self._is_plain = self._is_plain and self.delimiter != "|"
-        self._is_plain = self._is_plain and not (self._drops_nothing or self._has_spaces)
+        self._is_plain = self._is_plain and not (self._drops_nothing or self._has_unseen)
         self._name_columns()
 
     # --- the head ---------------------------------------------------------------------------------
@@ -508,8 +511,11 @@ class Table(RowSource):
             message = f"{error}; a quoted cell ends in its line, and a quote in it is doubled."
             yield Fault(number, "row", message, "quote")
             return
-        if self._has_spaces:
-            cells = [cell.strip(" \u00a0") for cell in cells]
+        # A table that we write has quotes around cells that begin or end with blanks.
+        if self._has_unseen and self._dialect.quote not in line:
+            trimmed = list(map(trim_unseen, cells))
+            self.trimmed += sum(map(ne, trimmed, cells))
+            cells = trimmed
         if not cells or self._is_rule(cells):
             return
         if not any(cells):

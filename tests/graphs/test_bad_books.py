@@ -58,7 +58,11 @@ def zip_of_damaged_lzma():
 
 ZEROS = gzip.compress(b"a" * 50_000_000)
 REFUSED = {
-    "total at the end": (table() + "Total,,7\n", "b.csv", "line 9: 'Total' is the only ingredient"),
+    "total at the end": (
+        table() + "Total,,7\n",
+        "b.csv",
+        "line 9: 'Total' alone is rather a total",
+    ),
     "merged cells": (table() + ",earth,pot\n", "b.csv", "line 9: 'earth' is the only"),
     "formula": (table().replace("mud", '"=CONCAT(A2;B2)"').replace("_a", "1"), "b.csv", "formula"),
     "error of a formula": (

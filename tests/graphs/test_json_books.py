@@ -170,7 +170,7 @@ READ = {
         {
             "water": [["earth", "mud"], ["fire", "steam"]],
             "earth": [["fire", "lava"], ["air", "dust"]],
-            "fire": [["air", "smoke"], ["mud", "brick"]],
+            "fire": [["air", "smoke"], ["mud", "brick"], ["dust", "ash"]],
         },
         {
             *TWO,
@@ -178,8 +178,59 @@ READ = {
             ("air", "earth", "dust"),
             ("air", "fire", "smoke"),
             ("fire", "mud", "brick"),
+            ("dust", "fire", "ash"),
         },
     ),
+    "things by tier": (
+        {
+            "tier 1": [{"name": "mud", "recipes": [["water", "earth"]]}],
+            "tier 2": [{"name": "steam", "recipes": [["fire", "water"]]}],
+        },
+        TWO,
+    ),
+    "recipes by tier": (
+        {"tier 1": {"mud": [["water", "earth"]]}, "tier 2": {"steam": [["fire", "water"]]}},
+        TWO,
+    ),
+    "pages of a scraper": (
+        [
+            {"page": i, "items": [{"a": r[0], "b": r[1], "result": r[2]}]}
+            for i, r in enumerate(ROWS)
+        ],
+        TWO,
+    ),
+    "recipes under an unknown key": (
+        {"reactions": [{"reagents": row[:2], "products": [row[2]]} for row in ROWS]},
+        TWO,
+    ),
+    "sums under an unknown key": ({"cache": {"water;earth": {"result": "mud"}}}, {MUD}),
+    "names by id": (
+        {"elements": {"1": "water", "2": "earth", "3": "mud"}, "recipes": {"3": [["1", "2"]]}},
+        {MUD},
+    ),
+    "names by index": (
+        {"items": ["water", "earth", "mud"], "recipes": {"2": [["0", "1"]]}},
+        {MUD},
+    ),
+    "names next to sums of ids": (
+        {"names": {"1": "water", "2": "earth", "3": "mud"}, "combos": {"1+2": 3}},
+        {MUD},
+    ),
+    "Nothing of a bot": (
+        {
+            "Water;Earth": {"result": "Mud"},
+            "Fire;Wind": {"result": "Nothing"},
+        },
+        {("Earth", "Water", "Mud")},
+    ),
+    "numbers of pieces in and out": (
+        [
+            {"id": "m", "in": {"water": 1, "earth": 2}, "out": {"mud": 1}},
+            {"id": "s", "in": {"fire": 1, "water": 1}, "out": {"steam": 3}},
+        ],
+        TWO,
+    ),
+    "keys without meaning": ([dict(zip("xyz", row, strict=True)) for row in ROWS], TWO),
     "a pair with an element as the key's ingredient": ({"mud": [["water", "earth"]]}, {MUD}),
     "common partners": (
         {"water": {"earth": "mud", "fire": "steam"}, "mud": {"fire": "brick"}},
@@ -254,6 +305,10 @@ REFUSED = {
     "partners that are like pairs": (
         {"lamp": [["oil", "wick"]]},
         "may be oil . wick = lamp .*first,second,key.* or lamp . oil = wick .*key,first,second",
+    ),
+    "keys without meaning": (
+        [{"a": "oil", "b": "wick", "c": "lamp"}],
+        "may be oil . wick = lamp .*a,b,c.* or wick . lamp = oil .*b,c,a",
     ),
     "a single pair of an element": ({"water": [["earth", "mud"]]}, "may be earth . mud = water"),
     "combinations that are like pairs": (

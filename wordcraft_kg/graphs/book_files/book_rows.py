@@ -1,15 +1,18 @@
 """The recipes of a file's rows: two ingredients each, chains for more, and counts for the line."""
 
+import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from itertools import islice
 
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.cells import (
     JUDGED_ENTRIES,
     Cells,
     count_in,
     notes_about,
     trim_unseen,
+    without_markup,
 )
 from wordcraft_kg.graphs.book_files.guide import GUIDE
 from wordcraft_kg.graphs.book_files.opening import OpenedFile
@@ -19,6 +22,8 @@ from wordcraft_kg.graphs.chains import HALF, MOST_INGREDIENTS, chain, is_half_pr
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import Recipe, label_fault
 
+_TOTAL = re.compile(r"(?:grand )?totals?|sum|count|summe|gesamt|anzahl|total[ie]?", re.IGNORECASE)
+"""A row of totals at the end of a table, which is no recipe of one ingredient."""
 _SELF_RESULT = "with an ingredient as the result"
 _SELF = "self"  # the `single_ingredient` that combines a single ingredient with itself
 
@@ -61,7 +66,7 @@ class BookRows:
         """Return the label of an entity that is declared or listed, which counts for nothing."""
         label = cell
         if self._cells is not None:
-            label = trim_unseen(cell)
+            label = without_markup(trim_unseen(cell))
             found = count_in(label) if self._cells.example else None
             label = label if found is None else found[0]
         return self._folded(label)
@@ -197,6 +202,11 @@ class BookRows:
             )
             return Fault(place, "row", message, f"{len(ingredients)} ingredients")
         distinct = list(dict.fromkeys(ingredients))
+        if len(distinct) == 1 and _TOTAL.fullmatch(distinct[0]):
+            message = (
+                f"{where}'{distinct[0]}' alone is rather a total than an ingredient; remove it."
+            )
+            return Fault(place, "row", message, "total")
         self._counts_dropped += len(ingredients) - len(distinct)
         if len(distinct) > 1:
             return self._chained(place, distinct, result)
@@ -257,6 +267,9 @@ class BookRows:
         if self._cells is not None:
             trimmed += self._cells.trimmed
             counts_dropped += self._cells.numbers
+            if self._cells.unwrapped:
+                number = counted(self._cells.unwrapped, "cell")
+                notes.insert(0, f"{number} without quotes or markup")
             if self._cells.example:
                 notes.insert(0, f"numbers read as pieces, such as '{self._cells.example[:60]}'")
         return Reading(

@@ -39,6 +39,12 @@ _MARK = re.compile(
 _WEAK_MARK = re.compile(r"(?<=\w)\s*(?:[!?]+|\((?:new|new!|first|wip)\))$", re.IGNORECASE)
 """Marks that are also usual parts of labels, unless the label without them exists, too."""
 HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
+_MARKUP = (
+    re.compile(r"“([^“”]+)”|«\s?([^«»]+?)\s?»|„([^„“”]+)[“”]"),
+    re.compile(r"\*\*([^*]+)\*\*|__([^_]+)__|`([^`]+)`"),
+    re.compile(r"\[\[([^\[\]|]+)\]\]|\[([^\[\]]+)\]\([^()\s]*\)"),
+)
+"""Quotes, and markup of wikis and Markdown such as links, around a whole cell."""
 _CLEAR = 0.2  # share of the cells with numbers by which these are numbers of pieces
 _MOST_MERGERS = 0.1  # share of the rows with numbers that may make what they are made of
 JUDGED_ENTRIES = 100_000
@@ -50,6 +56,7 @@ class Cells:
 
     Attributes:
         trimmed: cells with characters at their ends that cannot be seen.
+        unwrapped: cells with quotes or markup around them.
         numbers: numbers of pieces other than one that were left out.
         example: a cell with a number of pieces; empty if none is left out.
     """
@@ -57,6 +64,7 @@ class Cells:
     def __init__(self, entries: Iterable[Entry]):
         """Judge cells by a file's first entries."""
         self.trimmed = 0
+        self.unwrapped = 0
         self.numbers = 0
         # Most labels are met again: a look-up is faster than a check.
         self._clean: set[str] = set()
@@ -72,8 +80,10 @@ class Cells:
 
     def counted_label(self, cell: str) -> tuple[str, int]:
         """Return the label in a cell, and its number of pieces."""
-        seen = trim_unseen(cell)
-        self.trimmed += seen != cell
+        trimmed = trim_unseen(cell)
+        self.trimmed += trimmed != cell
+        seen = without_markup(trimmed)
+        self.unwrapped += seen != trimmed
         found = count_in(seen) if self.example else None
         if found is None:
             if seen == cell:
@@ -92,6 +102,21 @@ def trim_unseen(cell: str) -> str:
     if cell.isascii():
         return cell.strip(" ")
     return cell.strip(UNSEEN)
+
+
+def without_markup(cell: str) -> str:
+    """Return a cell without quotes and markup around all of it.
+
+    Example:
+        >>> [without_markup(cell) for cell in ("**[mud](/wiki/mud)**", "“mud”", "a **b**")]
+        ['mud', 'mud', 'a **b**']
+    """
+    # Markup may be nested, such as a bold link: each kind once from outside, and once more.
+    for pattern in (*_MARKUP, *_MARKUP):
+        found = pattern.fullmatch(cell)
+        if found:
+            cell = next(filter(None, found.groups())).strip()
+    return cell
 
 
 def count_in(cell: str) -> tuple[str, int] | None:
@@ -118,7 +143,7 @@ def _first_count(entries: Iterable[Entry]) -> str:
     them, rows would make what they are made of.
     """
     rows = [entry[1] for entry in entries if type(entry) is tuple]
-    times = Counter(trim_unseen(cell) for cell in chain.from_iterable(rows))
+    times = Counter(without_markup(trim_unseen(cell)) for cell in chain.from_iterable(rows))
     bare = {cell: found[0] for cell, found in ((cell, count_in(cell)) for cell in times) if found}
     if sum(times[cell] for cell in bare) < max(_CLEAR * sum(times.values()), 1):
         return ""

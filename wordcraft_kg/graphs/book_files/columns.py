@@ -35,13 +35,15 @@ Alchemy 2, 60,000 rows of Infinite Craft); on samples of 20 rows all three have 
 _RESULT = words_of(
     "result results product products output outputs out outcome makes make creates create "
     "created yields yield child target gives becomes crafted ergebnis resultado resultat "
-    "résultat risultato"
+    "résultat risultato res wynik resultaat sonuç resultatet produit produkt producto prodotto "
+    "produto результат 结果 結果 결과"
 )
 _INGREDIENT = words_of(
     "ingredient ingredients react reactant reactants reagent reagents input inputs component "
     "components parent parents material materials left right first second third fourth "
     "operand combine combines combination combinations zutat zutaten ingrediente ingredientes "
-    "ingrédient ingrédients requires"
+    "ingrédient ingrédients requires ing składnik składniki ingrediënt ingrediënten malzeme "
+    "eingabe entrée entrada ингредиент ингредиенты компонент 材料 素材 재료"
 )
 _SUMS = words_of("recipe recipes")
 """A column of sums, unless others are ingredients: then it names the recipe."""

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from wordcraft_kg.graphs.book_files.rows import Fault, LeftOut
@@ -69,12 +70,14 @@ class JsonPart(NamedTuple):
         value: the parsed value.
         where: keys that lead to the value, with points between them; empty for the whole file.
         columns: the option `columns`; None to guess.
+        names: names of things by id, where they stand beside the value.
     """
 
     path: Path
     value: Any
     where: str = ""
     columns: Sequence[str] | None = None
+    names: Mapping[Any, str] = MappingProxyType({})
 
 
 ShapeOf = Callable[[JsonPart], FoundShape | None]

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +10,36 @@ from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.json_found import FoundShape, RawRecipe
 from wordcraft_kg.graphs.book_files.json_values import ENTITY_LISTS, TEXT_KEYS, is_name
 
+_NAME_LISTS = ENTITY_LISTS | frozenset({"names", "labels", "words"})
+"""Keys of things, or of their names, next to recipes."""
+
 
 def names_beside(path: Path, value: Mapping[str, Any], inner: str) -> dict[Any, str]:
-    """Return the names by id of elements that are listed next to the recipes."""
-    lists = [each for key, each in value.items() if key != inner and key.lower() in ENTITY_LISTS]
-    objects = [each for each in lists if isinstance(each, list)]
-    rows = [row for row in chain.from_iterable(objects) if isinstance(row, dict)]
-    return names_of_ids(path, ((row.get("id"), row) for row in rows))
+    """Return the names by id of elements that stand next to the recipes.
+
+    Elements are objects with ids, names by id, or names whose index is the id.
+
+    Args:
+        path: the file, for errors.
+        value: the object around elements and recipes.
+        inner: the key of the recipes.
+    """
+    ids: list[tuple[Any, Mapping[str, Any]]] = []
+    for key, each in value.items():
+        if key == inner or key.lower() not in _NAME_LISTS:
+            continue
+        if isinstance(each, dict):
+            ids += [(i, _as_row(name)) for i, name in each.items()]
+        elif isinstance(each, list) and all(isinstance(name, str) for name in each):
+            # As a text, because keys of JSON are texts.
+            ids += [(str(i), {"name": name}) for i, name in enumerate(each)]
+        elif isinstance(each, list):
+            ids += [(row.get("id"), row) for row in each if isinstance(row, dict)]
+    return names_of_ids(path, ids)
+
+
+def _as_row(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {"name": value}
 
 
 def names_of_ids(path: Path, rows: Iterable[tuple[Any, Mapping[str, Any]]]) -> dict[Any, str]:

@@ -11,6 +11,9 @@ from wordcraft_kg.graphs.book_files.json_found import FoundShape, JsonPart, RawR
 from wordcraft_kg.graphs.book_files.json_keys import listed_parts, property_keys, refuse_joined
 from wordcraft_kg.graphs.book_files.json_values import (
     LOOKED_AT,
+    RECIPE_KEYS,
+    RESULT_KEYS,
+    TEXT_KEYS,
     WRAPPERS,
     is_name,
     is_sum,
@@ -55,6 +58,8 @@ def recipes_by_result(part: JsonPart) -> FoundShape | None:
     filled = [each for each in values if each]
     if any(isinstance(each, str) and not is_sum(each) for each in filled):
         return None
+    if any(map(_holds_things, filled)):
+        return None
     _refuse_about(part.path, value)
     _refuse_columns(part.path, value)
     refuse_joined(part.path, filled)
@@ -67,6 +72,16 @@ def recipes_by_result(part: JsonPart) -> FoundShape | None:
         return FoundShape("recipes by result", raws, listed, columns=columns)
     shape = "partners and results by ingredient"
     return FoundShape(shape, with_result_at(raws, place), listed, columns=columns)
+
+
+def _holds_things(value: Any) -> bool:
+    """Return whether a value lists things with recipes of their own, such as those of a tier."""
+    if not isinstance(value, list):
+        return False
+    things = [each for each in value if isinstance(each, dict)]
+    keys = {plain_key(key) for thing in islice(things, LOOKED_AT) for key in thing}
+    has_name = not keys.isdisjoint(TEXT_KEYS)
+    return bool(keys & RESULT_KEYS) or (has_name and bool(keys & RECIPE_KEYS))
 
 
 def _refuse_about(path: Path, value: Mapping[str, Any]) -> None:
@@ -187,6 +202,8 @@ def results_by_two_keys(part: JsonPart) -> FoundShape | None:
         return None
     if not all(each is None or isinstance(each, dict) for each in value.values()):
         return None
+    if _is_wrapper_of_sums(value):
+        return None
     partners, around, ignored = without_wrapper({key: each or {} for key, each in value.items()})
     results = [made_by(each) for inner in partners.values() for each in inner.values()]
     # Objects with values of other kinds are another shape, unless they hold properties.
@@ -207,6 +224,17 @@ def results_by_two_keys(part: JsonPart) -> FoundShape | None:
     columns = places_in_order(_NESTED_PLACES, place) if place != 2 or part.columns else ()
     raws = _of_two_keys(partners, part.where, place)
     return FoundShape("results by two keys", raws, columns=columns, ignored=ignored)
+
+
+def _is_wrapper_of_sums(value: Mapping[str, Any]) -> bool:
+    """Return whether a single key stands around sums: ``{"cache": {"water+earth": "mud"}}``."""
+    if len(value) > 1:
+        return False
+    inner = next(iter(value.values())) or {}
+    if not inner:
+        return False
+    has_sums = any(all(_has_two(key, joiner) for key in inner) for joiner in _KEY_JOINERS)
+    return has_sums or all(map(is_sum, inner.values()))
 
 
 def without_wrapper(

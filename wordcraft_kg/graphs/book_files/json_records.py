@@ -4,7 +4,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, islice
 from typing import Any, NamedTuple
 
-from wordcraft_kg.graphs.book_files.columns import roles_of_header, roles_of_option
+from wordcraft_kg.graphs.book_files.columns import (
+    Roles,
+    names_ingredient,
+    roles_of_header,
+    roles_of_option,
+)
 from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.json_found import FoundShape, JsonPart, RawRecipe
 from wordcraft_kg.graphs.book_files.json_ids import names_of_ids, with_names
@@ -23,6 +28,7 @@ from wordcraft_kg.graphs.book_files.json_values import (
     RECIPE_KEYS,
     RESULT_KEYS,
     TEXT_KEYS,
+    is_entity,
     is_name,
     is_sum,
     made_by,
@@ -196,7 +202,7 @@ def _rows_of_cells(records: Records) -> FoundShape | None:
     """Records with keys like the columns of a table."""
     keys, columns = records.keys, records.part.columns
     if columns is None:
-        roles = roles_of_header(keys)
+        roles = roles_of_header(keys) or _told_roles(records)
     else:
         roles = roles_of_option(columns, keys, len(keys))
     if roles is None:
@@ -230,11 +236,32 @@ def _rows_of_cells(records: Records) -> FoundShape | None:
     )
 
 
+def _told_roles(records: Records) -> Roles | None:
+    """Return the roles of three keys such as a, b and c, if the labels tell which is the result."""
+    keys = records.keys
+    cells: list[list[Any]] = [
+        [row.get(key) for key in keys] for row in islice(records.rows, LOOKED_AT)
+    ]
+    if not all(isinstance(cell, str) and cell for cell in chain.from_iterable(cells)):
+        return None
+    if len(keys) != len(PAIR_PLACES) or not all(map(names_ingredient, keys)):
+        return None
+    result = chosen_place(records.part, cells, keys, likely=2)
+    return Roles(tuple(place for place in range(3) if place != result), (result,))
+
+
 def _flat(values: Iterator[Any]) -> list[Any]:
     """Return values with those in lists one by one."""
     flat: list[Any] = []
     for value in values:
-        flat += value if isinstance(value, list) else [value]
+        if isinstance(value, list):
+            flat += value
+        elif isinstance(value, dict) and not is_entity(value):
+            # Numbers by label, such as {"iron-plate": 1}; another object is no ingredient.
+            held = pairs_of(value)
+            flat += held[0] if len(held) == 1 else [value]
+        else:
+            flat.append(value)
     return flat
 
 

@@ -6,6 +6,8 @@ shape yields raw recipes; :class:`JsonRecipes` checks their labels. The shapes a
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -50,9 +52,11 @@ from wordcraft_kg.graphs.book_files.rows import (
     Fault,
     LeftOut,
     RowSource,
+    is_infinite_craft,
 )
 from wordcraft_kg.graphs.recipes import check_label, label_fault, shown
 
+_MOST_GROUPS = 1_000  # parts of one shape, such as tiers or pages
 _MAX_DEPTH = 3  # objects around the recipes
 
 
@@ -79,6 +83,14 @@ SHAPES: tuple[ShapeOf, ...] = (
     recipes_by_result,
 )
 """Other readable shapes, in the order in which they are tried, also below a key such as data."""
+_GROUPED: tuple[ShapeOf, ...] = (
+    list_of_records,
+    results_by_sum,
+    results_by_two_keys,
+    recipes_by_result,
+)
+"""Shapes of a part of a book, such as a tier."""
+_FEWEST_GROUPS = 1  # a list of pages may have one
 
 
 class JsonRecipes(RowSource):
@@ -96,6 +108,8 @@ class JsonRecipes(RowSource):
         content, self._is_lines = load_json(path, text)
         found = _shape_of(path, content, columns)
         self._found = found
+        if found.known is None and is_infinite_craft(text):
+            found.nothing = True
         self.shape = f"{found.shape} (JSON lines)" if self._is_lines else found.shape
         self.columns = found.columns
         self.num_results = found.num_results
@@ -234,11 +248,61 @@ def _shape_of(path: Path, content: Any, columns: Sequence[str] | None) -> FoundS
             if found is not None:
                 return with_names(path, _with_columns(part, found), names)
         if inner is None:
+            groups = _groups(part)
+            if groups is not None:
+                return with_names(path, _with_columns(part, groups), names)
             break
         names = names or names_beside(path, part.value, inner)
+        part = part._replace(names=names)
         where = f"{part.where}.{inner}".lstrip(".")
         part = part._replace(value=part.value[inner], where=where)
     raise refusal(path, f"{described(content)}; recipes in a known shape are missing", "json")
+
+
+def _groups(part: JsonPart) -> FoundShape | None:
+    """Parts of one shape, by a key such as a tier, or in a list such as that of pages."""
+    parts = _parts(part)
+    if len(parts) < _FEWEST_GROUPS or len(parts) > _MOST_GROUPS:
+        return None
+    found: list[FoundShape] = []
+    for each in parts:
+        shape = next(filter(None, (shape(each) for shape in _GROUPED)), None)
+        if shape is None or shape.names:
+            return None
+        found.append(shape)
+    first, *others = found
+    if any((each.shape, each.columns) != (first.shape, first.columns) for each in others):
+        return None
+    return replace(
+        first,
+        shape=f"{first.shape} in {len(found):,} groups",
+        raws=chain.from_iterable(each.raws for each in found),
+        listed=[value for each in found for value in each.listed],
+        ignored=tuple(dict.fromkeys(key for each in found for key in each.ignored)),
+    )
+
+
+def _parts(part: JsonPart) -> list[JsonPart]:
+    """Return the groups in a value: lists or objects by key, or the only ones in a list's rows."""
+    value = part.value
+    if isinstance(value, dict):
+        return [
+            part._replace(value=each, where=f"{part.where}['{key}']")
+            for key, each in value.items()
+            if each
+        ]
+    parts = []
+    for index, row in enumerate(value if isinstance(value, list) else ()):
+        inner = (
+            [key for key, each in row.items() if isinstance(each, (dict, list)) and each]
+            if isinstance(row, dict)
+            else []
+        )
+        if len(inner) != 1:
+            return []
+        (key,) = inner
+        parts.append(part._replace(value=row[key], where=f"{part.where}[{index}].{key}"))
+    return parts
 
 
 def _with_columns(part: JsonPart, found: FoundShape) -> FoundShape:

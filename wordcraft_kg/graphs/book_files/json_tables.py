@@ -93,7 +93,7 @@ def _roles_of_lists(part: JsonPart, rows: Sequence[Sequence[str]]) -> tuple[Role
         return roles_of_option(part.columns, names, width), int(has_header)
     if header is not None:
         return header, 1
-    full = [row for row in rows if len(row) == 3]
+    full = [[part.names.get(cell, cell) for cell in row] for row in rows if len(row) == 3]
     result = result_place(full) if width == 3 and full else None
     if result is None:
         seen = f"a list of lists of {width} labels, and nothing tells which is the result"

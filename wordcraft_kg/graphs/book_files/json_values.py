@@ -119,6 +119,8 @@ def _pairs_of_object(value: Mapping[str, Any]) -> list[Sequence[Any]]:
         return [[value]]
     if value and all(isinstance(each, (int, float)) for each in value.values()):
         return [[{"name": key, "count": number} for key, number in value.items()]]
+    if any(isinstance(value.get(key), str) for key in TEXT_KEYS):
+        return []  # a thing with its own recipes
     recipes = [pairs_of(each) for key, each in value.items() if plain_key(key) in RECIPE_KEYS]
     return list(chain.from_iterable(recipes))
 

@@ -8,7 +8,12 @@ that makes several things.
 
 from collections.abc import Iterable, Sequence
 
-from wordcraft_kg.graphs.book_files.columns import result_by_rows, roles_of_option, words_of
+from wordcraft_kg.graphs.book_files.columns import (
+    are_reused,
+    result_by_rows,
+    roles_of_option,
+    words_of,
+)
 from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.json_found import JsonPart
 
@@ -44,8 +49,13 @@ def result_place(rows: Sequence[Sequence[str]], likely: int | None = None) -> in
 def _least_contradicted(rows: Sequence[Sequence[str]], likely: int | None) -> int | None:
     counts = [(contradictions(rows, place), place) for place in range(3)]
     (fewest, place), (second, _), _ = sorted(counts)
-    enough = _CLEAR * fewest + (0 if place == likely else _UNLIKELY)
-    return place if second > enough else None
+    if place == likely:
+        return place if second > _CLEAR * fewest else None
+    # A column of machines makes few contradictions, but machines are no ingredients.
+    results = {row[place] for row in rows}
+    ingredients = {label for row in rows for i, label in enumerate(row) if i != place}
+    is_clear = second > _CLEAR * fewest + _UNLIKELY
+    return place if is_clear and are_reused(results, ingredients) else None
 
 
 def contradictions(rows: Iterable[Sequence[str]], place: int) -> int:
@@ -110,6 +120,8 @@ def chosen_place(
         return result
     if not rows:
         return likely
+    # Ids say nothing; the names of the same things do.
+    rows = [[part.names.get(label, label) for label in row] for row in rows]
     told = result_place(rows, likely)
     if told == likely or (told is None and not must_tell):
         return likely

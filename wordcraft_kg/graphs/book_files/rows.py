@@ -48,7 +48,7 @@ FROM_NOTHING = "with Nothing as ingredient"
 """Reasons for which such rows are left out."""
 INFINITE_CRAFT_BASE = ("Earth", "Fire", "Water", "Wind")
 _MISSING = frozenset({"NA", "N/A", "n/a", "<NA>", "nan", "NaN", "NULL", "null", "None", "-", "--"})
-_ALTERNATIVE = re.compile(r"[;|]| or | / ", re.IGNORECASE)
+_ALTERNATIVE = re.compile(r"[;|]| or | / |<br\s*/?>", re.IGNORECASE)
 
 
 def is_missing(cell: str) -> bool:

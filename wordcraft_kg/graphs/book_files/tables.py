@@ -20,7 +20,6 @@ from wordcraft_kg.graphs.book_files.columns import (
     names_a_result,
     readings,
     repeated_cells,
-    result_by_rows,
     roles_of_header,
     roles_of_option,
 )
@@ -35,6 +34,7 @@ from wordcraft_kg.graphs.book_files.dialects import (
 )
 from wordcraft_kg.graphs.book_files.directives import is_directive, read_directive
 from wordcraft_kg.graphs.book_files.guide import refusal
+from wordcraft_kg.graphs.book_files.places import result_place
 from wordcraft_kg.graphs.book_files.rows import (
     FROM_NOTHING,
     NOTHING,
@@ -62,12 +62,13 @@ _FORMULA = re.compile(
     r"[=@]\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
 )
 # The line below the header of a table in Markdown or Org; one sign alone may be a cell.
-_RULE = re.compile(r":?[-=+]{2,}:?")
+_RULE = re.compile(r"[-=+]{2,}|:[-=+]+:?|[-=+]+:")
 _NUMBER = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
 _JOINERS = ("+", ";", "&", ",")  # between ingredients in one cell
 _OTHER_JOINERS = ("/", "|", " and ", " or ", " with ", " x ", " et ", " und ")
 """Between ingredients in one cell, too, but also in labels: not parted."""
 _TITLE_ROWS = 5  # rows below the first in which a header is looked for
+_MOST_WITHOUT_GRID = 3  # columns of ingredients; more may be the slots of a crafting grid
 _MOSTLY = 0.5  # share of a column's cells
 
 
@@ -139,7 +140,7 @@ class Table(RowSource):
         """Read comments up to the first row; return the delimiter that Excel's first line names."""
         named = None
         for number, line in self._lines:
-            if line.startswith("#"):
+            if line.startswith(("#", "//")):
                 if not is_directive(line):
                     self._comments.append((number, line))
                 fault = read_directive(self, number, line)
@@ -344,7 +345,7 @@ class Table(RowSource):
                 "table",
                 "Choose with `columns`: names take the row as header, numbers as recipe.",
             )
-        result = result_by_rows(full)
+        result = result_place(full) if full else None
         if result is None:
             raise refusal(
                 self._path,
@@ -535,6 +536,10 @@ class Table(RowSource):
             yield Fault(number, "row", self._wrong_width(cells, limit), f"width {len(cells)}")
             return
         ingredients = [cells[i] for i in roles.ingredients if cells[i]]
+        message = self._merged(cells)
+        if message:
+            yield Fault(number, "row", message, "merged")
+            return
         if self._joiner and ingredients:
             parts = [part.strip() for part in ingredients[0].split(self._joiner)]
             ingredients = parts
@@ -562,6 +567,22 @@ class Table(RowSource):
                 continue
             fault = self._note_kind(number, ingredients, result, kind) if kind else None
             yield fault or (number, [*ingredients, result])
+
+    def _merged(self, cells: Sequence[str]) -> str | None:
+        """Return why a row's first ingredient may stand in the row above, or None.
+
+        Spreadsheets leave blank all cells but the first of those that they merged. In a grid of
+        many slots blanks are usual, and our own tables have single ingredients in either column.
+        """
+        first, *others = self._roles.ingredients
+        is_grid = len(others) + 1 > _MOST_WITHOUT_GRID
+        if self._is_own or is_grid or cells[first] or not any(cells[i] for i in others):
+            return None
+        row = self._dialect.delimiter.join(cells)
+        return (
+            f"'{row[:80]}' has a blank cell before an ingredient, as where cells were merged; fill "
+            "it, or write a single ingredient first."
+        )
 
     def _not_parted(self, parts: Sequence[str]) -> str | None:
         """Return why a cell without the table's joiner may hold several ingredients, or None."""

@@ -86,7 +86,7 @@ def test_a_mark_in_a_single_cell_is_named(put, mark):
     assert any(says in f.message for f in check_book(path).findings if f.kind == "marks")
 
 
-@pytest.mark.parametrize("label", ["Yahoo!", "C+", "mud (wet)", "+1", "*"])
+@pytest.mark.parametrize("label", ["Yahoo!", "C+", "mud (wet)", "+1", "*", "3.14"])
 def test_signs_that_belong_to_labels_are_no_marks(put, label):
     line = read_book(put(OWN + f"water,earth,{label}\n")).reading.line()
     assert "mark" not in line

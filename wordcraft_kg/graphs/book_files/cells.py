@@ -33,7 +33,7 @@ _COUNTS = tuple(
     )
 )
 _MARK = re.compile(
-    r"^(?:[*†‡✓✔☆★⭐✅]+\ufe0f?|\d+[.)])\s*(?=\S)|(?<=\S)\s*(?:[*†‡✓✔☆★⭐🆕✅]+\ufe0f?|\[\d+\])$"
+    r"^(?:[*†‡✓✔☆★⭐✅]+\ufe0f?)\s*(?=\S)|^\d+[.)]\s*(?=[^\W\d])|(?<=\S)\s*(?:[*†‡✓✔☆★⭐🆕✅]+\ufe0f?|\[\d+\])$"
 )
 """What lists put before or behind a label: stars, ticks, numbers of footnotes."""
 _WEAK_MARK = re.compile(r"(?<=\w)\s*(?:[!?]+|\((?:new|new!|first|wip)\))$", re.IGNORECASE)

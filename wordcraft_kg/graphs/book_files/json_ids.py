@@ -54,8 +54,11 @@ def names_of_ids(path: Path, rows: Iterable[tuple[Any, Mapping[str, Any]]]) -> d
         if name is None or isinstance(identifier, bool) or not isinstance(identifier, (int, str)):
             continue
         text = str(identifier)
-        is_digits = isinstance(identifier, str) and _is_digits(text)
-        for key in (text, int(text)) if is_digits else (identifier,):
+        keys: list[int | str] = [identifier]
+        if isinstance(identifier, str) and _is_digits(text):
+            # Keys of JSON are texts, even where recipes name the same elements by numbers.
+            keys.append(int(text))
+        for key in keys:
             if names.setdefault(key, name) != name:
                 both = f"{names[key][:60]!r} and {name[:60]!r}"
                 raise RecipeFileError(f"{path}: the id {text[:60]} belongs to {both}.")
@@ -70,26 +73,34 @@ def _is_digits(text: str) -> bool:
 def with_names(path: Path, found: FoundShape, names: Mapping[Any, str]) -> FoundShape:
     """Return a shape with names for ids if recipes name entities by id.
 
+    Args:
+        path: the file, for errors.
+        found: the shape.
+        names: names by id; empty without any.
+
     Raises:
         RecipeFileError: if only some of the values are ids.
     """
     if not names or found.names:
         return found
     raws = list(found.raws)
-    rows = [raw for raw in raws if isinstance(raw, RawRecipe)]
-    used = {part for raw in rows for part in raw.ingredients if is_name(part)}
-    results = {raw.result for raw in rows if is_name(raw.result)}
-    labels = set(names.values())
-    strange = [part for part in used | results if part not in labels]
-    unknown = [part for part in strange if part not in names]
     found = replace(found, raws=raws)
-    if not strange or not any(part in names for part in strange):
+    used: set[Any] = set()
+    results: set[Any] = set()
+    for raw in raws:
+        if isinstance(raw, RawRecipe):
+            used.update(filter(is_name, raw.ingredients))
+            results.update(filter(is_name, [raw.result]))
+    strange = (used | results).difference(names.values())
+    ids = strange.intersection(names)
+    if not ids:
         return found
-    # A result may be the name of the object around it.
-    if unknown and any(part in used for part in unknown):
-        missing = min(map(str, unknown))[:60]
+    # A result that is no id may be the name of the object around it; an ingredient may not.
+    unknown = (strange - ids) & used
+    if unknown:
+        missing = min(map(str, strange - ids))[:60]
         raise refusal(path, f"recipes name elements by id, but none has the id {missing!r}", "json")
-    if all(isinstance(part, int) for part in strange if part in names):
+    if all(isinstance(each, int) for each in ids):
         # A label of digits, such as '7', is no id where ids are numbers.
         names = {key: name for key, name in names.items() if isinstance(key, int)}
     return replace(found, names=names)

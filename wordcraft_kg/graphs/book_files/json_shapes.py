@@ -293,11 +293,7 @@ def _parts(part: JsonPart) -> list[JsonPart]:
         ]
     parts = []
     for index, row in enumerate(value if isinstance(value, list) else ()):
-        inner = (
-            [key for key, each in row.items() if isinstance(each, (dict, list)) and each]
-            if isinstance(row, dict)
-            else []
-        )
+        inner = _filled_keys(row)
         if len(inner) != 1:
             return []
         (key,) = inner
@@ -315,11 +311,18 @@ def _with_columns(part: JsonPart, found: FoundShape) -> FoundShape:
     return found
 
 
+def _filled_keys(value: Any) -> list[str]:
+    """Return the keys of an object with lists and objects that are not empty."""
+    if not isinstance(value, dict):
+        return []
+    return [key for key, each in value.items() if isinstance(each, (dict, list)) and each]
+
+
 def _unwrapped(value: Any) -> str | None:
     """Return the key of the only list or object in an object that may hold the recipes."""
     if not isinstance(value, dict):
         return None
-    inner = [key for key, each in value.items() if isinstance(each, (dict, list)) and each]
+    inner = _filled_keys(value)
     # Among many keys, one such as book is a result like the others.
     if len(inner) > MOST_COLUMNS:
         return None

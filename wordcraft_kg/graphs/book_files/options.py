@@ -15,7 +15,16 @@ INGREDIENTS = ("two", "chain")
 
 
 class ReadOptions(TypedDict, total=False):
-    """The fields of :class:`BookOptions` as keyword arguments."""
+    """The fields of :class:`BookOptions` as keyword arguments.
+
+    Attributes:
+        single_ingredient: second ingredient for recipes of one.
+        columns: columns of the ingredients and, last, of the result.
+        delimiter: column delimiter.
+        encoding: encoding of the text.
+        case: ``keep`` or ``fold``.
+        ingredients: ``two`` or ``chain``.
+    """
 
     single_ingredient: str | None
     columns: Sequence[str] | None

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 
 from wordcraft_kg.graphs.book_files.columns import (
     are_reused,
+    ingredients_of,
     result_by_rows,
     roles_of_option,
     words_of,
@@ -52,10 +53,9 @@ def _least_contradicted(rows: Sequence[Sequence[str]], likely: int | None) -> in
     if place == likely:
         return place if second > _CLEAR * fewest else None
     # A column of machines makes few contradictions, but machines are no ingredients.
-    results = {row[place] for row in rows}
-    ingredients = {label for row in rows for i, label in enumerate(row) if i != place}
     is_clear = second > _CLEAR * fewest + _UNLIKELY
-    return place if is_clear and are_reused(results, ingredients) else None
+    results = {row[place] for row in rows}
+    return place if is_clear and are_reused(results, ingredients_of(rows, place)) else None
 
 
 def contradictions(rows: Iterable[Sequence[str]], place: int) -> int:
@@ -74,23 +74,21 @@ def contradictions(rows: Iterable[Sequence[str]], place: int) -> int:
         >>> [contradictions(rows, place) for place in range(3)]
         [0, 1, 2]
     """
-    recipes = {
-        (frozenset(label for i, label in enumerate(row) if i != place), row[place]) for row in rows
-    }
-    labels = {label for parts, made in recipes for label in (*parts, made)}
-    elements = {label for label in labels if label.casefold() in ELEMENTS}
+    # Without repetitions and without an order of ingredients, which contradict nothing.
+    recipes = {(frozenset((*row[:place], *row[place + 1 :])), row[place]) for row in rows}
+    elements = {label for row in rows for label in row if label.casefold() in ELEMENTS}
     if len(elements) < _FEWEST_ELEMENTS:
         elements = set()
     made_elements = sum(made in elements for _, made in recipes)
     made_of_itself = sum(made in parts for parts, made in recipes)
     pairs = {parts for parts, _ in recipes}
-    exchanged = sum(
-        (parts - {part} | {made}, part) in recipes
-        for parts, made in recipes
-        for part in parts
-        if part != made and made not in parts
-    )
-    return made_elements + made_of_itself + len(recipes) - len(pairs) + exchanged
+    several_results = len(recipes) - len(pairs)
+    exchanged = 0
+    for parts, made in recipes:
+        for part in parts - {made}:
+            twin = (parts - {part} | {made}, part)
+            exchanged += made not in parts and twin in recipes
+    return made_elements + made_of_itself + several_results + exchanged
 
 
 def chosen_place(

@@ -41,7 +41,13 @@ def write_book(book: RecipeBook, path: Path) -> None:
 def recipe_table(
     recipes: Iterable[Recipe], delimiter: str = ",", kinds: Mapping[Recipe, str] | None = None
 ) -> Iterator[str]:
-    """Yield table lines: a header, then (ingredient, ingredient, result), with kinds if any."""
+    """Yield table lines: a header, then (ingredient, ingredient, result), with kinds if any.
+
+    Args:
+        recipes: the recipes, in the order of the lines.
+        delimiter: one character between cells.
+        kinds: kind of reasoning by recipe; None or empty for a table without this column.
+    """
     yield delimiter.join((*CSV_HEADER, KIND) if kinds else CSV_HEADER) + "\n"
     for recipe in recipes:
         yield _csv_line((*recipe, kinds.get(recipe, "")) if kinds else recipe, delimiter)

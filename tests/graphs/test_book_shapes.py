@@ -69,11 +69,13 @@ def examples_of_the_guide():
     text = (ROOT / "docs" / "your-file.md").read_text(encoding="utf-8")
     for section in text.split("\n## ")[1:]:
         title = section.splitlines()[0]
+        files = []
         for language, block in re.findall(r"```(\w*)\n(.*?)```", section, re.DOTALL):
             if language == "json":
-                yield from ((f"{title} {i}", line) for i, line in enumerate(block.splitlines()))
+                files += block.splitlines()
             elif title in ("Table", "Lines"):
-                yield title, block
+                files.append(block)
+        yield from ((f"{title} {number}", file) for number, file in enumerate(files, 1))
 
 
 EXAMPLES = dict(examples_of_the_guide())

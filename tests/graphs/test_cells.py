@@ -53,6 +53,8 @@ def test_two_pieces_of_one_thing_are_a_pair(put):
 KEPT = {
     "our own table": OWN + "2 water,earth,mud\nwater,3 fire,steam\n",
     "a game of merging": OTHER + "axe (1),axe (1),axe (2)\naxe (2),axe (2),axe (3)\n",
+    "names with numbers": OTHER + "3 Musketeers,fire,ash\n7 Up,water,soda\n",
+    "years": OTHER + "1990 car,fire,wreck\n2000 car,water,boat\n",
     "a few cells": OTHER + "2 water,earth,mud\n" + "".join(f"a,b{i},c{i}\n" for i in range(9)),
     "names": OTHER + "H2,O2,H2O\nR2 D2,C-3,2001\n",
 }

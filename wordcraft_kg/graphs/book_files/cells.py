@@ -6,7 +6,7 @@ if many cells have them; a few may as well be part of labels, and are only named
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import chain
 
 from wordcraft_kg.base.wording import counted
@@ -21,7 +21,7 @@ UNSEEN = "".join(
     )
 )
 """Characters at the ends of a cell that cannot be seen, and are no part of a label."""
-_NUMBER = r"(?P<number>\d{1,4})"
+_NUMBER = r"(?P<number>\d{1,3})"  # four digits are rather a year
 _LABEL = r"(?P<label>[^\W\d].*|\W*[^\W\d].*)"
 _COUNTS = tuple(
     re.compile(pattern)
@@ -32,6 +32,8 @@ _COUNTS = tuple(
         rf"{_LABEL}\s*\(\s*[x×]?\s?{_NUMBER}\s?[x×]?\s*\)",  # water (2), water (x2)
     )
 )
+_SIGN = re.compile(r"\d\s?[x×*]\s|(?:^|[\s(])[x×*]\s?\d|[×*]\s?\d+$")
+"""A sign of multiplication beside a number."""
 _MARK = re.compile(
     r"^(?:[*†‡✓✔☆★⭐✅]+\ufe0f?)\s*(?=\S)|^\d+[.)]\s*(?=[^\W\d])|(?<=\S)\s*(?:[*†‡✓✔☆★⭐🆕✅]+\ufe0f?|\[\d+\])$"
 )
@@ -144,12 +146,25 @@ def _first_count(entries: Iterable[Entry]) -> str:
     """
     rows = [entry[1] for entry in entries if type(entry) is tuple]
     times = Counter(without_markup(trim_unseen(cell)) for cell in chain.from_iterable(rows))
-    bare = {cell: found[0] for cell, found in ((cell, count_in(cell)) for cell in times) if found}
-    if sum(times[cell] for cell in bare) < max(_CLEAR * sum(times.values()), 1):
+    bare: dict[str, str] = {}
+    for cell in times:
+        found = count_in(cell)
+        if found:
+            bare[cell] = found[0]
+    numbered = sum(times[cell] for cell in bare)
+    if numbered < max(_CLEAR * sum(times.values()), 1):
         return ""
+    if sum(times[cell] for cell in _surely_counted(bare, times)) < _CLEAR * numbered:
+        return ""  # such as 7 Up
     with_numbers = [row for row in rows if any(cell in bare for cell in row)]
     mergers = sum(_is_merger(row, bare) for row in with_numbers)
     return next(iter(bare)) if mergers <= _MOST_MERGERS * len(with_numbers) else ""
+
+
+def _surely_counted(bare: Mapping[str, str], cells: Collection[str]) -> list[str]:
+    """Return cells whose number has a sign, or whose label also has another number, or none."""
+    forms = Counter(bare.get(cell, cell) for cell in cells)
+    return [cell for cell, label in bare.items() if _SIGN.search(cell) or forms[label] > 1]
 
 
 def _is_merger(row: Sequence[str], bare: dict[str, str]) -> bool:

@@ -289,7 +289,7 @@ def _parts(part: JsonPart) -> list[JsonPart]:
         return [
             part._replace(value=each, where=f"{part.where}['{key}']")
             for key, each in value.items()
-            if each
+            if each and isinstance(each, (dict, list))
         ]
     parts = []
     for index, row in enumerate(value if isinstance(value, list) else ()):

@@ -401,10 +401,12 @@ def _unreachable(
 
 
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
-    pairs = (
-        pair for entity in entities for pair in graph.recipes[graph.recipes_of(entity), :2].tolist()
-    )
-    return all(not entities.isdisjoint(pair) for pair in pairs)
+    """Return whether each recipe of the entities needs one of them."""
+    for entity in entities:
+        pairs = graph.recipes[graph.recipes_of(entity), :2]
+        if any(entities.isdisjoint(pair) for pair in pairs.tolist()):
+            return False
+    return True
 
 
 def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:

@@ -84,8 +84,10 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         if not self.header:
             yield "no header"
         if self.ignored:
+            names = ", ".join(self.ignored[:_SHOWN])
             more = len(self.ignored) - _SHOWN
-            names = ", ".join(self.ignored[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+            if more > 0:
+                names += f" and {more} more"
             yield f"other columns ignored: {names}"
         if self.container:
             yield f"from {self.container}"

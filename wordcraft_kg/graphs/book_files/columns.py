@@ -82,6 +82,15 @@ class Roles(NamedTuple):
     kind: int | None = None
     counts: tuple[int, ...] = ()
 
+    def shifted(self) -> "Roles":
+        """Return the roles of a table with one more column before all others."""
+        return Roles(
+            tuple(i + 1 for i in self.ingredients),
+            tuple(i + 1 for i in self.results),
+            None if self.kind is None else self.kind + 1,
+            tuple(i + 1 for i in self.counts),
+        )
+
     @property
     def used(self) -> frozenset[int]:
         """All columns that are read."""

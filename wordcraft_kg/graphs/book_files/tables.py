@@ -119,19 +119,24 @@ class Table(RowSource):
             self._width = len(names)
         else:
             self._guess(delimiter or named, usual, columns)
-        self.delimiter, self.quote = self._dialect.delimiter, self._dialect.quote
-        self.quote = "" if self.quote == '"' else self.quote
+        self.delimiter = self._dialect.delimiter
+        # The double quote goes without saying.
+        self.quote = "" if self._dialect.quote == '"' else self._dialect.quote
         self.header = self._names is not None
-        self._is_plain = self._roles.ingredients == (0, 1) and self._roles.results == (2,)
-        # A row of three cells needs no further look, the frequent case in a large book.
         self._may_hold_formula = any(sign in text for sign in "=#@")
         self._drops_nothing = not self._is_own and is_infinite_craft(text)
         # Our own tables hold any label, so that what is written is read again.
         self.is_exact = self._is_own
         self._has_unseen = self._is_own and any(char in text for char in UNSEEN.strip(" "))
-        self._is_plain = self._is_plain and self._width == 3 and not self._may_hold_formula
-        self._is_plain = self._is_plain and self.delimiter != "|"
-        self._is_plain = self._is_plain and not (self._drops_nothing or self._has_unseen)
+        # A row of three cells needs no further look, the frequent case in a large book.
+        has_usual_order = self._roles.ingredients == (0, 1) and self._roles.results == (2,)
+        needs_a_look = (
+            self._may_hold_formula
+            or self._drops_nothing
+            or self._has_unseen
+            or self.delimiter == "|"  # rules and frames of Markdown
+        )
+        self._is_plain = has_usual_order and self._width == 3 and not needs_a_look
         self._name_columns()
 
     # --- the head ---------------------------------------------------------------------------------
@@ -298,16 +303,11 @@ class Table(RowSource):
 
     def _judge_rows(self) -> None:
         """Find the roles of columns without known names, or refuse the table."""
-        _, first = self._first or (0, "")
-        lines = [first, *self._following(_JUDGED_ROWS)]
-        rows = [cells_of(line, self._dialect) for line in lines if line.strip()]
-        rows = [row for row in rows if any(row) and not self._is_rule(row)]
-        rows = [_without_blanks(row) for row in rows]
+        rows = self._judged_rows()
         first_row, *others = rows
         seen = ", ".join(repr(cell[:40]) for cell in first_row[:8])
-        named = (
-            f"a table with {DELIMITERS.get(self._dialect.delimiter, repr(self._dialect.delimiter))}"
-        )
+        delimiter = self._dialect.delimiter
+        named = f"a table with {DELIMITERS.get(delimiter, repr(delimiter))}"
         remedy = "Name the columns of ingredients and, last, of the result with `columns`."
         self._check_title(others)
         if len(first_row) == 2 and any("+" in cell for cell in first_row):
@@ -326,9 +326,12 @@ class Table(RowSource):
             missing = "none is named as ingredients and result"
             raise refusal(self._path, f"{named} and {cells}; {missing}", "table", remedy)
         full = [row for row in rows if len(row) == 3 and all(row)]
-        numeric = [
-            i for i in range(3) if all(_NUMBER.fullmatch(row[i]) for row in full[1:]) and full[1:]
-        ]
+        # Without the first row, which may be a header.
+        below = full[1:]
+        numeric = []
+        for column in range(3) if below else ():
+            if all(_NUMBER.fullmatch(row[column]) for row in below):
+                numeric.append(column)
         if len(numeric) == 1:
             raise refusal(
                 self._path,
@@ -356,6 +359,16 @@ class Table(RowSource):
         self._names = None
         self._width = 3
         self._roles = Roles(tuple(i for i in range(3) if i != result), (result,))
+
+    def _judged_rows(self) -> list[list[str]]:
+        """Return the cells of the first rows, without rules, blank rows and blank ends of rows."""
+        _, first = self._first or (0, "")
+        rows = []
+        for line in [first, *self._following(_JUDGED_ROWS)]:
+            cells = cells_of(line, self._dialect) if line.strip() else []
+            if any(cells) and not self._is_rule(cells):
+                rows.append(_without_blanks(cells))
+        return rows
 
     def _check_title(self, others: Sequence[Sequence[str]]) -> None:
         """Refuse a table whose header stands below other rows.
@@ -394,13 +407,7 @@ class Table(RowSource):
         if not is_shifted:
             return
         self._names = ["", *names]
-        ingredients, results, kind, counts = self._roles
-        self._roles = Roles(
-            tuple(i + 1 for i in ingredients),
-            tuple(i + 1 for i in results),
-            None if kind is None else kind + 1,
-            tuple(i + 1 for i in counts),
-        )
+        self._roles = self._roles.shifted()
 
     def _find_joiner(self, rows: Sequence[Sequence[str]]) -> None:
         """Find what stands between ingredients, if one column holds them all."""

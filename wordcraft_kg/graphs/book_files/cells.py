@@ -21,6 +21,7 @@ UNSEEN = "".join(
     )
 )
 """Characters at the ends of a cell that cannot be seen, and are no part of a label."""
+_UNSEEN = re.compile(f"[{UNSEEN[1:]}]")
 _NUMBER = r"(?P<number>\d{1,3})"  # four digits are rather a year
 _LABEL = r"(?P<label>[^\W\d].*|\W*[^\W\d].*)"
 _COUNTS = tuple(
@@ -119,6 +120,11 @@ def without_markup(cell: str) -> str:
         if found:
             cell = next(filter(None, found.groups())).strip()
     return cell
+
+
+def has_unseen(text: str) -> bool:
+    """Return whether a text holds characters that cannot be seen, other than plain spaces."""
+    return not text.isascii() and _UNSEEN.search(text) is not None
 
 
 def count_in(cell: str) -> tuple[str, int] | None:
@@ -234,6 +240,9 @@ def note_of_marks(labels: Collection[str]) -> list[str]:
 
 
 def _has_mark(label: str, known: Collection[str]) -> bool:
+    # Most labels begin with a letter and end in one, and need no pattern.
+    if label[0].isalpha() and label[-1].isalpha():
+        return False
     bare = _MARK.sub("", label)
     if bare != label:
         return any(char.isalnum() for char in bare)

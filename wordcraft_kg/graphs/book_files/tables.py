@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from operator import ne
 from pathlib import Path
 
-from wordcraft_kg.graphs.book_files.cells import UNSEEN, trim_unseen
+from wordcraft_kg.graphs.book_files.cells import has_unseen, trim_unseen
 from wordcraft_kg.graphs.book_files.columns import (
     KIND,
     Roles,
@@ -127,7 +127,7 @@ class Table(RowSource):
         self._drops_nothing = not self._is_own and is_infinite_craft(text)
         # Our own tables hold any label, so that what is written is read again.
         self.is_exact = self._is_own
-        self._has_unseen = self._is_own and any(char in text for char in UNSEEN.strip(" "))
+        self._has_unseen = self._is_own and has_unseen(text)
         # A row of three cells needs no further look, the frequent case in a large book.
         has_usual_order = self._roles.ingredients == (0, 1) and self._roles.results == (2,)
         needs_a_look = (

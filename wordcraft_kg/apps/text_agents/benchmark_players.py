@@ -311,7 +311,7 @@ def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
     return replace(entrant, tokens=logged.tokens)
 
 
-def _mcp(track: Track, argument: str, settings: RunSettings) -> Entrant:
+def _games(track: Track, argument: str, settings: RunSettings) -> Entrant:
     header, played, _ = read_games(Path(argument))
     return _recorded(track, settings, header.player, header.settings, played)
 
@@ -384,7 +384,10 @@ KINDS: Registry[Kind] = Registry(
         "agent": Kind("a trained agent", "RUN", _agent),
         "program": Kind("a program that plays by the line protocol", "COMMAND", _program),
         "inspect": Kind("a language model in Inspect AI, by its log", "LOG", _inspect),
-        "mcp": Kind("MCP clients, by the games of `mcp --track`", "GAMES", _mcp),
+        "mcp": Kind("MCP clients, by the games of `mcp --track`", "GAMES", _games),
+        "openenv": Kind(
+            "OpenEnv clients, by the games of `serve openenv --track`", "GAMES", _games
+        ),
     },
 )
 """Kinds of players by name."""
@@ -443,9 +446,11 @@ def reproduce(
         ArtefactError: if a game or a declared fact differs.
         ConfigError: for a record of games, which cannot play.
     """
-    if player.partition(":")[0] in ("inspect", "mcp"):
+    records = [name for name in TEXT_PLAYERS if name != "program"]
+    if player.partition(":")[0] in records:
         raise ConfigError(
-            "expected a player that plays here; a record of games (inspect, mcp) cannot play."
+            "expected a player that plays here; a record of games "
+            f"({', '.join(records)}) cannot play."
         )
     track = open_track(submission.track)
     with TemporaryDirectory() as messages:
@@ -477,5 +482,5 @@ def reproduce(
             )
 
 
-TEXT_PLAYERS = ("program", "inspect", "mcp")
+TEXT_PLAYERS = ("program", "inspect", "mcp", "openenv")
 """Kinds that read prompts."""

@@ -13,6 +13,7 @@ from wordcraft_kg.base.extras import check_extra
 from wordcraft_kg.base.settings import number_in, one_of, whole
 from wordcraft_kg.cli.console import Output, split_labels, whole_numbers
 from wordcraft_kg.cli.options import Book, Words
+from wordcraft_kg.graphs.task_search import MAX_DEPTH
 
 if TYPE_CHECKING:
     from wordcraft_kg.apps.text_agents.conversation import Play
@@ -76,13 +77,14 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
         out: file for finished games (JSON lines), which the same command continues; for one part,
             depth and number of distractors.
     """
-    check_extra("openenv")
     whole("sessions", sessions, 1, _MOST_SESSIONS)
     number_in("idle", idle, 1, _LONGEST_IDLE, f"seconds, 1 to {_LONGEST_IDLE:,.0f}")
     parts = list(dict.fromkeys(split_labels(part or ["train"])))
     for name in parts:
         one_of("part", name, get_args(Parts))
     depths = whole_numbers("depth", depth or ["1"])
+    for each in depths:
+        whole("depth", each, 1, MAX_DEPTH)
     numbers = whole_numbers("distractors", distractors or ["8"])
     own = (graph, part, depth, distractors, attempts, reward, look_ups)
     if track is not None and own != ("everyday", None, None, None, None, "sparse", LOOK_UPS):
@@ -94,6 +96,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
             "`out`: a file of games has one part, depth and number of distractors; give one of "
             "each, or leave --out out."
         )
+    check_extra("openenv")
     from wordcraft_kg.apps.text_agents.hosted_games import kept_conversations
     from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
     from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app

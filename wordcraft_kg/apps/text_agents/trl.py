@@ -86,12 +86,15 @@ class CraftingRow:
             )
         return cls(**{name: row[name] for name in names})
 
-    def begin(self) -> Conversation:
+    def begin(self, task_id: str | None = None) -> Conversation:
         """Begin the game.
 
+        Args:
+            task_id: name of the game, as the row gives it; None to check none.
+
         Raises:
-            ConfigError: if the graph, its split or the task is not that of the row, or a value is
-                out of range.
+            ConfigError: if the graph, its split, the task or the name is not that of the row, or a
+                value is out of range.
         """
         play = open_play(
             self.graph,
@@ -113,6 +116,12 @@ class CraftingRow:
             raise ConfigError(
                 f"task {self.task} of the part {self.part} makes {talk.game.goal!r}, and the row's "
                 f"goal is {self.goal!r}: the row was changed. Make the data set again."
+            )
+        name = name_of(play, self.task, self.distractor_seed)
+        if task_id is not None and task_id != name:
+            raise ConfigError(
+                f"the row is named {str(task_id)[:100]!r}, and its columns are of the game "
+                f"'{name}': the row was changed. Make the data set again."
             )
         return talk
 
@@ -145,7 +154,7 @@ class CraftingEnvironment:
         Raises:
             ConfigError: for a row that names no game, or another than it did when it was made.
         """
-        self.talk = CraftingRow.of(row).begin()
+        self.talk = CraftingRow.of(row).begin(row.get("task_id"))
         return None if row.get("prompt") else tool_opening(self.talk)
 
     def combine(self, first: str, second: str) -> str:

@@ -28,13 +28,10 @@ from wordcraft_kg.apps.text_agents.openenv_session import (
     CraftingSession,
     Keep,
 )
+from wordcraft_kg.apps.text_agents.openenv_tasks import NAME, task_routes
 from wordcraft_kg.apps.web.guard import LOOPBACK, Guard, foreign_host, is_of_another_site
 from wordcraft_kg.base.errors import WordCraftKGError
 
-NAME = "crafting"
-"""Name of the environment, as in the addresses of the Task API."""
-_KINDS = {"valid": "validation"}
-"""OpenEnv's names of parts, where they differ from ours."""
 _FOREIGN = 1008
 """Code with which a web socket of a foreign page is closed."""
 _LAST = 1.0
@@ -148,19 +145,13 @@ def make_openenv_app(
     hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
     about = {"name": NAME, "description": "crafting games by text", "version": __version__}
     schemas = {"action": ACTION_SCHEMA, "observation": OBSERVATION_SCHEMA, "state": STATE_SCHEMA}
-    splits = [{"name": part, "type": _KINDS.get(part, part)} for part in games.plays]
     facts: dict[str, Any] = {
         "/health": {"status": "healthy"},
         "/metadata": about,
         "/schema": schemas,
-        "/list_environments": [NAME],
-        f"/{NAME}/splits": splits,
     }
-    routes: list[Any] = [Route(path, _constant(fact)) for path, fact in facts.items()]
-    for name, find in _TASK_API.items():
-        routes.append(Route(f"/{NAME}/{name}", _asked(games, find), methods=["POST"]))
-    routes.append(WebSocketRoute("/ws", open_sessions.serve))
-    router = Router(routes)
+    routes = [Route(path, _constant(fact)) for path, fact in facts.items()]
+    router = Router([*routes, *task_routes(games), WebSocketRoute("/ws", open_sessions.serve)])
     guarded = Guard(
         router, host, more_hosts, _page, methods=("GET", "HEAD", "POST"), media_type=_JSON
     )
@@ -186,38 +177,3 @@ def _page(status: int, message: str) -> str:
 
 def _constant(fact: Any) -> Callable[[Request], Response]:
     return lambda request: JSONResponse(fact)
-
-
-def _task(games: GameList, part: str, index: Any) -> dict[str, Any]:
-    game = games.at(part, index)
-    settings = game.play.settings
-    own = {"depth": settings.depth, "distractors": settings.distractors}
-    return {"id": game.name, "index": index, "split": part, **own}
-
-
-def _range(games: GameList, asked: dict[str, Any]) -> list[dict[str, Any]]:
-    part = asked.get("split", "")
-    places = range(games.count(part))[asked.get("start") : asked.get("stop")]
-    return [_task(games, part, index) for index in places]
-
-
-_TASK_API: dict[str, Callable[[GameList, dict[str, Any]], dict[str, Any]]] = {
-    "num_tasks": lambda games, asked: {"num_tasks": games.count(asked.get("split", ""))},
-    "task": lambda games, asked: {"task": _task(games, asked.get("split", ""), asked.get("index"))},
-    "tasks": lambda games, asked: {"tasks": _range(games, asked), "env_name": NAME},
-    "task_range": lambda games, asked: {"tasks": _range(games, asked)},
-}
-
-
-def _asked(games: GameList, find: Callable[..., Any]) -> Any:
-    async def endpoint(request: Request) -> Response:
-        try:
-            asked = json.loads(await request.body())
-            return JSONResponse(find(games, asked))
-        except WordCraftKGError as error:
-            return JSONResponse({"detail": str(error)}, 400)
-        except (ValueError, TypeError, AttributeError, RecursionError):
-            expected = 'expected a JSON object such as {"split": "train", "index": 0}.'
-            return JSONResponse({"detail": expected}, 422)
-
-    return endpoint

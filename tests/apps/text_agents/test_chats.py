@@ -15,11 +15,14 @@ from wordcraft_kg.apps.text_agents.chats import (
     ChatCounts,
     ChatSettings,
     chat_rows,
+    licence_of,
 )
 from wordcraft_kg.apps.text_agents.games import TaskGames
 from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
 from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.graphs.export import export_graph
 
 PLAYERS = ("oracle", "planner", "votes", "graph", "nearest-words", "random")
 
@@ -170,6 +173,16 @@ def test_the_command_writes_conversations_of_any_player_with_a_card(run, tmp_pat
     ):
         assert fact in card
     assert str(tmp_path) not in card
+
+
+def test_the_licence_is_that_of_our_own_books_by_content(tmp_path):
+    book = tmp_path / "kitchen.csv"
+    book.write_text(
+        "# licence: CC0-1.0\ningredient_a,ingredient_b,result\nwater,earth,mud\nmud,fire,brick\n"
+    )
+    assert licence_of(open_graph(str(book)).graph) == "unknown"
+    export_graph(open_graph("kitchen"), "csv", tmp_path / "mine.csv")
+    assert licence_of(open_graph(str(tmp_path / "mine.csv")).graph) == "cc0-1.0"
 
 
 def test_the_same_command_writes_the_same_bytes_and_another_seed_others(run, tmp_path):

@@ -152,7 +152,7 @@ def scorer_metrics(
     figures = {"mrr": mean_reciprocal_rank(rank_triples(scorer, queries, graph.triples))}
     made = None
     if made_by is not None:
-        book, _ = open_other_book(made_by, opened, "one-hot")
+        book = open_other_book(made_by, opened)
         made = frozenset(book.source.makes or ())
         world = World(opened, WordCraftConfig(part=part))  # type: ignore[arg-type]
         figures["share made"] = float(goals_among(world, made).mean())

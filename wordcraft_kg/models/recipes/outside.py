@@ -12,6 +12,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import torch
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -31,12 +32,16 @@ from wordcraft_kg.models.knowledge.folder import (
     read_knowledge,
 )
 from wordcraft_kg.models.recipes.base import Base, LinkTables, features_of_pairs, features_of_parts
+from wordcraft_kg.models.recipes.method import check_lists, uses_lists
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
 from wordcraft_kg.models.scorers.kernel import cosines
+from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 
 _OF_A_BOOK = ("graph", "split", "overrides")
 """Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the source."""
+_DIM = 384
+"""Length of a word vector, about, to say before the start how much memory another book takes."""
 REWORDED = 0.7
 """Cosine of word vectors from which a recipe of another book rewords a test recipe, for each of the three words."""
 
@@ -191,7 +196,10 @@ def _of_book(
     spec: str, opened: OpenedGraph, features: str, allow_missing: bool
 ) -> tuple[LinkTables, OutsideSource]:
     size = opened.graph.num_entities
-    book, vectors = open_other_book(spec, opened, features, allow_missing=allow_missing)
+    book = open_other_book(spec, opened)
+    book, vectors = with_words_of(book, opened, features, allow_missing=allow_missing)
+    if uses_lists(len(book.labels)):
+        return _by_lists(book, vectors, size), book.source
     base = Base.of(book.recipes, text_of(vectors))
 
     def own(tables: Sequence[Tensor]) -> list[Tensor]:
@@ -200,18 +208,47 @@ def _of_book(
     return LinkTables(own(features_of_pairs(base)), own(features_of_parts(base))), book.source
 
 
-def open_other_book(
-    spec: str,
-    opened: OpenedGraph,
-    features: str,
-    *,
-    allow_missing: bool = False,
-    keep_train: bool = False,
-) -> tuple[OtherBook, EntityFeatures]:
-    """Open another book's recipes without the recipes that both books share; return word vectors for all labels.
+def _by_lists(book: OtherBook, vectors: EntityFeatures, size: int) -> LinkTables:
+    """Return link features from a book that is too large for tables of all its pairs.
 
-    Labels that differ in case, article or plural are one entity. ``keep_train`` keeps shared recipes of the train part.
-    Further arguments and errors as for :func:`open_outside`.
+    Its neighbour lists are made with all entities; the tables are of the graph's entities alone.
+
+    Args:
+        book: recipes over the graph's entities, which come first, and those of the book alone.
+        vectors: word vectors of all of them.
+        size: the graph's entities E.
+    """
+    from wordcraft_kg.models.scorers.neighbours import feature_loops
+
+    words = np.zeros((len(book.labels), 0), dtype=np.float32)
+    if not vectors.is_one_hot:
+        words = vectors.unit_vectors.astype(np.float32)
+    lists = make_lists(book.recipes, words, nearest_words(words))
+    own = np.arange(size)
+    pairs = np.zeros((size, size, feature_loops.OF_ANY_GOAL), dtype=np.float32)
+    parts = np.zeros((size, size, feature_loops.OF_SLOTS), dtype=np.float32)
+    feature_loops.pair_features(lists, own, pairs)
+    feature_loops.link_features(lists, own, own, parts)
+    # combinesWith is symmetric, and its features are so but for rounding.
+    both = torch.from_numpy(pairs)
+    of_pairs = ((both + both.transpose(0, 1)) / 2).permute(2, 0, 1).contiguous()
+    of_parts = torch.from_numpy(parts).permute(2, 0, 1).contiguous()
+    return LinkTables(of_pairs.unbind(), of_parts.unbind())
+
+
+def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False) -> OtherBook:
+    """Open another book's recipes without the recipes that both books share.
+
+    Labels that differ in case, article or plural are one entity. Rewordings are not counted yet, see
+    :func:`with_words_of`.
+
+    Args:
+        spec: a book or a graph folder.
+        opened: the graph; its split says which shared recipes are test recipes.
+        keep_train: keep shared recipes of the train part.
+
+    Raises:
+        ConfigError: if the source is no book, is the graph itself, has no other recipes, or memory does not suffice.
     """
     graph = opened.graph
     try:
@@ -226,7 +263,10 @@ def open_other_book(
     own = {label: index.find(label) for label in other.entities}
     rest = [label for label, entity in own.items() if entity is None]
     labels = (*graph.entities, *rest)
-    check_dense("a recipe scorer with another book", len(labels))
+    if uses_lists(len(labels)):
+        check_lists(len(labels), other.num_recipes, _DIM, 1)
+    else:
+        check_dense("a recipe scorer with another book", len(labels))
     new = {label: graph.num_entities + row for row, label in enumerate(rest)}
     ids = np.array(
         [new[label] if entity is None else entity for label, entity in own.items()], dtype=np.int64
@@ -237,7 +277,6 @@ def open_other_book(
     held_out = graph.recipes[~opened.split.is_in("train")]
     shared = is_in(rows, held_out if keep_train else graph.recipes, len(labels))
     made = np.unique(rows[~shared, 2])
-    vectors = make_features(features, labels, allow_missing=allow_missing)
     source = OutsideSource(
         name=other.name,
         kind="book",
@@ -246,14 +285,30 @@ def open_other_book(
         recipes=int((~shared).sum()),
         left_out=int(shared.sum()),
         left_out_test=int(is_in(rows, held_out, len(labels)).sum()),
-        reworded=_reworded(rows[~shared], held_out, vectors),
         makes=tuple(graph.labels(made[made < graph.num_entities])),
     )
     if not source.recipes:
         raise ConfigError(
             f"`with` '{spec}': all {len(rows):,} recipes are recipes of the graph. Give another book."
         )
-    return OtherBook(labels, rows[~shared], source), vectors
+    return OtherBook(labels, rows[~shared], source)
+
+
+def with_words_of(
+    book: OtherBook, opened: OpenedGraph, features: str, *, allow_missing: bool = False
+) -> tuple[OtherBook, EntityFeatures]:
+    """Return the book with its rewordings counted, and word vectors for all labels.
+
+    Args:
+        book: from :func:`open_other_book`.
+        opened: the graph with its split.
+        features: word vectors.
+        allow_missing: use zeros for labels without a vector.
+    """
+    vectors = make_features(features, book.labels, allow_missing=allow_missing)
+    held_out = opened.graph.recipes[~opened.split.is_in("train")]
+    reworded = _reworded(book.recipes, held_out, vectors)
+    return book._replace(source=replace(book.source, reworded=reworded)), vectors
 
 
 def shared_recipes(graph: RecipeGraph, other: RecipeGraph) -> NDArray[np.bool_]:
@@ -272,11 +327,13 @@ def shared_recipes(graph: RecipeGraph, other: RecipeGraph) -> NDArray[np.bool_]:
 
 def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:
     """Count recipes that equal a held-out recipe up to near-synonyms, in any order of the ingredients."""
-    alike = features.unit_vectors @ features.unit_vectors.T >= REWORDED
-    np.fill_diagonal(alike, True)
+    own = np.unique(held_out)
+    # Rows of the held-out entities alone: all pairs of a large book would take gigabytes.
+    alike = features.unit_vectors[own] @ features.unit_vectors.T >= REWORDED
+    alike[np.arange(len(own)), own] = True
     is_reworded = np.zeros(len(recipes), dtype=bool)
-    for a, b, result in held_out.tolist():
-        one, other, made = recipes.T
+    one, other, made = recipes.T
+    for a, b, result in np.searchsorted(own, held_out).tolist():
         same = alike[a, one] & alike[b, other] | alike[a, other] & alike[b, one]
         is_reworded |= same & alike[result, made]
     return int(is_reworded.sum())

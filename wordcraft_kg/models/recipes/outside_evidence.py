@@ -152,8 +152,7 @@ class OutsideEvidenceFinder:
 
     def _of_book(self, spec: str) -> _Source:
         keep_train = self._settings.kg == "none"
-        # Words would only count reworded recipes.
-        book, _ = open_other_book(spec, self._opened, "one-hot", keep_train=keep_train)
+        book = open_other_book(spec, self._opened, keep_train=keep_train)
         self._check(book.source.sha256)
 
         def find(slots: _Slots) -> list[OutsideEvidence]:

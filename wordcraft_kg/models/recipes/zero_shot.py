@@ -24,6 +24,7 @@ from wordcraft_kg.models.recipes.outside import (
     is_book,
     open_other_book,
     open_outside,
+    with_words_of,
 )
 from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of
 from wordcraft_kg.models.scorers.ranker import Ranker
@@ -64,9 +65,12 @@ def join_books(
             "`kg` none learns from outside knowledge only. Name a source in `with`, such as everyday."
         )
     books = [
-        open_other_book(spec, opened, features, allow_missing=allow_missing, keep_train=keep_train)[
-            0
-        ]
+        with_words_of(
+            open_other_book(spec, opened, keep_train=keep_train),
+            opened,
+            features,
+            allow_missing=allow_missing,
+        )[0]
         for spec in filter(is_book, specs)
     ]
     if not books:

@@ -35,6 +35,9 @@ OF_SLOTS = 14
 """Features of an ingredient and a goal; their sum and minimum over both ingredients count."""
 OF_PAIRS = 16
 """Features of a pair and a goal."""
+OF_ANY_GOAL = 6
+"""Features of a pair alone: known pairs of neighbours, the same by words, whether it is known, word
+cosine, similarity, and combinesWith by kernel regression."""
 
 
 @compiled
@@ -106,6 +109,16 @@ def needed_entities(lists, goal, needed, place_of, places):  # type: ignore[no-u
     for number in range(count):
         place_of[needed[number]] = -1
     return count, recipes
+
+
+@compiled
+def _alike(lists, entity, other, structure):  # type: ignore[no-untyped-def]
+    """Return k and the word cosine of two entities; ``structure`` is spread from the first."""
+    if entity == other:
+        return np.float32(1), np.float32(1)
+    cosine = dot(lists.vectors, entity, other)
+    norm = lists.norms[entity]
+    return similarity(structure[other], cosine, norm, lists.norms[other]), cosine
 
 
 @compiled
@@ -319,22 +332,11 @@ def table_features(lists, goals, tables, one, other, out):  # type: ignore[no-un
                 alike[slot, number] = value * value
                 words[slot, number] = fourth(cosine)
             for place in range(slots):
-                other_entity = tables[row, place]
-                if other_entity < 0:
-                    continue
-                value = np.float32(1)
-                cosine = np.float32(1)
-                if other_entity != entity:
-                    cosine = dot(lists.vectors, entity, other_entity)
-                    norm_of_other = lists.norms[other_entity]
-                    value = similarity(structure[other_entity], cosine, norm, norm_of_other)
-                cosines[slot, place] = cosine
-                kernels[slot, place] = value
-            value = np.float32(1)
-            cosine = np.float32(1)
-            if goal != entity:
-                cosine = dot(lists.vectors, entity, goal)
-                value = similarity(structure[goal], cosine, norm, lists.norms[goal])
+                if tables[row, place] >= 0:
+                    value, cosine = _alike(lists, entity, tables[row, place], structure)
+                    cosines[slot, place] = cosine
+                    kernels[slot, place] = value
+            value, cosine = _alike(lists, entity, goal, structure)
             clear(lists, entity, structure)
             _of_slot(
                 lists,
@@ -391,6 +393,87 @@ def table_features(lists, goals, tables, one, other, out):  # type: ignore[no-un
 
 
 @compiled
+def link_features(lists, heads, goals, out):  # type: ignore[no-untyped-def]
+    """Write the features of ingredients and goals for all pairs of both.
+
+    Args:
+        lists: the lists.
+        heads: ingredients, ids, shape (H,).
+        goals: ids, shape (G,).
+        out: shape (H, G, 14).
+    """
+    size = len(lists.norms)
+    width = lists.support.shape[1]
+    needed = np.empty(2 * width, dtype=np.int32)
+    place_of = np.full(size, -1, dtype=np.int32)
+    places = np.empty((width, 2), dtype=np.int32)
+    alike = np.empty(2 * width, dtype=np.float32)
+    words = np.empty(2 * width, dtype=np.float32)
+    structure = np.zeros(size, dtype=np.float32)
+    for column in range(len(goals)):
+        goal = goals[column]
+        count, recipes = needed_entities(lists, goal, needed, place_of, places)
+        for row in range(len(heads)):
+            entity = heads[row]
+            spread(lists, entity, structure)
+            for number in range(count):
+                value, cosine = _alike(lists, entity, needed[number], structure)
+                alike[number] = value * value
+                words[number] = fourth(cosine)
+            value, cosine = _alike(lists, entity, goal, structure)
+            clear(lists, entity, structure)
+            _of_slot(
+                lists,
+                entity,
+                goal,
+                cosine,
+                value,
+                alike,
+                words,
+                places,
+                recipes,
+                out[row, column],
+            )
+
+
+@compiled
+def pair_features(lists, entities, out):  # type: ignore[no-untyped-def]
+    """Write the features of all pairs of entities that depend on no goal; see ``OF_ANY_GOAL``.
+
+    Args:
+        lists: the lists.
+        entities: ids, shape (H,).
+        out: shape (H, H, 6), symmetric but for rounding.
+    """
+    most = lists.used.shape[1] ** 2
+    places = np.empty(most, dtype=np.int64)
+    weights = np.empty(most, dtype=np.float32)
+    words = np.empty(most, dtype=np.float32)
+    structure = np.zeros(len(lists.norms), dtype=np.float32)
+    for row in range(len(entities)):
+        a = entities[row]
+        spread(lists, a, structure)
+        for column in range(len(entities)):
+            b = entities[column]
+            count, _ = neighbour_pairs(lists, a, b, places, weights, words)
+            anything = np.float32(0)
+            anything_words = np.float32(0)
+            for number in range(count):
+                results = min(lists.pair_counts[places[number]], MOST_RESULTS)
+                anything += results * weights[number]
+                anything_words += results * words[number]
+            value, cosine = _alike(lists, a, b, structure)
+            features = out[row, column]
+            features[0] = log(FLOOR + anything)
+            features[1] = log(FLOOR + anything_words)
+            features[2] = 1 if pair_place(lists, a, b) >= 0 else 0
+            features[3] = cosine
+            features[4] = value
+            features[5] = product(lists.pair_left, lists.right, a, b)
+        clear(lists, a, structure)
+
+
+@compiled
 def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
     """Write k² of a pair and the pair of each recipe that supports a goal, in both orders.
 
@@ -413,11 +496,7 @@ def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
             entity = lists.second[recipe] if part else lists.first[recipe]
             for side in range(2):
                 own = b if side else a
-                value = np.float32(1)
-                if own != entity:
-                    cosine = dot(lists.vectors, own, entity)
-                    norm = lists.norms[own]
-                    value = similarity(structure[side, entity], cosine, norm, lists.norms[entity])
+                value, _ = _alike(lists, own, entity, structure[side])
                 squares[side, part] = value * value
         terms[row, 0] = squares[0, 0] * squares[1, 1]
         terms[row, 1] = squares[0, 1] * squares[1, 0]

@@ -6,10 +6,12 @@ A language model of `transformers` on this machine.
         --player "program:python examples/transformers_player.py model.gguf --by probabilities"
 
 The model is a folder, a .gguf file or a name on the Hugging Face hub, with a chat template. By
-generation, the model writes an answer of a few tokens, each the most probable. By probabilities,
-the answer is the text "first + second" with the highest probability, over all pairs of items that
-were not tried in this game; if look-ups are offered, the goal is looked up first (the first item in
-open-ended games). The rules and, while they fit, all turns are the context.
+generation, the model writes an answer of a few tokens, each the most probable. Constrained, it
+writes token by token, too, but each token must go on with a text "first + second" of two items on
+the table that were not tried in this game, so no answer is invalid. By probabilities, the answer is
+the most probable of these texts as a whole. In both, if look-ups are offered, the goal is looked up
+first (the first item in open-ended games). The rules and, while they fit, all turns are the
+context.
 """
 
 import argparse
@@ -42,6 +44,11 @@ class Reader:
         if path.is_file():
             where, options["gguf_file"] = str(path.parent), path.name
         self.tokenizer = AutoTokenizer.from_pretrained(where, **options)
+        if not self.tokenizer.chat_template:
+            sys.exit(
+                f"error: the tokenizer of '{name}' has no chat template, so the model was not "
+                "trained to answer. Take an instruct model, or set the template of its tokenizer."
+            )
         # A pickle can run code; a .gguf file is none.
         self.model = AutoModelForCausalLM.from_pretrained(
             where, dtype=torch.float32, use_safetensors=not path.is_file(), **options
@@ -130,6 +137,41 @@ def by_generation(reader: Reader, prompt: list[int], most: int) -> str:
     return str(reader.tokenizer.decode(answer, skip_special_tokens=True))
 
 
+def by_constraint(
+    reader: Reader, prompt: list[int], items: list[str], tried: set[frozenset[str]]
+) -> str:
+    """Return an answer "first + second" written token by token; its pair was not tried.
+
+    Of all tokens with which some allowed answer goes on, the most probable is taken. The first item
+    is decided first, so that the texts of all pairs are never made.
+    """
+
+    def written(texts: list[str]) -> str:
+        """Return the text that the model writes if it may write only these."""
+        left = {text: [*reader.tokens(text), reader.end] for text in texts}
+        place = 0
+        while len(left) > 1:
+            nexts = {tokens[place] for tokens in left.values()}
+            if len(nexts) > 1:
+                one = next(iter(left.values()))
+                reader.read([*prompt, *one[:place]])  # equal in all texts that are left
+            token = max(sorted(nexts), key=lambda token: float(reader.next[token]))
+            left = {text: tokens for text, tokens in left.items() if tokens[place] == token}
+            place += 1
+        (chosen,) = left
+        reader.counts["output tokens"] += len(left[chosen]) - 1
+        return chosen
+
+    def partners(first: str) -> list[str]:
+        return [other for other in items if frozenset((first, other)) not in tried]
+
+    firsts = {f"{first} +": first for first in items if partners(first)}
+    first = firsts[written(list(firsts))]
+    answer = written([f"{first} + {other}" for other in partners(first)])
+    tried.add(frozenset(answer.split(" + ")))
+    return answer
+
+
 def by_probabilities(
     reader: Reader, prompt: list[int], items: list[str], tried: set[frozenset[str]]
 ) -> str:
@@ -180,13 +222,15 @@ def play(reader: Reader, by: str, context: int, most: int) -> None:
         if len(prompt := reader.chat(messages, True)) > context - most:
             del messages[1:-1]
             prompt = reader.chat(messages, True)
-        if by == "probabilities" and message["new"] and "look up" in messages[0]["content"]:
+        if by != "generation" and message["new"] and "look up" in messages[0]["content"]:
             answer = f"look up {message['goal'] or message['table'][0]}"
         else:
             reader.counts["prompts"] += 1
             reader.counts["input tokens"] += len(prompt)
             if by == "generation":
                 answer = by_generation(reader, prompt, most)
+            elif by == "constrained":
+                answer = by_constraint(reader, prompt, message["table"], tried)
             else:
                 answer = by_probabilities(reader, prompt, message["table"], tried)
         messages.append({"role": "assistant", "content": answer})
@@ -199,7 +243,8 @@ if __name__ == "__main__":
         description="A language model of transformers as a player of the line protocol."
     )
     parser.add_argument("model", help="model folder, .gguf file, or a name on the Hugging Face hub")
-    parser.add_argument("--by", choices=["generation", "probabilities"], default="generation")
+    ways = ["generation", "constrained", "probabilities"]
+    parser.add_argument("--by", choices=ways, default="generation")
     parser.add_argument(
         "--context", type=int, default=2048, help="tokens of a conversation, before it begins anew"
     )

@@ -18,7 +18,10 @@ from wordcraft_kg.cli import main
 ROOT = Path(__file__).parents[1]
 PAGES = [
     "README.md",
-    *(f"docs/{name}.md" for name in ("agents", "environment", "link-prediction", "text-agents")),
+    *(
+        f"docs/{name}.md"
+        for name in ("agents", "environment", "language-models", "link-prediction", "text-agents")
+    ),
 ]
 ELSEWHERE = {"chat_player", "line_player", "impala_single_file", "transformers_player"}
 """Examples with tests of their own."""
@@ -88,15 +91,16 @@ def world(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_the_python_of_a_page_runs_as_printed(page, world, tmp_path, monkeypatch):
-    if page == "docs/agents.md":
+    if page in ("docs/agents.md", "docs/environment.md"):
         pytest.importorskip("sb3_contrib", reason="needs the extra interop")
     shutil.copytree(world, tmp_path / "world")
     monkeypatch.chdir(tmp_path / "world")
     assert blocks(page)
     names = {"__name__": "page"}
     for block in blocks(page):
-        # Minutes, or a model from a hub: PyKEEN's pipeline and TRL's trainer have their own tests.
-        if "pipeline(" not in block and "GRPOTrainer(" not in block:
+        # Minutes, a model from a hub, or a server: PyKEEN's pipeline, TRL's trainer and OpenEnv's
+        # client have their own tests.
+        if not any(name in block for name in ("pipeline(", "GRPOTrainer(", "GenericEnvClient(")):
             exec(compile(block, page, "exec"), names)
 
 

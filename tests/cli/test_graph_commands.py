@@ -486,6 +486,13 @@ def test_inferred_bases_and_unmakeable_entities_give_warnings(
     assert finding not in run("check-book", path, "--base", "a").out
 
 
+def test_labels_that_stand_for_nothing_are_warned_of(printed, book, home, caplog, monkeypatch):
+    path = book("book.csv", "# base: fire, earth\n" + TABLE + "fire,earth,Nothing\nearth,NA,ash\n")
+    monkeypatch.chdir(home)
+    printed("build-graph", path, "--split", "none", "--out", "kept")
+    assert "'NA', 'Nothing' kept as entities; leave such rows out" in caplog.messages[-1]
+
+
 def test_labels_in_two_cases_are_named_with_the_remedy(printed, book, home, caplog, monkeypatch):
     """Results in another case than ingredients put half of the recipes out of reach."""
     path = book("book.csv", "# base: fire, earth\n" + TABLE + "fire,earth,Lava\nlava,fire,Ash\n")

@@ -30,7 +30,8 @@ INTERRUPT_AFTER, TIME_LIMIT = (
     10,
 )  # seconds of computing until Ctrl-C, Ctrl-C again, and failure
 WAIT_LIMIT = 30  # seconds without computing until a command counts as waiting for ever
-SERVERS = ("explore",), ("people", "serve"), ("mcp",)  # commands that wait for requests
+SERVERS = ("explore",), ("people", "serve"), ("mcp",), ("serve", "openenv")
+"""Commands that wait for requests."""
 SERVED = 1  # seconds of waiting until Ctrl-C for a server
 MEMORY_LIMIT = 2 * 2**30  # bytes for a command
 EXIT_CODES = (0, 1, 2, 130)

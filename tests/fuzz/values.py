@@ -40,6 +40,7 @@ GIVEN = {
     **{
         "track": "craft-8-lite",
         "bench run player": "random",
+        "chats player": "oracle",
         "bench leaderboard folder folder": "in/study",
     },
     # A list, and a file that is not there: a study would train for minutes.
@@ -233,7 +234,7 @@ def trial(number, home, sandbox):
         linked(home, kind, folder / kind)
     _odd_paths(sandbox / "odd")
     command = [*option.command.split(), "--quiet"]
-    if tuple(command[:-1]) in SERVERS and option.command != "mcp":
+    if tuple(command[:-1]) in SERVERS and option.command not in ("mcp", "serve openenv"):
         command.append("--no-browser")
     for other in _of(option.command):
         given = other.given

@@ -12,6 +12,7 @@ from wordcraft_kg.graphs.book_check import check_book
 from wordcraft_kg.graphs.book_files import guide
 from wordcraft_kg.graphs.chains import unchained
 
+ROOT = Path(__file__).parents[2]
 READ = [shape for shape in SHAPES if not shape.says]
 REFUSED = [shape for shape in SHAPES if shape.says]
 
@@ -61,3 +62,38 @@ def test_each_refusal_leads_to_a_section_of_the_guide():
     text = (Path(__file__).parents[2] / guide.GUIDE).read_text()
     headings = re.findall(r"^## (.+)$", text, re.MULTILINE)
     assert set(guide.SHAPES) <= {heading.lower().replace(" ", "-") for heading in headings}
+
+
+def examples_of_the_guide():
+    """Yield the files that the guide shows: a block each, and a line each of JSON."""
+    text = (ROOT / "docs" / "your-file.md").read_text(encoding="utf-8")
+    for section in text.split("\n## ")[1:]:
+        title = section.splitlines()[0]
+        files = []
+        for language, block in re.findall(r"```(\w*)\n(.*?)```", section, re.DOTALL):
+            if language == "json":
+                files += block.splitlines()
+            elif title in ("Table", "Lines"):
+                files.append(block)
+        yield from ((f"{title} {number}", file) for number, file in enumerate(files, 1))
+
+
+EXAMPLES = dict(examples_of_the_guide())
+
+
+@pytest.mark.parametrize("title", EXAMPLES)
+def test_the_guides_examples_are_read(tmp_path, title):
+    path = tmp_path / "book.txt"
+    path.write_text(EXAMPLES[title], encoding="utf-8")
+    labels = {label.lower() for label in read_book(path).entities}
+    assert labels & {"mud", "lake"}
+
+
+def test_the_guide_shows_an_example_of_each_shape():
+    assert {title.rstrip(" 0123456789") for title in EXAMPLES} == {
+        "Table",
+        "Lines",
+        "JSON",
+        "Infinite Craft",
+    }
+    assert len(EXAMPLES) >= 8

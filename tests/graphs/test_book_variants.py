@@ -12,7 +12,9 @@ from book_shapes import zipped
 from wordcraft_kg.base.errors import WordCraftKGError
 from wordcraft_kg.graphs import RecipeGraph, open_book, read_book
 from wordcraft_kg.graphs.book_check import check_book
-from wordcraft_kg.graphs.book_files.reader import BookOptions, BookRows, open_source
+from wordcraft_kg.graphs.book_files.book_rows import BookRows
+from wordcraft_kg.graphs.book_files.opening import open_source
+from wordcraft_kg.graphs.book_files.options import BookOptions
 
 DELIMITERS = ",;\t|"
 QUOTES = ("none", "all", "needed", "single")

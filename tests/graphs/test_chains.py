@@ -11,6 +11,7 @@ from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.evaluation.graphs import view_entity
 from wordcraft_kg.graphs import (
     Recipe,
+    RecipeBook,
     RecipeGraph,
     SplitConfig,
     audit,
@@ -120,6 +121,15 @@ def test_half_products_are_no_goals_no_starts_and_in_no_figure(chained, tmp_path
     write_book(chained, path)
     figures = check_book(path).figures
     assert (figures.entities, figures.recipes) == (record.entities, 18)
+
+
+def test_figures_list_things_only():
+    rows = [*chain(["coal", "plank", "rope"], "lamp"), *chain(["coal", "plank", "wax"], "candle")]
+    graph = RecipeGraph.from_book(RecipeBook.of("lights", rows))
+    audited = audit(graph, make_split(graph, SplitConfig("none")))
+    listed = [label for label, _ in (*audited.degrees.most_used, *audited.degrees.most_recipes)]
+    assert len(listed) == 2 * audited.entities
+    assert not any(map(is_half_product, listed))
 
 
 @pytest.mark.parametrize("format", ["csv", "json", "hif"])

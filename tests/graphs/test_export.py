@@ -132,6 +132,17 @@ def test_rdf_holds_the_triples_and_labels(source, tmp_path):
     assert len(store) == len(found) + len(labels) + roles + len(recipes)
 
 
+def test_sentences_name_each_recipe_of_the_part_once(source, tmp_path):
+    export_graph(source, "sentences", tmp_path / "a.txt", part="partial")
+    rows = source.split.is_in("train")
+    expected = []
+    for a, b, result in source.graph.recipe_labels(source.graph.recipes[rows]):
+        second = "itself" if a == b else b
+        expected.append(f"Combining {a} with {second} makes {result}.")
+    assert (tmp_path / "a.txt").read_text(encoding="utf-8").split("\n")[:-1] == expected
+    assert any(" with itself makes " in sentence for sentence in expected)
+
+
 @pytest.mark.parametrize("format", EXPORTERS)
 def test_an_export_that_exists_is_kept_unless_forced(kitchen, tmp_path, format):
     path = tmp_path / "out"

@@ -158,6 +158,80 @@ READ = {
         {"mud": [["water ", "earth"]], " steam": [[" fire", "water"]]},
         TWO,
     ),
+    "partners below a key": (
+        {"water": {"emoji": "x", "combinations": {"earth": "mud", "fire": "steam"}}, "mud": {}},
+        TWO,
+    ),
+    "partners of named things": (
+        [{"name": "water", "combinations": {"earth": "mud", "fire": "steam"}}, {"name": "mud"}],
+        TWO,
+    ),
+    "pairs of partner and result": (
+        {
+            "water": [["earth", "mud"], ["fire", "steam"]],
+            "earth": [["fire", "lava"], ["air", "dust"]],
+            "fire": [["air", "smoke"], ["mud", "brick"], ["dust", "ash"]],
+        },
+        {
+            *TWO,
+            ("earth", "fire", "lava"),
+            ("air", "earth", "dust"),
+            ("air", "fire", "smoke"),
+            ("fire", "mud", "brick"),
+            ("dust", "fire", "ash"),
+        },
+    ),
+    "things by tier": (
+        {
+            "tier 1": [{"name": "mud", "recipes": [["water", "earth"]]}],
+            "tier 2": [{"name": "steam", "recipes": [["fire", "water"]]}],
+        },
+        TWO,
+    ),
+    "recipes by tier": (
+        {"tier 1": {"mud": [["water", "earth"]]}, "tier 2": {"steam": [["fire", "water"]]}},
+        TWO,
+    ),
+    "pages of a scraper": (
+        [
+            {"page": i, "items": [{"a": r[0], "b": r[1], "result": r[2]}]}
+            for i, r in enumerate(ROWS)
+        ],
+        TWO,
+    ),
+    "recipes under an unknown key": (
+        {"reactions": [{"reagents": row[:2], "products": [row[2]]} for row in ROWS]},
+        TWO,
+    ),
+    "sums under an unknown key": ({"cache": {"water;earth": {"result": "mud"}}}, {MUD}),
+    "names by id": (
+        {"elements": {"1": "water", "2": "earth", "3": "mud"}, "recipes": {"3": [["1", "2"]]}},
+        {MUD},
+    ),
+    "names by index": (
+        {"items": ["water", "earth", "mud"], "recipes": {"2": [["0", "1"]]}},
+        {MUD},
+    ),
+    "names next to sums of ids": (
+        {"names": {"1": "water", "2": "earth", "3": "mud"}, "combos": {"1+2": 3}},
+        {MUD},
+    ),
+    "Nothing of a bot": (
+        {
+            "Water;Earth": {"result": "Mud"},
+            "Fire;Wind": {"result": "Nothing"},
+        },
+        {("Earth", "Water", "Mud")},
+    ),
+    "numbers of pieces in and out": (
+        [
+            {"id": "m", "in": {"water": 1, "earth": 2}, "out": {"mud": 1}},
+            {"id": "s", "in": {"fire": 1, "water": 1}, "out": {"steam": 3}},
+        ],
+        TWO,
+    ),
+    "keys without meaning": ([dict(zip("xyz", row, strict=True)) for row in ROWS], TWO),
+    "a pair with an element as the key's ingredient": ({"mud": [["water", "earth"]]}, {MUD}),
     "common partners": (
         {"water": {"earth": "mud", "fire": "steam"}, "mud": {"fire": "brick"}},
         {*TWO, ("fire", "mud", "brick")},
@@ -224,9 +298,22 @@ REFUSED = {
         [{"name": "water", "combinations": [{"with": "earth", "makes": "mud"}]}],
         "expected pairs of ingredients",
     ),
-    "a map of partners": (
-        {"water": {"combinations": {"earth": "mud", "fire": "steam"}}},
-        "expected pairs of ingredients",
+    "keys of a pattern": (
+        {"torch": {"recipes": {"top": "coal", "bottom": "stick"}}},
+        "may be torch . top = coal .*outer,inner,value.* or top . coal = torch .*inner,value,outer",
+    ),
+    "partners that are like pairs": (
+        {"lamp": [["oil", "wick"]]},
+        "may be oil . wick = lamp .*first,second,key.* or lamp . oil = wick .*key,first,second",
+    ),
+    "keys without meaning": (
+        [{"a": "oil", "b": "wick", "c": "lamp"}],
+        "may be oil . wick = lamp .*a,b,c.* or wick . lamp = oil .*b,c,a",
+    ),
+    "a single pair of an element": ({"water": [["earth", "mud"]]}, "may be earth . mud = water"),
+    "combinations that are like pairs": (
+        [{"name": "lamp", "combinations": [["oil", "wick"]]}],
+        "may be oil . wick = lamp .*first,second,key",
     ),
     "one pair that is none": (
         {"mud": [{"a": "water", "b": "earth"}, {"x": "rain"}]},
@@ -234,7 +321,7 @@ REFUSED = {
     ),
     "many partners": (
         {f"a{i}": [[f"a{i + j}", f"a{(i + j) // 2}"] for j in range(1, 9)] for i in range(12)},
-        "the key may be an ingredient .a0 . a1 = a0.",
+        "may be a1 . a0 = a0 .*first,second,key.* or a0 . a1 = a0 .*key,first,second",
     ),
     "a list for the book": (
         {"mud": ["water", "earth"], "base": ["water", "fire"]},
@@ -290,7 +377,35 @@ def test_columns_choose_in_lists_and_are_refused_elsewhere(put):
     strange = put({"x": ["water"], "y": ["earth"], "z": ["mud"]})
     assert {tuple(r) for r in read_book(strange, columns=["x", "y", "z"]).recipes} == {MUD}
     with pytest.raises(ConfigError, match="which has no columns; leave `columns` out"):
-        read_book(put({"mud": [["water", "earth"]]}), columns=["1", "2", "3"])
+        read_book(put({"water+earth": ["mud"]}), columns=["1", "2", "3"])
+
+
+LAMP = {"lamp": [["oil", "wick"]]}
+
+
+@pytest.mark.parametrize(
+    "content",
+    [LAMP, {"lamp": {"oil": "wick"}}, [{"name": "lamp", "combinations": [["oil", "wick"]]}]],
+    ids=["pairs", "nested", "named"],
+)
+def test_columns_choose_what_a_key_with_two_labels_is(put, content):
+    words = ("outer", "inner", "value") if isinstance(content, dict) and content != LAMP else ()
+    key, first, second = words or ("key", "first", "second")
+    path = put(content)
+    as_result = read_book(path, columns=[first, second, key])
+    assert {tuple(recipe) for recipe in as_result.recipes} == {("oil", "wick", "lamp")}
+    as_ingredient = read_book(path, columns=[key, first, second])
+    assert {tuple(recipe) for recipe in as_ingredient.recipes} == {("lamp", "oil", "wick")}
+
+
+@pytest.mark.parametrize("name", ["everyday", "kitchen"])
+def test_pairs_of_whole_books_are_read_by_result(put, name):
+    recipes = open_book(name).recipes
+    for some in (recipes[::10], recipes):
+        pairs = {}
+        for one, other, result in some:
+            pairs.setdefault(result, []).append([one, other])
+        assert {*read_book(put(pairs)).recipes} == {*some}
 
 
 def test_numbers_of_pieces_next_to_labels_are_counted(put):

@@ -128,7 +128,7 @@ def test_comments_may_declare_base_and_idle_entities(read):
 
 
 def test_labels_are_kept_verbatim_and_matched_exactly(read):
-    book = read(TABLE + 'Tea," tea","tea "\ngreen  tea,\u00a0tea,tea\n')
+    book = read(TABLE + 'Tea," tea","tea "\ngreen  tea,"\u00a0tea",tea\n')
     assert book.entities == (" tea", "Tea", "green  tea", "tea", "tea ", "\u00a0tea")
 
 

@@ -43,6 +43,12 @@ TABLES = {
         "column 3 .'result'. holds only numbers",
     ),
     "machines without a header": (MACHINES, "do not tell which column is the result"),
+    "merged cells": ("in1,in2,out\nwater,earth,mud\n,fire,steam\n", "line 3: ',fire,steam' has a"),
+    "a total": ("in1,in2,out\nwater,earth,mud\nTotal,,1\n", "line 3: 'Total' alone is rather"),
+    "recipes between breaks": (
+        "| Result | Recipe |\n|---|---|\n| mud | water + earth<br>rain + dirt |\n",
+        "'<br>' between them",
+    ),
     "missing": ("in1,in2,out\nice,NA,water\n", "line 2: 'NA' may be a missing value"),
     "missing result": ("a,b,result\nwater,fire,NULL\n", "line 2: 'NULL' may be a missing value"),
     "dashes": ("| a | b | result |\n|---|---|---|\n| - | - | - |\n", "line 3: '-' may be"),
@@ -83,6 +89,15 @@ def test_a_table_with_two_readings_is_refused(put, case):
 
 
 READ_TABLES = {
+    "Markdown, aligned": ("| a | b | result |\n|:--|:-:|-:|\n| water | earth | mud |\n", {}),
+    "Markdown with links": (
+        "| a | b | result |\n|---|---|---|\n| [water](/w) | **earth** | **[mud](/m)** |\n",
+        {},
+    ),
+    "typographic quotes": ("a,b,result\n“water”,«earth»,„mud“\n", {}),
+    "Chinese": ("材料1,材料2,结果\nwater,earth,mud\n", {}),
+    "Polish": ("Składnik 1;Składnik 2;Wynik\nwater;earth;mud\n", {}),
+    "comments of code": ("// mine\na,b,result\nwater,earth,mud\n", {}),
     "Markdown without a frame": ("a | b | result\n--- | --- | ---\nwater | earth | mud\n", {}),
     "Org": ("| a | b | result |\n|---+---+---|\n| water | earth | mud |\n", {}),
     "the recipe's name": ("Recipe,Ingredient 1,Ingredient 2,Result\nR1,water,earth,mud\n", CHAIN),
@@ -99,8 +114,10 @@ def test_a_table_is_read_without_its_marks(put, case):
 
 
 def test_our_own_table_keeps_any_label_and_the_check_names_it(put):
-    path = put(OWN + "None,Nothing,water\u00a0\n")
-    assert set(read_book(path).entities) == {"None", "Nothing", "water\u00a0"}
+    path = put(OWN + '"None","Nothing","water\u00a0"\n')
+    book = read_book(path)
+    assert set(book.entities) == {"None", "Nothing", "water\u00a0"}
+    assert "'None', 'Nothing' kept as entities" in book.reading.line()
     assert {f.kind for f in check_book(path).findings} >= {"missing", "nothing", "space"}
 
 
@@ -184,6 +201,32 @@ def test_lines_with_several_results_may_be_saved_as_csv(put):
     book = read_book(put("water + earth = mud, clay\nfire + water = steam, cloud\n"))
     assert {recipe.result for recipe in book.recipes} == {"mud", "clay", "steam", "cloud"}
     assert_refused(put("a + b = c\n"), "Leave `columns` out", columns=["1", "2"])
+
+
+FEW_LINES = {
+    "wide signs": "water ＋ earth ＝ mud\n",
+    "arrows of HTML": "water + earth -&gt; mud\n",
+    "fences and headings": "```\nBasics:\n[First]\nwater + earth = mud\n```\n",
+}
+
+
+@pytest.mark.parametrize("case", FEW_LINES)
+def test_lines_of_other_keyboards_and_pages_are_read(put, case):
+    book = read_book(put(FEW_LINES[case], "book.txt"))
+    assert [tuple(recipe) for recipe in book.recipes] == [("earth", "water", "mud")]
+
+
+def test_emoji_that_all_labels_have_are_part_of_them(put):
+    rows = [("💧", "🌍", "🟤"), ("🔥 fire", "💧 water", "♨ steam"), ("🌍 a", "🔥 b", "🌋 c")]
+    path = put("".join(f"{a} + {b} = {c}\n" for a, b, c in rows), "book.txt")
+    assert {tuple(recipe) for recipe in read_book(path).recipes} == {
+        (*sorted(row[:2]), row[2]) for row in rows
+    }
+
+
+def test_a_list_of_two_results_names_both(put):
+    path = put('[["in 1", "in 2", "out 1", "out 2"], ["water", "earth", "mud", "clay"]]', "b.json")
+    assert "in 1 + in 2 = out 1, out 2" in read_book(path).reading.line()
 
 
 def test_tags_are_labels(put):

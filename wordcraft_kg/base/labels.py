@@ -118,16 +118,18 @@ class LabelIndex:
         self._longest = _MOST_AROUND + 4 * max(map(len, labels), default=0)
         # Each form of a label is made once: there may be thousands of labels and texts.
         self._exact = {label: place for place, label in enumerate(labels)}
-        self._plain = [folded(label) for label in labels]
-        self._signs = [_signs(label) for label in labels]
+        self._plain: list[str] = []
+        self._signs: list[tuple[str, str]] = []
         self._folded: dict[str, set[int]] = defaultdict(set)
         self._bare: dict[str, set[int]] = defaultdict(set)
         self._plural: dict[str, set[int]] = defaultdict(set)
         for place, label in enumerate(labels):
-            bare = _bare(label)
-            self._folded[self._plain[place]].add(place)
+            plain, bare, signs, plurals = _forms(label)
+            self._plain.append(plain)
+            self._signs.append(signs)
+            self._folded[plain].add(place)
             self._bare[bare].add(place)
-            for form in _plurals(bare):
+            for form in plurals:
                 self._plural[form].add(place)
 
     def __len__(self) -> int:
@@ -345,6 +347,16 @@ def _halves(text: str, labels: Sequence[str], grammar: int) -> list[tuple[str, s
         is_one_item = grammar > 1 and bool(_printed(text, index_of(tuple(labels))))
         return [] if is_one_item else [(one, other)]
     return [(text[: at.start()], text[at.end() :]) for at in _SEPARATOR.finditer(text)]
+
+
+@lru_cache(maxsize=1 << 15)
+def _forms(label: str) -> tuple[str, str, tuple[str, str], set[str]]:
+    """Return a label's forms for comparison: folded, bare, its signs, and plurals of the bare form.
+
+    Kept for many labels, because the tables of a book's games show the same labels again and again.
+    """
+    bare = _bare(label)
+    return folded(label), bare, _signs(label), _plurals(bare)
 
 
 def _bare(text: str) -> str:

@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 
 from wordcraft_kg.cli.console import Flag, Output, command_line, split_labels
-from wordcraft_kg.cli.describe import lines_of_graph, note_of_shares, warn_of_base, warn_of_cases
+from wordcraft_kg.cli.describe import (
+    lines_of_graph,
+    note_of_shares,
+    warn_of_base,
+    warn_of_cases,
+    warn_of_missing,
+)
 from wordcraft_kg.cli.options import Base, Book, FileOptions, Force
 from wordcraft_kg.graphs.splits import SPLITS, SplitConfig
 
@@ -79,6 +85,7 @@ def build_graph(  # noqa: PLR0913 - parameters are the command's options
     audited = write_graph_folder(folder, recipes, drawn, force=force)
     warn_of_base(audited)
     warn_of_cases(graph.entities)
+    warn_of_missing(graph.entities)
     view = view_build(audited, folder)
     full = ("--kg", "full") if split == "none" else ()
     following = command_line("train-recipes", folder, *full)

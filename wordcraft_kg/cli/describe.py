@@ -36,6 +36,7 @@ def describe(graph: Graph, *, entity: str | None = None, output: Output = Output
         audited = audit(opened.graph, opened.split)
         warn_of_base(audited)
         warn_of_cases(opened.graph.entities)
+        warn_of_missing(opened.graph.entities)
         title = f"graph {opened.graph.name}"
         output.result(audited, [title, *lines_of_graph(audited), *note_of_shares(audited.split)])
 
@@ -88,6 +89,16 @@ def warn_of_cases(labels: Sequence[str]) -> None:
         "2 labels differ" if len(variants) == 1 else f"{len(variants):,} groups of labels differ",
         shown,
     )
+
+
+def warn_of_missing(labels: Sequence[str]) -> None:
+    """Log a warning about labels that often stand for nothing, such as NA, and are entities."""
+    from wordcraft_kg.graphs.book_files.cells import note_of_missing
+
+    for note in note_of_missing(labels):
+        logging.getLogger(__name__).warning(
+            "%s; leave such rows out where they mean a missing value or no result.", note
+        )
 
 
 def note_of_shares(split: "SplitSummary") -> Iterator[str]:

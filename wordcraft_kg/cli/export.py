@@ -13,6 +13,7 @@ EXAMPLES = (
     "wordcraft-kg export everyday --format nt --out everyday.nt",
     "wordcraft-kg export graphs/everyday --format graphml --out everyday.graphml",
     "wordcraft-kg export graphs/everyday --format tsv --part partial --out train.tsv",
+    "wordcraft-kg export everyday --format sentences --part partial --out recipes.txt",
 )
 
 
@@ -29,7 +30,8 @@ def export(
 
     Args:
         format: tsv or parquet (triples), graphml (with recipe nodes), nt (RDF, with recipe nodes),
-            csv or json (recipe book), hif (JSON of a directed hypergraph).
+            csv or json (recipe book), hif (JSON of a directed hypergraph), sentences (text for
+            language models, one line for each recipe).
         out: file to write.
         part: full (all recipes), partial (train recipes), or unseen (held-out recipes, and triples
             that no train recipe gives). Entities and base are always complete.

@@ -17,7 +17,13 @@ because published results play on those tables; and ``words.PROMPTS``, whose has
 
 
 def register() -> None:
-    """Register the environments with Gymnasium, unless done; the default graph is ``everyday``."""
+    """Register the environments with Gymnasium, unless done; the default graph is ``everyday``.
+
+    Apps add environments by entry points in the group ``wordcraft_kg.environments``: the name for
+    ``gymnasium.make``, and ``module:class``, which is imported when one is made.
+    """
+    from importlib.metadata import entry_points
+
     from gymnasium.envs.registration import register, registry
 
     if "WordCraft-v0" in registry:
@@ -34,3 +40,5 @@ def register() -> None:
         "wordcraft_kg.envs.open_ended:OpenEndedEnv",
         kwargs=default,
     )
+    for point in entry_points(group="wordcraft_kg.environments"):
+        register(point.name, point.value, kwargs=default)

@@ -23,6 +23,8 @@ _AHEAD_OF_MANY = 8
 _MANY = 1_024
 # Tables drawn at a time on the CPU, so that the arrays stay in the processor's cache.
 _CHUNK = 8_192
+# Up to so many tables are checked by comparing all candidates at once.
+_FEW = 64
 _LAST_31_BITS = 0x7FFFFFFF
 # Keys that differ by multiples of these hash independently; both are odd, the first is
 # 2**64 / golden ratio.
@@ -229,6 +231,11 @@ class Draws:
     ) -> Array:
         """Return which tables cannot take all their candidates as they come, shape (R,), bool."""
         clash = self._guards.at_risk(candidates, tasks)
+        if len(clash) <= _FEW:
+            # All pairs in two comparisons: for few tables, the calls cost more than the numbers.
+            clash |= (candidates[:, None] == taken[None, :]).any((0, 1))
+            equal = candidates[:, None] == candidates[None, :]
+            return clash | (equal.sum((0, 1)) > len(candidates))  # each equals itself
         for i in range(len(candidates)):
             for entity in taken:
                 clash |= candidates[i] == entity

@@ -158,6 +158,8 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         # Plain lists, because single look-ups in arrays are slow.
         self._outcomes = self.world.outcomes
         self._nothing = self.world.nothing
+        # Half-products have no weight: counted as taken, they do not keep a draw waiting for them.
+        self._never = np.flatnonzero(self.world.distractor_weights == 0).tolist()
         self._weight_ends = list(accumulate(self.world.distractor_weights.tolist()))
         self._task_ends = list(accumulate(self.tasks.weights(self.config.task_weighting).tolist()))
         self._uniform: list[float] = []
@@ -358,7 +360,7 @@ class WordCraftEnv(gym.Env[Observation, Any]):
         goal = self._goals[task]
         start = self._starts[task]
         guarded = self._guarded.get(goal, [])
-        taken = {goal, self._nothing, *start, *self._intermediates[task]}
+        taken = {goal, self._nothing, *start, *self._intermediates[task], *self._never}
         near = {*start, *self._makeable[task]}  # on the table, or to be made
         drawn: list[int] = []
         total = self._weight_ends[-1]

@@ -129,8 +129,11 @@ class World:
         self.num_slots = num_given + self.max_results * config.attempts
         # Never distractors: the goal, the starting ingredients and the intermediates of the plans.
         needed = np.concatenate([self.tasks.starts, self.tasks.intermediates], axis=1)
-        reserved = 1 + int((needed != self.nothing).sum(axis=1).max())
-        self.max_distractors = self.nothing - reserved
+        # Half-products of chains are none either, whether a plan needs them or not.
+        is_thing = np.append(~self.graph.is_half_product, False)
+        things = int(is_thing.sum())
+        reserved = 1 + int(is_thing[needed].sum(axis=1).max())
+        self.max_distractors = things - reserved
         if config.distractor_policy == "no_train_shortcut" and self.split.is_in("train").all():
             raise ConfigError(
                 f"`distractor_policy` 'no_train_shortcut': {self.graph.name} has no split, so all "
@@ -140,7 +143,7 @@ class World:
         if config.num_distractors > self.max_distractors:
             raise ConfigError(
                 f"`num_distractors` {config.num_distractors}: {self.graph.name} has "
-                f"{self.nothing} entities, of which a task needs up to {reserved}; "
+                f"{things} entities, of which a task needs up to {reserved}; "
                 f"expected at most {self.max_distractors}."
             )
 

@@ -239,31 +239,46 @@ class VectorKGScoreObservation(VectorWrapper):
         return {**observations, **self._scores.of(observations, task)}
 
 
-class TaskObservation(_Ids):
-    """Adds ``task``, the number of the episode's task, for policies with a cross-fitted scorer.
+class TaskNumbers:
+    """The numbers of tasks in observations, for policies with a cross-fitted scorer.
 
     Such a scorer has a model for each fold of the train recipes; the task selects the model. For
-    tasks with train recipes this is an index into ``world.tasks``; for all further tasks, and
-    always on the test part, the number of train tasks. So a policy is trained and evaluated with
-    equal observation spaces.
+    tasks with train recipes the number is an index into ``world.tasks``; for all further tasks, and
+    always on the test part, it is the number of train tasks. So a policy is trained and evaluated
+    with equal observation spaces.
+
+    Attributes:
+        space: the space of a number.
     """
 
-    def __init__(self, env: Env):
-        """Wrap a single crafting environment."""
-        super().__init__(env)
-        world = _world(env)
+    def __init__(self, world: World):
+        """Count the train tasks of a world."""
         self._is_known = world.config.part in ("train", "all")
         # The number of train tasks stands for all other tasks, in every part alike.
         train = world if self._is_known else world.variant(part="train")
         self._other = len(train.tasks)
-        self.observation_space = spaces.Dict(
-            {**_id_spaces(env), "task": spaces.Discrete(self._other + 1)}
-        )
+        self.space = spaces.Discrete(self._other + 1)
+
+    def of(self, tasks: Any) -> Any:
+        """Return the numbers of tasks, int64: of one task (index), or of N, shape (N,)."""
+        indices = np.asarray(tasks, dtype=np.int64)
+        numbers = indices if self._is_known else np.full_like(indices, self._other)
+        return numbers[()]  # a task alone is a number, not an array without axes
+
+
+class TaskObservation(_Ids):
+    """Adds ``task``, the number of the episode's task, see :class:`TaskNumbers`."""
+
+    def __init__(self, env: Env):
+        """Wrap a single crafting environment."""
+        super().__init__(env)
+        self._numbers = TaskNumbers(_world(env))
+        self.observation_space = spaces.Dict({**_id_spaces(env), "task": self._numbers.space})
 
     def observation(self, observation: Observation) -> Observation:
         """Add the task's number to an observation."""
-        number = self.env.get_wrapper_attr("state").task if self._is_known else self._other
-        return {**observation, "task": np.int64(number)}
+        task = self.env.get_wrapper_attr("state").task
+        return {**observation, "task": self._numbers.of(task)}
 
 
 class TextObservation(_Masked):

@@ -88,13 +88,16 @@ def view_probabilities(
     given = _cells(graph.triples, size)
     everything = torch.arange(size)
     itself = np.eye(size, dtype=bool)
+    whole = ~graph.is_half_product
+    # Pairs of things; half-products of chains are none.
+    are_things = whole[:, None] & whole[None, :]
     rows = []
     for relation, name in enumerate(RELATIONS):
         chances = (
             scorer.probability(everything[:, None], relation, everything[None, :]).cpu().numpy()
         )
         # Triples in training are no test: the scorer has seen that they are true.
-        candidates = ~known[relation]
+        candidates = ~known[relation] & are_things
         if relation == COMBINES_WITH:  # both directions are the same fact
             candidates &= np.tri(size, dtype=bool)
         curves = scorer.probabilities.relations[relation]

@@ -150,7 +150,10 @@ def rank_links(
     if whole("max_queries", max_queries, 0) and max_queries < 2 * MIN_TRIPLES:
         raise refuse("max_queries", max_queries, f"0 for all, or {2 * MIN_TRIPLES} or more")
     # Test triples that training contains by way of other recipes are leaks, and left out.
-    everything = opened.graph.triples if kg == "full" else opened.split.held_out("test")
+    everything = opened.split.held_out("test")
+    if kg == "full":
+        triples = opened.graph.triples
+        everything = triples[opened.split.is_fact(triples)]
     queries = sampled(everything, max_queries // 2, seed) if max_queries else everything
     if len(queries) < MIN_TRIPLES:
         raise SplitError(_too_few(len(queries), opened, kg))

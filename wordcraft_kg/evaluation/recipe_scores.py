@@ -14,6 +14,7 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.evaluation.queries import RecipeQuery
 from wordcraft_kg.evaluation.scores import Known, ScoringModel
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.chains import mark_half_products
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence
@@ -157,7 +158,8 @@ class RecipeScoring:
 
         That is one recipe, or a recipe for each entity in the open slot.
         """
-        everything = np.arange(len(self.scorer.entities))
+        # Half-products of chains are no things of the game, and no answers.
+        everything = np.flatnonzero(~mark_half_products(self.scorer.entities))
         ids = [
             everything if slot is None else [self.scorer.entities.index(slot)]
             for slot in query.slots
@@ -245,7 +247,8 @@ def _keys(rows: Ids) -> list[_Key]:
 def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
     """Score a recipe, and rank each entity in its slot."""
     row = scoring.rows(query)
-    (recipe,) = scoring.recipes(row, scoring.scores(row).tolist())
+    own = scoring.scores(row)
+    (recipe,) = scoring.recipes(row, own.tolist())
 
     def rank(slot: int) -> int:
         labels = list(query.slots)
@@ -253,7 +256,7 @@ def view_recipe(scoring: RecipeScoring, query: RecipeQuery) -> RankedRecipe:
         opened = RecipeQuery(labels[0], labels[1], labels[2])
         scores = scoring.scores(scoring.rows(opened))
         # Optimistic for ties: entities with equal scores share the best rank.
-        return 1 + int((scores > scores[row[0, slot]]).sum())
+        return 1 + int((scores > own).sum())
 
     return RankedRecipe(
         **msgspec.structs.asdict(recipe),

@@ -14,6 +14,7 @@ from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.evaluation.queries import Query, RecipeQuery
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.chains import is_half_product, mark_half_products
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.splits import PARTS, Split
 from wordcraft_kg.graphs.triples import RELATIONS
@@ -235,6 +236,8 @@ class ScoringModel:
         tail = everything if query.tail is None else query.tail
         scores = self.scorer.score(head, query.relation, tail).cpu()
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
+        # Half-products of chains are no things of the game, and no answers.
+        order = order[~mark_half_products(self.scorer.entities)[order]]
         # Without a filter the first ones are the answer, and parts of all others need no look-up.
         if not new_only:
             order = order[:top]
@@ -268,8 +271,8 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
     head, relation, tail = _labels(query)
     ((_, known, probability),) = _scores(model, [(head, relation, tail)])
     # Whole lists: the rank is the place, known triples included.
-    tails = [name for name, _ in scorer.top(head, relation, None, limit=None)]
-    heads = [name for name, _ in scorer.top(None, relation, tail, limit=None)]
+    tails = _ranked_names(scorer.top(head, relation, None, limit=None), tail)
+    heads = _ranked_names(scorer.top(None, relation, tail, limit=None), head)
     return ScoredTriple(
         head=head,
         relation=relation,
@@ -283,6 +286,11 @@ def view_triple(model: ScoringModel, query: Query) -> ScoredTriple:
         by_words=model.by_words,
         outside=model.outside.of_link(head, relation, tail) if model.outside else (),
     )
+
+
+def _ranked_names(answers: Sequence[tuple[str, float]], given: str) -> list[str]:
+    """Return the names of answers without half-products, but for a given one."""
+    return [name for name, _ in answers if name == given or not is_half_product(name)]
 
 
 def view_open_slot(

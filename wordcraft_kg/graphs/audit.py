@@ -407,8 +407,9 @@ def _degrees(graph: RecipeGraph) -> Degrees:
 
     def top(counts: Ids) -> tuple[tuple[str, int], ...]:
         # Stable, so that ties are in alphabetical order.
-        most = np.argsort(-counts, kind="stable")[:_TOP].tolist()
-        return tuple((graph.entities[entity], int(counts[entity])) for entity in most)
+        most = np.argsort(-counts, kind="stable")
+        most = most[whole[most]][:_TOP]
+        return tuple((graph.entities[entity], int(counts[entity])) for entity in most.tolist())
 
     return Degrees(
         craftable=len(craftable),

@@ -20,18 +20,12 @@ from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.base.wording import counted
+from wordcraft_kg.graphs.book_files.book_rows import BookRows
+from wordcraft_kg.graphs.book_files.cells import HTML_ENTITY, note_of_marks, note_of_numbers
 from wordcraft_kg.graphs.book_files.container import read_bytes
-from wordcraft_kg.graphs.book_files.reader import (
-    HTML_ENTITY,
-    BookOptions,
-    BookRows,
-    OpenedFile,
-    ReadOptions,
-    book_name,
-    note_of_numbers,
-    open_source,
-    unknown_base,
-)
+from wordcraft_kg.graphs.book_files.opening import OpenedFile, open_source
+from wordcraft_kg.graphs.book_files.options import BookOptions, ReadOptions
+from wordcraft_kg.graphs.book_files.reader import book_name, unknown_base
 from wordcraft_kg.graphs.book_files.rows import NOTHING, Fault, Place, is_missing
 from wordcraft_kg.graphs.chains import makes_nothing
 from wordcraft_kg.graphs.planner import layers
@@ -49,8 +43,11 @@ _VARYING = re.compile(r"'[^']*'|[\d,]+")
 class Finding(Record):
     """An error or a suspicious entry in a recipe book.
 
-    ``kind`` is the violated rule, such as ``duplicate``. A ``problem`` fails the check, a ``note`` does not. ``lines``
-    are line numbers from 1, at most 15; empty for a finding about the whole book.
+    Attributes:
+        kind: violated rule, such as ``duplicate``.
+        severity: a ``problem`` fails the check, a ``note`` does not.
+        lines: line numbers from 1, at most 15; empty for a finding about the whole book.
+        message: what was found, and what to do.
     """
 
     kind: str
@@ -65,13 +62,15 @@ class BookStatistics(Record, omit_defaults=True):
     Attributes:
         reachable: base entities (known at the start) and entities that can be made from the base.
         max_layer: rounds of combining all known pairs until the last reachable entity.
-        share_with_two_recipes: share of the craftable entities (entities with a recipe) with at least two recipes.
+        mean_recipes_per_craftable: recipes of a craftable entity (one with a recipe), on average.
+        share_with_two_recipes: share of the craftable entities with at least two recipes.
         terminal: craftable entities that no recipe uses.
         self_pairs: entities that combine with themselves.
+        pairs_with_two_or_three_results, pairs_with_more_results: pairs by number of results.
         most_used_share: share of all recipes that use ``most_used``.
         words_with_vector: share of the words in entity labels with a word vector.
-        near_synonym_share: share of the default split's test recipes that repeat a train recipe with one ingredient
-            replaced by a near-synonym (cosine ``near_synonym_cosine`` or more).
+        near_synonym_share: share of the default split's test recipes that repeat a train recipe with
+            one ingredient replaced by a near-synonym (cosine ``near_synonym_cosine`` or more).
         against: name of a second book.
         shared_recipes: recipes in both books; ``shared`` is their share in this book.
     """
@@ -181,6 +180,7 @@ def check_book(
         _note("left-out", f"{number:,} rows {reason}") for reason, number in rows.left_out.items()
     ]
     findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
+    findings += [_note("marks", message) for message in note_of_marks(book.entities)]
     if makes_nothing(book.recipes):
         if not any(finding.severity == "problem" for finding in findings):
             findings.append(_problem("empty", "it has no recipe"))
@@ -352,11 +352,10 @@ def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Find
 
 def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]:
     idle = graph.labels(np.flatnonzero(graph.recipe_counts + graph.use_counts == 0))
-    unused = (
-        graph.labels(graph.base_ids[graph.use_counts[graph.base_ids] == 0])
-        if base is not None
-        else ()
-    )
+    unused: Sequence[str] = ()
+    if base is not None:
+        is_unused = graph.use_counts[graph.base_ids] == 0
+        unused = graph.labels(graph.base_ids[is_unused])
     if unused:
         yield _problem("base", f"base entities that no recipe uses: {listed(unused)}")
     others = [label for label in idle if label not in unused]
@@ -402,18 +401,20 @@ def _unreachable(
 
 
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
-    pairs = (
-        pair for entity in entities for pair in graph.recipes[graph.recipes_of(entity), :2].tolist()
-    )
-    return all(not entities.isdisjoint(pair) for pair in pairs)
+    """Return whether each recipe of the entities needs one of them."""
+    for entity in entities:
+        pairs = graph.recipes[graph.recipes_of(entity), :2]
+        if any(entities.isdisjoint(pair) for pair in pairs.tolist()):
+            return False
+    return True
 
 
 def _plurals(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for label in graph.entities:
-        endings = {f"{label}s", f"{label}es"} | (
-            {f"{label[:-1]}ies"} if label.endswith("y") else set()
-        )
-        for plural in sorted(endings):
+        plurals = [f"{label}es", f"{label}s"]
+        if label.endswith("y"):
+            plurals.append(f"{label[:-1]}ies")
+        for plural in sorted(plurals):
             if plural in graph:
                 message = f"'{label}' and '{plural}' are singular and plural of one word"
                 yield _note("plural", message, _at((label, plural), line_of))
@@ -451,7 +452,7 @@ def _statistics(graph: RecipeGraph) -> BookStatistics:
         pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),
         pairs_with_more_results=int(np.sum(results > 3)),
         most_used=graph.entities[most_used],
-        most_used_share=float(uses[most_used] / graph.num_recipes),
+        most_used_share=float(uses[most_used] / num_recipes),
     )
 
 
@@ -463,9 +464,10 @@ def listed(labels: Iterable[str]) -> str:
 
 
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    return tuple(
-        sorted(
-            findings,
-            key=lambda f: (f.severity != "problem", f.lines[:1] or (0,), f.kind, f.message),
-        )
-    )
+    """Return findings with problems first, then by line."""
+
+    def order(finding: Finding) -> tuple[bool, tuple[int, ...], str, str]:
+        is_note = finding.severity != "problem"
+        return is_note, finding.lines[:1] or (0,), finding.kind, finding.message
+
+    return tuple(sorted(findings, key=order))

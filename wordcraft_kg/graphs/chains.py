@@ -7,6 +7,9 @@ copy and hash of a graph keeps it: no export can lose which entities are no thin
 
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from wordcraft_kg.graphs.recipes import Recipe
 
 HALF = " + …"
@@ -24,6 +27,11 @@ no count of an ingredient.
 def is_half_product(label: str) -> bool:
     """Return whether a label names a half-product of a chain."""
     return label.endswith(HALF)
+
+
+def mark_half_products(labels: Sequence[str]) -> NDArray[np.bool_]:
+    """Return which labels name half-products, shape (len(labels),), bool."""
+    return np.fromiter(map(is_half_product, labels), np.bool_, len(labels))
 
 
 def chain(ingredients: Sequence[str], result: str) -> list[Recipe]:

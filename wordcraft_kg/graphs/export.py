@@ -91,7 +91,7 @@ def export_graph(
         raise ConfigError(
             f"`format` {format!r}: {graph.num_recipes:,} recipes would take about "
             f"{needed / 2**30:.0f} GiB of memory; expected at most {MOST_BYTES / 2**30:.0f}. "
-            "Take nt, tsv, parquet, csv, json or hif, which need little."
+            "Take nt, tsv, parquet, csv, json, hif or sentences, which need little."
         )
     with staged_file(out, force=force) as path:
         exporter.write(
@@ -117,6 +117,15 @@ def _graphml(graph: RecipeGraph, triples: Ids, path: Path) -> None:
     import networkx as nx
 
     nx.write_graphml(to_networkx(graph), path)
+
+
+def _sentences(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
+    """Yield a line with a sentence for each recipe; a self pair names its ingredient once."""
+    for recipe in graph.recipe_labels():
+        other = recipe.ingredient_b
+        if other == recipe.ingredient_a:
+            other = "itself"
+        yield f"Combining {recipe.ingredient_a} with {other} makes {recipe.result}.\n"
 
 
 def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
@@ -205,6 +214,10 @@ EXPORTERS = {
     "hif": Exporter(
         "directed hypergraph in the Hypergraph Interchange Format, with an edge for each recipe",
         lambda graph, triples, path: write_atomically(path, hif_lines(graph)),
+    ),
+    "sentences": Exporter(
+        "a sentence for each recipe, for the pretraining of language models",
+        lambda graph, triples, path: write_atomically(path, _sentences(graph, triples)),
     ),
 }
 if TYPE_CHECKING:

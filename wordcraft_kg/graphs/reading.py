@@ -24,6 +24,7 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         quote: character around the cells of a table, if it is not the double quote.
         header: whether a table's first row names the columns.
         columns: columns, keys or fields with the ingredients and, last, the results.
+        num_results: number of ``columns`` with results.
         ignored: further columns, which are not read.
         case: "fold" if labels were changed to lower case; empty if they are as in the file.
         rows: recipes in the file; a row with several results counts once for each.
@@ -31,6 +32,7 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         left_out: number of other rows by reason.
         arities: number of rows by their number of ingredients, as digits.
         counts_dropped: ingredients whose number of pieces is not kept.
+        trimmed: cells with characters at their ends that cannot be seen, which are left out.
         several_outputs: rows of the file with several results.
         notes: further remarks.
     """
@@ -42,6 +44,7 @@ class Reading(Record, omit_defaults=True, kw_only=True):
     quote: str = ""
     header: bool = True
     columns: tuple[str, ...] = ()
+    num_results: Count = 1
     ignored: tuple[str, ...] = ()
     case: str = ""
     rows: Count = 0
@@ -49,6 +52,7 @@ class Reading(Record, omit_defaults=True, kw_only=True):
     left_out: dict[str, Count] = msgspec.field(default_factory=dict)
     arities: dict[str, Count] = msgspec.field(default_factory=dict)
     counts_dropped: Count = 0
+    trimmed: Count = 0
     several_outputs: Count = 0
     notes: tuple[str, ...] = ()
 
@@ -74,13 +78,16 @@ class Reading(Record, omit_defaults=True, kw_only=True):
         if self.quote:
             yield f"quotes {self.quote}"
         if self.columns:
-            *ingredients, result = self.columns
-            yield f"{' + '.join(ingredients)} = {result}"
+            ingredients = self.columns[: -self.num_results]
+            results = self.columns[-self.num_results :]
+            yield f"{' + '.join(ingredients)} = {', '.join(results)}"
         if not self.header:
             yield "no header"
         if self.ignored:
+            names = ", ".join(self.ignored[:_SHOWN])
             more = len(self.ignored) - _SHOWN
-            names = ", ".join(self.ignored[:_SHOWN]) + (f" and {more} more" if more > 0 else "")
+            if more > 0:
+                names += f" and {more} more"
             yield f"other columns ignored: {names}"
         if self.container:
             yield f"from {self.container}"
@@ -94,6 +101,8 @@ class Reading(Record, omit_defaults=True, kw_only=True):
             yield "labels in lower case"
         if self.counts_dropped:
             yield f"{counted(self.counts_dropped, 'number')} of pieces not kept"
+        if self.trimmed:
+            yield f"{counted(self.trimmed, 'cell')} without blanks that cannot be seen"
         if self.several_outputs:
             yield f"{counted(self.several_outputs, 'row')} with several results"
         if self.arities.keys() - {"2"}:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from wordcraft_kg.base.errors import GraphError, UnknownEntityError
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.arrays import Ids, frozen, sorted_unique
-from wordcraft_kg.graphs.chains import is_half_product
+from wordcraft_kg.graphs.chains import mark_half_products
 from wordcraft_kg.graphs.reading import Reading
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook, check_label
 from wordcraft_kg.graphs.triples import recipe_triples
@@ -165,7 +165,7 @@ class RecipeGraph:
 
         They are no things of the game: no task has them as goal or start, no figure counts them.
         """
-        halves = np.fromiter(map(is_half_product, self.entities), np.bool_, self.num_entities)
+        halves = mark_half_products(self.entities)
         halves.flags.writeable = False
         return halves
 

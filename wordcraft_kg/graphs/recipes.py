@@ -37,8 +37,16 @@ class Recipe(NamedTuple):
         other: str,
         result: str,
     ) -> "Recipe":
-        """Create a recipe from ingredients in any order."""
-        return cls(one, other, result) if one <= other else cls(other, one, result)
+        """Create a recipe from ingredients in any order.
+
+        Args:
+            one: label of an ingredient.
+            other: label of the other ingredient; may be the same.
+            result: label of what they make.
+        """
+        if one <= other:
+            return cls(one, other, result)
+        return cls(other, one, result)
 
     def __str__(self) -> str:
         return f"{self.ingredient_a} + {self.ingredient_b} -> {self.result}"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from transformers import AutoTokenizer
 
 PLAYER = runpy.run_path(str(Path(__file__).parents[3] / "examples" / "transformers_player.py"))
 ITEMS = ["flour", "hot water", "egg", "milk", "sugar"]
@@ -14,9 +15,12 @@ RULES = "rules: look up. " + 5 * "flour is a part of bread. "
 
 @pytest.fixture(scope="module")
 def reader(model_folder):
-    made = PLAYER["Reader"](str(model_folder))
+    with pytest.MonkeyPatch.context() as patch:
+        tokenizer = AutoTokenizer.from_pretrained(model_folder)
+        tokenizer.chat_template = "{% for one in messages %}{{ one.content }}, {% endfor %}"
+        patch.setattr(AutoTokenizer, "from_pretrained", lambda *_, **__: tokenizer)
+        made = PLAYER["Reader"](str(model_folder))
     made.end = made.tokens("bread")[0]
-    made.tokenizer.chat_template = "{% for one in messages %}{{ one.content }}, {% endfor %}"
     return made
 
 
@@ -64,7 +68,39 @@ def test_the_answer_by_generation_is_that_of_a_model_without_a_kept_text(reader)
         )
 
 
-@pytest.mark.parametrize("by", ["generation", "probabilities"])
+@torch.inference_mode()
+def test_a_constrained_answer_goes_on_with_the_most_probable_allowed_token(reader):
+    """Against a search that reads each beginning anew, without a cache, over all pairs."""
+
+    def slow(prompt, texts):
+        texts = [[*reader.tokens(text), reader.end] for text in texts]
+        begun = []
+        while len(texts) > 1:
+            row = reader.model(torch.tensor([[*prompt, *begun]])).logits[0, -1]
+            begun.append(max({text[len(begun)] for text in texts}, key=lambda one: float(row[one])))
+            texts = [text for text in texts if text[: len(begun)] == begun]
+        return texts[0][:-1]
+
+    for text in ("flour is a part of", "sugar is hot", "egg"):
+        prompt, tried, left = reader.tokens(text), set(), {*itertools.product(ITEMS, ITEMS)}
+        while left:
+            starts = {one: reader.tokens(f"{one} +") for one, _ in left}
+            first = slow(prompt, [f"{one} +" for one in sorted(starts)])
+            (one,) = (item for item, tokens in starts.items() if tokens == first)
+            expected = slow(prompt, [f"{one} + {b}" for a, b in sorted(left) if a == one])
+            answer = PLAYER["by_constraint"](reader, prompt, ITEMS, tried)
+            assert reader.tokens(answer) == expected
+            pair = tuple(answer.split(" + "))
+            left -= {pair, pair[::-1]}
+    assert len(tried) == 15
+
+
+def test_a_tokenizer_without_chat_template_is_refused_by_name(model_folder):
+    with pytest.raises(SystemExit, match="has no chat template"):
+        PLAYER["Reader"](str(model_folder))
+
+
+@pytest.mark.parametrize("by", ["generation", "constrained", "probabilities"])
 def test_equal_games_get_equal_answers_and_a_full_context_begins_anew(
     reader, by, monkeypatch, capsys
 ):
@@ -81,6 +117,6 @@ def test_equal_games_get_equal_answers_and_a_full_context_begins_anew(
     assert len(answers) == 20
     assert answers[:10] == answers[10:]
     assert len(reader.ids) <= 80
-    if by == "probabilities":
+    if by != "generation":
         assert answers[0] == "look up bread"
         assert len(set(answers)) == 10

@@ -131,6 +131,8 @@ def test_a_row_of_another_split_or_a_changed_row_is_refused_by_name():
         ({"split_hash": "0" * 64}, "another split of 'kitchen'"),
         ({"goal": "unicorn"}, "the row's goal is 'unicorn'"),
         ({"task": None}, "no column 'task'"),
+        ({"task_id": "kitchen-test-1-2-0-0"}, "is named 'kitchen-test-1-2-0-0'"),
+        ({"part": "test"}, "is named 'kitchen-train-1-2-0-0'|the row's goal is"),
         ({"task": 10**9}, "task"),
         ({"depth": 99}, "depth"),
         ({"reward": "large"}, "reward"),

@@ -16,6 +16,10 @@ SPECIAL = ["<|endoftext|>", "<|im_start|>", "<|im_end|>", "<tool_call>", "</tool
 
 @pytest.fixture(scope="module")
 def tokenizer():
+    return byte_tokenizer()
+
+
+def byte_tokenizer():
     """Bytes as tokens: nothing is downloaded."""
     from tokenizers import Tokenizer, decoders, models, pre_tokenizers
     from transformers import PreTrainedTokenizerFast

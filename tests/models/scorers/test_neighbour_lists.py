@@ -11,13 +11,15 @@ from link_helpers import random_graph
 
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.models.scorers.kernel import TEXT, kernel_regression, link_matrices, profiles
-from wordcraft_kg.models.scorers.neighbours import knowledge, loops
+from wordcraft_kg.models.scorers.neighbours import knowledge
+from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
+from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST, table_features
 from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, OF_PAIRS, NeighbourKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
 SIZE = 12
-FLOOR = float(loops.FLOOR)
+FLOOR = float(LEAST_EVIDENCE)
 
 
 def unit_vectors(size=SIZE, dim=6, seed=99):
@@ -68,7 +70,7 @@ class SlowFeatures:
         link = link_words = 0.0
         for other, result in product(self.used, self.made):
             weight = alike[x, other] * alike[c, result]
-            if weight >= loops.LEAST:
+            if weight >= LEAST:
                 link += weight * self.links(other, result)
                 link_words += words[x, other] * words[c, result] * self.links(other, result)
         exact = sum(alike[c, result] * self.links(x, result) for result in self.made)
@@ -108,7 +110,7 @@ class SlowFeatures:
             # A self pair is one pair of neighbours, any other pair is two.
             for i, j in {(one, other), (other, one)}:
                 weight = alike[a, i] * alike[b, j]
-                if weight < loops.LEAST:
+                if weight < LEAST:
                     continue
                 anything += weight
                 makes += weight * alike[c, result]
@@ -162,7 +164,7 @@ def test_with_lists_of_full_length_every_feature_is_what_its_definition_says(num
     goals = rng.integers(SIZE, size=25)
     one, other = np.triu_indices(3)
     found = np.zeros((25, 6, len(FEATURES)), dtype=np.float32)
-    loops.table_features(lists, goals, tables, one, other, found)
+    table_features(lists, goals, tables, one, other, found)
     for row, pair in product(range(25), range(6)):
         expected = slow(tables[row, one[pair]], tables[row, other[pair]], goals[row])
         np.testing.assert_allclose(found[row, pair], expected, rtol=2e-3, atol=2e-3)
@@ -193,14 +195,18 @@ def test_structural_neighbours_have_the_largest_cosines_of_profiles():
     cosines = rows @ rows.T
     np.fill_diagonal(cosines, 0)
     for entity in range(30):
-        found = lists.near[entity]
-        found = found[found < 30]
+        places = slice(lists.near_starts[entity], lists.near_starts[entity + 1])
+        found = lists.near[places]
         assert sorted(found) == found.tolist()
-        values = lists.near_cosines[entity, : len(found)]
-        np.testing.assert_allclose(values, cosines[entity, found], rtol=1e-5)
-        assert len(found) == min(5, (cosines[entity] > 0).sum())
+        np.testing.assert_allclose(lists.near_cosines[places], cosines[entity, found], rtol=1e-5)
+        # Its own five, and all that have it among their five.
         left_out = np.setdiff1d(np.arange(30), found)
-        assert cosines[entity, left_out].max() <= values.min(initial=np.inf) + 1e-6
+        own = np.sort(cosines[entity])[::-1][:5]
+        assert cosines[entity, left_out].max() <= own[-1] + 1e-6
+        for other in np.flatnonzero(cosines[entity] > 0):
+            theirs = np.sort(cosines[other])[::-1][4]
+            if cosines[entity, other] > max(theirs, own[-1]) + 1e-6:
+                assert other in found
 
 
 def random_knowledge(seed, num_recipes=70):
@@ -325,7 +331,7 @@ def test_a_pair_with_10000_results_and_a_hub_with_5000_recipes_cost_no_more():
     goals = np.array([100, 10_099, 10_150])
     tables = np.array([[0, 1]] * 3)
     features = np.zeros((3, 1, len(FEATURES)), dtype=np.float32)
-    loops.table_features(lists, goals, tables, np.array([0]), np.array([1]), features)
+    table_features(lists, goals, tables, np.array([0]), np.array([1]), features)
     start = len(FEATURES) - len(OF_PAIRS)
     makes = start + OF_PAIRS.index("makes")
     assert np.isfinite(features).all()
@@ -339,5 +345,5 @@ def test_books_with_hardly_a_recipe_have_features(recipes):
     lists = make_lists(rows, vectors, nearest_words(vectors))
     features = np.zeros((1, 3, len(FEATURES)), dtype=np.float32)
     one, other = np.triu_indices(2)
-    loops.table_features(lists, np.array([2]), np.array([[0, 1]]), one, other, features)
+    table_features(lists, np.array([2]), np.array([[0, 1]]), one, other, features)
     assert np.isfinite(features).all()

@@ -150,6 +150,7 @@ class Slot:
         part: shape (E,), split part of the first recipe that gives the triple, an index in
             :data:`KNOWN`; :data:`NEW` if no recipe of the book gives it.
         learned: shape (E,), True where the model was trained on the triple.
+        half_product: shape (E,), True for half-products of chains, which are no answers.
     """
 
     entity: int
@@ -158,6 +159,12 @@ class Slot:
     scores: NDArray[np.float64]
     part: NDArray[np.int64]
     learned: NDArray[np.bool_]
+    half_product: NDArray[np.bool_]
+
+    @property
+    def competes(self) -> NDArray[np.bool_]:
+        """Mark entities without a true link, which compete with each answer, shape (E,)."""
+        return (self.part == NEW) & ~self.half_product
 
     def triples(self, entities: Ids) -> Ids:
         """Return the triples with these entities as answers, shape (n, 3)."""
@@ -170,7 +177,7 @@ class Slot:
     def ranks(self, entities: Ids) -> NDArray[np.float64]:
         """Return filtered, realistic ranks, shape (n,) -> (n,), as by ``rank_triples``."""
         # Filtered: only entities without a true link compete. One sort serves all n ranks.
-        competitors = np.sort(self.scores[self.part == NEW])
+        competitors = np.sort(self.scores[self.competes])
         scores = self.scores[entities]
         up_to = np.searchsorted(competitors, scores, "right")
         below = np.searchsorted(competitors, scores, "left")
@@ -178,7 +185,7 @@ class Slot:
         equal = up_to - below
         # An entity without a true link is one of the competitors, and ties with itself: this is no
         # tie.
-        is_competitor = self.part[entities] == NEW
+        is_competitor = self.competes[entities]
         # Realistic: the mean of the ranks before and after all ties.
         return np.asarray(above + 1 + (equal - is_competitor) / 2)
 
@@ -186,8 +193,8 @@ class Slot:
         """Return an entity's filtered rank."""
         # An entity with a true link competes with all others that have none, and is a candidate
         # itself.
-        competitors = int((self.part == NEW).sum())
-        candidates = competitors + int(self.part[entity] != NEW)
+        competitors = int(self.competes.sum())
+        candidates = competitors + int(not self.competes[entity])
         rank = self.ranks(np.array([entity]))[0]
         return FilteredRank(float(rank), candidates)
 
@@ -288,6 +295,7 @@ class LinkPredictor:
             scores=scores,
             part=part,
             learned=learned,
+            half_product=self.graph.is_half_product,
         )
 
     def ranked(self, slot: Slot, entity: int) -> RankedLink:
@@ -324,10 +332,12 @@ class LinkPredictor:
             both lists; equal scores are in the order of ids.
         """
         order = np.argsort(-slot.scores, kind="stable")
+        order = order[~slot.half_product[order]]
         listed = order if with_learned else order[~slot.learned[order]]
-        positions = np.zeros(len(order), dtype=np.int64)
+        positions = np.zeros(len(slot.scores), dtype=np.int64)
         positions[listed] = np.arange(1, len(listed) + 1)
-        unlearned = np.flatnonzero((slot.part != NEW) & ~slot.learned)
+        is_true = (slot.part != NEW) & ~slot.half_product
+        unlearned = np.flatnonzero(is_true & ~slot.learned)
         nearest = unlearned[np.argsort(slot.ranks(unlearned), kind="stable")]
         given = self.graph.entities[slot.entity]
         return PredictedSlot(
@@ -338,7 +348,7 @@ class LinkPredictor:
             best=tuple(self._predicted(slot, listed[:top], positions, witnesses)),
             truth=tuple(self._predicted(slot, nearest[:truth], positions, 0)),
             true_unlearned=len(unlearned),
-            true_learned=int((slot.learned & (slot.part != NEW)).sum()),
+            true_learned=int((slot.learned & is_true).sum()),
         )
 
     def _predicted(

@@ -37,8 +37,12 @@ from wordcraft_kg.base.registry import Registry
 from wordcraft_kg.envs.batch import BatchEngine
 from wordcraft_kg.envs.evaluation_tables import EVALUATION_SEED
 from wordcraft_kg.envs.open_ended import Discovery
+from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.discovery import open_guides
-from wordcraft_kg.graphs.arrays import padded
+from wordcraft_kg.graphs.arrays import Ids, padded
+from wordcraft_kg.graphs.folder import OpenedGraph
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.tasks import TaskSet
 
 if TYPE_CHECKING:
     from wordcraft_kg.agents.players import Player
@@ -128,22 +132,37 @@ class Kind:
 
 
 def decisions(track: Track, player: "Player") -> list[Played]:
-    """Return the decisions of a scripted player or policy in all N tasks of a track.
-
-    The tasks are played together, a row for each. A pair with an empty slot is a lost attempt
-    (None).
-    """
-    world = track.world
-    size = len(track)
-    engine = BatchEngine(world, size)
-    tables = padded([task.table for task in track.frozen.tasks], world.nothing)
-    state = engine.pose(np.arange(size), tables=tables)
+    """Return the decisions of a scripted player or policy in all tasks of a track."""
+    tables = padded([task.table for task in track.frozen.tasks], track.world.nothing)
     # The generator of agent evaluation: a player has the same chance there and here.
     rng = np.random.default_rng([EVALUATION_SEED, 0])
+    pairs = decided_pairs(track.world, range(len(track)), tables, player, rng)
+    return [Played(own) for own in pairs]
+
+
+def decided_pairs(
+    world: World, tasks: Sequence[int], tables: Ids, player: "Player", rng: np.random.Generator
+) -> list[list[Pair | None]]:
+    """Return the pairs that a scripted player or policy combines in N tasks, played together.
+
+    Args:
+        world: graph, tasks and settings.
+        tasks: N task indices.
+        tables: shape (N, W): ids on each starting table in slot order, padded with nothing.
+        player: the player.
+        rng: the player's generator.
+
+    Returns:
+        For each task the labels of the pairs in turn; None for a pair with an empty slot, which is
+        a lost attempt.
+    """
+    size = len(tasks)
+    engine = BatchEngine(world, size)
+    state = engine.pose(np.array(tasks), tables=tables)
     rows = np.arange(size)
     pairs: list[list[Pair | None]] = [[] for _ in rows]
     # `world.nothing` is the number of entities, so its label is the last one: None.
-    labels = (*track.opened.graph.entities, None)
+    labels = (*world.graph.entities, None)
     while (running := state.attempts_left > 0).any():
         slots = player(state, rng)
         first = state.selection
@@ -154,7 +173,7 @@ def decisions(track: Track, player: "Player") -> list[Played]:
             other = labels[second[row]]
             pairs[row].append((one, other) if one and other else None)
         state, _ = engine.step_once(state, slots)
-    return [Played(own) for own in pairs]
+    return pairs
 
 
 def discoveries(track: Track, player: Discoverer) -> list[Played]:
@@ -196,8 +215,7 @@ def _with_model(
     track: Track, folder: str, settings: RunSettings, names: Sequence[str] = ("planner",)
 ) -> Entrant:
     """Let a model play: the first of the scorer's players in ``names`` that the model has."""
-    from wordcraft_kg.agents.players import scorer_players  # these load torch
-    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer  # these load torch
     from wordcraft_kg.models.folder import open_model
     from wordcraft_kg.models.scorers.folder import WEIGHTS
 
@@ -218,11 +236,88 @@ def _with_model(
         (kind,) = guides.players[-1:]
         (player,) = make_discoverers([kind], graph, guides.links, learner).values()
         return Entrant(f"{name}, {kind}", discoveries(track, player), **about)
-    players = scorer_players(graph, model.scorer, model.triples, plans=True)
+    best, chooser = best_player(model, graph, names)
+    return Entrant(f"{name}, {best}", decisions(track, chooser), **about)
+
+
+def best_player(
+    model: "Model", graph: RecipeGraph, names: Sequence[str], tasks: TaskSet | None = None
+) -> tuple[str, "Player"]:
+    """Return name and function of the first of a scorer's players in ``names`` that a model has.
+
+    Args:
+        model: the model.
+        graph: the graph.
+        names: names among :func:`~wordcraft_kg.agents.players.scorer_players`.
+        tasks: tasks to play, if they are train tasks: a cross-fitted model then answers by its part
+            that has not seen a task's recipes. None for other tasks.
+
+    Raises:
+        ConfigError: if it has none of them: then a planner was asked for.
+        GraphMismatchError: if the model's scorer belongs to another graph.
+    """
+    from wordcraft_kg.agents.players import scorer_players  # loads torch
+
+    players = scorer_players(graph, model.scorer, model.triples, tasks, plans=True)
     best = next((each for each in names if each in players), None)
     if best is None:
-        raise ConfigError(f"'{folder}' cannot plan; expected a model of train-recipes.")
-    return Entrant(f"{name}, {best}", decisions(track, players[best]), **about)
+        raise ConfigError("this model cannot plan; expected a model of train-recipes.")
+    return best, players[best]
+
+
+def named_player(name: str, opened: OpenedGraph, tasks: TaskSet) -> tuple[str, "Player"]:
+    """Return a player of train tasks by its name.
+
+    Args:
+        name: ``random``, ``nearest-words``, ``votes``, ``graph``, ``oracle``, ``planner`` (by the
+            train recipes), ``planner:MODEL``, ``scorer:MODEL`` or ``agent:RUN``.
+        opened: the graph and its split.
+        tasks: train tasks to begin with; a model's player follows to other tasks of the part.
+
+    Returns:
+        The player's name in tables, and the player. A cross-fitted model plays a task by its part
+        that has not seen the task's recipes, as in training.
+
+    Raises:
+        ConfigError: for an unknown name, or a missing or needless argument.
+        GraphMismatchError: for a model or an agent of another graph or split.
+    """
+    from wordcraft_kg.agents.players import knowledge_players  # loads torch
+
+    kind, colon, folder = name.partition(":")
+    scripted = {each: title for each, (title, _) in _SCRIPTED.items()}
+    scripted["planner"] = "partial KG, planner"
+    if not colon and kind in scripted:
+        return scripted[kind], knowledge_players(opened.split)[scripted[kind]]
+    if not folder or kind not in ("agent", "planner", "scorer"):
+        raise ConfigError(
+            f"`player` '{name[:100]}': expected one of {', '.join(scripted)}, planner:MODEL, "
+            "scorer:MODEL, agent:RUN."
+        )
+    if kind == "agent":
+        from wordcraft_kg.agents.agent_folder import open_agent
+        from wordcraft_kg.agents.evaluation import PolicyPlayer
+
+        agent = open_agent(folder)
+        _check_graph(folder, agent.opened, opened)
+        return agent.name, PolicyPlayer(agent.policy)
+    from wordcraft_kg.models.folder import open_model
+
+    model = open_model(folder)
+    _check_graph(folder, model.opened, opened)
+    names = ("planner",) if kind == "planner" else _BEST_PAIR
+    best, player = best_player(model, opened.graph, names, tasks)
+    return f"{Path(folder).name}, {best}", player
+
+
+def _check_graph(folder: str, own: OpenedGraph, opened: OpenedGraph) -> None:
+    hashes = (own.graph.hash, own.split.hash)
+    expected = (opened.graph.hash, opened.split.hash)
+    if hashes != expected:
+        raise GraphMismatchError(
+            f"'{folder}' is of graph {hashes[0][:12]} and split {hashes[1][:12]}; expected "
+            f"{expected[0][:12]} and {expected[1][:12]}. Give the graph on which it was trained."
+        )
 
 
 def _learned_from(model: "Model", track: Track, kg: str) -> str:
@@ -311,7 +406,7 @@ def _inspect(track: Track, argument: str, settings: RunSettings) -> Entrant:
     return replace(entrant, tokens=logged.tokens)
 
 
-def _mcp(track: Track, argument: str, settings: RunSettings) -> Entrant:
+def _games(track: Track, argument: str, settings: RunSettings) -> Entrant:
     header, played, _ = read_games(Path(argument))
     return _recorded(track, settings, header.player, header.settings, played)
 
@@ -384,7 +479,10 @@ KINDS: Registry[Kind] = Registry(
         "agent": Kind("a trained agent", "RUN", _agent),
         "program": Kind("a program that plays by the line protocol", "COMMAND", _program),
         "inspect": Kind("a language model in Inspect AI, by its log", "LOG", _inspect),
-        "mcp": Kind("MCP clients, by the games of `mcp --track`", "GAMES", _mcp),
+        "mcp": Kind("MCP clients, by the games of `mcp --track`", "GAMES", _games),
+        "openenv": Kind(
+            "OpenEnv clients, by the games of `serve openenv --track`", "GAMES", _games
+        ),
     },
 )
 """Kinds of players by name."""
@@ -443,9 +541,11 @@ def reproduce(
         ArtefactError: if a game or a declared fact differs.
         ConfigError: for a record of games, which cannot play.
     """
-    if player.partition(":")[0] in ("inspect", "mcp"):
+    records = [name for name in TEXT_PLAYERS if name != "program"]
+    if player.partition(":")[0] in records:
         raise ConfigError(
-            "expected a player that plays here; a record of games (inspect, mcp) cannot play."
+            "expected a player that plays here; a record of games "
+            f"({', '.join(records)}) cannot play."
         )
     track = open_track(submission.track)
     with TemporaryDirectory() as messages:
@@ -477,5 +577,5 @@ def reproduce(
             )
 
 
-TEXT_PLAYERS = ("program", "inspect", "mcp")
+TEXT_PLAYERS = ("program", "inspect", "mcp", "openenv")
 """Kinds that read prompts."""

@@ -6,7 +6,7 @@ games are forgotten, and long games are recorded in part.
 
 import secrets
 from collections import OrderedDict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -185,6 +185,24 @@ class HostedGames:
 def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame], None]]:
     """Lock a games file, and yield a function that appends a finished game.
 
+    Arguments and errors are those of :func:`kept_conversations`.
+    """
+    with kept_conversations(path, header) as keep_talk:
+
+        def keep(hosted: HostedGame) -> None:
+            # The record of a conversation ends with the outcome, which is in no tool's message.
+            last = f"{hosted.messages[-1]}\n\n{hosted.talk.game.state}".lstrip()
+            keep_talk(hosted.talk, [*hosted.messages[:-1], last])
+
+        yield keep
+
+
+@contextmanager
+def kept_conversations(
+    path: Path, header: GamesHeader
+) -> Iterator[Callable[[Conversation, Sequence[str]], None]]:
+    """Lock a games file, and yield a function that appends a finished game with its messages.
+
     Args:
         path: the file; it is created if it does not exist, and continued if it does.
         header: player and settings of the games.
@@ -202,11 +220,9 @@ def kept_games(path: Path, header: GamesHeader) -> Iterator[Callable[[HostedGame
     with locked(path, "written"):
         count = len(open_games(path, header))
 
-        def keep(hosted: HostedGame) -> None:
+        def keep(talk: Conversation, messages: Sequence[str]) -> None:
             nonlocal count
-            # The record of a conversation ends with the outcome, which is in no tool's message.
-            last = f"{hosted.messages[-1]}\n\n{hosted.talk.game.state}".lstrip()
-            append_game(path, record_of(hosted.talk, [*hosted.messages[:-1], last], count))
+            append_game(path, record_of(talk, messages, count))
             count += 1
 
         yield keep

@@ -17,23 +17,17 @@ game can be replayed from its row and its pairs.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Literal
 
-from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
+from wordcraft_kg.apps.text_agents.conversation import Conversation
 from wordcraft_kg.apps.text_agents.games import TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.named_games import name_of, open_play, tool_opening
 from wordcraft_kg.apps.text_agents.records import TaskGameRecord
 from wordcraft_kg.apps.text_agents.results import chosen_tasks, record_of
-from wordcraft_kg.apps.text_agents.settings import (
-    LOOK_UPS,
-    EvaluationSettings,
-    LookUps,
-)
+from wordcraft_kg.apps.text_agents.settings import LOOK_UPS, LookUps
 from wordcraft_kg.base.errors import ConfigError, EpisodeError
 from wordcraft_kg.base.extras import missing_extra
-from wordcraft_kg.base.settings import one_of, whole
-from wordcraft_kg.base.wording import counted
-from wordcraft_kg.envs.config import REWARDS
+from wordcraft_kg.base.settings import whole
 from wordcraft_kg.graphs.tasks import TaskPart
 
 if TYPE_CHECKING:
@@ -41,8 +35,6 @@ if TYPE_CHECKING:
 
 _LONGEST_ITEM = 1_000
 """Characters of an item that are read: more than the longest label."""
-_PLAYS_IN_MEMORY = 32
-"""Opened graphs with settings: more than a mixture of depths and numbers of distractors needs."""
 
 
 @dataclass(frozen=True)
@@ -94,14 +86,17 @@ class CraftingRow:
             )
         return cls(**{name: row[name] for name in names})
 
-    def begin(self) -> Conversation:
+    def begin(self, task_id: str | None = None) -> Conversation:
         """Begin the game.
 
+        Args:
+            task_id: name of the game, as the row gives it; None to check none.
+
         Raises:
-            ConfigError: if the graph, its split or the task is not that of the row, or a value is
-                out of range.
+            ConfigError: if the graph, its split, the task or the name is not that of the row, or a
+                value is out of range.
         """
-        play = _play(
+        play = open_play(
             self.graph,
             self.part,
             self.depth,
@@ -121,6 +116,12 @@ class CraftingRow:
             raise ConfigError(
                 f"task {self.task} of the part {self.part} makes {talk.game.goal!r}, and the row's "
                 f"goal is {self.goal!r}: the row was changed. Make the data set again."
+            )
+        name = name_of(play, self.task, self.distractor_seed)
+        if task_id is not None and task_id != name:
+            raise ConfigError(
+                f"the row is named {str(task_id)[:100]!r}, and its columns are of the game "
+                f"'{name}': the row was changed. Make the data set again."
             )
         return talk
 
@@ -153,8 +154,8 @@ class CraftingEnvironment:
         Raises:
             ConfigError: for a row that names no game, or another than it did when it was made.
         """
-        self.talk = CraftingRow.of(row).begin()
-        return None if row.get("prompt") else _opening(self.talk)
+        self.talk = CraftingRow.of(row).begin(row.get("task_id"))
+        return None if row.get("prompt") else tool_opening(self.talk)
 
     def combine(self, first: str, second: str) -> str:
         """Combine two items on the table. This takes an attempt.
@@ -245,7 +246,7 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     for each_depth in (depth,) if isinstance(depth, int) else depth:
         for number in (distractors,) if isinstance(distractors, int) else distractors:
             most = each_depth if attempts is None else attempts
-            play = _play(graph, part, each_depth, number, most, reward, knowledge, look_ups)
+            play = open_play(graph, part, each_depth, number, most, reward, knowledge, look_ups)
             assert isinstance(play.games, TaskGames)
             for task in chosen_tasks(play.games.world, tasks).tolist():
                 for seed in range(tables):
@@ -264,8 +265,8 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
                         distractor_seed=seed,
                         goal=_task_game(talk).goal,
                     )
-                    name = f"{play.settings.graph}-{part}-{each_depth}-{number}-{task}-{seed}"
-                    prompt = [{"role": "user", "content": _opening(talk)}]
+                    name = name_of(play, task, seed)
+                    prompt = [{"role": "user", "content": tool_opening(talk)}]
                     rows.append({"task_id": name, **vars(row), "prompt": prompt})
     return rows
 
@@ -282,39 +283,6 @@ def crafting_dataset(graph: str = "everyday", **settings: Any) -> "datasets.Data
     except ModuleNotFoundError:
         raise missing_extra("trl", ["datasets"]) from None
     return Dataset.from_list(rows)
-
-
-@lru_cache(maxsize=_PLAYS_IN_MEMORY)
-def _play(
-    graph: str,
-    part: TaskPart,
-    depth: int,
-    distractors: int,
-    attempts: int,
-    reward: str,
-    knowledge: LookUps,
-    look_ups: int,
-) -> Play:
-    """Open the games with these settings, once: thousands of rollouts share them."""
-    one_of("reward", reward, tuple(REWARDS))
-    settings = EvaluationSettings(
-        part=part,
-        depth=depth,
-        distractors=distractors,
-        attempts=attempts,
-        knowledge=knowledge,
-        look_ups=look_ups,
-    )
-    return Play.open(graph, settings, reward=reward)
-
-
-def _opening(talk: Conversation) -> str:
-    """Return the first message: rules, the offer of look-ups, and the state of the game."""
-    lines = [talk.game.rules, "Use the tool `combine` for each attempt."]
-    if talk.offers_look_ups:
-        most = counted(talk.offers_look_ups, "look-up")
-        lines.append(f"The tool `look_up` shows known recipes; there are {most}.")
-    return "\n".join([*lines, "", talk.game.state])
 
 
 def _after_the_end(talk: Conversation) -> str:

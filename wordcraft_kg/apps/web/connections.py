@@ -63,9 +63,11 @@ class Connection(H11Protocol):
         super().connection_made(transport)
         self._silent_since = self.loop.time()
         self._unsent = 0
-        if len(self.connections) > self.limit:
+        # A web socket leaves this class, but stays in the set: its application bounds its number.
+        own = [one for one in self.connections if isinstance(one, Connection)]
+        if len(own) > self.limit:
             # The new connection waits for its client as well, so there is always one.
-            waiting = [one for one in self.connections if one._patience() is not None]
+            waiting = [one for one in own if one._patience() is not None]
             min(waiting, key=lambda one: one._silent_since).end()
 
     def data_received(self, data: bytes) -> None:

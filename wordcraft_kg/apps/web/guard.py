@@ -52,6 +52,7 @@ class Guard:
         error_page: ErrorPage,
         *,
         methods: Collection[str] = ("GET", "HEAD"),
+        media_type: str = "text/html",
     ):
         """Guard an application.
 
@@ -62,10 +63,12 @@ class Guard:
             more_hosts: further permitted host names, as behind a proxy.
             error_page: returns the HTML of an error from status and message.
             methods: permitted HTTP methods.
+            media_type: type of the error pages.
         """
         self.app = app
         self.error_page = error_page
         self.methods = methods
+        self.media_type = media_type
         self.hosts = {*LOOPBACK, host.lower(), *(name.lower() for name in more_hosts)}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -80,7 +83,7 @@ class Guard:
         if refusal is None:
             return
         status, message = refusal
-        response = Response(self.error_page(status, message), status, media_type="text/html")
+        response = Response(self.error_page(status, message), status, media_type=self.media_type)
         with suppress(LocalProtocolError):
             await response(scope, receive, guarded)
 
@@ -115,25 +118,35 @@ class Guard:
     def _refusal(self, scope: Scope) -> tuple[int, str] | None:
         """Return status and message if a request is refused; None if it may pass."""
         headers = Headers(scope=scope)
-        # An address that cannot be read has no host, and so is refused.
-        host = _split(f"//{headers.get('host', '')}").hostname or ""
-        if host not in self.hosts:
-            return 421, f"This server does not accept requests for the host '{host[:60]}'."
+        if refusal := foreign_host(headers, self.hosts):
+            return refusal
         if scope["method"] not in self.methods:
             return 405, f"The method {scope['method'][:20]} is not allowed here."
-        origin = headers.get("origin")
-        # Browsers send an Origin with every form; programs without one cannot be lured.
-        if scope["method"] == "POST" and origin is not None:
-            # Compare the port, too: another program on this machine is another site.
-            is_own = _split(origin).netloc == headers.get("host")
-        else:
-            is_own = True
-        if not is_own:
+        if scope["method"] == "POST" and is_of_another_site(headers):
             return 403, "This form was sent from another site. Please open the page on this site."
         length = len(scope.get("raw_path", b"")) + len(scope["query_string"])
         if length > LONGEST_ADDRESS:
             return 414, f"The address is too long (limit: {LONGEST_ADDRESS:,} bytes)."
         return None
+
+
+def foreign_host(headers: Headers, hosts: Collection[str]) -> tuple[int, str] | None:
+    """Return status and message for a request to another host than ``hosts``, in lower case."""
+    # An address that cannot be read has no host, and so is refused.
+    host = _split(f"//{headers.get('host', '')}").hostname or ""
+    if host in hosts:
+        return None
+    return 421, f"This server does not accept requests for the host '{host[:60]}'."
+
+
+def is_of_another_site(headers: Headers) -> bool:
+    """Return whether a page of another site sent a form, or opens a web socket.
+
+    Browsers send an Origin with both; programs without one cannot be lured.
+    """
+    origin = headers.get("origin")
+    # Compare the port, too: another program on this machine is another site.
+    return origin is not None and _split(origin).netloc != headers.get("host")
 
 
 class _Sender:

@@ -80,6 +80,7 @@ def serve(
     started: Callable[[str], None],
     *,
     has_lifespan: bool = False,
+    has_web_sockets: bool = False,
     in_browser: bool = False,
 ) -> None:
     """Serve until Ctrl-C or SIGTERM, and finish requests that take no longer than :data:`PATIENCE`.
@@ -92,6 +93,8 @@ def serve(
         listening: a listening socket, which is closed at the end.
         started: called with the address when the server is ready.
         has_lifespan: whether the application needs the events of the ASGI lifespan protocol.
+        has_web_sockets: whether the application accepts web sockets, and bounds their number; needs
+            the package websockets.
         in_browser: open the address in the browser if there is a screen.
     """
     import uvicorn
@@ -124,7 +127,9 @@ def serve(
         access_log=False,  # requests are private
         lifespan="on" if has_lifespan else "off",
         http=Connection,
-        ws="none",
+        ws="auto" if has_web_sockets else "none",
+        # Messages are short texts: compressing them costs memory for each connection.
+        ws_per_message_deflate=False,
         backlog=_ACCEPTED_AT_ONCE,
         timeout_keep_alive=connections.KEEP_ALIVE,
         server_header=False,

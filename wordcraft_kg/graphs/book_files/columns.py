@@ -35,13 +35,15 @@ Alchemy 2, 60,000 rows of Infinite Craft); on samples of 20 rows all three have 
 _RESULT = words_of(
     "result results product products output outputs out outcome makes make creates create "
     "created yields yield child target gives becomes crafted ergebnis resultado resultat "
-    "résultat risultato"
+    "résultat risultato res wynik resultaat sonuç resultatet produit produkt producto prodotto "
+    "produto результат 结果 結果 결과"
 )
 _INGREDIENT = words_of(
     "ingredient ingredients react reactant reactants reagent reagents input inputs component "
     "components parent parents material materials left right first second third fourth "
     "operand combine combines combination combinations zutat zutaten ingrediente ingredientes "
-    "ingrédient ingrédients requires"
+    "ingrédient ingrédients requires ing składnik składniki ingrediënt ingrediënten malzeme "
+    "eingabe entrée entrada ингредиент ингредиенты компонент 材料 素材 재료"
 )
 _SUMS = words_of("recipe recipes")
 """A column of sums, unless others are ingredients: then it names the recipe."""
@@ -80,6 +82,15 @@ class Roles(NamedTuple):
     kind: int | None = None
     counts: tuple[int, ...] = ()
 
+    def shifted(self) -> "Roles":
+        """Return the roles of a table with one more column before all others."""
+        return Roles(
+            tuple(i + 1 for i in self.ingredients),
+            tuple(i + 1 for i in self.results),
+            None if self.kind is None else self.kind + 1,
+            tuple(i + 1 for i in self.counts),
+        )
+
     @property
     def used(self) -> frozenset[int]:
         """All columns that are read."""
@@ -94,16 +105,20 @@ def roles_of_header(names: Sequence[str]) -> Roles | None:
         names: column names, as in the file.
     """
     words = [words_of(name) for name in names]
-    kind = next((i for i, name in enumerate(names) if name.strip().lower() == KIND), None)
+    plain = [name.strip().lower() for name in names]
+    kind = plain.index(KIND) if KIND in plain else None
     counts = tuple(i for i, each in enumerate(words) if each & _COUNT)
     named = [i for i in range(len(names)) if i != kind and i not in counts and words[i]]
     free = [i for i in named if not words[i] & _IGNORED]
-    # Where all names hold "id", the ids are the labels.
-    or_ids = [i for i in named if not words[i] & (_IGNORED - _IDS)]
-    found = _roles(words, free) or _roles(words, or_ids)
+    found = _roles(words, free)
+    if found is None:
+        # Where all names hold "id", the ids are the labels.
+        with_ids = [i for i in named if not words[i] & (_IGNORED - _IDS)]
+        found = _roles(words, with_ids)
     if found is None:
         return None
-    return Roles(*found, kind, counts)
+    ingredients, results = found
+    return Roles(ingredients, results, kind, counts)
 
 
 def _roles(
@@ -138,7 +153,10 @@ def roles_of_option(columns: Sequence[str], names: Sequence[str] | None, width: 
     Raises:
         ConfigError: if a column does not exist, or one is named twice.
     """
-    by_name = {name.strip().casefold(): i for i, name in reversed(list(enumerate(names or ())))}
+    by_name: dict[str, int] = {}
+    for i, name in enumerate(names or ()):
+        # Of columns of one name, the first one is meant.
+        by_name.setdefault(name.strip().casefold(), i)
     chosen = []
     for column in columns:
         index = by_name.get(column.strip().casefold())
@@ -166,18 +184,26 @@ def result_by_rows(rows: Sequence[Sequence[str]]) -> int | None:
     """
     if len(rows) < _FEWEST_ROWS:
         return None
+    num_rows = len(set(map(tuple, rows)))
     shares = []
     for result in range(3):
-        a, b = (i for i in range(3) if i != result)
-        distinct = {frozenset((row[a], row[b])) for row in rows}
-        shares.append((len(distinct) / len(set(map(tuple, rows))), result))
-    best, second = sorted(shares, reverse=True)[:2]
-    if best[0] - second[0] < _MARGIN:
+        one, other = (place for place in range(3) if place != result)
+        pairs = {frozenset((row[one], row[other])) for row in rows}
+        shares.append((len(pairs) / num_rows, result))
+    (best, result), (second, _), _ = sorted(shares, reverse=True)
+    if best - second < _MARGIN:
         return None
     # Where a pair makes several things, a column of machines looks like one of results.
-    result = best[1]
-    parts = {cell for row in rows for i, cell in enumerate(row) if i != result}
-    return result if are_reused({row[result] for row in rows}, parts) else None
+    results = {row[result] for row in rows}
+    return result if are_reused(results, ingredients_of(rows, result)) else None
+
+
+def ingredients_of(rows: Sequence[Sequence[str]], result: int) -> set[str]:
+    """Return the labels of rows at all places but that of the result."""
+    ingredients: set[str] = set()
+    for row in rows:
+        ingredients.update(row[:result], row[result + 1 :])
+    return ingredients
 
 
 def are_reused(results: Set[str], ingredients: Set[str]) -> bool:
@@ -198,9 +224,19 @@ def readings(row: Sequence[str]) -> str:
 
 
 def repeated_cells(names: Sequence[str], roles: Roles, rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return names of columns that are cells below, too: the header may be a recipe."""
-    used = [(i, names[i]) for i in (*roles.ingredients, *roles.results)]
-    return [name for i, name in used if any(len(row) > i and row[i] == name for row in rows)]
+    """Return names of columns that are cells below, too: the header may be a recipe.
+
+    Args:
+        names: cells of the first row.
+        roles: the columns that are read.
+        rows: cells of the rows below, which may be shorter.
+    """
+    repeated = []
+    for column in (*roles.ingredients, *roles.results):
+        below = {row[column] for row in rows if len(row) > column}
+        if names[column] in below:
+            repeated.append(names[column])
+    return repeated
 
 
 @lru_cache(maxsize=10_000)

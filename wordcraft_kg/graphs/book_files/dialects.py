@@ -150,15 +150,19 @@ def strict_cells(line: str, dialect: Dialect) -> list[str]:
 
 
 def trimmed(line: str, delimiter: str, quote: str = '"') -> str:
-    """Strip spaces around the cells in a table row; spaces within quotes stay."""
-    loose = (
-        f"{delimiter} " in line
-        or f" {delimiter}" in line
-        or line[:1] == " "
-        or line.rstrip("\r\n")[-1:] == " "
-    )
-    pattern = _cell_pattern(delimiter, quote)
-    return pattern.sub(lambda cell: cell[1].strip(" "), line) if loose else line
+    """Strip spaces around the cells in a table row; spaces within quotes stay.
+
+    Args:
+        line: the row, with or without its line end.
+        delimiter: one character between cells.
+        quote: character around cells that may hold the delimiter.
+    """
+    has_inner_space = f"{delimiter} " in line or f" {delimiter}" in line
+    has_outer_space = line[:1] == " " or line.rstrip("\r\n")[-1:] == " "
+    # The pattern is slow, and most rows of a large book have no spaces around cells.
+    if not has_inner_space and not has_outer_space:
+        return line
+    return _cell_pattern(delimiter, quote).sub(lambda cell: cell[1].strip(" "), line)
 
 
 @cache

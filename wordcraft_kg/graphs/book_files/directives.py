@@ -29,9 +29,12 @@ def read_directive(source: RowSource, number: int, line: str) -> Fault | None:
         message = f"a line of {len(line):,} characters; the limit is {_LIMIT:,}."
         return Fault(number, "directive", message)
     key, _, rest = line[1:].partition(":")
-    labels = [cell for row in csv.reader([trimmed(rest.strip(), ",")]) for cell in row]
-    for fault in filter(None, map(label_fault, labels)):
-        return Fault(number, "directive", fault)
+    # One line gives one row, or none if nothing follows the colon.
+    labels = next(csv.reader([trimmed(rest.strip(), ",")]), [])
+    for label in labels:
+        fault = label_fault(label)
+        if fault is not None:
+            return Fault(number, "directive", fault)
     if key.strip().lower() == "base":
         source.base = (source.base or {}) | dict.fromkeys(labels, number)
     else:

@@ -3,10 +3,12 @@
 import ast
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from itertools import islice
+from itertools import chain, islice
+from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.graphs.book_files.columns import names_ingredient, names_property
+from wordcraft_kg.graphs.book_files.guide import refusal
 
 _FEW = 3  # objects by which a common key is told from an ingredient
 _LOOKED_AT = 1_000  # objects whose keys are looked at
@@ -28,7 +30,7 @@ def property_keys(rows: Iterable[Mapping[str, Any]], labels: Collection[str]) ->
     filled = [row for row in rows if row]
     if not filled:
         return []
-    keys = dict.fromkeys(key for row in islice(filled, _LOOKED_AT) for key in row)
+    keys = list(dict.fromkeys(chain.from_iterable(islice(filled, _LOOKED_AT))))
     named = {key for key in keys if names_property(key) and key not in labels}
     if named and all(named & row.keys() for row in filled):
         return [key for key in keys if key in named]
@@ -41,12 +43,11 @@ def property_keys(rows: Iterable[Mapping[str, Any]], labels: Collection[str]) ->
 
 def pair_keys(value: Mapping[str, Any]) -> list[str]:
     """Return the keys of an object's ingredients, such as ``a`` and ``b``; empty without two."""
-    keys = [
-        key
-        for key, each in value.items()
-        if isinstance(each, (str, int, dict)) and not isinstance(each, bool)
-        if names_ingredient(key)
-    ]
+    keys = []
+    for key, each in value.items():
+        may_be_label = isinstance(each, (str, int, dict)) and not isinstance(each, bool)
+        if may_be_label and names_ingredient(key):
+            keys.append(key)
     return keys if len(keys) > 1 else []
 
 
@@ -63,8 +64,9 @@ def listed_parts(key: str) -> list[str] | None:
         parts = json.loads(key) if key.startswith("[") else ast.literal_eval(key)
     except (ValueError, SyntaxError, RecursionError, MemoryError):
         return None
-    is_list = isinstance(parts, (list, tuple)) and len(parts) > 1
-    return list(parts) if is_list and all(isinstance(part, str) for part in parts) else None
+    if not isinstance(parts, (list, tuple)) or len(parts) < 2:
+        return None
+    return list(parts) if all(isinstance(part, str) for part in parts) else None
 
 
 def common_sign(values: Sequence[Any]) -> str:
@@ -80,4 +82,28 @@ def common_sign(values: Sequence[Any]) -> str:
         texts += value if isinstance(value, list) else [value]
     if not texts or not all(isinstance(text, str) for text in texts):
         return ""
-    return next((sign for sign in _SIGNS if all(sign in text[1:-1] for text in texts)), "")
+    for sign in _SIGNS:
+        # Between other characters: a sign at an end parts nothing.
+        if all(sign in text[1:-1] for text in texts):
+            return sign
+    return ""
+
+
+def refuse_joined(path: Path, values: Sequence[Any]) -> None:
+    """Refuse texts that all hold a sign such as a comma: they may be labels or pairs.
+
+    Raises:
+        RecipeFileError: with both readings of the first text.
+    """
+    filled = [value for value in values if value]
+    sign = common_sign(filled)
+    if not sign:
+        return
+    text = filled[0][0] if isinstance(filled[0], list) else filled[0]
+    labels = " + ".join(label.strip() for label in text.split(sign))
+    raise refusal(
+        path,
+        f"every ingredient holds {sign!r}: {text[:60]!r} may be one label, or {labels[:60]}",
+        "json",
+        'Write pairs as lists, such as ["water", "earth"].',
+    )

@@ -15,6 +15,7 @@ from typing import NamedTuple
 from wordcraft_kg.graphs.book_files.directives import is_directive, read_directive
 from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.rows import (
+    FROM_NOTHING,
     NOTHING,
     WITH_NOTHING,
     Entry,
@@ -31,7 +32,7 @@ _BACKWARD = "←⇐⟵⟸⬅⇦"
 _SIGNS = tuple(
     re.compile(sign)
     for sign in (
-        rf"[-=~—–]+>|[{_FORWARD}]\ufe0f?",
+        rf"[-=~—–]+(?:>|&gt;)|[{_FORWARD}]\ufe0f?",
         rf"[<‹][-=~—–]+|[{_BACKWARD}]\ufe0f?",
         r":=",
         r"\s=\s",
@@ -47,9 +48,11 @@ _MARK = re.compile(
     r"|\d+\s+[-–—]\s+|\[[ xX]?\]\s+|[☐☑☒✓✔✅]\ufe0f?\s*)"
 )
 """A mark of a list before a line: a bullet, a number, a box, a quote."""
+_WIDE_SIGNS = str.maketrans("＋＝：，", "+=:,")
+"""Signs as East Asian keyboards write them."""
 _MOST_MARKS = 3  # such as a bullet, a box and a number
 _END_MARK = re.compile(r"\s*(?:;|<br\s*/?>|\\|[✓✔✅]\ufe0f?)\s*$", re.IGNORECASE)
-_HEADING = re.compile(r"\s*(?:#|//|={2,}|-{2,}|\*{2,})")
+_HEADING = re.compile(r"\s*(?:#|//|={2,}|-{2,}|\*{2,}|`{3}|\[[^\]+=]*\]\s*$|[^+=:]*:\s*$)")
 _COMMENT = re.compile(r"\s*(?:#\s|//)")
 _TAG = re.compile(r"#[\w.-]+:\w")  # a label of Minecraft, such as #minecraft:planks
 _WRAPPERS = (('"', '"'), ("“", "”"), ("'", "'"), ("`", "`"), ("**", "**"), ("[[", "]]"))
@@ -63,6 +66,7 @@ _PREFIX = re.compile(r"[^\w\s\"'(#]+\s*|.{0,30}?[:\])|]\s+|\S*\d\S*\s+")
 _SUFFIX = re.compile(r"(?:\s*[\[(][^\[\]()]*[\])]|\s+[-–—]\s+.*|\s*[^\w\s\"')\]]+)$")
 _JUDGED_LINES = 10_000
 _OFTEN = 0.2  # share of lines with one beginning or end
+_MOSTLY = 0.5  # share of the other labels
 _SELDOM = 0.1  # how many times rarer it must be in other labels
 _LIMIT = 100_000  # characters in a line
 _ENOUGH = 0.5  # share of the lines that are recipes, in a file of this shape
@@ -200,7 +204,7 @@ class SumLines(RowSource):
                 yield Fault(number, "label", message)
             elif self._drops_nothing and NOTHING in (*ingredients, result):
                 is_result = result == NOTHING
-                yield LeftOut(number, WITH_NOTHING if is_result else "with Nothing as ingredient")
+                yield LeftOut(number, WITH_NOTHING if is_result else FROM_NOTHING)
             else:
                 yield number, [*ingredients, result]
 
@@ -213,10 +217,14 @@ def _often(pattern: re.Pattern[str], ends: Sequence[str], others: Sequence[str])
 
     def found_in(labels: Sequence[str]) -> list[str]:
         search = pattern.match if pattern is _PREFIX else pattern.search
-        return [each[0] for each in map(search, labels) if each]
+        # A label that is a sign as a whole, such as an emoji, has no mark.
+        return [each[0] for each in map(search, labels) if each and each[0] != each.string]
 
     found = found_in(ends)
-    elsewhere = Counter(map(_without_digits, found_in(others)))
+    in_others = found_in(others)
+    if len(in_others) > _MOSTLY * len(others):
+        return None  # labels of this file begin or end so, such as with an emoji each
+    elsewhere = Counter(map(_without_digits, in_others))
     for shape, number in Counter(map(_without_digits, found)).most_common(1):
         share = number / len(ends)
         if share >= _OFTEN and elsewhere[shape] <= _SELDOM * share * len(others):
@@ -254,7 +262,7 @@ def _is_recipe(line: str) -> bool:
 
 def _sides(line: str) -> _Sides | None:
     """Return what stands left and right of a line's sign, or None without exactly one sign."""
-    content = line.strip()
+    content = line.translate(_WIDE_SIGNS).strip()
     for _ in range(_MOST_MARKS):
         mark = _MARK.match(content)
         content = content[mark.end() :] if mark else content

@@ -11,7 +11,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from wordcraft_kg.base.errors import RecipeFileError
-from wordcraft_kg.graphs.book_files.json_shapes import parsed_json
+from wordcraft_kg.graphs.book_files.json_text import parsed_json
 from wordcraft_kg.graphs.book_files.rows import Entry, Fault, LeftOut, RowSource
 from wordcraft_kg.graphs.recipes import label_fault, shown
 
@@ -37,6 +37,7 @@ class MinecraftRecipes(RowSource):
         """Take names and bytes of JSON files, in the order of their names."""
         super().__init__()
         self._files = files
+        self.is_exact = True
 
     def __iter__(self) -> Iterator[Entry]:
         """Yield recipes, invalid files, and files of other kinds of recipes."""
@@ -45,25 +46,19 @@ class MinecraftRecipes(RowSource):
                 yield from self._recipes(name, data)
 
     def _recipes(self, name: str, data: bytes) -> Iterator[Entry]:
-        try:
-            value = parsed_json(name, data.decode("utf-8-sig"))
-        except RecipeFileError as error:
-            yield Fault(name, "row", str(error), "not JSON")
+        value = _parsed(name, data)
+        if isinstance(value, Fault):
+            yield value
             return
-        except ValueError as error:
-            yield Fault(name, "row", f"{name}: not JSON ({type(error).__name__}).", "not JSON")
-            return
-        if not isinstance(value, dict):
-            yield Fault(
-                name, "row", f"{name} is {shown(value)}; expected an object.", "not an object"
-            )
-            return
-        parts, results = _parts(value), _results(value)
+        parts = _parts(value)
+        results = _results(value)
         reason = _why_left_out(parts, results)
         if reason:
             yield LeftOut(name, reason)
             return
-        choices = list(islice(_recipes_of(list(map(_choices, parts))), _MAX_CHOICES + 1))
+        slots = [_choices(part) for part in parts]
+        # One more than allowed tells that there are too many, and no product is made in full.
+        choices = list(islice(_recipes_of(slots), _MAX_CHOICES + 1))
         if len(choices) > _MAX_CHOICES:
             message = f"{name}: more than {_MAX_CHOICES} choices of ingredients."
             yield Fault(name, "row", message, "choices")
@@ -73,6 +68,21 @@ class MinecraftRecipes(RowSource):
             labels = [*ingredients, *_choices(results[0])]
             fault = next(filter(None, map(label_fault, labels)), None)
             yield Fault(name, "label", f"{name}: {fault}") if fault else (name, labels)
+
+
+def _parsed(name: str, data: bytes) -> dict[str, Any] | Fault:
+    """Return the object in a file, or the file's fault."""
+    try:
+        # Some editors write a byte order mark, which the game reads over.
+        value = parsed_json(name, data.decode("utf-8-sig"))
+    except RecipeFileError as error:
+        return Fault(name, "row", str(error), "not JSON")
+    except ValueError as error:
+        return Fault(name, "row", f"{name}: not JSON ({type(error).__name__}).", "not JSON")
+    if not isinstance(value, dict):
+        message = f"{name} is {shown(value)}; expected an object."
+        return Fault(name, "row", message, "not an object")
+    return value
 
 
 def looks_like_recipe(name: str, data: bytes) -> bool:
@@ -162,7 +172,9 @@ def _cells(key: dict[str, Any], pattern: list[Any]) -> list[Any]:
     if " " in key or not all(isinstance(row, str) for row in pattern):
         return [_DAMAGED]
     signs = [sign for sign in "".join(pattern) if sign != " "]
-    return [key[sign] for sign in signs] if set(signs) <= key.keys() else [_DAMAGED]
+    if not set(signs) <= key.keys():
+        return [_DAMAGED]
+    return [key[sign] for sign in signs]
 
 
 def _recipes_of(slots: Sequence[Sequence[str]]) -> Iterable[tuple[str, ...]]:
@@ -174,24 +186,35 @@ def _recipes_of(slots: Sequence[Sequence[str]]) -> Iterable[tuple[str, ...]]:
     if len(slots) == 2:
         # A pair of equal things stays a pair; larger amounts are no part of a set.
         one, other = slots
-        is_same = set(one) == set(other)
-        return combinations_with_replacement(one, 2) if is_same else product(one, other)
-    return product(*dict.fromkeys(map(tuple, slots)))
+        if set(one) == set(other):
+            # Either order is one recipe.
+            return combinations_with_replacement(one, 2)
+        return product(one, other)
+    # Equal slots are one ingredient of the set, and one choice.
+    different = dict.fromkeys(map(tuple, slots))
+    return product(*different)
 
 
 def _number_of_counts(value: dict[str, Any], parts: Sequence[Any], result: Any) -> int:
     """Return how many numbers of pieces a recipe has that its set of ingredients does not keep."""
-    repeated = Counter(map(tuple, map(_choices, parts))) if len(parts) > 2 else Counter()
-    counted = [each for each in (*parts, result, value) if isinstance(each, dict)]
-    has_count = (any(each.get(key, 1) != 1 for key in _COUNT_KEYS) for each in counted)
-    return sum(has_count) + sum(number > 1 for number in repeated.values())
+    dropped = 0
+    for each in (*parts, result, value):
+        if isinstance(each, dict):
+            dropped += any(each.get(key, 1) != 1 for key in _COUNT_KEYS)
+    # Two pieces are a pair as they stand; of more pieces, the set keeps each thing once.
+    if len(parts) > 2:
+        repeated = Counter(tuple(_choices(part)) for part in parts)
+        dropped += sum(number > 1 for number in repeated.values())
+    return dropped
 
 
 def _choices(part: Any) -> list[str]:
     """Return the items of which one is used; empty if one of them is of an unknown kind."""
     if isinstance(part, list):
         choices = [_choices(each) for each in part]
-        return list(dict.fromkeys(chain.from_iterable(choices))) if all(choices) else []
+        if not all(choices):
+            return []
+        return list(dict.fromkeys(chain.from_iterable(choices)))
     if isinstance(part, str):
         return [part] if part else []
     if isinstance(part, dict):

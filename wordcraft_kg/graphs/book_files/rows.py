@@ -44,9 +44,11 @@ Entry = Row | Fault | LeftOut
 NOTHING = "Nothing"
 """Result of pairs that make nothing in Infinite Craft."""
 WITH_NOTHING = "with the result Nothing"
+FROM_NOTHING = "with Nothing as ingredient"
+"""Reasons for which such rows are left out."""
 INFINITE_CRAFT_BASE = ("Earth", "Fire", "Water", "Wind")
 _MISSING = frozenset({"NA", "N/A", "n/a", "<NA>", "nan", "NaN", "NULL", "null", "None", "-", "--"})
-_ALTERNATIVE = re.compile(r"[;|]| or | / ", re.IGNORECASE)
+_ALTERNATIVE = re.compile(r"[;|]| or | / |<br\s*/?>", re.IGNORECASE)
 
 
 def is_missing(cell: str) -> bool:
@@ -57,9 +59,10 @@ def is_missing(cell: str) -> bool:
 def is_infinite_craft(text: str) -> bool:
     """Return whether a text holds the base of Infinite Craft, and its Nothing."""
     words = (NOTHING, *INFINITE_CRAFT_BASE)
-    return all(word in text for word in words) and all(
-        re.search(rf"\b{word}\b", text) for word in words
-    )
+    # A plain search is fast, and most texts lack one of the words.
+    if not all(word in text for word in words):
+        return False
+    return all(re.search(rf"\b{word}\b", text) for word in words)
 
 
 def alternatives(ingredients: Sequence[str]) -> str | None:
@@ -88,8 +91,11 @@ class RowSource(ABC):
         base: declared base entities with their places; None without a declaration.
         listed: entities that the file lists outside of recipes, with their places.
         kind_of: kind of reasoning by sorted ingredients and result; filled while iterating.
-        delimiter, quote, columns, ignored, header: see
+        delimiter, quote, columns, num_results, ignored, header: see
             :class:`~wordcraft_kg.graphs.reading.Reading`.
+        is_exact: whether cells are labels as they stand, as in our own shapes.
+        trimmed: cells without the characters at their ends that cannot be seen; counted while
+            iterating.
         counts_dropped: ingredients whose number of pieces was dropped; counted while iterating.
         several_outputs: entries with several results; counted while iterating.
         notes: remarks for the announcement.
@@ -105,7 +111,10 @@ class RowSource(ABC):
         self.quote = ""
         self.header = True
         self.columns: tuple[str, ...] = ()
+        self.num_results = 1
         self.ignored: tuple[str, ...] = ()
+        self.is_exact = False
+        self.trimmed = 0
         self.counts_dropped = 0
         self.several_outputs = 0
         self.notes: list[str] = []

@@ -9,8 +9,10 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from operator import ne
 from pathlib import Path
 
+from wordcraft_kg.graphs.book_files.cells import has_unseen, trim_unseen
 from wordcraft_kg.graphs.book_files.columns import (
     KIND,
     Roles,
@@ -18,7 +20,6 @@ from wordcraft_kg.graphs.book_files.columns import (
     names_a_result,
     readings,
     repeated_cells,
-    result_by_rows,
     roles_of_header,
     roles_of_option,
 )
@@ -33,7 +34,9 @@ from wordcraft_kg.graphs.book_files.dialects import (
 )
 from wordcraft_kg.graphs.book_files.directives import is_directive, read_directive
 from wordcraft_kg.graphs.book_files.guide import refusal
+from wordcraft_kg.graphs.book_files.places import result_place
 from wordcraft_kg.graphs.book_files.rows import (
+    FROM_NOTHING,
     NOTHING,
     WITH_NOTHING,
     Entry,
@@ -59,12 +62,13 @@ _FORMULA = re.compile(
     r"[=@]\s*[A-Z.]+\(|=\$?[A-Z]{1,3}\$?\d|#(?:REF|VALUE|NAME|DIV/0|NULL|NUM)[!?]|#N/A$"
 )
 # The line below the header of a table in Markdown or Org; one sign alone may be a cell.
-_RULE = re.compile(r":?[-=+]{2,}:?")
+_RULE = re.compile(r"[-=+]{2,}|:[-=+]+:?|[-=+]+:")
 _NUMBER = re.compile(r"[-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?%?")
 _JOINERS = ("+", ";", "&", ",")  # between ingredients in one cell
 _OTHER_JOINERS = ("/", "|", " and ", " or ", " with ", " x ", " et ", " und ")
 """Between ingredients in one cell, too, but also in labels: not parted."""
 _TITLE_ROWS = 5  # rows below the first in which a header is looked for
+_MOST_WITHOUT_GRID = 3  # columns of ingredients; more may be the slots of a crafting grid
 _MOSTLY = 0.5  # share of a column's cells
 
 
@@ -115,18 +119,24 @@ class Table(RowSource):
             self._width = len(names)
         else:
             self._guess(delimiter or named, usual, columns)
-        self.delimiter, self.quote = self._dialect.delimiter, self._dialect.quote
-        self.quote = "" if self.quote == '"' else self.quote
+        self.delimiter = self._dialect.delimiter
+        # The double quote goes without saying.
+        self.quote = "" if self._dialect.quote == '"' else self._dialect.quote
         self.header = self._names is not None
-        self._is_plain = self._roles.ingredients == (0, 1) and self._roles.results == (2,)
-        # A row of three cells needs no further look, the frequent case in a large book.
         self._may_hold_formula = any(sign in text for sign in "=#@")
         self._drops_nothing = not self._is_own and is_infinite_craft(text)
         # Our own tables hold any label, so that what is written is read again.
-        self._has_spaces = not self._is_own and "\u00a0" in text
-        self._is_plain = self._is_plain and self._width == 3 and not self._may_hold_formula
-        self._is_plain = self._is_plain and self.delimiter != "|"
-        self._is_plain = self._is_plain and not (self._drops_nothing or self._has_spaces)
+        self.is_exact = self._is_own
+        self._has_unseen = self._is_own and has_unseen(text)
+        # A row of three cells needs no further look, the frequent case in a large book.
+        has_usual_order = self._roles.ingredients == (0, 1) and self._roles.results == (2,)
+        needs_a_look = (
+            self._may_hold_formula
+            or self._drops_nothing
+            or self._has_unseen
+            or self.delimiter == "|"  # rules and frames of Markdown
+        )
+        self._is_plain = has_usual_order and self._width == 3 and not needs_a_look
         self._name_columns()
 
     # --- the head ---------------------------------------------------------------------------------
@@ -135,7 +145,7 @@ class Table(RowSource):
         """Read comments up to the first row; return the delimiter that Excel's first line names."""
         named = None
         for number, line in self._lines:
-            if line.startswith("#"):
+            if line.startswith(("#", "//")):
                 if not is_directive(line):
                     self._comments.append((number, line))
                 fault = read_directive(self, number, line)
@@ -293,16 +303,11 @@ class Table(RowSource):
 
     def _judge_rows(self) -> None:
         """Find the roles of columns without known names, or refuse the table."""
-        _, first = self._first or (0, "")
-        lines = [first, *self._following(_JUDGED_ROWS)]
-        rows = [cells_of(line, self._dialect) for line in lines if line.strip()]
-        rows = [row for row in rows if any(row) and not self._is_rule(row)]
-        rows = [_without_blanks(row) for row in rows]
+        rows = self._judged_rows()
         first_row, *others = rows
         seen = ", ".join(repr(cell[:40]) for cell in first_row[:8])
-        named = (
-            f"a table with {DELIMITERS.get(self._dialect.delimiter, repr(self._dialect.delimiter))}"
-        )
+        delimiter = self._dialect.delimiter
+        named = f"a table with {DELIMITERS.get(delimiter, repr(delimiter))}"
         remedy = "Name the columns of ingredients and, last, of the result with `columns`."
         self._check_title(others)
         if len(first_row) == 2 and any("+" in cell for cell in first_row):
@@ -321,9 +326,12 @@ class Table(RowSource):
             missing = "none is named as ingredients and result"
             raise refusal(self._path, f"{named} and {cells}; {missing}", "table", remedy)
         full = [row for row in rows if len(row) == 3 and all(row)]
-        numeric = [
-            i for i in range(3) if all(_NUMBER.fullmatch(row[i]) for row in full[1:]) and full[1:]
-        ]
+        # Without the first row, which may be a header.
+        below = full[1:]
+        numeric = []
+        for column in range(3) if below else ():
+            if all(_NUMBER.fullmatch(row[column]) for row in below):
+                numeric.append(column)
         if len(numeric) == 1:
             raise refusal(
                 self._path,
@@ -340,7 +348,7 @@ class Table(RowSource):
                 "table",
                 "Choose with `columns`: names take the row as header, numbers as recipe.",
             )
-        result = result_by_rows(full)
+        result = result_place(full) if full else None
         if result is None:
             raise refusal(
                 self._path,
@@ -351,6 +359,16 @@ class Table(RowSource):
         self._names = None
         self._width = 3
         self._roles = Roles(tuple(i for i in range(3) if i != result), (result,))
+
+    def _judged_rows(self) -> list[list[str]]:
+        """Return the cells of the first rows, without rules, blank rows and blank ends of rows."""
+        _, first = self._first or (0, "")
+        rows = []
+        for line in [first, *self._following(_JUDGED_ROWS)]:
+            cells = cells_of(line, self._dialect) if line.strip() else []
+            if any(cells) and not self._is_rule(cells):
+                rows.append(_without_blanks(cells))
+        return rows
 
     def _check_title(self, others: Sequence[Sequence[str]]) -> None:
         """Refuse a table whose header stands below other rows.
@@ -389,13 +407,7 @@ class Table(RowSource):
         if not is_shifted:
             return
         self._names = ["", *names]
-        ingredients, results, kind, counts = self._roles
-        self._roles = Roles(
-            tuple(i + 1 for i in ingredients),
-            tuple(i + 1 for i in results),
-            None if kind is None else kind + 1,
-            tuple(i + 1 for i in counts),
-        )
+        self._roles = self._roles.shifted()
 
     def _find_joiner(self, rows: Sequence[Sequence[str]]) -> None:
         """Find what stands between ingredients, if one column holds them all."""
@@ -450,6 +462,7 @@ class Table(RowSource):
 
     def _name_columns(self) -> None:
         used = [*self._roles.ingredients, *self._roles.results]
+        self.num_results = len(self._roles.results)
         if self._names is None:
             self.columns = tuple(f"column {i + 1}" for i in used)
             others = [i for i in range(self._width) if i not in self._roles.used]
@@ -506,8 +519,11 @@ class Table(RowSource):
             message = f"{error}; a quoted cell ends in its line, and a quote in it is doubled."
             yield Fault(number, "row", message, "quote")
             return
-        if self._has_spaces:
-            cells = [cell.strip(" \u00a0") for cell in cells]
+        # A table that we write has quotes around cells that begin or end with blanks.
+        if self._has_unseen and self._dialect.quote not in line:
+            trimmed = list(map(trim_unseen, cells))
+            self.trimmed += sum(map(ne, trimmed, cells))
+            cells = trimmed
         if not cells or self._is_rule(cells):
             return
         if not any(cells):
@@ -527,6 +543,10 @@ class Table(RowSource):
             yield Fault(number, "row", self._wrong_width(cells, limit), f"width {len(cells)}")
             return
         ingredients = [cells[i] for i in roles.ingredients if cells[i]]
+        message = self._merged(cells)
+        if message:
+            yield Fault(number, "row", message, "merged")
+            return
         if self._joiner and ingredients:
             parts = [part.strip() for part in ingredients[0].split(self._joiner)]
             ingredients = parts
@@ -545,7 +565,7 @@ class Table(RowSource):
             1 for i in roles.counts if i < len(cells) and cells[i] not in ("", "1")
         )
         if self._drops_nothing and NOTHING in ingredients:
-            yield LeftOut(number, "with Nothing as ingredient")
+            yield LeftOut(number, FROM_NOTHING)
             return
         self.several_outputs += len(results) > 1
         for result in results:
@@ -554,6 +574,22 @@ class Table(RowSource):
                 continue
             fault = self._note_kind(number, ingredients, result, kind) if kind else None
             yield fault or (number, [*ingredients, result])
+
+    def _merged(self, cells: Sequence[str]) -> str | None:
+        """Return why a row's first ingredient may stand in the row above, or None.
+
+        Spreadsheets leave blank all cells but the first of those that they merged. In a grid of
+        many slots blanks are usual, and our own tables have single ingredients in either column.
+        """
+        first, *others = self._roles.ingredients
+        is_grid = len(others) + 1 > _MOST_WITHOUT_GRID
+        if self._is_own or is_grid or cells[first] or not any(cells[i] for i in others):
+            return None
+        row = self._dialect.delimiter.join(cells)
+        return (
+            f"'{row[:80]}' has a blank cell before an ingredient, as where cells were merged; fill "
+            "it, or write a single ingredient first."
+        )
 
     def _not_parted(self, parts: Sequence[str]) -> str | None:
         """Return why a cell without the table's joiner may hold several ingredients, or None."""

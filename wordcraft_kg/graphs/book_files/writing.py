@@ -9,6 +9,7 @@ from typing import Any
 
 from wordcraft_kg.base.artefacts import output_target, write_atomically
 from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.graphs.book_files.cells import trim_unseen
 from wordcraft_kg.graphs.book_files.columns import KIND
 from wordcraft_kg.graphs.book_files.tables import CSV_HEADER
 from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
@@ -40,7 +41,13 @@ def write_book(book: RecipeBook, path: Path) -> None:
 def recipe_table(
     recipes: Iterable[Recipe], delimiter: str = ",", kinds: Mapping[Recipe, str] | None = None
 ) -> Iterator[str]:
-    """Yield table lines: a header, then (ingredient, ingredient, result), with kinds if any."""
+    """Yield table lines: a header, then (ingredient, ingredient, result), with kinds if any.
+
+    Args:
+        recipes: the recipes, in the order of the lines.
+        delimiter: one character between cells.
+        kinds: kind of reasoning by recipe; None or empty for a table without this column.
+    """
     yield delimiter.join((*CSV_HEADER, KIND) if kinds else CSV_HEADER) + "\n"
     for recipe in recipes:
         yield _csv_line((*recipe, kinds.get(recipe, "")) if kinds else recipe, delimiter)
@@ -62,15 +69,18 @@ def book_json(book: RecipeBook, **extra: Any) -> Iterator[str]:
 
 
 def _csv_line(labels: Iterable[str], delimiter: str) -> str:
-    # Quotes only where they are needed; csv.writer needs a buffer because it only writes to files.
+    """Return a row, with quotes only where they are needed: around all of its cells."""
     cells = list(labels)
-    if not any(
-        delimiter in cell or '"' in cell or cell != cell.strip() or cell[:1] in ("#", "\ufeff")
-        for cell in cells
-    ):
+    if not any(_needs_quotes(cell, delimiter) for cell in cells):
         return delimiter.join(cells) + "\n"
+    # csv.writer only writes to files.
     buffer = io.StringIO()
-    csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_ALL).writerow(
-        cells
-    )
+    writer = csv.writer(buffer, delimiter=delimiter, lineterminator="\n", quoting=csv.QUOTE_ALL)
+    writer.writerow(cells)
     return buffer.getvalue()
+
+
+def _needs_quotes(cell: str, delimiter: str) -> bool:
+    has_sign = delimiter in cell or '"' in cell or cell[:1] in ("#", "\ufeff")
+    # The reader strips blanks around a cell that has no quotes.
+    return has_sign or cell != cell.strip() or cell != trim_unseen(cell)

@@ -17,22 +17,16 @@ from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.models.recipes.fitting import (
-    PAIR_BATCH,
-    PAIR_EPOCHS,
-    PAIR_RATE,
-    TABLES,
-    Batch,
-    feature_scale,
-    fit_ranker,
-    with_known,
-)
+from wordcraft_kg.models.recipes.committee import Examples, constant_features, fit_committee
+from wordcraft_kg.models.recipes.fitting import TABLES, with_known
 from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, NeighbourKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, Numbers, make_lists, nearest_words
 from wordcraft_kg.models.scorers.pair_knowledge import pairs_of
 
 EXAMPLES = 6_000
-"""Most held-out recipes from which a ranker learns, over all folds; each gives a table of each size."""
+"""Most held-out recipes from which a ranker learns, over all folds."""
+DRAWS = 2
+"""Tables of each size for a held-out recipe, with different distractors."""
 KNOWN = 10_000
 """Most known recipes whose scores are lifted if held-out goals have none."""
 LeftOut = tuple[int, ...]
@@ -84,7 +78,7 @@ def fit_by_neighbours(
         workers: threads; the compiled loops run beside each other.
         after: called after each set of lists, in the caller's thread; may raise to end the fits.
     """
-    examples: dict[tuple[LeftOut, int], Batch] = {}
+    examples: dict[tuple[LeftOut, int], Examples] = {}
     missing = set(wanted)
     for left_out in wanted:
         turns = [fold for fold in range(folds.count) if fold not in left_out]
@@ -92,7 +86,7 @@ def fit_by_neighbours(
 
         def made(
             turn: int, left_out: LeftOut = left_out
-        ) -> list[tuple[tuple[LeftOut, int], Batch]]:
+        ) -> list[tuple[tuple[LeftOut, int], Examples]]:
             without = {*left_out, turn}
             lists = words.lists(folds.recipes(without))
             # Each fold left out is held out for the ranker that leaves out the others.
@@ -117,57 +111,53 @@ def fit_by_neighbours(
 
 
 def _fitted(
-    folds: Folds, words: Words, left_out: LeftOut, parts: Sequence[Batch], seed: int
+    folds: Folds, words: Words, left_out: LeftOut, parts: Sequence[Examples], seed: int
 ) -> NeighbourKnowledge:
     """Fit the ranker of a scorer to its examples."""
-    features, competes, is_right = (torch.cat(part) for part in zip(*parts, strict=True))
+    examples = Examples(*(torch.cat(part) for part in zip(*parts, strict=True)))
     generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
-    flat = features[competes]
-    mean = flat.mean(0)
-    scale = feature_scale(flat.std(0), flat.amax(0) - flat.amin(0))
-    order = torch.randperm(len(features), generator=generator)
-    batches = [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)]
-    ranker = fit_ranker(
-        batches, mean, scale, epochs=PAIR_EPOCHS, learning_rate=PAIR_RATE, generator=generator
-    )
+    ranker = fit_committee(examples, generator)
     recipes = folds.recipes(left_out)
     knowledge = NeighbourKnowledge.of_recipes(recipes, words.vectors, words.near)
     makes = FEATURES.index("makes")
-    if scale[makes].isinf():
+    if constant_features(examples)[makes]:
         chosen = recipes[:: max(1, len(recipes) // KNOWN)]
         a, b, goal = torch.from_numpy(chosen.copy()).T
         pair = torch.tensor([0]), torch.tensor([1])
         of_known = knowledge.features(
             goal, torch.stack([a, b], dim=1), torch.zeros_like(goal), pair
         )
-        ranker = with_known(ranker, of_known[:, :, 0].T, makes, ranker(flat).amax())
+        highest = ranker(examples.features[examples.competes]).amax()
+        ranker = with_known(ranker, of_known[:, :, 0].T, makes, highest)
     return knowledge.with_ranker(ranker)
 
 
-def _examples(folds: Folds, lists: Lists, left_out: LeftOut, held_out: int, seed: int) -> Batch:
+def _examples(folds: Folds, lists: Lists, left_out: LeftOut, held_out: int, seed: int) -> Examples:
     """Make queries from a fold's recipes on tables with distractors.
 
     Every pair in a recipe that the scorer without ``left_out`` has seen is right.
     """
-    from wordcraft_kg.models.scorers.neighbours import loops
+    from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
 
     rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
     known = folds.recipes(left_out)
     recipes = folds.recipes_of(held_out)
     most = -(-EXAMPLES // (folds.count - len(left_out)))
     recipes = recipes[np.sort(rng.permutation(len(recipes))[:most])]
-    goals = np.tile(recipes[:, 2], len(TABLES))
+    goals = np.tile(recipes[:, 2], DRAWS * len(TABLES))
     size = folds.split.graph.num_entities
-    tables = np.concatenate([_tables(recipes, known, size, number, rng) for number in TABLES])
+    tables = np.concatenate(
+        [_tables(recipes, known, size, number, rng) for number in TABLES * DRAWS]
+    )
     one, other = (slots.numpy() for slots in pairs_of(tables.shape[1], torch.device("cpu")))
     features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
-    loops.table_features(lists, goals, tables, one, other, features)
+    table_features(lists, goals, tables, one, other, features)
     a = tables[:, one]
     b = tables[:, other]
     competes = (a >= 0) & (b >= 0)
     of_known = _codes(known[:, 0], known[:, 1], known[:, 2], size)
     is_right = np.isin(_codes(a, b, goals[:, None], size), of_known) & competes
-    return _tensor(features), _tensor(competes), _tensor(is_right)
+    return Examples(_tensor(features), _tensor(competes), _tensor(is_right))
 
 
 def _tables(recipes: Ids, known: Ids, size: int, distractors: int, rng: np.random.Generator) -> Ids:

@@ -152,6 +152,10 @@ class ComplExScorer(StoredScorer):
         }
 
 
+_TABLE_CELLS = 16
+"""Cells of a table, for each wanted pair, up to which one product of all pairs costs less."""
+
+
 def product_scores(
     left: Tensor, right: Tensor, heads: Tensor, relations: Tensor, tails: Tensor
 ) -> Tensor:
@@ -173,6 +177,8 @@ def product_scores(
     if is_turned:
         return right[tails[:, 0]] @ left[heads[0]].T
     heads, tails, _ = torch.broadcast_tensors(heads, tails, relations)
+    if len(left) * len(right) <= _TABLE_CELLS * heads.numel():
+        return (left @ right.T)[heads, tails]
     pairs = zip(heads.reshape(-1).split(_PAIRS), tails.reshape(-1).split(_PAIRS), strict=True)
     scores = [(left[head] * right[tail]).sum(-1) for head, tail in pairs]
     return torch.cat(scores).view(heads.shape)

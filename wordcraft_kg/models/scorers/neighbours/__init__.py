@@ -9,10 +9,11 @@ word vectors::
     k(x, y) = [cos(profiles) + .2 max(0, w)²] / √(norm_x norm_y)
     norm = 1.2 with recipes, .2 without
 
-Only the K entities with the most similar profiles are kept for each entity, and the K_w nearest by
-words; k is computed when it is needed, by a binary search in these lists and one product of word
-vectors. The lists N(x) and G(c) hold the entities with the largest k among both kinds of
-neighbours: N(x) those that are ingredients of known recipes, G(c) those that known recipes make.
+Only the K entities with the most similar profiles are kept for each entity (and the entity for
+each of them), and the K_w nearest by words; k is computed when it is needed: a look-up and one
+product of word vectors. The lists N(x) and G(c) hold the entities with the largest k among both
+kinds of neighbours: N(x) those that are ingredients of known recipes, G(c) those that known recipes
+make.
 
 **Features** of a pair (a, b) and a goal c, with squared similarities k²::
 
@@ -36,12 +37,14 @@ recipes, and how many recipes make c with x.
 | neighbours by words | E² D, exact, in blocks; once for all folds |
 | lists N, G and supporting recipes | E (K + K_w) D |
 | regression | E L D + L³ + n m, for L <= 1,536 landmarks |
-| features of a table with A slots | at most A (2 R D + N G) + A² (N² + R) |
-| memory | E (2 K + 3 N + 3 G + 3 R + D + 3 m) + about 25 n numbers |
+| features of a table with A slots | A (2 R D + N G) + A² (N² + R) + D per result, at most |
+| memory | E (4 K + 3 N + 3 G + 3 R + D + 3 m) + about 25 n numbers |
 
 With lists as long as the book nothing is approximate but the pruning: tests compare features with
 full tables.
 
-The loops are compiled by numba: lists end at different places, and searches stop early, which
-vectorised operations would pad to the longest.
+Read :mod:`.feature_loops` for the features, :mod:`.similar` for k. Loops that make lists and hash
+tables are in :mod:`.list_loops` and :mod:`.hash_loops`, those that propose what a plan may make
+first in :mod:`.candidate_loops`. The loops are compiled by numba: lists end at different places,
+and searches stop early, which vectorised operations would pad to the longest.
 """

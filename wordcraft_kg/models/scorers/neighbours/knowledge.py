@@ -181,7 +181,8 @@ class NeighbourKnowledge(PairKnowledge):
     def features(  # noqa: D102 - inherited
         self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
     ) -> Tensor:
-        from wordcraft_kg.models.scorers.neighbours import loops
+        # Compiled loops are imported late: numba takes as long to import as all the rest.
+        from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
 
         one, other = (
             slots.cpu().numpy() for slots in pairs or pairs_of(table.shape[1], table.device)
@@ -201,7 +202,7 @@ class NeighbourKnowledge(PairKnowledge):
         def write(block: tuple[Lists, Ids]) -> None:
             lists, rows = block
             out = np.zeros((len(rows), *features.shape[1:]), dtype=np.float32)
-            loops.table_features(lists, goals[rows], tables[rows], one, other, out)
+            table_features(lists, goals[rows], tables[rows], one, other, out)
             features[rows] = out
 
         # Blocks of all models together: a batch of a cross-fitted scorer has few rows for each.
@@ -218,12 +219,12 @@ class NeighbourKnowledge(PairKnowledge):
     def support_of(  # noqa: D102 - inherited
         self, a: int, b: int, goal: int, model: int
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        from wordcraft_kg.models.scorers.neighbours import loops
+        from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 
         lists = self.lists(model)
         numbers = lists.support[goal]
         terms = np.zeros((len(numbers), 2), dtype=np.float32)
-        loops.support_terms(lists, a, b, goal, terms)
+        support_terms(lists, a, b, goal, terms)
         numbers = numbers[numbers >= 0]
         recipes = np.stack([lists.first, lists.second, lists.result], axis=1)[numbers]
         straight, crossed = torch.from_numpy(terms[: len(numbers)]).unbind(1)
@@ -272,7 +273,7 @@ class NeighbourKnowledge(PairKnowledge):
             width: W; missing entities have the id E.
             near: entities that stand for all others in a further attempt.
         """
-        from wordcraft_kg.models.scorers.neighbours import loops
+        from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
 
         goals = self._ids(goal)
         tables = self._ids(table)
@@ -281,7 +282,7 @@ class NeighbourKnowledge(PairKnowledge):
         for number in np.unique(models).tolist():
             rows = np.flatnonzero(models == number)
             of_rows = found[rows]
-            loops.intermediates(
+            intermediates(
                 self.lists(number), goals[rows], tables[rows], attempts - 2, near, of_rows
             )
             found[rows] = of_rows

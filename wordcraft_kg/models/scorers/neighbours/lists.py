@@ -46,8 +46,10 @@ class Lists(NamedTuple):
 
     Attributes:
         vectors: shape (T, D), unit word vectors; D is 0 without words.
-        near: shape (T, K), structural neighbours by ascending id.
-        near_cosines: shape (T, K), cosines of profiles.
+        near_starts: shape (T + 1,), where an entity's structural neighbours begin and end.
+        near: structural neighbours of all entities: those in an entity's own list of length K, and
+            those that have it in theirs, by ascending id.
+        near_cosines: cosines of their profiles.
         norms: shape (T,), similarity of an entity with itself, k(x, x).
         used: shape (T, N), neighbours that are ingredients, the most similar first.
         used_alike: shape (T, N), squared normalised similarities.
@@ -68,6 +70,7 @@ class Lists(NamedTuple):
     """
 
     vectors: Floats
+    near_starts: Ids
     near: Numbers
     near_cosines: Floats
     norms: Floats
@@ -115,14 +118,14 @@ def nearest_words(
     if not width:
         return near
     # Compiled loops are imported late: numba takes as long to import as all the rest.
-    from wordcraft_kg.models.scorers.neighbours import loops
+    from wordcraft_kg.models.scorers.neighbours.list_loops import largest
 
     every = torch.tensor(vectors)
     # One thread, because more threads may add in another order and so break ties differently.
     with torch_threads(1):
         for start in range(first, size, block):
             cosines = (every[start : start + block] @ every.T).numpy()
-            loops.largest(cosines, start, near[start - first : start - first + block])
+            largest(cosines, start, near[start - first : start - first + block])
     return near
 
 
@@ -149,7 +152,7 @@ def make_lists(
         support: R, recipes for a goal.
         rank: rank of the kernel regression.
     """
-    from wordcraft_kg.models.scorers.neighbours import loops
+    from wordcraft_kg.models.scorers.neighbours import hash_loops, list_loops
 
     size = len(vectors)
     ordered = _ordered(recipes)
@@ -158,7 +161,7 @@ def make_lists(
     num_makers = _counted(result, size)
     rows = profiles(ordered, size).astype(np.float32)
     columns = rows.T.tocsr()
-    near, near_cosines = loops.structural_neighbours(
+    near_ids, cosines = list_loops.structural_neighbours(
         rows.indptr,
         rows.indices,
         rows.data,
@@ -168,32 +171,34 @@ def make_lists(
         COMMON,
         min(nearest, max(size, 1)),
     )
+    near_starts, near, near_cosines = _both_ways(near_ids, cosines)
     # A profile has length 1, words add their part; entities with neither stay at the words' part.
     norms = ((np.diff(rows.indptr) > 0) + TEXT).astype(np.float32)
     is_used = num_uses > 0
     is_made = num_makers > 0
-    of_used, used_alike, used_words = loops.merged_neighbours(
-        vectors, near, near_cosines, norms, near_words, is_used, min(used, size)
+    of_used, used_alike, used_words = list_loops.merged_neighbours(
+        vectors, near_starts, near, near_cosines, norms, near_words, is_used, min(used, size)
     )
-    of_made, made_alike, made_words = loops.merged_neighbours(
-        vectors, near, near_cosines, norms, near_words, is_made, min(made, size)
+    of_made, made_alike, made_words = list_loops.merged_neighbours(
+        vectors, near_starts, near, near_cosines, norms, near_words, is_made, min(made, size)
     )
     starts = np.concatenate([[0], np.cumsum(num_makers)]).astype(np.int64)
     most = min(support, max(len(ordered), 1))
-    supporting, support_alike, support_words = loops.supporting(
+    supporting, support_alike, support_words = list_loops.supporting(
         of_made, made_alike, made_words, starts, _by_result(ordered), most
     )
     pairs = first.astype(np.int64) * size + second
-    pair_keys, pair_starts, pair_counts = loops.pair_table(pairs, _table_size(len(pairs)))
+    pair_keys, pair_starts, pair_counts = hash_loops.pair_table(pairs, _table_size(len(pairs)))
     # A recipe with twice the same ingredient is one link.
     is_other = first != second
     of_first = first.astype(np.int64) * size + result
     of_second = second[is_other].astype(np.int64) * size + result[is_other]
     links = np.concatenate([of_first, of_second])
-    link_keys, link_counts = loops.count_table(links, _table_size(len(links)))
+    link_keys, link_counts = hash_loops.count_table(links, _table_size(len(links)))
     left, right, pair_left = link_factors(ordered, rows, vectors, rank)
     return Lists(
         vectors=vectors,
+        near_starts=near_starts,
         near=near,
         near_cosines=near_cosines,
         norms=norms,
@@ -220,6 +225,29 @@ def make_lists(
         right=right,
         pair_left=pair_left,
     )
+
+
+def _both_ways(near: Numbers, cosines: Floats) -> tuple[Ids, Numbers, Floats]:
+    """Return lists in which an entity is its neighbour's neighbour: starts, ids, cosines.
+
+    The similarity of two entities does not depend on their order then.
+
+    Args:
+        near: each entity's K neighbours, shape (T, K), :data:`FAR` at the end.
+        cosines: shape (T, K).
+    """
+    from scipy import sparse
+
+    from wordcraft_kg.models.scorers.neighbours.list_loops import FAR
+
+    size = len(near)
+    is_listed = near < FAR
+    rows = np.nonzero(is_listed)[0]
+    table = sparse.csr_array((cosines[is_listed], (rows, near[is_listed])), shape=(size, size))
+    # Both directions hold the same sum, added in another order: the larger one counts.
+    both = table.maximum(table.T).tocsr()
+    both.sort_indices()
+    return both.indptr.astype(np.int64), both.indices.astype(np.int32), both.data
 
 
 def _ordered(recipes: Ids) -> Ids:

@@ -51,6 +51,9 @@ class NeighbourRecipeScorer(RecipeScorer):
         return tuple(torch.from_numpy(part).to(self.device) for part in (left, lists.right))  # type: ignore[return-value]
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
+        relation = relations.unique()
+        if len(relation) == 1:
+            return product_scores(*self.factors(int(relation)), heads, relations, tails)
         scores = [
             product_scores(*self.factors(relation), heads, relations, tails)
             for relation in range(2)

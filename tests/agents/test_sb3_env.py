@@ -1,0 +1,165 @@
+"""The batched environments for Stable-Baselines3."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("sb3_contrib")
+
+from sb3_contrib import MaskablePPO
+from sb3_contrib.common.maskable.utils import get_action_masks, is_masking_supported
+from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+
+from wordcraft_kg import PolicyConfig, WordCraftConfig, World
+from wordcraft_kg.agents.sb3 import MaskableSB3Policy, SB3Policy
+from wordcraft_kg.agents.sb3_env import SB3VecEnv
+from wordcraft_kg.base.errors import ActionError, ConfigError, EpisodeError
+from wordcraft_kg.envs.vector import WordCraftVectorEnv
+from wordcraft_kg.envs.wrappers import TaskObservation
+from wordcraft_kg.models.policies.folder import make_policy
+
+pytestmark = pytest.mark.interop
+SIZE = 6
+
+
+@pytest.fixture(scope="module")
+def world(opened_kitchen):
+    return World(opened_kitchen, WordCraftConfig(num_distractors=3, depth=2))
+
+
+@pytest.fixture(scope="module")
+def policy(world, opened_kitchen):
+    return make_policy(PolicyConfig(features="random"), opened_kitchen.graph, world.num_slots)[0]
+
+
+def random_slots(env, rng):
+    counts = np.stack(env.env_method("action_masks")).sum(1)
+    return (rng.random(env.num_envs) * counts).astype(np.int64)
+
+
+def assert_same(one, other):
+    assert one.keys() == other.keys()
+    for name, values in one.items():
+        np.testing.assert_array_equal(values, other[name], err_msg=name)
+
+
+def test_episodes_are_those_of_the_vector_environment(world):
+    env, vector, rng = (
+        SB3VecEnv(SIZE, world),
+        WordCraftVectorEnv(SIZE, world),
+        np.random.default_rng(0),
+    )
+    env.seed(5)
+    assert_same(env.reset(), vector.reset(seed=5)[0])
+    ended = 0
+    for _ in range(60):
+        slots = random_slots(env, rng)
+        observations, rewards, over, infos = env.step(slots)
+        expected, rewards_there, over_there, _, infos_there = vector.step(slots)
+        assert_same(observations, expected)
+        np.testing.assert_array_equal(rewards, rewards_there)
+        np.testing.assert_array_equal(over, over_there)
+        for row in range(SIZE):
+            if not over[row]:
+                assert infos[row] == {}
+                continue
+            ended += 1
+            assert_same(infos[row]["terminal_observation"], infos_there["final_obs"][row])
+            assert infos[row]["is_success"] == (rewards[row] == 1)
+            assert infos[row]["TimeLimit.truncated"] is False
+            assert infos[row]["task"] == infos_there["final_info"]["task"][row]
+    assert ended > 20
+
+
+def test_observations_are_as_from_a_loop_over_single_environments(world):
+    looped = DummyVecEnv([lambda: gym.make("WordCraft-v0", graph=world)] * 2)
+    env = SB3VecEnv(2, world)
+    assert env.observation_space == looped.observation_space
+    assert env.action_space == looped.action_space
+    here, there = env.reset(), looped.reset()
+    assert {name: (values.shape, values.dtype) for name, values in here.items()} == {
+        name: (values.shape, values.dtype) for name, values in there.items()
+    }
+    for one, other in zip(
+        env.step(np.zeros(2, dtype=int))[1:3], looped.step(np.zeros(2, dtype=int))[1:3], strict=True
+    ):
+        assert (one.shape, one.dtype) == (other.shape, other.dtype)
+
+
+def test_a_seed_gives_the_same_episodes_and_is_used_once(world):
+    env = SB3VecEnv(SIZE, world)
+    assert env.seed(3) == [3] * SIZE
+    first, later = env.reset(), env.reset()
+    env.seed(3)
+    assert_same(env.reset(), first)
+    assert any((first[name] != later[name]).any() for name in first)
+
+
+def test_masks_are_those_of_the_tables(world):
+    env = SB3VecEnv(SIZE, world)
+    observations = env.reset()
+    assert is_masking_supported(env)
+    np.testing.assert_array_equal(get_action_masks(env), observations["action_mask"] == 1)
+    np.testing.assert_array_equal(
+        env.env_method("action_masks", indices=[-1, 2]), get_action_masks(env)[[-1, 2]]
+    )
+    assert len(env.get_attr("render_mode", indices=1)) == 1
+
+
+def test_the_task_is_as_in_the_wrapper(opened_kitchen):
+    for part in ("train", "test"):
+        world = World(opened_kitchen, WordCraftConfig(part=part, num_distractors=3))
+        env, single = (
+            SB3VecEnv(SIZE, world, with_task=True),
+            TaskObservation(gym.make("WordCraft-v0", graph=world)),
+        )
+        assert env.observation_space == single.observation_space
+        shown = env.reset()["task"]
+        expected = (
+            env.env.state.task if part == "train" else [env.observation_space["task"].n - 1] * SIZE
+        )
+        np.testing.assert_array_equal(shown, expected)
+        before = shown
+        env.step(np.zeros(SIZE, dtype=int))
+        *_, over, infos = env.step(np.zeros(SIZE, dtype=int))
+        for row in np.flatnonzero(over):
+            assert infos[row]["terminal_observation"]["task"] == before[row]
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "kind"), [(PPO, SB3Policy), (MaskablePPO, MaskableSB3Policy)]
+)
+def test_algorithms_train_on_it(world, policy, algorithm, kind):
+    def trained():
+        env = VecMonitor(SB3VecEnv(SIZE, world), info_keywords=("is_success",))
+        settings = {"n_steps": 16, "batch_size": 32, "n_epochs": 1, "seed": 0}
+        model = algorithm(kind, env, policy_kwargs={"network": policy}, **settings)
+        model.learn(3 * 16 * SIZE)
+        assert model.ep_success_buffer
+        return model.policy.network.state_dict()
+
+    first, again = trained(), trained()
+    assert any((first[name] != value).any() for name, value in policy.state_dict().items())
+    assert all((first[name] == value).all() for name, value in again.items())
+
+
+def test_mistakes_are_refused(world):
+    env = SB3VecEnv(SIZE, world)
+    env.reset()
+    with pytest.raises(EpisodeError, match="step_async"):
+        env.step_wait()
+    with pytest.raises(ActionError, match="expected 0 to"):
+        env.step(np.full(SIZE, 10_000))
+    with pytest.raises(AttributeError, match="no method 'render'"):
+        env.env_method("render")
+    with pytest.raises(AttributeError, match="cannot be set"):
+        env.set_attr("num_envs", 7)
+    with pytest.raises(IndexError):
+        env.get_attr("render_mode", indices=[SIZE])
+    with pytest.raises(ConfigError, match="num_envs"):
+        SB3VecEnv(0, world)
+    assert not env.has_attr("unicorn")
+    assert env.env_is_wrapped(TaskObservation) == [False] * SIZE
+    env.close()

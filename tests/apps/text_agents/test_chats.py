@@ -1,0 +1,290 @@
+"""Conversations to fine-tune on: content, selection, files and the command."""
+
+import hashlib
+import json
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from wordcraft_kg.agents.players import random_distinct, recipe_oracle
+from wordcraft_kg.apps.text_agents.benchmark import read_manifest
+from wordcraft_kg.apps.text_agents.chats import (
+    CLOSING,
+    COMBINE,
+    ChatCounts,
+    ChatSettings,
+    chat_rows,
+    licence_of,
+)
+from wordcraft_kg.apps.text_agents.games import TaskGames
+from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
+from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.graphs import open_graph
+from wordcraft_kg.graphs.export import export_graph
+
+PLAYERS = ("oracle", "planner", "votes", "graph", "nearest-words", "random")
+
+
+def kitchen_plays(*depths, part="train", attempts=None):
+    return [open_play("kitchen", part, depth, 2, attempts) for depth in depths]
+
+
+def rows_of(plays, player=recipe_oracle, **settings):
+    counts = ChatCounts()
+    rows = [*chat_rows(plays, player, ChatSettings(**settings), counts)]
+    assert counts.written == len(rows)
+    kept = counts.written + counts.left_out + counts.revealing + counts.repeated
+    assert kept == counts.played
+    return rows, counts
+
+
+def called(message):
+    return message["tool_calls"][0]["function"]
+
+
+def test_a_conversation_is_what_a_rollout_of_the_same_game_reads_and_says():
+    """The environment for TRL gives the same prompt, and the same reply to each call."""
+    prompts = {row["task_id"]: row for row in crafting_rows("kitchen", depth=[1, 2], distractors=2)}
+    rows, _ = rows_of(kitchen_plays(1, 2))
+    assert {row["id"] for row in rows} == prompts.keys()
+    environment = CraftingEnvironment()
+    for row in rows[::7]:
+        opening, *turns, closing = row["messages"]
+        game = prompts[row["id"]]
+        assert [opening] == game["prompt"]
+        assert closing == {"role": "assistant", "content": CLOSING}
+        environment.reset(**game)
+        for said, reply in zip(turns[::2], turns[1::2], strict=True):
+            assert (said["role"], said["content"], reply["role"]) == ("assistant", "", "tool")
+            assert called(said)["name"] == reply["name"] == "combine"
+            assert reply["content"] == environment.combine(**called(said)["arguments"])
+        assert environment.get_reward() == 1
+        assert len(turns) == 2 * row["attempts"] == 2 * row["depth"]
+        assert row["goal"] == environment.talk.game.goal
+
+
+def test_the_tool_is_described_as_trl_describes_it():
+    get_json_schema = pytest.importorskip("transformers.utils").get_json_schema
+    assert get_json_schema(CraftingEnvironment().combine) == COMBINE
+
+
+def test_text_conversations_are_those_of_players_by_text():
+    (play,) = kitchen_plays(2)
+    rows, _ = rows_of([play], style="text", tasks=30)
+    games = GameList({"train": [play]})
+    for row in rows:
+        talk = games.named(row["id"]).begin()
+        rules, *turns = row["messages"]
+        assert rules == {"role": "system", "content": talk.rules}
+        heard = talk.game.state
+        for asked, answer in zip(turns[::2], turns[1::2], strict=True):
+            assert asked == {"role": "user", "content": heard}
+            assert answer["role"] == "assistant"
+            heard = talk.hear(answer["content"])
+        assert talk.game.is_made
+        assert "tools" not in row
+
+
+def test_no_conversation_shows_a_held_out_recipe():
+    """A player by chance makes some by accident; these games are left out, and counted."""
+    rows, counts = rows_of(
+        kitchen_plays(2, attempts=6), random_distinct, kept="all", tables=4, tasks=400
+    )
+    assert counts.revealing > 0
+    assert isinstance(kitchen_plays(2)[0].games, TaskGames)
+    world = kitchen_plays(2)[0].games.world
+    graph = world.graph
+    unseen = {
+        (tuple(sorted(graph.labels((a, b)))), graph.entities[c])
+        for a, b, c in graph.recipes[~world.split.is_in("train")].tolist()
+    }
+    shown = 0
+    for row in rows:
+        for message in row["messages"]:
+            if message["role"] == "tool":
+                pair, _, made = message["content"].splitlines()[0].partition(" -> ")
+                made = made.removesuffix(" (already tried)")
+                for result in made.split(", ") if made != "nothing" else ():
+                    shown += 1
+                    assert (tuple(sorted(pair.split(" + "))), result) not in unseen
+    assert shown > 50
+
+
+def test_games_are_kept_by_their_end():
+    plays = kitchen_plays(2, attempts=6)
+    lengths = {}
+    for kept in ("all", "made", "shortest"):
+        rows, counts = rows_of(plays, random_distinct, kept=kept, tables=4, tasks=300)
+        lengths[kept] = Counter(row["attempts"] for row in rows)
+        assert counts.made < counts.played
+        ends = {row["messages"][-2]["content"].splitlines()[-1][:13] for row in rows}
+        assert (ends == {"You made the "}) == (kept != "all")
+    assert {*lengths["shortest"]} == {2}
+    assert lengths["shortest"][2] == lengths["made"][2]
+    assert lengths["made"].total() > lengths["shortest"].total()
+    assert lengths["all"].total() > lengths["made"].total()
+
+
+def test_equal_conversations_are_written_once():
+    plays = kitchen_plays(1)
+    rows, counts = rows_of([*plays, *plays], tasks=20)
+    assert (len(rows), counts.repeated) == (20, 20)
+
+
+def test_each_row_has_the_mark_of_the_benchmark_but_no_request():
+    (row, *_), _ = rows_of(kitchen_plays(1), tasks=1)
+    assert row["canary"] in read_manifest()[0].canary
+    assert row["canary"].split()[-1].count("-") == 4  # the unique part
+    assert "do not train" not in json.dumps(row)
+    assert "canary" not in json.dumps(row["messages"])
+
+
+@pytest.mark.parametrize("part", ["test", "all"])
+def test_other_parts_are_refused(part):
+    with pytest.raises(ConfigError, match=f"`part` {part}: expected train"):
+        rows_of(kitchen_plays(1, part=part))
+
+
+@pytest.mark.parametrize("player", PLAYERS)
+def test_the_command_writes_conversations_of_any_player_with_a_card(run, tmp_path, player):
+    out = tmp_path / "new" / "sft.jsonl"
+    outcome = run(
+        *("chats", "kitchen", "--player", player, "--distractors", "1,2", "--depth", "1,2"),
+        *("--tasks", "60", "--json", "--out", out),
+    )
+    assert outcome.code == 0, outcome.err
+    view = json.loads(outcome.out)
+    data = out.read_bytes()
+    rows = [json.loads(line) for line in data.splitlines()]
+    assert view["counts"]["written"] == len(rows) > 0
+    assert view["sha256"] == hashlib.sha256(data).hexdigest()
+    assert {row["part"] for row in rows} == {"train"}
+    assert {*Counter(row["depth"] for row in rows)} <= {1, 2}
+    card = (out.parent / "sft.README.md").read_text()
+    for fact in (
+        "license: cc0-1.0",
+        view["sha256"],
+        open_play("kitchen", "train", 1, 2, None).settings.graph_hash,
+        f"conversations: {len(rows):,}",
+        rows[0]["canary"],
+        "wordcraft-kg chats kitchen --player",
+    ):
+        assert fact in card
+    assert str(tmp_path) not in card
+
+
+def test_the_licence_is_that_of_our_own_books_by_content(tmp_path):
+    book = tmp_path / "kitchen.csv"
+    book.write_text(
+        "# licence: CC0-1.0\ningredient_a,ingredient_b,result\nwater,earth,mud\nmud,fire,brick\n"
+    )
+    assert licence_of(open_graph(str(book)).graph) == "unknown"
+    export_graph(open_graph("kitchen"), "csv", tmp_path / "mine.csv")
+    assert licence_of(open_graph(str(tmp_path / "mine.csv")).graph) == "cc0-1.0"
+
+
+def test_the_same_command_writes_the_same_bytes_and_another_seed_others(run, tmp_path):
+    files = []
+    for name, seed in (("a", 3), ("b", 3), ("c", 4)):
+        out = tmp_path / name / "sft.jsonl"
+        options = ["--player", "random", "--keep", "all", "--tasks", "50", "--seed", seed]
+        assert run("chats", "kitchen", *options, "--out", out).code == 0
+        files.append((out.read_bytes(), out.with_name("sft.README.md").read_bytes()))
+    assert files[0] == files[1]
+    assert files[0] != files[2]
+
+
+def test_a_file_that_exists_is_kept_and_a_failure_leaves_nothing(run, tmp_path):
+    out = tmp_path / "sft.jsonl"
+    out.write_text("mine")
+    refused = run("chats", "kitchen", "--tasks", "3", "--out", out)
+    assert (refused.code, refused.kind, out.read_text()) == (1, "OutputExistsError", "mine")
+    assert [*tmp_path.iterdir()] == [out]
+    assert run("chats", "kitchen", "--tasks", "3", "--out", out, "--force").code == 0
+    assert len(out.read_text().splitlines()) == 3
+    # A random player that solves nothing: both files stay as they were.
+    before = out.read_bytes()
+    nothing = run(
+        *("chats", "kitchen", "--player", "random", "--depth", "5", "--tasks", "2"),
+        *("--distractors", "20", "--out", out, "--force"),
+    )
+    assert (nothing.code, "no conversation is left" in nothing.err) == (1, True)
+    assert out.read_bytes() == before
+
+
+def test_bad_options_are_refused(run, tmp_path):
+    out = tmp_path / "sft.jsonl"
+    for options, code, fragment in (
+        (["--player", "genius"], 1, "expected one of random, nearest-words"),
+        (["--player", "planner:"], 1, "planner:MODEL"),
+        (["--player", "scorer"], 1, "scorer:MODEL"),
+        (["--player", "scorer:nowhere"], 1, "nowhere"),
+        (["--player", "oracle:models"], 1, "expected one of"),
+        (["--part", "test"], 2, "part"),
+        (["--depth", "0"], 1, "depth"),
+        (["--tables", "0"], 1, "tables"),
+        (["--tasks", "0"], 1, "tasks"),
+        (["--seed", "-1"], 1, "seed"),
+        (["--attempts", "0"], 1, "attempts"),
+    ):
+        given = {"--tasks": "2"} if "--tasks" not in options else {}
+        flat = [word for pair in given.items() for word in pair]
+        outcome = run("chats", "kitchen", *options, *flat, "--out", out, "--force")
+        assert (outcome.code, fragment in outcome.err) == (code, True), (options, outcome.err)
+
+
+def test_a_model_plays(run, tmp_path, recipes_folder):
+    for kind in ("scorer", "planner"):
+        out = tmp_path / f"{kind}.jsonl"
+        player = f"{kind}:{recipes_folder}"
+        outcome = run("chats", "kitchen", "--player", player, "--tasks", "40", "--out", out)
+        assert outcome.code == 0, outcome.err
+        assert len(out.read_text().splitlines()) > 10
+        assert kind == "scorer" or "planner" in out.with_name("planner.README.md").read_text()
+
+
+@pytest.fixture(scope="session")
+def recipes_folder(made_once):
+    from wordcraft_kg.models.recipes.config import RecipesConfig
+    from wordcraft_kg.models.recipes.training import train_recipes
+
+    return made_once("chat-recipes", lambda folder: train_recipes(RecipesConfig("kitchen"), folder))
+
+
+@pytest.mark.slow
+def test_trl_trains_on_the_file(run, tmp_path, monkeypatch):
+    """TRL's own trainer reads the file, renders the calls, and makes a step."""
+    trl = pytest.importorskip("trl", minversion="1.16", reason="the extra trl is not installed")
+    datasets = pytest.importorskip("datasets")
+    from transformers import Qwen3Config, Qwen3ForCausalLM
+
+    from tests.apps.text_agents.test_trl_trainer import byte_tokenizer
+
+    monkeypatch.setenv("TRL_EXPERIMENTAL_SILENCE", "1")
+    out = tmp_path / "sft.jsonl"
+    assert run("chats", "kitchen", "--depth", "1,2", "--tasks", "4", "--out", out).code == 0
+    data = datasets.load_dataset(
+        "json", data_files=str(out), split="train", cache_dir=str(tmp_path / "cache")
+    )
+    tokenizer = byte_tokenizer()
+    text = tokenizer.apply_chat_template(
+        data[0]["messages"], tools=data[0]["tools"], tokenize=False
+    )
+    arguments = called(data[0]["messages"][1])["arguments"]
+    assert f'"first": "{arguments["first"]}"' in text
+    assert "<tool_call>" in text
+    assert "None" not in text
+    size = {"hidden_size": 16, "intermediate_size": 16, "head_dim": 8}
+    heads = {"num_hidden_layers": 1, "num_attention_heads": 2, "num_key_value_heads": 1}
+    model = Qwen3ForCausalLM(Qwen3Config(vocab_size=len(tokenizer), **size, **heads))
+    settings = {"max_steps": 1, "per_device_train_batch_size": 2, "report_to": [], "use_cpu": True}
+    trainer = trl.SFTTrainer(
+        model=model,
+        args=trl.SFTConfig(output_dir=str(tmp_path / "model"), logging_steps=1, **settings),
+        train_dataset=data,
+        processing_class=tokenizer,
+    )
+    trainer.train()
+    assert np.isfinite(trainer.state.log_history[0]["loss"])

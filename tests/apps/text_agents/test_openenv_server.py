@@ -1,0 +1,469 @@
+"""The OpenEnv server: messages in this process, real web sockets, and OpenEnv's own client."""
+
+import asyncio
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("starlette")
+
+from starlette import testclient
+from starlette.websockets import WebSocketDisconnect
+
+from wordcraft_kg.apps.text_agents.benchmark import open_track
+from wordcraft_kg.apps.text_agents.conversation import Play
+from wordcraft_kg.apps.text_agents.hosted_games import kept_conversations
+from wordcraft_kg.apps.text_agents.named_games import GameList, open_play
+from wordcraft_kg.apps.text_agents.openenv_server import make_openenv_app
+from wordcraft_kg.apps.text_agents.records import GamesHeader
+from wordcraft_kg.apps.text_agents.results import read_games
+from wordcraft_kg.apps.text_agents.settings import EvaluationSettings
+from wordcraft_kg.apps.text_agents.submission import Played, replay
+from wordcraft_kg.apps.text_agents.trl import CraftingEnvironment, crafting_rows
+from wordcraft_kg.base.errors import ConfigError
+
+ROOT = Path(__file__).parents[3]
+HAS_WEB_SOCKETS = importlib.util.find_spec("websockets") is not None
+
+
+def kitchen_games(part="train", depths=(1, 2), **settings):
+    plays = [open_play("kitchen", part, depth, 2, None, **settings) for depth in depths]
+    return GameList({part: plays})
+
+
+def client_of(games=None, **options):
+    app = make_openenv_app(games or kitchen_games(), **options)
+    return testclient.TestClient(app, base_url="http://localhost")
+
+
+@contextmanager
+def session(client):
+    with client.websocket_connect("ws://localhost/ws") as socket:
+
+        def ask(kind, data=None):
+            socket.send_text(json.dumps({"type": kind} | ({} if data is None else {"data": data})))
+            return socket.receive_json()
+
+        yield ask
+
+
+def seen(answer):
+    assert answer["type"] == "observation", answer
+    return answer["data"]
+
+
+def solution(play, task):
+    """Return the label pairs of a plan of a task."""
+    game = play.games.begin(task)
+    rows = game.tasks.plans[task][0]
+    pairs = (game.graph.labels(pair) for pair in game.graph.recipes[rows, :2].tolist())
+    return [*dict.fromkeys(pairs)]
+
+
+def test_a_plan_by_each_kind_of_action_earns_the_reward():
+    games = kitchen_games()
+    with session(client_of(games)) as ask:
+        for index in (0, 3, games.count("train") - 1):
+            game = games.at("train", index)
+            for act in (
+                lambda pair: {"answer": f"I think so.\n{pair[0]} + {pair[1]}"},
+                lambda pair: {"first": pair[0], "second": pair[1]},
+                lambda pair: {"answer": [*pair]},
+            ):
+                begun = seen(ask("reset", {"split": "train", "index": index}))
+                assert begun["reward"] is None
+                assert begun["observation"]["task_id"] == game.name
+                assert "Answer with the two items" in begun["observation"]["text"]
+                rewards = []
+                for pair in solution(game.play, game.task):
+                    last = seen(ask("step", act(pair)))
+                    rewards.append(last["reward"])
+                assert sum(rewards) == 1
+                assert (last["done"], last["metadata"]["success"]) == (True, True)
+
+
+def test_shaped_rewards_come_with_each_step():
+    games = kitchen_games(depths=(2,), reward="official")
+    with session(client_of(games)) as ask:
+        seen(ask("reset", {"index": 0}))
+        pairs = solution(games.plays["train"][0], 0)
+        rewards = [
+            seen(ask("step", {"first": one, "second": other}))["reward"] for one, other in pairs
+        ]
+    assert rewards == [1, 1]
+
+
+def test_a_row_of_the_data_set_a_name_and_an_index_are_the_same_game():
+    rows = crafting_rows("kitchen", depth=[1, 2], distractors=2, tables=2, tasks=4)
+    environment = CraftingEnvironment()
+    games = kitchen_games()
+    with session(client_of(games)) as ask:
+        for row in rows:
+            environment.reset(**row)
+            by_name = seen(ask("reset", {"task_id": row["task_id"]}))["observation"]
+            assert by_name["table"] == [*environment.talk.game.labels]
+            place = row["task"] + (0 if row["depth"] == 1 else len_of(games, 0))
+            by_index = seen(ask("reset", {"index": place, "seed": row["distractor_seed"]}))
+            assert by_index["observation"] == by_name
+
+
+def len_of(games, place):
+    return len(games.plays["train"][place].games.world.tasks)
+
+
+def test_a_seed_draws_the_same_game_in_each_session():
+    client = client_of()
+    with session(client) as one, session(client) as other:
+        first = [seen(one("reset", {"seed": seed})) for seed in range(20)]
+        assert [seen(other("reset", {"seed": seed})) for seed in range(20)] == first
+    assert len({begun["observation"]["task_id"] for begun in first}) == 20
+
+
+def test_sessions_do_not_disturb_each_other():
+    """An interleaved game equals a game alone."""
+    client = client_of()
+    with session(client) as one, session(client) as other:
+        alone = [one("reset", {"index": 7}), one("step", {"answer": "1 + 2"})]
+        begun = one("reset", {"index": 7})
+        other("reset", {"index": 8})
+        other("step", {"answer": "1 + 1"})
+        assert [begun, one("step", {"answer": "1 + 2"})] == alone
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [
+        ({"split": "test", "index": 0}, "the part 'test' is not offered here; expected train"),
+        ({"task_id": "kitchen-test-1-2-0-0"}, "the part 'test' is not offered here"),
+        ({"task_id": "kitchen-all-1-2-0-0"}, "the part 'all' is not offered here"),
+        ({"task_id": "kitchen-train-3-2-0-0"}, "no game of this server"),
+        ({"task_id": "kitchen-train-1-2-999999999-0"}, "no game of this server"),
+        ({"task_id": "x" * 10_000}, "no game of this server"),
+        ({"task_id": 7}, "no game of this server"),
+        ({"index": -1}, "`index` -1: expected a whole number from 0"),
+        ({"index": 10**30}, "`index` 1"),
+        ({"index": 0.5}, "`index` 0.5"),
+        ({"seed": "x"}, "`seed`"),
+        ({"seed": -1}, "`seed`"),
+        ({"goal": "bread"}, "reset has no argument 'goal': seed, episode_id"),
+        ({"split": ["train"]}, "is not offered here"),
+    ],
+)
+def test_a_game_that_is_not_offered_is_refused_and_the_session_goes_on(asked, says):
+    with session(client_of()) as ask:
+        begun = ask("reset", {"index": 1})
+        refused = ask("reset", asked)
+        assert refused["type"] == "error"
+        assert says in refused["data"]["message"]
+        assert len(refused["data"]["message"]) < 400
+        # The refused reset did not end the game before.
+        assert seen(ask("step", {"answer": "nonsense"}))["done"] is False
+        assert ask("reset", {"index": 1}) == begun
+
+
+@pytest.mark.parametrize(
+    ("message", "code"),
+    [
+        ("nonsense", "INVALID_JSON"),
+        ("[" * 100_000, "INVALID_JSON"),
+        ("[]", "INVALID_JSON"),
+        ("7", "INVALID_JSON"),
+        ('{"type": "mcp"}', "UNKNOWN_TYPE"),
+        ('{"type": ["reset"]}', "UNKNOWN_TYPE"),
+        ('{"type": "reset", "data": 7}', "UNKNOWN_TYPE"),
+        ('{"type": "step"}', "EXECUTION_ERROR"),
+        ('{"type": "step", "data": {"answer": "1 + 2"}}', "EXECUTION_ERROR"),
+        ('{"type": "step", "data": {"answer": "1 + 2", "first": "1"}}', "EXECUTION_ERROR"),
+    ],
+)
+def test_a_malformed_message_is_answered_and_the_session_goes_on(message, code):
+    client = client_of()
+    with client.websocket_connect("ws://localhost/ws") as socket:
+        socket.send_text(message)
+        assert socket.receive_json()["data"]["code"] == code
+        socket.send_bytes(b'{"type": "state"}')
+        assert socket.receive_json() == {
+            "type": "state",
+            "data": {"episode_id": None, "step_count": 0},
+        }
+
+
+def test_invalid_answers_of_any_length_are_part_of_the_game_and_end_it_at_last():
+    with session(client_of()) as ask:
+        ask("reset", {"index": 0, "episode_id": "mine"})
+        begin = time.perf_counter()
+        for step in range(4):
+            answer = seen(ask("step", {"answer": "word " * 2_000_000}))
+            assert len(answer["observation"]["text"]) < 1_000
+            assert answer["done"] == (step == 3)
+        assert time.perf_counter() - begin < 5
+        assert answer["metadata"]["invalid_actions"] == 4
+        assert answer["reward"] == 0
+        over = seen(ask("step", {"answer": "1 + 2"}))
+        assert over["observation"]["text"].startswith("This game is over.")
+        assert (over["done"], over["reward"]) == (True, 0)
+        assert ask("state")["data"] == {"episode_id": "mine", "step_count": 4}
+
+
+def test_items_that_are_not_on_the_table_are_invalid_and_cost_nothing():
+    with session(client_of()) as ask:
+        begun = seen(ask("reset", {"index": 0}))["observation"]
+        for action in ({"first": "unicorn", "second": "1"}, {"answer": "unicorn + dragon"}):
+            after = seen(ask("step", action))
+            assert after["observation"]["text"].startswith("Invalid answer:")
+            assert after["observation"]["attempts_left"] == begun["attempts_left"]
+
+
+def test_look_ups_need_knowledge():
+    games = kitchen_games("test", (1,), knowledge="partial", look_ups=1)
+    with session(client_of(games)) as ask:
+        assert "look up" in seen(ask("reset", {"index": 0}))["observation"]["text"]
+        assert "Known recipes" in seen(ask("step", {"look_up": "water"}))["observation"]["text"]
+        second = seen(ask("step", {"look_up": "water"}))
+    assert "no look-ups left" in second["observation"]["text"]
+    assert second["metadata"]["look_ups"] == 1
+
+
+def test_the_number_of_sessions_is_bounded_and_a_place_becomes_free():
+    client = client_of(sessions=2)
+    with session(client) as one, session(client):
+        with client.websocket_connect("ws://localhost/ws") as third:
+            error = third.receive_json()["data"]
+            assert error["code"] == "CAPACITY_REACHED"
+            assert "2 sessions are open" in error["message"]
+            with pytest.raises(WebSocketDisconnect):
+                third.receive_json()
+        assert seen(one("reset", {"index": 0}))["done"] is False
+    with session(client) as again:
+        assert seen(again("reset", {"index": 0}))["done"] is False
+
+
+def test_a_silent_session_ends():
+    with client_of(idle=0.1).websocket_connect("ws://localhost/ws") as socket:
+        assert "silent for 0.1 seconds" in socket.receive_json()["data"]["message"]
+        with pytest.raises(WebSocketDisconnect):
+            socket.receive_json()
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [{"host": "elsewhere.org"}, {"host": "localhost", "origin": "http://elsewhere.org"}],
+)
+def test_pages_of_other_sites_are_refused(headers):
+    client = client_of()
+    with (
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect("ws://localhost/ws", headers=headers),
+    ):
+        pass
+    answer = client.post("/crafting/num_tasks", json={"split": "train"}, headers=headers)
+    assert answer.status_code in (403, 421)
+    assert "detail" in answer.json()
+
+
+def test_the_task_api_describes_the_games():
+    games = kitchen_games()
+    client = client_of(games)
+    assert client.get("/health").json() == {"status": "healthy"}
+    assert client.get("/metadata").json()["name"] == "crafting"
+    # A client of verifiers sends plain text as the only field that is required.
+    assert client.get("/schema").json()["action"]["required"] == ["answer"]
+    assert client.get("/list_environments").json() == ["crafting"]
+    assert client.get("/crafting/splits").json() == [{"name": "train", "type": "train"}]
+    count = games.count("train")
+    answers = {
+        name: client.post(f"/crafting/{name}", json=asked).json()
+        for name, asked in {
+            "num_tasks": {"split": "train"},
+            "task": {"split": "train", "index": count - 1},
+            "tasks": {"split": "train"},
+            "task_range": {"split": "train", "start": 2, "stop": 4},
+        }.items()
+    }
+    assert answers["num_tasks"] == {"num_tasks": count}
+    tasks = answers["tasks"]["tasks"]
+    assert answers["task"]["task"] == tasks[-1]
+    assert answers["task_range"]["tasks"] == tasks[2:4]
+    assert len({task["id"] for task in tasks}) == count
+    assert {task["depth"] for task in tasks} == {1, 2}
+
+
+@pytest.mark.parametrize(
+    ("name", "body", "status"),
+    [
+        ("task", '{"split": "test", "index": 0}', 400),
+        ("task", '{"split": "train"}', 400),
+        ("task", '{"split": "train", "index": -1}', 400),
+        ("task_range", '{"split": "train", "start": "a"}', 422),
+        ("num_tasks", "nonsense", 422),
+        ("num_tasks", "[]", 422),
+        ("num_tasks", "[" * 60_000, 422),
+        ("num_tasks", "x" * 100_000, 413),
+    ],
+)
+def test_malformed_requests_are_refused_in_json(name, body, status):
+    answer = client_of().post(f"/crafting/{name}", content=body)
+    assert (answer.status_code, "detail" in answer.json()) == (status, True)
+
+
+def test_recorded_games_replay_to_the_byte(tmp_path):
+    settings = EvaluationSettings(part="all", distractors=2, depth=2)
+    play = Play.open("kitchen", settings)
+    path = tmp_path / "games.jsonl"
+    header = GamesHeader(player="clients", settings=play.settings)
+    with (
+        kept_conversations(path, header) as keep,
+        session(client_of(GameList({"all": [play]}), keep=keep)) as ask,
+    ):
+        for index in range(5):
+            done = seen(ask("reset", {"index": index, "seed": index}))["done"]
+            while not done:
+                done = seen(ask("step", {"answer": f"1 + {index % 3 + 1}"}))["done"]
+        ask("reset", {"index": 9})  # left unfinished, and not recorded
+    games = read_games(path)[1]
+    assert [(game.task, game.distractor_seed) for game in games] == [(n, n) for n in range(5)]
+    for game in games:
+        again = play.begin(game.task, game.distractor_seed)
+        for pair in game.pairs:
+            again.combine(*pair)
+        assert (again.game.is_made, tuple(again.game.pairs)) == (game.success, game.pairs)
+        assert again.game.start == game.table
+        assert game.messages[-1].endswith(again.game.state)
+
+
+def test_games_of_a_track_become_a_submission_that_verifies(tmp_path, run):
+    track = open_track("craft-1-lite")
+    play = track.play()
+    path = tmp_path / "games.jsonl"
+    header = GamesHeader(player="OpenEnv clients", settings=play.settings)
+    with (
+        kept_conversations(path, header) as keep,
+        session(client_of(GameList({"test": [play]}), keep=keep)) as ask,
+    ):
+        for index in range(len(track)):
+            done = seen(ask("reset", {"split": "test", "index": index}))["done"]
+            if index == 3:  # the client leaves this game after an invalid answer: it counts
+                ask("step", {"answer": "no idea"})
+                done = True
+            while not done:
+                done = seen(ask("step", {"answer": "1 + 2"}))["done"]
+    out = tmp_path / "submission"
+    played = run("bench", "run", track.name, "--player", f"openenv:{path}", "--out", out)
+    assert played.code == 0, played.err
+    assert run("bench", "verify", out).code == 0
+    lines = (out / "games.jsonl").read_text().splitlines()
+    assert json.loads(lines[3])["ended"] is True
+    for number, game in enumerate(read_games(path)[1]):
+        line = replay(play, number, Played(game.pairs, game.look_ups, game.invalid_actions))
+        assert line.pairs == game.pairs
+
+
+def test_parts_are_told_apart_by_name():
+    games = GameList({"test": [open_play("kitchen", "test", 1, 2, None)]})
+    with pytest.raises(ConfigError, match="the part 'train' is not offered"):
+        games.named("kitchen-train-1-2-0-0")
+    assert games.named("kitchen-test-1-2-0-3").distractor_seed == 3
+
+
+@contextmanager
+def running(*options):
+    """Run the command in another process; yield it with its address."""
+    command = [sys.executable, "-m", "wordcraft_kg", "serve", "openenv", "kitchen"]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), *sys.path])}
+    process = subprocess.Popen(
+        [*command, "--port", "0", "--json", *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=environment,
+    )
+    try:
+        yield process, json.loads(process.stdout.readline())["address"]
+    finally:
+        process.kill()
+        process.communicate()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not HAS_WEB_SOCKETS, reason="the extra openenv is not installed")
+def test_two_hundred_sessions_play_at_once_and_killed_clients_disturb_none():
+    from websockets.asyncio.client import connect
+
+    async def play(address, index):
+        """Play two games and return all answers."""
+        answers = []
+        async with connect(f"ws{address[4:]}/ws", proxy=None) as socket:
+            for kind, data in (
+                *(("reset", {"index": index}), ("step", {"answer": "1 + 2"})),
+                *(("reset", {"index": index + 1}), ("step", {"answer": "x" * 100_000})),
+            ):
+                await socket.send(json.dumps({"type": kind, "data": data}))
+                answers.append(json.loads(await socket.recv()))
+        return answers
+
+    async def together(address):
+        killed = [await connect(f"ws{address[4:]}/ws", proxy=None) for _ in range(20)]
+        tasks = [asyncio.create_task(play(address, index)) for index in range(200)]
+        for socket in killed:
+            socket.transport.abort()  # what the system does to the sockets of a killed process
+        return await asyncio.gather(*tasks), [await play(address, index) for index in (0, 99, 199)]
+
+    with running("--sessions", "230") as (process, address):
+        answers, alone = asyncio.run(together(address))
+        assert [answers[0], answers[99], answers[199]] == alone
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not HAS_WEB_SOCKETS, reason="the extra openenv is not installed")
+def test_the_client_of_openenv_plays():
+    openenv = pytest.importorskip("openenv", reason="OpenEnv is not installed")
+    with (
+        running("--part", "train,test") as (_, address),
+        openenv.GenericEnvClient(base_url=address).sync() as env,
+    ):
+        begun = env.reset(split="test", index=2)
+        assert begun.observation["task_id"] == "kitchen-test-1-8-2-0"
+        assert env.step({"answer": "1 + 2"}).done
+        assert env.state()["step_count"] == 1
+        with pytest.raises(RuntimeError, match="the part 'valid' is not offered"):
+            env.reset(split="valid", index=0)
+
+
+def test_bad_options_are_refused_before_anything_is_served(run, tmp_path):
+    for options, setting, fragment in (
+        (["--part", "train,exam"], "part", "expected one of train, valid, test"),
+        (["--depth", "9"], "depth", "1 to 5"),
+        (["--depth", "x"], "depth", "whole numbers"),
+        (["--sessions", "0"], "sessions", "1"),
+        (["--idle", "nan"], "idle", "seconds"),
+        (["--track", "craft-1"], "", "--track has its own games"),
+        (["--depth", "1,2", "--out", tmp_path / "games"], "out", "one part, depth and number"),
+    ):
+        outcome = run("serve", "openenv", "kitchen", *options)
+        assert (outcome.code, outcome.setting, fragment in outcome.err) == (1, setting, True), (
+            options,
+            outcome.err,
+        )
+
+
+@pytest.mark.skipif(not HAS_WEB_SOCKETS, reason="the extra openenv is not installed")
+def test_an_open_ended_track_has_no_reward_and_is_refused(run):
+    outcome = run("serve", "openenv", "--track", "discover-500", "--port", "0")
+    assert (outcome.code, "has no reward" in outcome.err) == (1, True)
+
+
+def test_without_its_package_the_command_names_the_extra(run, uninstalled):
+    uninstalled("websockets")
+    outcome = run("serve", "openenv", "kitchen")
+    assert (outcome.code, outcome.kind) == (1, "MissingExtraError")
+    assert "websockets" in outcome.err

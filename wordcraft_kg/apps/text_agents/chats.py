@@ -1,0 +1,393 @@
+"""Conversations to fine-tune language models on: games of a player, as messages.
+
+A conversation is what a language model would have said and read, had it played as a scripted player
+or a trained model did. Games of the part train alone are written: whoever learns from them has seen
+no test recipe, because games in which an attempt happened to make something by a held-out recipe
+are left out as well.
+"""
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from wordcraft_kg.apps.text_agents.benchmark import read_manifest
+from wordcraft_kg.apps.text_agents.benchmark_players import decided_pairs
+from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
+from wordcraft_kg.apps.text_agents.games import Pair, TaskGame, TaskGames
+from wordcraft_kg.apps.text_agents.named_games import name_of, tool_opening
+from wordcraft_kg.apps.text_agents.results import chosen_tasks
+from wordcraft_kg.base.artefacts import staged_file, write_atomically
+from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.graphs.arrays import padded
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.graphs.library import known_books
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
+from wordcraft_kg.graphs.splits import Split
+
+if TYPE_CHECKING:
+    from wordcraft_kg.agents.players import Player
+
+Style = Literal["tools", "text"]
+"""Attempts as calls of the tool ``combine``, or as answers ``first + second``."""
+Kept = Literal["made", "shortest", "all"]
+"""Games that made the goal, that made it with one of the shortest plans, or all games."""
+AT_ONCE = 2_000
+"""Games that a player plays together."""
+CLOSING = "Done."
+"""The last message of a player with tools: it calls none any more, which ends a rollout."""
+COMBINE: dict[str, Any] = {
+    "type": "function",
+    "function": {
+        "name": "combine",
+        "description": "Combine two items on the table. This takes an attempt.",
+        "parameters": {
+            "type": "object",
+            "properties": {
+                "first": {
+                    "type": "string",
+                    "description": "name or number of an item on the table.",
+                },
+                "second": {
+                    "type": "string",
+                    "description": "name or number of an item on the table; it can be the first "
+                    "item again.",
+                },
+            },
+            "required": ["first", "second"],
+        },
+        "return": {
+            "type": "string",
+            "description": "What the pair makes, and the new state of the game.",
+        },
+    },
+}
+"""The tool's schema, as transformers makes it of ``CraftingEnvironment.combine``."""
+
+
+@dataclass(frozen=True)
+class ChatSettings:
+    """Conversations to write.
+
+    Attributes:
+        style: calls of a tool, or text.
+        kept: games to keep.
+        tables: tables for each task, with other distractors.
+        tasks: most tasks of each depth and number of distractors, evenly spaced; None for all.
+        seed: seed of the player, and of the first table of each task.
+    """
+
+    style: Style = "tools"
+    kept: Kept = "made"
+    tables: int = 1
+    tasks: int | None = None
+    seed: int = 0
+
+
+@dataclass
+class ChatCounts:
+    """Counts of games while conversations are written.
+
+    Attributes:
+        played: all games.
+        made: games that made the goal.
+        left_out: games that were not to be kept.
+        revealing: games left out because an attempt made something by a held-out recipe.
+        repeated: games left out because an equal conversation was written before.
+        written: written conversations.
+        by_depth: written conversations by depth.
+    """
+
+    played: int = 0
+    made: int = 0
+    left_out: int = 0
+    revealing: int = 0
+    repeated: int = 0
+    written: int = 0
+    by_depth: Counter[int] = field(default_factory=Counter)
+
+
+def canary() -> str:
+    """Return the mark by which large collections of texts can recognise and leave out such data.
+
+    It is the benchmark's canary without its request not to train: these conversations are there to
+    train on, knowingly.
+    """
+    return read_manifest()[0].canary.partition(":")[0]
+
+
+def chat_rows(
+    plays: Sequence[Play], player: "Player", settings: ChatSettings, counts: ChatCounts
+) -> Iterator[dict[str, Any]]:
+    """Let a player play the train tasks, and yield the conversations.
+
+    Args:
+        plays: games of the part train, for each depth and number of distractors.
+        player: a scripted player or a policy.
+        settings: conversations to yield.
+        counts: counts, which this function adds to.
+
+    Yields:
+        Rows with ``id`` (the game's name), ``messages``, ``tools`` in this style, ``part``,
+        ``depth``, ``distractors``, ``goal``, ``attempts`` (those taken) and ``canary``.
+
+    Raises:
+        ConfigError: for games of another part than train.
+    """
+    seen: set[bytes] = set()
+    for play in plays:
+        if play.settings.part != "train" or play.settings.track:
+            raise ConfigError(
+                f"`part` {play.settings.part}: expected train; conversations of other tasks would "
+                "tell a language model what the benchmark asks it."
+            )
+        assert isinstance(play.games, TaskGames)
+        split = play.games.world.split
+        # A generator for each depth and number of distractors: others do not change its games.
+        key = [settings.seed, play.settings.depth or 0, play.settings.distractors or 0]
+        rng = np.random.default_rng(key)
+        for talk, pairs in _played(play, player, settings, rng):
+            game = _game(talk)
+            messages = _said(talk, pairs, settings.style)
+            counts.played += 1
+            counts.made += game.is_made
+            if not _is_kept(game, settings.kept):
+                counts.left_out += 1
+            elif not _is_of_train(game, split):
+                counts.revealing += 1
+            elif (digest := _digest(messages)) in seen:
+                counts.repeated += 1
+            else:
+                seen.add(digest)
+                counts.written += 1
+                counts.by_depth[play.settings.depth or 0] += 1
+                tools = {"tools": [COMBINE]} if settings.style == "tools" else {}
+                yield {
+                    "id": name_of(play, game.task, game.distractor_seed),
+                    "messages": messages,
+                    **tools,
+                    "part": play.settings.part,
+                    "depth": play.settings.depth,
+                    "distractors": play.settings.distractors,
+                    "goal": game.goal,
+                    "attempts": len(game.pairs),
+                    "canary": canary(),
+                }
+
+
+def _played(
+    play: Play, player: "Player", settings: ChatSettings, rng: np.random.Generator
+) -> Iterator[tuple[Conversation, Sequence[Pair | None]]]:
+    """Yield each game's conversation at its beginning, and the player's pairs."""
+    assert isinstance(play.games, TaskGames)
+    world = play.games.world
+    tasks = chosen_tasks(world, settings.tasks).tolist()
+    seeds = range(settings.seed, settings.seed + settings.tables)
+    games = [(task, seed) for task in tasks for seed in seeds]
+    starts = range(0, len(games), AT_ONCE)
+    for start in steps("playing", starts):
+        block = games[start : start + AT_ONCE]
+        talks = [play.begin(task, seed) for task, seed in block]
+        graph = world.graph
+        ids = [[graph.id_of(label) for label in _game(talk).start] for talk in talks]
+        tables = padded(ids, world.nothing)
+        pairs = decided_pairs(world, [task for task, _ in block], tables, player, rng)
+        yield from zip(talks, pairs, strict=True)
+
+
+def _said(talk: Conversation, pairs: Sequence[Pair | None], style: Style) -> list[dict[str, Any]]:
+    """Play a game again in words; return all messages."""
+    if style == "tools":
+        messages: list[dict[str, Any]] = [{"role": "user", "content": tool_opening(talk)}]
+    else:
+        messages = [
+            {"role": "system", "content": talk.rules},
+            {"role": "user", "content": talk.game.state},
+        ]
+    for pair in pairs:
+        if pair is None:  # an empty slot: there is no answer in words for it
+            talk.game.lose_attempt()
+            continue
+        first, second = pair
+        if style == "text":
+            messages.append({"role": "assistant", "content": f"{first} + {second}"})
+            messages.append({"role": "user", "content": talk.hear(f"{first} + {second}")})
+            continue
+        arguments = {"first": first, "second": second}
+        call = {"type": "function", "function": {"name": "combine", "arguments": arguments}}
+        # Without a content, data sets fill in None, which chat templates may print.
+        messages.append({"role": "assistant", "content": "", "tool_calls": [call]})
+        reply = talk.combine(first, second)
+        messages.append({"role": "tool", "name": "combine", "content": reply})
+    if style == "tools":
+        messages.append({"role": "assistant", "content": CLOSING})
+    else:
+        messages.pop()  # after the last answer nobody is asked any more
+    return messages
+
+
+def _is_kept(game: TaskGame, kept: Kept) -> bool:
+    if kept == "all":
+        return None not in game.pairs
+    if kept == "made":
+        return game.is_made and None not in game.pairs
+    return game.is_made and len(game.pairs) == game.tasks.depth
+
+
+def _is_of_train(game: TaskGame, split: Split) -> bool:
+    """Return whether all that was made in a game was made by train recipes."""
+    made_by_train = split.is_in("train")
+    graph = game.graph
+    for pair in game.pairs:
+        if pair is not None:
+            one, other = sorted(map(graph.id_of, pair))
+            rows = np.flatnonzero((graph.recipes[:, :2] == (one, other)).all(axis=1))
+            if not made_by_train[rows].all():
+                return False
+    return True
+
+
+def _digest(messages: Any) -> bytes:
+    return hashlib.sha256(json.dumps(messages).encode()).digest()
+
+
+def _game(talk: Conversation) -> TaskGame:
+    assert isinstance(talk.game, TaskGame)
+    return talk.game
+
+
+def card_path(out: Path) -> Path:
+    """Return the path of the card beside a file of conversations: ``sft.README.md``."""
+    return out.with_name(f"{out.stem}.README.md")
+
+
+def licence_of(graph: RecipeGraph) -> str:
+    """Return the licence of conversations about a graph: of our own books, else ``unknown``.
+
+    A book file may name a licence in a comment, which anyone may have written.
+    """
+    # By content: a graph folder of a book may have any name.
+    for book in known_books():
+        if book.origin == "built in" and open_graph(book.name).graph.hash == graph.hash:
+            return "cc0-1.0"
+    return "unknown"
+
+
+def write_chats(
+    out: Path,
+    rows: Iterator[dict[str, Any]],
+    card: Callable[[str], str],
+    *,
+    force: bool = False,
+) -> str:
+    """Write conversations as JSON lines, and the card beside them; both complete, or neither.
+
+    Args:
+        out: file to write.
+        rows: conversations.
+        card: function that returns the card's text, from the SHA-256 of the file. It is called
+            after all rows, when their counts are known.
+        force: whether existing files are replaced.
+
+    Returns:
+        The SHA-256 of the file.
+
+    Raises:
+        OutputExistsError: if a file exists, without ``force``.
+        ConfigError: if there is no conversation.
+    """
+    digest = hashlib.sha256()
+
+    def lines() -> Iterator[str]:
+        for row in rows:
+            line = json.dumps(row, ensure_ascii=False) + "\n"
+            digest.update(line.encode())
+            yield line
+
+    # The card is in place first: a file without a card would be data of nobody.
+    with staged_file(out, force=force) as staged:
+        write_atomically(staged, lines())
+        if not staged.stat().st_size:
+            raise ConfigError(
+                "no conversation is left: the player made no goal; expected a better player, or "
+                "`keep` all."
+            )
+        with staged_file(card_path(out), force=force) as staged_card:
+            write_atomically(staged_card, card(digest.hexdigest()))
+    return digest.hexdigest()
+
+
+def card_text(
+    plays: Sequence[Play],
+    player: str,
+    settings: ChatSettings,
+    counts: ChatCounts,
+    licence: str,
+    command: str,
+    digest: str,
+) -> str:
+    """Return the card of a file of conversations, in Markdown with the header of data hubs.
+
+    Args:
+        plays: the games, with equal graph and split.
+        player: the player's name in tables.
+        settings: the settings of the conversations.
+        counts: counts of games and conversations.
+        licence: licence of the conversations.
+        command: command line that makes the file.
+        digest: SHA-256 of the file.
+    """
+    own = plays[0].settings
+    games = plays[0].games
+    assert isinstance(games, TaskGames)
+    kind = games.world.split.config.kind
+    reading = (
+        "`messages` and `tools` are as TRL's `SFTTrainer` reads them; an attempt is a call of the "
+        "tool `combine`."
+        if settings.style == "tools"
+        else "`messages` are as TRL's `SFTTrainer` reads them; an attempt is a line of text."
+    )
+    depths = ", ".join(
+        f"{counted(number, 'conversation')} of depth {depth}"
+        for depth, number in sorted(counts.by_depth.items())
+    )
+    facts = [
+        f"book: {own.graph}, graph `{own.graph_hash}`",
+        f"split: {kind}, `{own.split_hash}`, part train",
+        f"player: {player}, seed {settings.seed}, "
+        f"{counted(settings.tables, 'table')} for each task",
+        f"conversations: {counts.written:,} ({depths}), all different",
+        f"games: {counts.played:,} played, {counts.made:,} made the goal; left out: "
+        f"{counts.left_out:,} not to be kept ({settings.kept}), {counts.revealing:,} that made "
+        f"something by a held-out recipe, {counts.repeated:,} repeated",
+        f"prompts: `{own.prompt_hash}`",
+        f"SHA-256 of the file: `{digest}`",
+        f"licence: {licence}",
+        "mark in the column `canary` of each row, by which collections of texts can recognise and "
+        f"leave out this file: {canary()}",
+    ]
+    header = ["---", f"license: {licence}", "task_categories:", "- text-generation", "---"]
+    lines = [
+        *header,
+        f"# Crafting conversations, {own.graph}",
+        "",
+        f"Games of a crafting world, played by {player}, to fine-tune language models on.",
+        reading,
+        f"Test recipes of the {kind} split do not occur, so what a model learns here can be",
+        "measured on the test part of this split. Another split has other test recipes.",
+        "",
+        *(f"- {fact}" for fact in facts),
+        "",
+        "Made by:",
+        "",
+        f"    {command}",
+        "",
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,125 @@
+"""``wordcraft-kg chats``."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from wordcraft_kg.base.artefacts import check_output_file
+from wordcraft_kg.base.settings import MAX_SIZE, whole
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.cli.console import Output, command_line, whole_numbers
+from wordcraft_kg.cli.options import Book, Force, Words
+from wordcraft_kg.graphs.task_search import MAX_DEPTH
+
+GROUP = "Text agents"
+EXAMPLES = (
+    "wordcraft-kg chats everyday --part train --player oracle --out sft.jsonl",
+    "wordcraft-kg chats everyday --depth 1,2,3,4 --player planner --keep shortest --out sft.jsonl",
+    "wordcraft-kg chats kitchen --player scorer:models/kitchen --style text --out sft.jsonl",
+)
+
+
+def chats(  # noqa: PLR0913 - parameters are the command's options
+    graph: Book = "everyday",
+    *,
+    out: Annotated[Path, Parameter(name=["--out"])],
+    player: str = "oracle",
+    part: Literal["train"] = "train",
+    depth: Words = None,
+    distractors: Words = None,
+    attempts: int | None = None,
+    tables: int = 1,
+    tasks: int | None = None,
+    keep: Literal["made", "shortest", "all"] = "made",
+    style: Literal["tools", "text"] = "tools",
+    seed: int = 0,
+    force: Force = False,
+    output: Output = Output(),
+) -> None:
+    """Write a player's games as conversations to fine-tune language models on.
+
+    A line is a conversation, in the messages format of TRL's SFTTrainer. A card beside the file
+    (NAME.README.md) has its licence, counts, hashes and this command. The same command writes the
+    same bytes.
+
+    Args:
+        graph: graph folder, recipe book or known book's name.
+        out: file to write (JSON lines).
+        player: oracle, planner (by the train recipes), votes, graph, nearest-words, random,
+            planner:MODEL, scorer:MODEL or agent:RUN.
+        part: tasks of the split: train alone, so that test tasks measure what was learned.
+        depth: comma-separated depths of tasks, 1 to 5. Default: 1.
+        distractors: comma-separated numbers of distractors on a table. Default: 8.
+        attempts: attempts in a game. Default: the task's depth.
+        tables: tables for each task, with other distractors.
+        tasks: most tasks for each depth and number of distractors, evenly spaced. Default: all.
+        keep: games that made the goal (made), those of them in the fewest possible attempts
+            (shortest), or all.
+        style: calls of the tool combine (tools), or lines such as water + earth (text).
+        seed: seed of the player, and of the first table of each task.
+    """
+    depths = whole_numbers("depth", depth or ["1"])
+    for each in depths:
+        whole("depth", each, 1, MAX_DEPTH)
+    numbers = whole_numbers("distractors", distractors or ["8"])
+    whole("seed", seed, 0, MAX_SIZE - 1)
+    whole("tables", tables, 1, MAX_SIZE - seed)
+    if tasks is not None:
+        whole("tasks", tasks, 1, MAX_SIZE)
+    from wordcraft_kg.apps.text_agents.benchmark_players import named_player
+    from wordcraft_kg.apps.text_agents.chats import (
+        ChatCounts,
+        ChatSettings,
+        card_path,
+        card_text,
+        chat_rows,
+        licence_of,
+        write_chats,
+    )
+    from wordcraft_kg.apps.text_agents.games import TaskGames
+    from wordcraft_kg.apps.text_agents.named_games import open_play
+    from wordcraft_kg.graphs.folder import open_graph
+
+    for file in (out, card_path(out)):
+        check_output_file(file, force=force)
+    opened = open_graph(graph)
+    plays = [
+        open_play(graph, part, each, number, attempts) for each in depths for number in numbers
+    ]
+    first = plays[0].games
+    assert isinstance(first, TaskGames)
+    title, played_by = named_player(player, opened, first.world.tasks)
+    settings = ChatSettings(style, keep, tables, tasks, seed)
+    counts = ChatCounts()
+    # As it is repeated: the options that decide what is written.
+    words: list[str] = ["chats", graph, "--player", player, "--part", part]
+    words += ["--depth", ",".join(map(str, depths))]
+    words += ["--distractors", ",".join(map(str, numbers))]
+    words += [] if attempts is None else ["--attempts", str(attempts)]
+    words += ["--tables", str(tables), "--keep", keep, "--style", style, "--seed", str(seed)]
+    words += [] if tasks is None else ["--tasks", str(tasks)]
+    command = command_line(*words, "--out", out.name)
+    licence = licence_of(opened.graph)
+
+    def card(digest: str) -> str:
+        return card_text(plays, title, settings, counts, licence, command, digest)
+
+    rows = chat_rows(plays, played_by, settings, counts)
+    digest = write_chats(out, rows, card, force=force)
+    view = {
+        "out": str(out),
+        "card": str(card_path(out)),
+        "player": title,
+        "sha256": digest,
+        "counts": vars(counts),
+    }
+    output.result(
+        view,
+        [
+            f"{counted(counts.written, 'conversation')} of {counted(counts.played, 'game')} by "
+            f"{title}; left out: {counts.left_out:,} not to be kept, {counts.revealing:,} with a "
+            f"held-out recipe, {counts.repeated:,} repeated",
+            f"wrote {out} and {card_path(out)}",
+        ],
+    )

@@ -1,0 +1,261 @@
+"""What cells hold beside labels: characters that cannot be seen, numbers of pieces, marks.
+
+Characters at the ends that cannot be seen are left out. Numbers such as in ``2 water`` are left out
+if many cells have them; a few may as well be part of labels, and are only named, as are marks.
+"""
+
+import re
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from itertools import chain
+
+from wordcraft_kg.base.wording import counted
+from wordcraft_kg.graphs.book_files.rows import NOTHING, Entry, is_missing
+
+UNSEEN = "".join(
+    (
+        " \u00a0\u1680\u2000\u2001\u2002\u2003\u2004\u2005\u2006\u2007\u2008\u2009\u200a\u202f",
+        "\u205f\u3000",  # blanks of other widths
+        "\u200b\u200c\u200d\u2060\ufeff\u00ad",  # of no width, and a hyphen that is not shown
+        "\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069",  # directions
+    )
+)
+"""Characters at the ends of a cell that cannot be seen, and are no part of a label."""
+_UNSEEN = re.compile(f"[{UNSEEN[1:]}]")
+_NUMBER = r"(?P<number>\d{1,3})"  # four digits are rather a year
+_LABEL = r"(?P<label>[^\W\d].*|\W*[^\W\d].*)"
+_COUNTS = tuple(
+    re.compile(pattern)
+    for pattern in (
+        rf"{_NUMBER}\s*[x×*]?\s+{_LABEL}",  # 2 water, 2x water
+        rf"[x×]\s?{_NUMBER}\s+{_LABEL}",  # x2 water
+        rf"{_LABEL}(?:\s+x\s?|\s*[×*]\s?){_NUMBER}",  # water x2, water*2
+        rf"{_LABEL}\s*\(\s*[x×]?\s?{_NUMBER}\s?[x×]?\s*\)",  # water (2), water (x2)
+    )
+)
+_SIGN = re.compile(r"\d\s?[x×*]\s|(?:^|[\s(])[x×*]\s?\d|[×*]\s?\d+$")
+"""A sign of multiplication beside a number."""
+_MARK = re.compile(
+    r"^(?:[*†‡✓✔☆★⭐✅]+\ufe0f?)\s*(?=\S)|^\d+[.)]\s*(?=[^\W\d])|(?<=\S)\s*(?:[*†‡✓✔☆★⭐🆕✅]+\ufe0f?|\[\d+\])$"
+)
+"""What lists put before or behind a label: stars, ticks, numbers of footnotes."""
+_WEAK_MARK = re.compile(r"(?<=\w)\s*(?:[!?]+|\((?:new|new!|first|wip)\))$", re.IGNORECASE)
+"""Marks that are also usual parts of labels, unless the label without them exists, too."""
+HTML_ENTITY = re.compile(r"&(?:#\d+|#x[0-9a-fA-F]+|[A-Za-z]\w+);")
+_MARKUP = (
+    re.compile(r"“([^“”]+)”|«\s?([^«»]+?)\s?»|„([^„“”]+)[“”]"),
+    re.compile(r"\*\*([^*]+)\*\*|__([^_]+)__|`([^`]+)`"),
+    re.compile(r"\[\[([^\[\]|]+)\]\]|\[([^\[\]]+)\]\([^()\s]*\)"),
+)
+"""Quotes, and markup of wikis and Markdown such as links, around a whole cell."""
+_CLEAR = 0.2  # share of the cells with numbers by which these are numbers of pieces
+_MOST_MERGERS = 0.1  # share of the rows with numbers that may make what they are made of
+JUDGED_ENTRIES = 100_000
+"""Entries of a file by which its cells are judged."""
+
+
+class Cells:
+    """The labels in a file's cells.
+
+    Attributes:
+        trimmed: cells with characters at their ends that cannot be seen.
+        unwrapped: cells with quotes or markup around them.
+        numbers: numbers of pieces other than one that were left out.
+        example: a cell with a number of pieces; empty if none is left out.
+    """
+
+    def __init__(self, entries: Iterable[Entry]):
+        """Judge cells by a file's first entries."""
+        self.trimmed = 0
+        self.unwrapped = 0
+        self.numbers = 0
+        # Most labels are met again: a look-up is faster than a check.
+        self._clean: set[str] = set()
+        self.example = _first_count(entries)
+
+    def are_clean(self, cells: Collection[str]) -> bool:
+        """Return whether cells are labels that were met before, without anything beside them."""
+        return self._clean.issuperset(cells)
+
+    def label(self, cell: str) -> str:
+        """Return the label in a cell."""
+        return self.counted_label(cell)[0]
+
+    def counted_label(self, cell: str) -> tuple[str, int]:
+        """Return the label in a cell, and its number of pieces."""
+        trimmed = trim_unseen(cell)
+        self.trimmed += trimmed != cell
+        seen = without_markup(trimmed)
+        self.unwrapped += seen != trimmed
+        found = count_in(seen) if self.example else None
+        if found is None:
+            if seen == cell:
+                self._clean.add(cell)
+            return seen, 1
+        label, number = found
+        self.numbers += number != 1
+        return label, number
+
+
+def trim_unseen(cell: str) -> str:
+    """Return a cell without characters at its ends that cannot be seen.
+
+    A cell of nothing else is empty. A joiner of width zero within an emoji stays.
+    """
+    if cell.isascii():
+        return cell.strip(" ")
+    return cell.strip(UNSEEN)
+
+
+def without_markup(cell: str) -> str:
+    """Return a cell without quotes and markup around all of it.
+
+    Example:
+        >>> [without_markup(cell) for cell in ("**[mud](/wiki/mud)**", "“mud”", "a **b**")]
+        ['mud', 'mud', 'a **b**']
+    """
+    # Markup may be nested, such as a bold link: each kind once from outside, and once more.
+    for pattern in (*_MARKUP, *_MARKUP):
+        found = pattern.fullmatch(cell)
+        if found:
+            cell = next(filter(None, found.groups())).strip()
+    return cell
+
+
+def has_unseen(text: str) -> bool:
+    """Return whether a text holds characters that cannot be seen, other than plain spaces."""
+    return not text.isascii() and _UNSEEN.search(text) is not None
+
+
+def count_in(cell: str) -> tuple[str, int] | None:
+    """Return the label and the number of pieces in a cell, or None without a number.
+
+    Example:
+        >>> count_in("2 water"), count_in("water x2"), count_in("water (2)"), count_in("H2")
+        (('water', 2), ('water', 2), ('water', 2), None)
+    """
+    # Most cells hold no digit, and need no pattern.
+    if not any(char.isdigit() for char in cell):
+        return None
+    for pattern in _COUNTS:
+        found = pattern.fullmatch(cell)
+        if found:
+            return found["label"].strip(), int(found["number"])
+    return None
+
+
+def _first_count(entries: Iterable[Entry]) -> str:
+    """Return a cell with a number of pieces if a clear share of the cells has such numbers.
+
+    In games of merging, ``sword (1) + sword (1) = sword (2)``, numbers belong to labels: without
+    them, rows would make what they are made of.
+    """
+    rows = [entry[1] for entry in entries if type(entry) is tuple]
+    times = Counter(without_markup(trim_unseen(cell)) for cell in chain.from_iterable(rows))
+    bare: dict[str, str] = {}
+    for cell in times:
+        found = count_in(cell)
+        if found:
+            bare[cell] = found[0]
+    numbered = sum(times[cell] for cell in bare)
+    if numbered < max(_CLEAR * sum(times.values()), 1):
+        return ""
+    if sum(times[cell] for cell in _surely_counted(bare, times)) < _CLEAR * numbered:
+        return ""  # such as 7 Up
+    with_numbers = [row for row in rows if any(cell in bare for cell in row)]
+    mergers = sum(_is_merger(row, bare) for row in with_numbers)
+    return next(iter(bare)) if mergers <= _MOST_MERGERS * len(with_numbers) else ""
+
+
+def _surely_counted(bare: Mapping[str, str], cells: Collection[str]) -> list[str]:
+    """Return cells whose number has a sign, or whose label also has another number, or none."""
+    forms = Counter(bare.get(cell, cell) for cell in cells)
+    return [cell for cell, label in bare.items() if _SIGN.search(cell) or forms[label] > 1]
+
+
+def _is_merger(row: Sequence[str], bare: dict[str, str]) -> bool:
+    """Return whether a row makes one of its ingredients only if numbers are left out."""
+    *ingredients, result = row
+    if result in ingredients:
+        return False
+    return bare.get(result, result) in {bare.get(cell, cell) for cell in ingredients}
+
+
+# --- remarks -------------------------------------------------------------------------------------
+
+
+def notes_about(labels: Collection[str]) -> list[str]:
+    """Return remarks about labels that may be something else, for the line about the file."""
+    return [
+        *note_of_missing(labels),
+        *note_of_numbers(labels),
+        *note_of_marks(labels),
+        *_note_of_html(labels),
+    ]
+
+
+def note_of_missing(labels: Collection[str]) -> list[str]:
+    """Return a remark, or none, about labels that often stand for nothing, such as NA."""
+    kept = sorted(label for label in labels if label == NOTHING or is_missing(label))
+    if not kept:
+        return []
+    names = ", ".join(map(_quoted, kept))
+    return [f"{names} kept as {'an entity' if len(kept) == 1 else 'entities'}"]
+
+
+def note_of_numbers(labels: Collection[str]) -> list[str]:
+    """Return a remark, or none, about numbers of pieces that may be in labels.
+
+    One label is enough if it stands beside the label without the number.
+    """
+    known = set(labels)
+    numbered = []
+    beside = []
+    for label in labels:
+        found = count_in(label)
+        if found:
+            numbered.append(label)
+            if found[0] in known:
+                beside.append(label)
+    if not beside and len(numbered) <= _CLEAR * len(known):
+        return []
+    example = _quoted(min(beside or numbered))
+    also = " beside the label without it" if beside else ""
+    return [
+        f"{counted(len(numbered), 'label')} with numbers, such as {example}{also}; numbers of "
+        "pieces are no part of a label"
+    ]
+
+
+def note_of_marks(labels: Collection[str]) -> list[str]:
+    """Return a remark, or none, about labels with marks of lists, such as a star."""
+    known = set(labels)
+    marked = sorted(label for label in labels if _has_mark(label, known))
+    if not marked:
+        return []
+    return [
+        f"{counted(len(marked), 'label')} with a mark, such as {_quoted(marked[0])}; remove it if "
+        "it is no part of the label"
+    ]
+
+
+def _has_mark(label: str, known: Collection[str]) -> bool:
+    # Most labels begin with a letter and end in one, and need no pattern.
+    if label[0].isalpha() and label[-1].isalpha():
+        return False
+    bare = _MARK.sub("", label)
+    if bare != label:
+        return any(char.isalnum() for char in bare)
+    bare = _WEAK_MARK.sub("", label)
+    return bare != label and bare in known
+
+
+def _note_of_html(labels: Collection[str]) -> list[str]:
+    html = [label for label in labels if "&" in label and HTML_ENTITY.search(label)]
+    if not html:
+        return []
+    return [f"{len(html):,} labels with HTML entities, such as {html[0][:60]!r}"]
+
+
+def _quoted(label: str) -> str:
+    return f"'{label[:60]}'"

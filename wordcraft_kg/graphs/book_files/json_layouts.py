@@ -1,0 +1,157 @@
+"""JSON layouts with keys of their own: ours, the paper's, HIF, saves of Infinite Craft."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from wordcraft_kg.base.errors import RecipeFileError
+from wordcraft_kg.graphs.book_files.guide import refusal
+from wordcraft_kg.graphs.book_files.json_found import FoundShape, JsonPart, RawRecipe
+from wordcraft_kg.graphs.book_files.json_ids import names_of_ids
+from wordcraft_kg.graphs.book_files.json_objects import Raws, recipes_of_results
+from wordcraft_kg.graphs.book_files.json_values import own_name
+from wordcraft_kg.graphs.book_files.rows import INFINITE_CRAFT_BASE, Fault, LeftOut
+from wordcraft_kg.graphs.hif import is_hif, recipes_of_hif
+from wordcraft_kg.graphs.recipes import shown
+
+
+def our_layout(part: JsonPart) -> FoundShape | None:
+    """Our own layout: lists of entities and of recipes by label."""
+    value = part.value
+    if not isinstance(value, dict) or not isinstance(value.get("recipes"), list):
+        return None
+    if not isinstance(value.get("entities"), list):
+        return None
+    entities = value["entities"]
+    rows = value["recipes"]
+    base = value.get("base")
+    if base is not None and not isinstance(base, list):
+        raise RecipeFileError(
+            f"{part.path}: 'base' is {type(base).__name__}; expected a list of labels or null."
+        )
+    kinds = value.get("kinds")
+    if kinds is not None and (not isinstance(kinds, list) or len(kinds) != len(rows)):
+        expected = 'expected a list with a kind, or "", for each recipe.'
+        raise RecipeFileError(f"{part.path}: kinds is {shown(kinds)}; {expected}")
+
+    def raws() -> Iterator[RawRecipe | Fault]:
+        for index, row in enumerate(rows):
+            place = f"recipes[{index}]"
+            if not isinstance(row, list) or len(row) < 2:
+                message = f"{place} is {shown(row)}; expected [ingredient, ingredient, result]."
+                yield Fault(place, "row", message, "own row")
+            else:
+                kind = kinds[index] if kinds else ""
+                yield RawRecipe(place, row, row[:-1], row[-1], kind)
+
+    known = frozenset(label for label in entities if isinstance(label, str))
+    return FoundShape("our own JSON", raws(), entities, known, base)
+
+
+def official_layout(part: JsonPart) -> FoundShape | None:
+    """The layout released with the paper's code: an object of entities with lists of pairs."""
+    value = part.value
+    entities = value.get("entities") if isinstance(value, dict) else None
+    if not isinstance(entities, dict):
+        return None
+
+    def raws() -> Raws:
+        for result, entry in entities.items():
+            place = f"entities['{result}']"
+            pairs = entry.get("recipes") if isinstance(entry, dict) else None
+            if isinstance(pairs, list):
+                yield from _listed_pairs(pairs, place, result)
+            else:
+                yield Fault(place, "row", f"{place} has no list 'recipes'.")
+
+    return FoundShape("the paper's JSON", raws(), list(entities), frozenset(entities))
+
+
+def _listed_pairs(pairs: Sequence[Any], place: str, result: Any) -> Raws:
+    """Yield the recipes under a key ``recipes``."""
+    for index, pair in enumerate(pairs):
+        here = f"{place}.recipes[{index}]"
+        if isinstance(pair, list) and pair:
+            yield RawRecipe(here, pair, pair, result)
+        else:
+            message = f"{here} is {shown(pair)}; a recipe needs two ingredients."
+            yield Fault(here, "row", message)
+
+
+def hypergraph(part: JsonPart) -> FoundShape | None:
+    """A directed hypergraph in HIF, as `export --format hif` writes."""
+    if not is_hif(part.value):
+        return None
+    found = recipes_of_hif(part.value, str(part.path))
+    numbered = enumerate(zip(found.rows, found.kinds, strict=True), 1)
+    raws = (RawRecipe(f"edge {i}", row, row[:-1], row[-1], kind) for i, (row, kind) in numbered)
+    known = frozenset(found.listed)
+    return FoundShape(
+        "a hypergraph (HIF)",
+        raws,
+        found.listed,
+        known,
+        found.base,
+        counts_dropped=found.dropped_counts,
+    )
+
+
+# --- Infinite Craft ------------------------------------------------------------------------------
+
+
+def save_or_dump(part: JsonPart) -> FoundShape | None:
+    """A save of Infinite Craft (``.ic``), or a dump with recipes by index."""
+    value = part.value
+    if not isinstance(value, dict) or not isinstance(value.get("items"), list):
+        return None
+    items = value["items"]
+    recipes = value.get("recipes")
+    if items and isinstance(recipes, list) and all(map(_is_index_row, recipes)):
+        names = {i: own_name(item) for i, item in enumerate(items)}
+        raws = (RawRecipe(f"recipes[{i}]", row, row[:-1], row[-1]) for i, row in enumerate(recipes))
+        return _infinite_craft("a dump of Infinite Craft", raws, names)
+    if not items or not all(isinstance(item, dict) and "text" in item for item in items):
+        return None
+    if not all(isinstance(item["text"], str) for item in items):
+        raise refusal(part.path, "an item whose 'text' is no text", "infinite-craft")
+    ids = ((item.get("id", i), item) for i, item in enumerate(items))
+    names = names_of_ids(part.path, ids)
+
+    def saved() -> Raws:
+        for i, item in enumerate(items):
+            pairs = item.get("recipes") or []
+            if isinstance(pairs, list):
+                yield from _listed_pairs(pairs, f"items[{i}]", item["text"])
+            else:
+                here = f"items[{i}].recipes"
+                yield Fault(here, "row", f"{here} is {shown(pairs)}; expected a list of pairs.")
+
+    return _infinite_craft("a save of Infinite Craft", saved(), names)
+
+
+def _is_index_row(row: Any) -> bool:
+    return isinstance(row, list) and len(row) >= 2 and all(type(each) is int for each in row)
+
+
+def older_save(part: JsonPart) -> FoundShape | None:
+    """An older save of Infinite Craft: elements, and recipes by result."""
+    value = part.value
+    if not isinstance(value, dict) or not isinstance(value.get("elements"), list):
+        return None
+    recipes = value.get("recipes")
+    if not isinstance(recipes, dict):
+        return None
+    names = {i: own_name(item) for i, item in enumerate(value["elements"])}
+    raws = recipes_of_results(recipes.items(), "recipes")
+    found = _infinite_craft("an older save of Infinite Craft", raws, names)
+    # Its recipes name elements by their texts, so that a number is a label.
+    found.indices = False
+    return found
+
+
+def _infinite_craft(
+    shape: str, raws: Iterable[RawRecipe | Fault | LeftOut], names: Mapping[Any, Any]
+) -> FoundShape:
+    labels = [label for label in names.values() if isinstance(label, str)]
+    is_world = set(INFINITE_CRAFT_BASE) <= set(labels)
+    base = INFINITE_CRAFT_BASE if is_world else None
+    return FoundShape(shape, raws, labels, base=base, names=names, indices=True, nothing=True)

@@ -1,0 +1,120 @@
+"""Loops that choose entities which a plan may make before its goal."""
+
+import numpy as np
+
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.feature_loops import (
+    FLOOR,
+    MOST_RESULTS,
+    neighbour_pairs,
+)
+from wordcraft_kg.models.scorers.neighbours.list_loops import insert
+
+_LATER = np.float32(0.05)
+"""Weight of entities that only a further attempt can make."""
+_FIRST = np.float32(1e6)
+"""Weight of known results: they come before all others."""
+
+
+@compiled
+def _add_results(lists, a, b, factor, weights, places, of_pairs, words):  # type: ignore[no-untyped-def]
+    """Add the results of a pair's neighbours to the weights of entities.
+
+    ``places``, ``of_pairs`` and ``words`` are work space for :func:`neighbour_pairs`.
+    """
+    count, itself = neighbour_pairs(lists, a, b, places, of_pairs, words)
+    for number in range(count):
+        weight = of_pairs[number]
+        if number == itself and factor == 1:
+            weight = _FIRST
+        start = lists.pair_starts[places[number]]
+        results = min(lists.pair_counts[places[number]], MOST_RESULTS)
+        for recipe in range(start, start + results):
+            weights[lists.result[recipe]] += factor * weight
+
+
+@compiled
+def _add_needs(lists, goal, factor, weights):  # type: ignore[no-untyped-def]
+    """Add entities similar to the ingredients of a goal's supporting recipes to the weights."""
+    for row in range(lists.support.shape[1]):
+        recipe = lists.support[goal, row]
+        if recipe < 0:
+            break
+        for part in range(2):
+            needed = lists.second[recipe] if part else lists.first[recipe]
+            for column in range(lists.made.shape[1]):
+                other = lists.made[needed, column]
+                if other < 0:
+                    break
+                weight = lists.support_alike[goal, row] * lists.made_alike[needed, column]
+                weights[other] += factor * weight
+
+
+@compiled
+def _best(weights, ids, values):  # type: ignore[no-untyped-def]
+    """Write the entities with the largest positive weights; return their number."""
+    count = 0
+    for entity in range(len(weights)):
+        value = weights[entity]
+        if value > 0 and (count < len(ids) or value > values[count - 1]):
+            count = insert(ids, values, count, entity, value)
+    return count
+
+
+@compiled
+def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-untyped-def]
+    """Write entities that a plan may make before the goal, the best first; -1 at the end.
+
+    An entity counts by the product of two weights: how strongly neighbours of the table's pairs
+    make it, and how much the goal's neighbours need it. Known results come first.
+
+    Args:
+        lists: the lists.
+        goals: shape (B,).
+        tables: shape (B, A); negative for empty slots.
+        further: attempts between the first and the last, 0 or more.
+        near: entities that stand for all others in a further attempt.
+        out: shape (B, W).
+    """
+    size = len(lists.norms)
+    ids = np.empty(near, dtype=np.int32)
+    values = np.empty(near, dtype=np.float32)
+    width = out.shape[1]
+    best_values = np.empty(width, dtype=np.float32)
+    most = lists.used.shape[1] ** 2
+    places = np.empty(most, dtype=np.int64)
+    of_pairs = np.empty(most, dtype=np.float32)
+    words = np.empty(most, dtype=np.float32)
+    for row in range(len(goals)):
+        goal = goals[row]
+        table = tables[row]
+        makes = np.zeros(size, dtype=np.float32)
+        needs = np.zeros(size, dtype=np.float32)
+        for i in range(len(table)):
+            for j in range(i, len(table)):
+                if table[i] >= 0 and table[j] >= 0:
+                    _add_results(
+                        lists, table[i], table[j], np.float32(1), makes, places, of_pairs, words
+                    )
+        _add_needs(lists, goal, np.float32(1), needs)
+        for _ in range(further):
+            for place in range(_best(makes, ids, values)):
+                for slot in range(len(table)):
+                    if table[slot] >= 0:
+                        _add_results(
+                            lists, ids[place], table[slot], _LATER, makes, places, of_pairs, words
+                        )
+            for place in range(_best(needs, ids, values)):
+                _add_needs(lists, ids[place], _LATER, needs)
+        for slot in range(len(table)):
+            if table[slot] >= 0:
+                makes[table[slot]] = -1
+        makes[goal] = -1
+        for entity in range(size):
+            if makes[entity] >= 0 and (makes[entity] > 0 or needs[entity] > 0):
+                makes[entity] = (makes[entity] + FLOOR) * (needs[entity] + FLOOR)
+            else:
+                makes[entity] = 0
+        count = _best(makes, out[row], best_values)
+        for place in range(count, width):
+            out[row, place] = -1

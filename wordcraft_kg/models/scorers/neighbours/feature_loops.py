@@ -1,0 +1,423 @@
+"""Loops that compute the features of pairs on tables; see the package for the formulas.
+
+A table has one goal, so what depends on the goal and a slot is computed once for all pairs, and
+what depends on the goal and a result once for all pairs that may make it.
+"""
+
+from math import log, log1p
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.hash_loops import makes, num_links, pair_place
+from wordcraft_kg.models.scorers.neighbours.similar import (
+    clear,
+    dot,
+    fourth,
+    product,
+    similarity,
+    spread,
+)
+
+Array = Any
+
+FLOOR = np.float32(1e-4)
+"""Added to evidence before the logarithm."""
+LEAST = np.float32(2e-3)
+"""Products of two similarities below this number are skipped, with all that follow in the lists.
+
+Validation prefers 2e-3 to 3e-5 and to no limit, and it looks at 44 of 1,024 pairs of neighbours.
+"""
+MOST_RESULTS = 64
+"""Results of a neighbour pair that count; a pair with more, in a damaged book, costs no more."""
+OF_SLOTS = 14
+"""Features of an ingredient and a goal; their sum and minimum over both ingredients count."""
+OF_PAIRS = 16
+"""Features of a pair and a goal."""
+
+
+@compiled
+def neighbour_pairs(lists, a, b, places, weights, words):  # type: ignore[no-untyped-def]
+    """Find the known pairs of neighbours of a and of b, the most similar neighbours first.
+
+    Args:
+        lists: the lists.
+        a: entity id.
+        b: entity id.
+        places: receives places in the hash table of pairs; as long as all pairs of neighbours.
+        weights: receives k²(a, a') k²(b, b').
+        words: receives the same by words.
+
+    Returns:
+        their number, and the number of a + b itself among them, -1 if it is not known.
+    """
+    count = 0
+    itself = -1
+    for row in range(lists.used.shape[1]):
+        one = lists.used[a, row]
+        if one < 0:
+            break
+        for column in range(lists.used.shape[1]):
+            other = lists.used[b, column]
+            weight = lists.used_alike[a, row] * lists.used_alike[b, column]
+            if other < 0 or weight < LEAST:
+                break
+            place = pair_place(lists, one, other)
+            if place < 0:
+                continue
+            if one == a and other == b:
+                itself = count
+            places[count] = place
+            weights[count] = weight
+            words[count] = lists.used_words[a, row] * lists.used_words[b, column]
+            count += 1
+    return count, itself
+
+
+@compiled
+def needed_entities(lists, goal, needed, place_of, places):  # type: ignore[no-untyped-def]
+    """List the different ingredients of a goal's supporting recipes.
+
+    Args:
+        lists: the lists.
+        goal: entity id.
+        needed: receives the ingredients; as long as twice the supporting recipes.
+        place_of: -1 for each entity, before and after.
+        places: receives where each recipe's ingredients are in ``needed``, shape (R, 2).
+
+    Returns:
+        the number of different ingredients, and of supporting recipes.
+    """
+    count = 0
+    recipes = 0
+    for row in range(lists.support.shape[1]):
+        recipe = lists.support[goal, row]
+        if recipe < 0:
+            break
+        recipes += 1
+        for part in range(2):
+            entity = lists.second[recipe] if part else lists.first[recipe]
+            if place_of[entity] < 0:
+                place_of[entity] = count
+                needed[count] = entity
+                count += 1
+            places[row, part] = place_of[entity]
+    for number in range(count):
+        place_of[needed[number]] = -1
+    return count, recipes
+
+
+@compiled
+def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes, out):  # type: ignore[no-untyped-def]
+    """Write the features of an ingredient and a goal.
+
+    Args:
+        lists: the lists.
+        entity: the ingredient.
+        goal: the goal.
+        cosine: their word cosine.
+        kernel: their similarity k.
+        alike: k² of the ingredient and each needed entity.
+        words: the same by words.
+        places: from :func:`needed_entities`.
+        recipes: number of supporting recipes.
+        out: shape (14,).
+    """
+    total = np.float32(0)
+    best = np.float32(0)
+    by_words = np.float32(0)
+    for row in range(recipes):
+        of_goal = lists.support_alike[goal, row]
+        of_goal_words = lists.support_words[goal, row]
+        for part in range(2):
+            value = of_goal * alike[places[row, part]]
+            total += value
+            best = max(best, value)
+            by_words += of_goal_words * words[places[row, part]]
+    soft = np.float32(0)
+    soft_words = np.float32(0)
+    with_goal = np.float32(0)
+    for row in range(lists.used.shape[1]):
+        other = lists.used[entity, row]
+        if other < 0:
+            break
+        if pair_place(lists, goal, other) >= 0:
+            with_goal += lists.used_alike[entity, row]
+        for column in range(lists.made.shape[1]):
+            result = lists.made[goal, column]
+            weight = lists.used_alike[entity, row] * lists.made_alike[goal, column]
+            if result < 0 or weight < LEAST:
+                break
+            number = num_links(lists, other, result)
+            if number:
+                of_words = lists.used_words[entity, row] * lists.made_words[goal, column]
+                soft += number * weight
+                soft_words += number * of_words
+    exact = np.float32(0)
+    for column in range(lists.made.shape[1]):
+        result = lists.made[goal, column]
+        if result < 0:
+            break
+        exact += lists.made_alike[goal, column] * num_links(lists, entity, result)
+    reverse = np.float32(0)
+    for column in range(lists.made.shape[1]):
+        result = lists.made[entity, column]
+        if result < 0:
+            break
+        reverse += lists.made_alike[entity, column] * num_links(lists, goal, result)
+    out[0] = log(FLOOR + total)
+    out[1] = log(FLOOR + best)
+    out[2] = log(FLOOR + by_words)
+    out[3] = cosine
+    out[4] = kernel
+    out[5] = log1p(lists.num_uses[entity])
+    out[6] = log1p(lists.num_makers[entity])
+    out[7] = log1p(num_links(lists, entity, goal))
+    out[8] = log(FLOOR + soft)
+    out[9] = log(FLOOR + exact)
+    out[10] = log(FLOOR + soft_words)
+    out[11] = log(FLOOR + reverse)
+    out[12] = log(FLOOR + with_goal)
+    out[13] = product(lists.left, lists.right, entity, goal)
+
+
+@compiled
+def _goal_side(lists, goal, alike, other_alike, words, other_words, places, recipes, out):  # type: ignore[no-untyped-def]
+    """Write the features of a pair from the recipes that support the goal: ``out[:3]``."""
+    evidence = np.float32(0)
+    by_words = np.float32(0)
+    best = np.float32(0)
+    for row in range(recipes):
+        first = places[row, 0]
+        second = places[row, 1]
+        of_goal = lists.support_alike[goal, row]
+        straight = alike[first] * other_alike[second]
+        crossed = alike[second] * other_alike[first]
+        evidence += of_goal * (straight + crossed)
+        best = max(best, of_goal * max(straight, crossed))
+        of_words = words[first] * other_words[second] + words[second] * other_words[first]
+        by_words += lists.support_words[goal, row] * of_words
+    out[0] = log(FLOOR + evidence)
+    out[1] = log(FLOOR + by_words)
+    out[2] = log(FLOOR + best)
+
+
+@compiled
+def _result_alike(lists, result, goal, structure, row, known_row, known):  # type: ignore[no-untyped-def]
+    """Write k² and words⁴ of a result and the goal into ``known[result]``, once for each table.
+
+    Args:
+        lists: the lists.
+        result: entity id.
+        goal: entity id.
+        structure: the goal's profile cosines, from ``spread``.
+        row: number of the table.
+        known_row: the table for which ``known`` was written, for each entity.
+        known: shape (T, 2).
+    """
+    if known_row[result] == row:
+        return
+    known_row[result] = row
+    if result == goal:
+        known[result, 0] = 1
+        known[result, 1] = 1
+        return
+    cosine = dot(lists.vectors, result, goal)
+    value = similarity(structure[result], cosine, lists.norms[result], lists.norms[goal])
+    known[result, 0] = value * value
+    known[result, 1] = fourth(cosine)
+
+
+@compiled
+def _pair_side(lists, count, places, weights, words, goal, structure, row, known_row, known, out):  # type: ignore[no-untyped-def]
+    """Write the features of a pair from known pairs of neighbours: ``out[3:8]``.
+
+    Arguments as for :func:`neighbour_pairs` and :func:`_result_alike`.
+    """
+    anything = np.float32(0)
+    alike = np.float32(0)
+    nearest = np.float32(0)
+    anything_words = np.float32(0)
+    alike_words = np.float32(0)
+    for number in range(count):
+        start = lists.pair_starts[places[number]]
+        results = min(lists.pair_counts[places[number]], MOST_RESULTS)
+        anything += results * weights[number]
+        anything_words += results * words[number]
+        for recipe in range(start, start + results):
+            result = lists.result[recipe]
+            _result_alike(lists, result, goal, structure, row, known_row, known)
+            value = weights[number] * known[result, 0]
+            alike += value
+            nearest = max(nearest, value)
+            alike_words += words[number] * known[result, 1]
+    out[3] = log(FLOOR + anything)
+    out[4] = log(FLOOR + alike)
+    out[5] = log(FLOOR + nearest)
+    out[6] = log(FLOOR + anything_words)
+    out[7] = log(FLOOR + alike_words)
+
+
+@compiled
+def table_features(lists, goals, tables, one, other, out):  # type: ignore[no-untyped-def]
+    """Write the features of pairs of slots.
+
+    Args:
+        lists: the lists.
+        goals: shape (B,); negative for no goal.
+        tables: shape (B, A); negative for empty slots.
+        one: first slot of each pair, shape (P,).
+        other: second slot of each pair, shape (P,).
+        out: zeros, shape (B, P, F); a pair with an empty slot, or without goal, keeps its zeros.
+    """
+    size = len(lists.norms)
+    slots = tables.shape[1]
+    width = lists.support.shape[1]
+    neighbours = lists.used.shape[1]
+    # Work space for a table, made once for the batch.
+    needed = np.empty(2 * width, dtype=np.int32)
+    place_of = np.full(size, -1, dtype=np.int32)
+    places = np.empty((width, 2), dtype=np.int32)
+    alike = np.empty((slots, 2 * width), dtype=np.float32)
+    words = np.empty((slots, 2 * width), dtype=np.float32)
+    structure = np.zeros(size, dtype=np.float32)
+    of_goal = np.zeros(size, dtype=np.float32)
+    known_row = np.full(size, -1, dtype=np.int64)
+    known = np.empty((size, 2), dtype=np.float32)
+    of_slots = np.empty((slots, OF_SLOTS), dtype=np.float32)
+    cosines = np.empty((slots, slots), dtype=np.float32)
+    kernels = np.empty((slots, slots), dtype=np.float32)
+    pair_places = np.empty(neighbours * neighbours, dtype=np.int64)
+    pair_weights = np.empty(neighbours * neighbours, dtype=np.float32)
+    pair_words = np.empty(neighbours * neighbours, dtype=np.float32)
+    for row in range(len(goals)):
+        goal = goals[row]
+        if goal < 0:
+            continue
+        count, recipes = needed_entities(lists, goal, needed, place_of, places)
+        # By needed entity, then by slot: a word vector is read once for all slots.
+        for number in range(count):
+            for slot in range(slots):
+                entity = tables[row, slot]
+                if entity >= 0:
+                    words[slot, number] = dot(lists.vectors, entity, needed[number])
+        for slot in range(slots):
+            entity = tables[row, slot]
+            if entity < 0:
+                continue
+            spread(lists, entity, structure)
+            norm = lists.norms[entity]
+            for number in range(count):
+                other_entity = needed[number]
+                value = np.float32(1)
+                cosine = np.float32(1)
+                if other_entity != entity:
+                    cosine = words[slot, number]
+                    norm_of_other = lists.norms[other_entity]
+                    value = similarity(structure[other_entity], cosine, norm, norm_of_other)
+                alike[slot, number] = value * value
+                words[slot, number] = fourth(cosine)
+            for place in range(slots):
+                other_entity = tables[row, place]
+                if other_entity < 0:
+                    continue
+                value = np.float32(1)
+                cosine = np.float32(1)
+                if other_entity != entity:
+                    cosine = dot(lists.vectors, entity, other_entity)
+                    norm_of_other = lists.norms[other_entity]
+                    value = similarity(structure[other_entity], cosine, norm, norm_of_other)
+                cosines[slot, place] = cosine
+                kernels[slot, place] = value
+            value = np.float32(1)
+            cosine = np.float32(1)
+            if goal != entity:
+                cosine = dot(lists.vectors, entity, goal)
+                value = similarity(structure[goal], cosine, norm, lists.norms[goal])
+            clear(lists, entity, structure)
+            _of_slot(
+                lists,
+                entity,
+                goal,
+                cosine,
+                value,
+                alike[slot],
+                words[slot],
+                places,
+                recipes,
+                of_slots[slot],
+            )
+        spread(lists, goal, of_goal)
+        for pair in range(len(one)):
+            i = one[pair]
+            j = other[pair]
+            a = tables[row, i]
+            b = tables[row, j]
+            if a < 0 or b < 0:
+                continue
+            features = out[row, pair]
+            for number in range(OF_SLOTS):
+                features[number] = of_slots[i, number] + of_slots[j, number]
+                features[OF_SLOTS + number] = min(of_slots[i, number], of_slots[j, number])
+            of_pair = features[2 * OF_SLOTS :]
+            _goal_side(
+                lists, goal, alike[i], alike[j], words[i], words[j], places, recipes, of_pair
+            )
+            found, _ = neighbour_pairs(lists, a, b, pair_places, pair_weights, pair_words)
+            _pair_side(
+                lists,
+                found,
+                pair_places,
+                pair_weights,
+                pair_words,
+                goal,
+                of_goal,
+                row,
+                known_row,
+                known,
+                of_pair,
+            )
+            place_of_pair = pair_place(lists, a, b)
+            of_pair[8] = 1 if place_of_pair >= 0 else 0
+            of_pair[9] = 1 if place_of_pair >= 0 and makes(lists, place_of_pair, goal) else 0
+            of_pair[10] = cosines[i, j]
+            of_pair[11] = kernels[i, j]
+            of_pair[12] = 1 if a == b else 0
+            of_pair[13] = log1p(lists.num_makers[goal])
+            of_pair[14] = log1p(lists.num_uses[goal])
+            of_pair[15] = product(lists.pair_left, lists.right, a, b)
+        clear(lists, goal, of_goal)
+
+
+@compiled
+def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
+    """Write k² of a pair and the pair of each recipe that supports a goal, in both orders.
+
+    Args:
+        lists: the lists.
+        a: entity id.
+        b: entity id.
+        goal: entity id.
+        terms: shape (R, 2): straight and crossed.
+    """
+    structure = np.zeros((2, len(lists.norms)), dtype=np.float32)
+    spread(lists, a, structure[0])
+    spread(lists, b, structure[1])
+    squares = np.empty((2, 2), dtype=np.float32)
+    for row in range(lists.support.shape[1]):
+        recipe = lists.support[goal, row]
+        if recipe < 0:
+            break
+        for part in range(2):
+            entity = lists.second[recipe] if part else lists.first[recipe]
+            for side in range(2):
+                own = b if side else a
+                value = np.float32(1)
+                if own != entity:
+                    cosine = dot(lists.vectors, own, entity)
+                    norm = lists.norms[own]
+                    value = similarity(structure[side, entity], cosine, norm, lists.norms[entity])
+                squares[side, part] = value * value
+        terms[row, 0] = squares[0, 0] * squares[1, 1]
+        terms[row, 1] = squares[0, 1] * squares[1, 0]

@@ -1,0 +1,78 @@
+"""Hash tables of pairs and links: does a pair have recipes, how many recipes make c with x?"""
+
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+
+Array = Any
+
+
+@compiled
+def _place(keys, key):  # type: ignore[no-untyped-def]
+    """Return the place of a key in an open hash table, or of the empty place where it belongs."""
+    mask = len(keys) - 1
+    mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
+    place = np.int64((mixed ^ (mixed >> np.uint64(29))) & np.uint64(mask))
+    while keys[place] != -1 and keys[place] != key:
+        place = (place + 1) & mask
+    return place
+
+
+@compiled
+def pair_table(pairs: Array, size: int):  # type: ignore[no-untyped-def]
+    """Return a hash table of ascending pair keys: keys, first recipe, number of recipes."""
+    keys = np.full(size, -1, dtype=np.int64)
+    starts = np.zeros(size, dtype=np.int32)
+    counts = np.zeros(size, dtype=np.int32)
+    for row in range(len(pairs)):
+        place = _place(keys, pairs[row])
+        if keys[place] == -1:
+            keys[place] = pairs[row]
+            starts[place] = row
+        counts[place] += 1
+    return keys, starts, counts
+
+
+@compiled
+def count_table(links: Array, size: int):  # type: ignore[no-untyped-def]
+    """Return a hash table of keys and their number."""
+    keys = np.full(size, -1, dtype=np.int64)
+    counts = np.zeros(size, dtype=np.int32)
+    for row in range(len(links)):
+        place = _place(keys, links[row])
+        keys[place] = links[row]
+        counts[place] += 1
+    return keys, counts
+
+
+@compiled
+def pair_place(lists, a, b):  # type: ignore[no-untyped-def]
+    """Return the place of a pair in the hash table, -1 if no recipe uses it."""
+    low = min(a, b)
+    high = max(a, b)
+    place = _place(lists.pair_keys, np.int64(low) * len(lists.norms) + high)
+    return place if lists.pair_keys[place] != -1 else -1
+
+
+@compiled
+def num_links(lists, ingredient, result):  # type: ignore[no-untyped-def]
+    """Return the number of recipes that use an ingredient and make a result."""
+    place = _place(lists.link_keys, np.int64(ingredient) * len(lists.norms) + result)
+    return lists.link_counts[place]
+
+
+@compiled
+def makes(lists, place, goal):  # type: ignore[no-untyped-def]
+    """Return whether a pair, by its place, makes the goal: its results are ascending."""
+    low = lists.pair_starts[place]
+    end = low + lists.pair_counts[place]
+    high = end
+    while low < high:
+        middle = (low + high) >> 1
+        if lists.result[middle] < goal:
+            low = middle + 1
+        else:
+            high = middle
+    return low < end and lists.result[low] == goal

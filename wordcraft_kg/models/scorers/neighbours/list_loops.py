@@ -1,0 +1,172 @@
+"""Loops that make neighbour lists.
+
+Each function writes to its own arrays only, and visits entries in a fixed order.
+"""
+
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.similar import dot, fourth, similarity
+
+Array = Any
+FAR = 2**31 - 1
+"""The id at the end of a list of ascending ids: above all entities."""
+
+
+@compiled
+def insert(ids, values, count, new, value):  # type: ignore[no-untyped-def]
+    """Insert an entry into a list by descending value, then ascending id; return the new length."""
+    size = len(ids)
+    if count == size:
+        last = values[size - 1]
+        if value < last or (value == last and new > ids[size - 1]):
+            return count
+        place = size - 1
+    else:
+        place = count
+        count += 1
+    while place > 0 and (
+        values[place - 1] < value or (values[place - 1] == value and ids[place - 1] > new)
+    ):
+        values[place] = values[place - 1]
+        ids[place] = ids[place - 1]
+        place -= 1
+    values[place] = value
+    ids[place] = new
+    return count
+
+
+@compiled
+def largest(cosines: Array, start: int, near: Array) -> None:
+    """Write each row's largest positive cosines' columns, the row's own left out, into ``near``."""
+    rows, size = cosines.shape
+    width = near.shape[1]
+    if width == 0:
+        return
+    values = np.empty(width, dtype=np.float32)
+    for row in range(rows):
+        count = 0
+        for column in range(size):
+            value = cosines[row, column]
+            # Most columns fail this test, which is why a list needs no sort of all columns.
+            if value > 0 and column != start + row and (count < width or value > values[count - 1]):
+                count = insert(near[row], values, count, column, value)
+
+
+@compiled
+def structural_neighbours(  # type: ignore[no-untyped-def]
+    starts, columns, data, column_starts, column_rows, column_data, common, width
+):
+    """Return the entities with the most similar profiles, ids ascending, and cosines.
+
+    Profiles come by row and by column (compressed sparse rows of P and of Pᵀ); columns with more
+    than ``common`` entries are skipped.
+    """
+    size = len(starts) - 1
+    near = np.full((size, width), FAR, dtype=np.int32)
+    cosines = np.zeros((size, width), dtype=np.float32)
+    sums = np.zeros(size, dtype=np.float32)
+    touched = np.empty(size, dtype=np.int32)
+    ids = np.empty(width, dtype=np.int32)
+    values = np.empty(width, dtype=np.float32)
+    for entity in range(size):
+        number = 0
+        for place in range(starts[entity], starts[entity + 1]):
+            column = columns[place]
+            if column_starts[column + 1] - column_starts[column] > common:
+                continue
+            for other in range(column_starts[column], column_starts[column + 1]):
+                row = column_rows[other]
+                if sums[row] == 0:
+                    touched[number] = row
+                    number += 1
+                sums[row] += data[place] * column_data[other]
+        count = 0
+        for place in range(number):
+            row = touched[place]
+            if row != entity and (count < width or sums[row] >= values[count - 1]):
+                count = insert(ids, values, count, row, sums[row])
+            sums[row] = 0
+        order = np.argsort(ids[:count])
+        for place in range(count):
+            near[entity, place] = ids[order[place]]
+            cosines[entity, place] = values[order[place]]
+    return near, cosines
+
+
+@compiled
+def merged_neighbours(  # type: ignore[no-untyped-def]
+    vectors, near_starts, near, near_cosines, norms, near_words, is_allowed, width
+):
+    """Return each entity's most similar allowed entities by structure and words together.
+
+    Candidates are the entity itself and both kinds of neighbours. Returns ids, squared
+    similarities, and word cosines to the power 4; the most similar first.
+    """
+    size = len(norms)
+    ids = np.full((size, width), -1, dtype=np.int32)
+    alike = np.zeros((size, width), dtype=np.float32)
+    words_alike = np.zeros((size, width), dtype=np.float32)
+    is_listed = np.zeros(size, dtype=np.bool_)
+    structure = np.zeros(size, dtype=np.float32)
+    values = np.empty(width, dtype=np.float32)
+    longest = np.max(np.diff(near_starts))
+    listed = np.empty(1 + longest + near_words.shape[1], dtype=np.int32)
+    for entity in range(size):
+        number = 1
+        listed[0] = entity
+        for place in range(near_starts[entity], near_starts[entity + 1]):
+            structure[near[place]] = near_cosines[place]
+            listed[number] = near[place]
+            number += 1
+        for place in range(near_words.shape[1]):
+            if near_words[entity, place] < 0:
+                break
+            listed[number] = near_words[entity, place]
+            number += 1
+        count = 0
+        for place in range(number):
+            other = listed[place]
+            if is_listed[other] or not is_allowed[other]:
+                continue
+            is_listed[other] = True
+            value = np.float32(1)
+            if other != entity:
+                words = dot(vectors, entity, other)
+                value = similarity(structure[other], words, norms[entity], norms[other])
+            if value > 0:
+                count = insert(ids[entity], values, count, other, value)
+        for place in range(number):
+            is_listed[listed[place]] = False
+            structure[listed[place]] = 0
+        for place in range(count):
+            other = ids[entity, place]
+            alike[entity, place] = values[place] * values[place]
+            is_same = other == entity
+            words_alike[entity, place] = 1 if is_same else fourth(dot(vectors, entity, other))
+    return ids, alike, words_alike
+
+
+@compiled
+def supporting(made, alike, words_alike, starts, by_result, width):  # type: ignore[no-untyped-def]
+    """Return the recipes that make a goal's neighbours, with the neighbours' similarities."""
+    size = len(made)
+    numbers = np.full((size, width), -1, dtype=np.int32)
+    of_alike = np.zeros((size, width), dtype=np.float32)
+    of_words = np.zeros((size, width), dtype=np.float32)
+    for goal in range(size):
+        count = 0
+        for place in range(made.shape[1]):
+            result = made[goal, place]
+            if result < 0 or count == width:
+                break
+            for row in range(
+                starts[result], min(starts[result + 1], starts[result] + width - count)
+            ):
+                numbers[goal, count + row - starts[result]] = by_result[row]
+                of_alike[goal, count + row - starts[result]] = alike[goal, place]
+                of_words[goal, count + row - starts[result]] = words_alike[goal, place]
+            count += min(starts[result + 1] - starts[result], width - count)
+    return numbers, of_alike, of_words

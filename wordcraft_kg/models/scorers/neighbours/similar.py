@@ -1,0 +1,71 @@
+"""Similarity of two entities, the atom of all features: see the package for its formula."""
+
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+
+Array = Any
+"""Compiled loops read the types of their arguments, so these are untyped: arrays and numbers."""
+
+WORDS_WEIGHT = np.float32(0.2)
+"""Weight of squared word cosines in the similarity, ``kernel.TEXT``."""
+
+
+@compiled
+def dot(vectors, one, other):  # type: ignore[no-untyped-def]
+    """Return the product of two rows of a matrix."""
+    total = np.float32(0)
+    for place in range(vectors.shape[1]):
+        total += vectors[one, place] * vectors[other, place]
+    return total
+
+
+@compiled
+def product(left, right, one, other):  # type: ignore[no-untyped-def]
+    """Return the product of a row of ``left`` and a row of ``right``."""
+    total = np.float32(0)
+    for place in range(left.shape[1]):
+        total += left[one, place] * right[other, place]
+    return total
+
+
+@compiled
+def similarity(structure, words, norm, other_norm):  # type: ignore[no-untyped-def]
+    """Return k of two different entities.
+
+    Args:
+        structure: cosine of their profiles, 0 if neither is in the other's list.
+        words: cosine of their word vectors.
+        norm: similarity of the first entity with itself.
+        other_norm: similarity of the second entity with itself.
+    """
+    positive = max(words, np.float32(0))
+    value = (structure + WORDS_WEIGHT * positive * positive) / sqrt(norm * other_norm)
+    return min(np.float32(value), np.float32(1))
+
+
+@compiled
+def fourth(words):  # type: ignore[no-untyped-def]
+    """Return a positive word cosine to the power 4, so that only near synonyms count; else 0."""
+    square = words * words if words > 0 else np.float32(0)
+    return square * square
+
+
+@compiled
+def spread(lists, entity, structure):  # type: ignore[no-untyped-def]
+    """Write an entity's profile cosines into an array of all entities, zeros before.
+
+    Reading them costs nothing then, where each search in a list would miss a few branches.
+    """
+    for place in range(lists.near_starts[entity], lists.near_starts[entity + 1]):
+        structure[lists.near[place]] = lists.near_cosines[place]
+
+
+@compiled
+def clear(lists, entity, structure):  # type: ignore[no-untyped-def]
+    """Write zeros where :func:`spread` wrote."""
+    for place in range(lists.near_starts[entity], lists.near_starts[entity + 1]):
+        structure[lists.near[place]] = 0

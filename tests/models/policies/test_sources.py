@@ -191,11 +191,12 @@ def test_sources_of_factors_score_like_tables_and_nothing_scores_zero(
 
 
 @pytest.mark.parametrize("by_factors", [False, True])
+@pytest.mark.parametrize("scale", ["standardise", "ranks"])
 @pytest.mark.parametrize("name", ["u", "v"])  # w's is among the tests of recipe scorers
-def test_a_source_is_restored_from_its_constants(name, by_factors, monkeypatch):
+def test_a_source_is_restored_from_its_constants(name, scale, by_factors, monkeypatch):
     if by_factors:
         monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
-    (full,) = make_sources([name], Factored(SIZE), ScoreView("standardise", "drop"))
+    (full,) = make_sources([name], Factored(SIZE), ScoreView(scale, "drop"))
     constants = full.state_dict()
     empty = source_class(name).restored(SIZE, constants)
     assert ("scores" in constants) is not by_factors
@@ -209,7 +210,7 @@ def test_a_scale_without_a_fitting_table_names_those_that_do(
 ):
     """A scale that needs a table is refused where none fits and names the scales that do."""
     with refuses("scale"):
-        make_sources(["u", "v"], Factored(SIZE), ScoreView("ranks"))
+        make_sources(["u", "v"], Factored(SIZE), ScoreView("log-softmax"))
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,7 @@
 """Neighbour lists and their features: against full tables, with ties, hubs and pairs with many results."""
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from itertools import product
 
 import numpy as np
@@ -10,6 +11,7 @@ from link_helpers import random_graph
 
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.models.scorers.kernel import TEXT, kernel_regression, link_matrices, profiles
+from wordcraft_kg.models.scorers.neighbours import knowledge
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
 from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST, table_features
 from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, OF_PAIRS, NeighbourKnowledge
@@ -244,14 +246,31 @@ def test_scores_of_a_batch_are_those_of_single_tables_in_any_order_of_slots():
     torch.testing.assert_close(moved, scores[:, order][:, :, order], rtol=1e-4, atol=1e-4)
 
 
-def test_two_threads_compute_the_same_features_as_one():
-    known = random_knowledge(0)
+def test_two_threads_compute_the_same_features_as_one(monkeypatch):
+    parts = [random_knowledge(0), random_knowledge(1), random_knowledge(2)]
+    shared = {"vectors": parts[0].vectors, "near_words": parts[0].near_words}
+    alike = [NeighbourKnowledge(part.constants() | shared) for part in parts]
+    known = NeighbourKnowledge.stacked(alike)
     goal, table = random_tables(rows=300)
-    model = torch.zeros_like(goal)
+    # As in training with folds: no model has enough rows for a thread of its own.
+    model = torch.arange(300) % 7 % 3
     with torch_threads(1):
         alone = known.features(goal, table, model)
+    pools = []
+
+    def pool(workers):
+        pools.append(workers)
+        return ThreadPoolExecutor(workers)
+
+    monkeypatch.setattr(knowledge, "ThreadPoolExecutor", pool)
     with torch_threads(2):
         assert torch.equal(known.features(goal, table, model), alone)
+    assert pools == [2]
+    for number, part in enumerate(alike):
+        rows = model == number
+        of_part = part.features(goal[rows], table[rows], torch.zeros_like(goal[rows]))
+        assert torch.equal(alone[:, rows], of_part)
+    assert not torch.equal(alike[0].features(goal, table, model * 0), alone)
 
 
 def test_ids_outside_the_book_are_refused_and_a_missing_goal_has_no_features():

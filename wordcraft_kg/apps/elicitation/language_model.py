@@ -10,32 +10,23 @@ import json
 import math
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-import safetensors.torch
 import torch
 from torch import Tensor
 
 from wordcraft_kg.apps.elicitation.foreign_code import check_model_files
 from wordcraft_kg.apps.elicitation.prompts import Prompt, prompts_text
+from wordcraft_kg.apps.elicitation.saved_rows import read_rows, save_rows, saved_rows
 from wordcraft_kg.apps.elicitation.sizes import check_counts, check_size
 from wordcraft_kg.apps.elicitation.weights import hash_weights, loading
-from wordcraft_kg.base.artefacts import (
-    TEMPORARY,
-    check_output,
-    read_json,
-    read_large_file,
-    with_a_name,
-    write_atomically,
-)
+from wordcraft_kg.base.artefacts import check_output, read_json, with_a_name
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.extras import check_extra
-from wordcraft_kg.base.tensors import read_tensors
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.models.knowledge.folder import (
     KnowledgeRecord,
@@ -44,7 +35,7 @@ from wordcraft_kg.models.knowledge.folder import (
     write_knowledge,
 )
 from wordcraft_kg.runs.cards import front_matter
-from wordcraft_kg.runs.folder import Progress, locked
+from wordcraft_kg.runs.folder import Progress
 
 _BATCH = 32
 """Texts in a forward pass; part of the result's last bits, so also of the key of saved rows."""
@@ -280,7 +271,7 @@ def elicit_knowledge(
     key = json.dumps(
         [inputs, _BATCH, probabilities.tokens.tolist(), [batch.texts for batch in batches]]
     )
-    with _saved_rows(out, key) as folder:
+    with saved_rows(out, key) as folder:
         tables = _tables(probabilities, batches, prompts, folder, report)
         source = "language model"
         if language_model.random_seed is not None:
@@ -324,8 +315,7 @@ def _tables(
     neutral = torch.zeros(0)
     try:
         for number, batch in enumerate(batches):
-            file = folder / f"{number}.safetensors"
-            rows = _read_rows(file)
+            rows = read_rows(folder, number)
             if rows is None:
                 # Once for each prompt, and not at all for a prompt whose rows are all saved.
                 if neutral_prompt != batch.prompt:
@@ -336,8 +326,7 @@ def _tables(
                     raise ArtefactError(
                         "the language model gives probabilities that are not finite. Use another."
                     )
-                # Atomic: a row is either computed or not, even after a kill.
-                write_atomically(file, safetensors.torch.save({"rows": rows}))
+                save_rows(folder, number, rows)
             tables[batch.prompt, batch.rows] = rows
             done += len(batch.rows)
             if report:
@@ -368,26 +357,6 @@ def _oriented(table: Tensor, prompt: Prompt) -> Tensor:
     elif prompt.about == "result":
         table = table.T
     return table.clone().fill_diagonal_(0)
-
-
-@contextmanager
-def _saved_rows(out: Path, key: str) -> Iterator[Path]:
-    """Yield the locked folder beside ``out`` for the rows with this key."""
-    # Another model, prompt or graph has another key, and so never takes these rows.
-    digest = hashlib.sha256(key.encode()).hexdigest()[:16]
-    folder = out.parent / f".{out.name}.{digest}{TEMPORARY}"
-    folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder, "written"):
-        yield folder
-
-
-def _read_rows(file: Path) -> Tensor | None:
-    if not file.exists():
-        return None
-    try:
-        return read_tensors(file, read_large_file(file))["rows"]
-    except ArtefactError:  # cut short by a power failure
-        return None
 
 
 def strongest(knowledge: KnowledgeTables, most: int = 3) -> dict[str, list[str]]:

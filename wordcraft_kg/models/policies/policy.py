@@ -90,13 +90,34 @@ class EntityVectors(nn.Module):
         else:
             self.register_buffer("vectors", torch.empty(0, 0))
         self.dim = num_entities if self.is_one_hot else self.vectors.shape[1]
+        # Constant vectors with their row of zeros, and the vectors that they belong to.
+        self._padded: tuple[Tensor, Tensor] | None = None
+        self.register_load_state_dict_post_hook(_forget)
 
     def weights(self) -> Weights:
         """Return all vectors as ``vectors``, shape (E + 1, F); nothing for one-hot vectors."""
         if self.is_one_hot:
             return {}
-        # A row of zeros at the end, so that the id of an empty slot is a valid index.
-        return {"vectors": nn.functional.pad(self.vectors, (0, 0, 0, 1))}
+        if isinstance(self.vectors, nn.Parameter):
+            return {"vectors": _with_zeros(self.vectors)}
+        # Constant: a large book's vectors are 50 MB, and a copy for each update takes its time.
+        # Another device has other tensors.
+        if self._padded is None or self._padded[0] is not self.vectors:
+            # Acting may come first, in inference mode, whose tensors the learner cannot use.
+            with torch.inference_mode(False):
+                self._padded = (self.vectors, _with_zeros(self.vectors))
+        return {"vectors": self._padded[1]}
+
+
+def _with_zeros(vectors: Tensor) -> Tensor:
+    """Append a row of zeros, so that the id of an empty slot is a valid index."""
+    return nn.functional.pad(vectors, (0, 0, 0, 1))
+
+
+def _forget(vectors: nn.Module, _: object) -> None:
+    """Drop a copy of vectors into which others were loaded."""
+    assert isinstance(vectors, EntityVectors)
+    vectors._padded = None
 
 
 def look_up(vectors: Tensor, ids: Tensor) -> Tensor:

@@ -66,13 +66,23 @@ def scaled_table(
     return torch.from_numpy(table)
 
 
-FACTORED_SCALES: tuple[Scale, ...] = ("standardise", "none")
+FACTORED_SCALES: tuple[Scale, ...] = ("standardise", "ranks", "none")
 """Scales that need no table of all pairs."""
+RANKED = 2**20
+"""Pairs whose scores stand for those of all pairs when ranks are computed without a table.
+
+The rank of a score among a million evenly spread pairs differs from its rank among all pairs by
+about .0005 of the range.
+"""
+KNOTS = 512
+"""Even steps in rank between two of which ranks are interpolated."""
 
 
 @dataclass(frozen=True)
 class ScaledFactors:
     """Scaled scores for a relation as factors: a pair scores ``left[head] · right[tail] - shift``.
+
+    Ranks are a function of this score: linear between ``knots``, see :func:`interpolated`.
 
     Attributes:
         left: factors of heads, shape (E, m), float32.
@@ -81,6 +91,8 @@ class ScaledFactors:
         dropped: shape (E,), bool: True if :attr:`itself` replaces the score of the entity with
             itself.
         itself: score for these self pairs, shape ().
+        knots: scores in ascending order, shape (K,); None unless scores become ranks.
+        heights: standardised percentile ranks of the knots, shape (K,); None likewise.
     """
 
     left: Tensor
@@ -88,6 +100,12 @@ class ScaledFactors:
     shift: Tensor
     dropped: Tensor
     itself: Tensor
+    knots: Tensor | None = None
+    heights: Tensor | None = None
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return the tensors by name, without those that are None."""
+        return {name: tensor for name, tensor in vars(self).items() if tensor is not None}
 
 
 def scaled_factors(
@@ -102,7 +120,8 @@ def scaled_factors(
 
     Mean and deviation follow from moments of the factors. With X and Y the factors, scores sum to
     ``Σ x · Σ y``, and squared scores to the sum over all entries in ``XᵀX * YᵀY``, both without
-    self pairs.
+    self pairs. Ranks are those among :data:`RANKED` pairs, or among all pairs if there are no more,
+    and are interpolated between :data:`KNOTS` steps.
 
     Args:
         scorer: any scorer with factors.
@@ -118,6 +137,15 @@ def scaled_factors(
     one_of("scale", scale, FACTORED_SCALES)
     one_of("self_edges", self_edges, get_args(SelfEdges))
     left, right = (part.detach().cpu() for part in scorer.factors(relation))
+    dropped = torch.zeros(len(left), dtype=torch.bool)
+    if self_edges != "keep":
+        rows = _dropped_self_edges(len(left), relation, self_edges, observed)
+        dropped[torch.from_numpy(rows)] = True
+    zero = torch.zeros(())
+    if scale == "ranks":
+        knots, heights = _rank_knots(left.float(), right.float())
+        # The mean of standardised ranks is 0.
+        return ScaledFactors(left, right, zero, dropped, zero, knots, heights)
     # Differences of large sums follow, which 32 bits would round away.
     x = left.double()
     y = right.double()
@@ -130,15 +158,69 @@ def scaled_factors(
     # A smaller variance means scores that are equal up to rounding, which must not be amplified.
     has_spread = variance > 1e-12 * square / pairs
     deviation = variance.sqrt() if has_spread else torch.ones_like(mean)
-    dropped = torch.zeros(len(left), dtype=torch.bool)
-    if self_edges != "keep":
-        rows = _dropped_self_edges(len(left), relation, self_edges, observed)
-        dropped[torch.from_numpy(rows)] = True
-    zero = torch.zeros(())
     if scale == "none":
         return ScaledFactors(left, right, shift=zero, dropped=dropped, itself=mean.float())
     scaled = (x / deviation).float()
     return ScaledFactors(scaled, right, (mean / deviation).float(), dropped, itself=zero)
+
+
+def interpolated(scores: Tensor, knots: Tensor, heights: Tensor) -> Tensor:
+    """Return heights at scores: linear between knots, constant before the first and after the last.
+
+    Args:
+        scores: shape (B, A).
+        knots: scores in ascending order, each row's own, shape (B, K); K is 2 or more. Equal knots
+            at the end fill a row.
+        heights: heights of the knots, shape (B, K).
+
+    Returns:
+        shape (B, A).
+    """
+    # The first knot that is not smaller: a score that equals a knot gets its height exactly.
+    above = torch.searchsorted(knots, scores).clamp_(1, knots.shape[1] - 1)
+    low = knots.gather(1, above - 1)
+    width = knots.gather(1, above) - low
+    share = torch.where(width > 0, (scores - low) / width, 1.0).clamp_(0, 1)
+    return torch.lerp(heights.gather(1, above - 1), heights.gather(1, above), share)
+
+
+def _rank_knots(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
+    """Return scores and their standardised ranks, shape (3 · KNOTS,) each, in ascending order."""
+    heads, tails = _spread_pairs(len(left))
+    scores = np.empty(len(heads), dtype=np.float32)
+    block = 2**16  # pairs at once: factors of a million pairs would take gigabytes
+    for start in range(0, len(heads), block):
+        some = slice(start, start + block)
+        scores[some] = (left[heads[some]] * right[tails[some]]).sum(1).numpy()
+    values, group, counts = np.unique(scores, return_inverse=True, return_counts=True)
+    # Equal scores share their mean rank.
+    ends = np.cumsum(counts)
+    ranks = ends - (counts - 1) / 2
+    of_different = ranks[group[heads != tails]]
+    deviation = of_different.std() if len(of_different) else 0.0
+    mean = of_different.mean() if len(of_different) else ranks.mean()
+    standard = (ranks - mean) / (deviation if deviation > 0 else 1.0)
+    steps = np.searchsorted(ends, np.linspace(1, ends[-1], KNOTS))
+    # Beside a score that many pairs share, ranks jump: its neighbours are knots as well.
+    beside = np.concatenate([steps - 1, steps, steps + 1]).clip(0, len(values) - 1)
+    chosen = np.unique(beside)
+    filled = np.concatenate([chosen, np.full(3 * KNOTS - len(chosen), chosen[-1])])
+    return torch.from_numpy(values[filled]), torch.from_numpy(standard[filled].astype(np.float32))
+
+
+def _spread_pairs(size: int) -> tuple[Ids, Ids]:
+    """Return heads and tails of all pairs of entities, or of :data:`RANKED` evenly spread ones."""
+    if size * size <= RANKED:
+        heads, tails = np.divmod(np.arange(size * size), size)
+        return heads, tails
+    # Points of the R2 sequence fill a square evenly, without random numbers. Source: Roberts 2018,
+    # "The unreasonable effectiveness of quasirandom sequences"; 1.3247 is the plastic number.
+    plastic = 1.324717957244746
+    numbers = np.arange(1, RANKED + 1)
+    heads, tails = (
+        (numbers * step % 1 * size).astype(np.int64) for step in (1 / plastic, 1 / plastic**2)
+    )
+    return heads, tails
 
 
 def _dropped_self_edges(

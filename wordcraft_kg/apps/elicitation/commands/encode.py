@@ -26,6 +26,8 @@ def encode(
 ) -> None:
     """Encode entity labels with a sentence encoder: vectors for --features.
 
+    Vectors are saved while it runs: after Ctrl-C, repeat the command to continue.
+
     Args:
         others: further graphs or books, such as those that train-recipes --with names.
         encoder: model folder, or a name on the Hugging Face hub.
@@ -46,18 +48,21 @@ def encode(
     for label in split_labels(labels or []):
         every[check_label(label, "`labels`")] = None
     names = list(every)
-    from wordcraft_kg.apps.elicitation.encoder import encode_labels, write_vectors
+    from wordcraft_kg.apps.elicitation.encoder import encode_folder
     from wordcraft_kg.apps.elicitation.weights import locate_model
 
-    progress = output.progress("encoding", unit="label")
-    vectors, hashes = encode_labels(names, locate_model("encoder", encoder), progress)
-    inputs = {
-        "graph": graphs[0].hash,
-        **{f"graph {each.name}": each.hash for each in graphs[1:]},
-        **hashes,
-    }
-    written = write_vectors(folder, names, vectors, inputs=inputs, force=force)
-    size, dimensions = vectors.shape
+    written, dimensions, hashes = encode_folder(
+        folder,
+        names,
+        locate_model("encoder", encoder),
+        inputs={
+            "graph": graphs[0].hash,
+            **{f"graph {each.name}": each.hash for each in graphs[1:]},
+        },
+        report=output.progress("encoding", unit="label"),
+        force=force,
+    )
+    size = len(names)
     following = command_line("train-recipes", graph, "--features", written)
     output.result(
         {"out": str(written), "labels": size, "dimensions": dimensions, "weights": hashes},

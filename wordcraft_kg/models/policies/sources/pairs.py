@@ -20,7 +20,7 @@ from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.config import SelfEdges
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
-from wordcraft_kg.models.scorers.scales import scaled_factors, scaled_table
+from wordcraft_kg.models.scorers.scales import interpolated, scaled_factors, scaled_table
 
 # Axis names and types of the buffers, for `check_constants`; N is E + 1.
 _TABLE = {"scores": "N N float32"}
@@ -31,6 +31,7 @@ _FACTORS = {
     "dropped": "N bool",
     "itself": "float32",
 }
+_RANKS = {"knots": "K float32", "heights": "K float32"}
 
 
 class PairSource(FoldedSource):
@@ -52,6 +53,8 @@ class PairSource(FoldedSource):
         shift: buffer, shape (): subtracted from each product.
         dropped: buffer, shape (E + 1,), bool: entities whose score with itself is replaced.
         itself: buffer, shape (): the score that replaces these.
+        knots: buffer, shape (K,): scores in ascending order, if factors' scores become ranks.
+        heights: buffer, shape (K,): the ranks of these scores, standardised.
     """
 
     scores: Tensor
@@ -60,12 +63,14 @@ class PairSource(FoldedSource):
     shift: Tensor
     dropped: Tensor
     itself: Tensor
+    knots: Tensor
+    heights: Tensor
 
     def __init__(self, num_entities: int, constants: Mapping[str, Tensor]):
         """Take the buffers: ``scores``, or those of factors; and ``fold_of_recipe`` with folds."""
         super().__init__(num_entities, constants.get("fold_of_recipe"))
         self.is_table = "scores" in constants
-        for name in _TABLE if self.is_table else _FACTORS:
+        for name in _layouts(constants):
             self.register_buffer(name, constants[name])
 
     @classmethod
@@ -103,7 +108,7 @@ class PairSource(FoldedSource):
     def restored(  # noqa: D102 - inherited
         cls, num_entities: int, constants: Mapping[str, Tensor]
     ) -> Self:
-        layouts = _TABLE if "scores" in constants else _FACTORS
+        layouts = _layouts(constants)
         folds = cls.num_folds(constants)
         if folds is not None:
             layouts = {name: f"models {layout}" for name, layout in layouts.items()}
@@ -152,9 +157,11 @@ class PairSource(FoldedSource):
         itself = self.itself
         slot_rows = table
         key_rows = key
+        first_knots = torch.zeros_like(key)
         if self.left.ndim == 3:  # with folds: rows of all models one below the other, as above
             model = torch.zeros_like(key) if model is None else model
             first_row = (nothing + 1) * model
+            first_knots = model
             shift = shift[model][:, None]
             itself = itself[model][:, None]
             slot_rows = table + first_row[:, None]
@@ -164,6 +171,12 @@ class PairSource(FoldedSource):
         # One small product for each state: (A, m) by (m, 1).
         products = torch.bmm(left.view(*table.shape, -1), right[:, :, None])[:, :, 0]
         scores = products - shift
+        if "knots" in self._buffers:
+            # As above, the knots of all models one below the other.
+            knots, heights = (
+                part.view(-1, part.shape[-1])[first_knots] for part in (self.knots, self.heights)
+            )
+            scores = interpolated(scores, knots, heights)
         is_dropped = (table == key[:, None]) & self.dropped.view(-1)[slot_rows]
         scores = torch.where(is_dropped, itself, scores)
         # The zero rows give -shift, not 0, so scores of E are set here.
@@ -205,6 +218,13 @@ class ComponentOf(PairSource):
 
     def key(self, states: States) -> Tensor:  # noqa: D102 - inherited
         return states.goal
+
+
+def _layouts(constants: Mapping[str, Tensor]) -> dict[str, str]:
+    """Return axis names and types of the buffers of one model, whose kind their names tell."""
+    if "scores" in constants:
+        return _TABLE
+    return _FACTORS | _RANKS if "knots" in constants else _FACTORS
 
 
 def _without_each_fold(
@@ -250,7 +270,7 @@ def _constants(
         table[:-1, :-1] = scores.detach().cpu().T
         return {"scores": table}
     assert isinstance(scorer, FactoredScorer)
-    constants = dict(vars(scaled_factors(scorer, relation, view.scale, **settings)))
+    constants = scaled_factors(scorer, relation, view.scale, **settings).tensors()
     for name in ("left", "right", "dropped"):
         # A row for E; zeros, so that the factors' product is finite there.
         constants[name] = torch.cat([constants[name], torch.zeros_like(constants[name][:1])])

@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
-from wordcraft_kg.models.scorers.neighbours.lists import Floats, Lists, make_lists
+from wordcraft_kg.models.scorers.neighbours.lists import Lists, make_lists
 from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, pairs_of
 from wordcraft_kg.models.scorers.ranker import RANKER
 
@@ -86,6 +86,8 @@ FEATURES = (
 """All features, in the order of the ranker's weights."""
 _ROWS = 64
 """Fewest tables for a thread: starting it takes as long as a few tables."""
+_BLOCK = 32
+"""Most tables that a thread takes at once: few, so that all threads end at about the same time."""
 BUFFERS = ("vectors", "near_words", "recipes", "seen", *RANKER)
 """Names of the stored tensors."""
 
@@ -179,6 +181,9 @@ class NeighbourKnowledge(PairKnowledge):
     def features(  # noqa: D102 - inherited
         self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
     ) -> Tensor:
+        # Compiled loops are imported late: numba takes as long to import as all the rest.
+        from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
+
         one, other = (
             slots.cpu().numpy() for slots in pairs or pairs_of(table.shape[1], table.device)
         )
@@ -186,9 +191,29 @@ class NeighbourKnowledge(PairKnowledge):
         tables = self._ids(table)
         models = model.cpu().numpy()
         features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
-        for number in np.unique(models).tolist():
-            rows = np.flatnonzero(models == number)
-            features[rows] = _features(self.lists(number), goals[rows], tables[rows], one, other)
+        rows_of = {
+            number: np.flatnonzero(models == number) for number in np.unique(models).tolist()
+        }
+        blocks: list[tuple[Lists, Ids]] = []
+        for number, rows in rows_of.items():
+            parts = np.array_split(rows, -(-len(rows) // _BLOCK))
+            blocks += [(self.lists(number), part) for part in parts]
+
+        def write(block: tuple[Lists, Ids]) -> None:
+            lists, rows = block
+            out = np.zeros((len(rows), *features.shape[1:]), dtype=np.float32)
+            table_features(lists, goals[rows], tables[rows], one, other, out)
+            features[rows] = out
+
+        # Blocks of all models together: a batch of a cross-fitted scorer has few rows for each.
+        workers = min(torch.get_num_threads(), len(goals) // _ROWS)
+        if workers <= 1:
+            for block in blocks:
+                write(block)
+        else:
+            # Rows do not depend on each other, and compiled loops run without Python's lock.
+            with ThreadPoolExecutor(workers) as pool:
+                list(pool.map(write, blocks))
         return torch.from_numpy(features).to(goal.device).permute(2, 0, 1)
 
     def support_of(  # noqa: D102 - inherited
@@ -263,33 +288,6 @@ class NeighbourKnowledge(PairKnowledge):
             found[rows] = of_rows
         ids = torch.from_numpy(found.astype(np.int64)).to(goal.device)
         return ids.masked_fill(ids < 0, self.num_entities)
-
-
-def _features(lists: Lists, goals: Ids, tables: Ids, one: Ids, other: Ids) -> Floats:
-    """Return the features of pairs of slots, (B, P, F), by as many threads as torch may use."""
-    # Compiled loops are imported late: numba takes as long to import as all the rest.
-    from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
-
-    features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
-    workers = min(torch.get_num_threads(), len(goals) // _ROWS)
-    if workers <= 1:
-        table_features(lists, goals, tables, one, other, features)
-        return features
-    # Rows do not depend on each other, and compiled loops run without Python's lock.
-    blocks = [
-        slice(int(rows[0]), int(rows[-1]) + 1)
-        for rows in np.array_split(np.arange(len(goals)), workers)
-    ]
-    with ThreadPoolExecutor(workers) as pool:
-        done = [
-            pool.submit(
-                table_features, lists, goals[rows], tables[rows], one, other, features[rows]
-            )
-            for rows in blocks
-        ]
-    for part in done:
-        part.result()
-    return features
 
 
 def _codes(recipes: Tensor, size: int) -> Tensor:

@@ -222,7 +222,7 @@ def _vectors(
                 # Saved parts took no time, so they say nothing about the rest.
                 minutes = (time.perf_counter() - begun) / 60
                 left = minutes / computed * (len(labels) - done) if computed else 0.0
-                report(done, len(labels), {"minutes_left": left})
+                report(done, len(labels), {"minutes_left": round(left, 1)})
     except KeyboardInterrupt:
         if folder is None:
             raise

@@ -172,8 +172,10 @@ class NeighbourKnowledge(PairKnowledge):
         """Return a model's lists; made at the first call by one thread, so that none differ."""
         if model not in self._lists:
             recipes = self.recipes[self.seen[model]].cpu().numpy().astype(np.int64)
-            vectors = self.vectors.float().cpu().numpy()
             near_words = self.near_words.cpu().numpy()
+            others = list(self._lists.values())
+            # All models have the same words: their lists share one copy.
+            vectors = others[0].vectors if others else self.vectors.float().cpu().numpy()
             with torch_threads(1), threadpool_limits(1):
                 self._lists[model] = make_lists(recipes, vectors, near_words)
         return self._lists[model]

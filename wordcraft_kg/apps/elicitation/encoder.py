@@ -9,6 +9,7 @@ machine, in one run or after interruptions.
 
 import io
 import json
+import math
 import shutil
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -222,7 +223,8 @@ def _vectors(
                 # Saved parts took no time, so they say nothing about the rest.
                 minutes = (time.perf_counter() - begun) / 60
                 left = minutes / computed * (len(labels) - done) if computed else 0.0
-                report(done, len(labels), {"minutes_left": round(left, 1)})
+                # Up to a tenth: the last labels take some time, too.
+                report(done, len(labels), {"minutes_left": math.ceil(10 * left) / 10})
     except KeyboardInterrupt:
         if folder is None:
             raise

@@ -150,6 +150,7 @@ def view_check(
             raise RecipeFileError(
                 f"{path}: no recipe is readable, so nothing was written to {fix}."
             )
+        fix.parent.mkdir(parents=True, exist_ok=True)
         write_book(check.book, fix)
     if graph is not None:
         try:

@@ -381,3 +381,13 @@ def test_a_book_with_very_many_findings_is_read_to_its_end(check):
 def test_lists_in_findings_quote_labels_with_commas(check):
     found = check(HEADER + 'water,"salt, fine",brine\nbrine,fire,steam\n')
     assert "without a recipe: fire, 'salt, fine', water. Name" in message(found, "base")
+
+
+def test_findings_list_no_half_products(check):
+    text = "plank + rope + coal + iron = lamp\nlamp + gold = box\n"
+    found = check(text, "book.txt", ingredients="chain", base=["plank", "gold"])
+    says = "5 entities cannot be made from the base (gold, plank): box, coal, iron, lamp, rope"
+    assert message(found, "unreachable") == says
+    circle = "a + b + c = d\nd + x + y = a\n"
+    found = check(circle, "book.txt", ingredients="chain", base=["b", "c", "x", "y"])
+    assert message(found, "cycle").endswith("made first: a, d")

@@ -386,7 +386,8 @@ def _unreachable(
             (part, result) for part in (a, b) if part in outside and result in outside
         )
     for island in sorted(nx.weakly_connected_components(needs), key=min):
-        labels = graph.labels(sorted(island))
+        # Half-products are no entities of the file. Each needs an ingredient outside that is one.
+        labels = graph.labels([node for node in sorted(island) if not graph.is_half_product[node]])
         subject = counted(len(labels), "entity", "entities")
         message = f"{subject} cannot be made from the base ({listed(graph.base)}): {listed(labels)}"
         yield _problem("unreachable", message, _at(labels[:LISTED], line_of))
@@ -395,7 +396,9 @@ def _unreachable(
         places_of.setdefault(recipe.result, []).extend(places)
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
         if len(circle) > 1 and _is_closed(graph, circle):
-            labels = graph.labels(sorted(circle))
+            labels = graph.labels(
+                node for node in sorted(circle) if not graph.is_half_product[node]
+            )
             lines = _numbers(place for label in labels for place in places_of.get(label, ()))
             message = f"every recipe of these needs another of them, so none can be made first: {listed(labels)}"
             yield _problem("cycle", message, lines)

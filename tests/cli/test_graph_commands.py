@@ -368,6 +368,7 @@ def test_an_output_that_exists_is_kept_until_it_is_forced(refused, run, out):
             [],
             "loop' is a link in a loop of links. Remove the link, or choose another --out.",
         ),
+        ("dangling/below/kitchen", [], "dangling' is a link to"),
     ],
 )
 def test_an_output_that_is_not_ours_or_a_file_is_never_replaced(refused, out, path, options, says):
@@ -375,6 +376,7 @@ def test_an_output_that_is_not_ours_or_a_file_is_never_replaced(refused, out, pa
     for name in ("file", "thesis/chapter.tex"):
         (out / name).write_text("mine", encoding="utf-8")
     (out / "loop").symlink_to("loop")
+    (out / "dangling").symlink_to("missing")
     before = contents(out)
     refused("build-graph", "kitchen", "--out", out / path, *options, says=says)
     assert contents(out) == before
@@ -804,6 +806,15 @@ def test_books_lists_sizes_where_they_are_known_at_once(printed, run, home, monk
     ]
 
 
+def test_the_figures_of_a_check_count_no_half_products(run, book):
+    path = book("lamps.txt", "plank + rope + coal + iron = lamp\nlamp + gold = box\n")
+    options = ("--ingredients", "chain", "--json")
+    run("build-graph", path, "--split", "none", "--out", path.parent / "lamps", *options)
+    checked = run("check-book", path, "--against", path.parent / "lamps", *options)
+    figures = json.loads(checked.out)["figures"]
+    assert (figures["words"], figures["shared_recipes"], figures["shared"]) == (7, 2, 1)
+
+
 def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, home):
     path = book(
         "wiki.csv", "x;y;z\nwater;earth;mud\nmud;water;mud\nearth;water;mud\nmud;fire;brick;?\n"
@@ -829,7 +840,9 @@ def test_a_table_of_another_program_is_read_as_announced_and_mended(run, book, h
     assert text == TABLE + "earth,water,mud\n"
     assert run("check-book", home / "mended.csv").code == 0
     again = run("check-book", path, *columns, "--fix", home / "mended.csv")
-    assert "exists" in again.err
+    assert "exists. Choose another --fix, or replace it with --force." in again.err
+    run("check-book", path, *columns, "--fix", home / "new" / "folder" / "mended.csv")
+    assert (home / "new" / "folder" / "mended.csv").read_text(encoding="utf-8") == text
     built = run(
         "build-graph", home / "mended.csv", "--split", "none", "--out", home / "graph", "--json"
     )

@@ -102,6 +102,11 @@ REFUSED = {
     "zip in a zip": (zipped({"b.csv": zipped({"c.csv": table()})}), "b.zip", "within an archive"),
     "empty zip": (zipped({}), "b.zip", "0 files that may be recipe books"),
     "deep JSON": ('{"a":' * 10_000 + "1" + "}" * 10_000, "b.json", "nested too deeply"),
+    "a key twice, the last of many": (
+        "{" + "".join(f'"k{i}": null, ' for i in range(50_000)) + '"k49999": null}',
+        "b.json",
+        "the key 'k49999' occurs twice",
+    ),
     "deep lists": ("[" * 10_000 + "]" * 10_000, "b.json", "nested too deeply"),
     "bzip2": (b"BZh91AY&SY", "b.csv", "compressed with bzip2"),
     "binary": (b"\x00\x01\x02a,b,c\n", "b.csv", "a binary file"),

@@ -83,7 +83,7 @@ def test_everything_wrong_is_reported_in_one_run_with_its_lines(check):
     assert message(found, "duplicate") == "earth + water -> mud is listed 2 times"
     assert (
         message(found, "spelling")
-        == "'Mud' and 'mud' count as different entities; use one spelling"
+        == "'Mud' and 'mud' count as different entities; if they are the same thing, use one spelling"
     )
     assert (
         message(found, "comma")
@@ -376,3 +376,18 @@ def test_a_book_with_very_many_findings_is_read_to_its_end(check):
     assert found.figures.reachable == found.figures.entities == len(names) + 1
     assert [kind for kind, severity, _ in kinds(found) if severity == "problem"] == ["self-result"]
     assert message(found, "self-result").startswith("6,001 recipes make one of their ingredients")
+
+
+def test_lists_in_findings_quote_labels_with_commas(check):
+    found = check(HEADER + 'water,"salt, fine",brine\nbrine,fire,steam\n')
+    assert "without a recipe: fire, 'salt, fine', water. Name" in message(found, "base")
+
+
+def test_findings_list_no_half_products(check):
+    text = "plank + rope + coal + iron = lamp\nlamp + gold = box\n"
+    found = check(text, "book.txt", ingredients="chain", base=["plank", "gold"])
+    says = "5 entities cannot be made from the base (gold, plank): box, coal, iron, lamp, rope"
+    assert message(found, "unreachable") == says
+    circle = "a + b + c = d\nd + x + y = a\n"
+    found = check(circle, "book.txt", ingredients="chain", base=["b", "c", "x", "y"])
+    assert message(found, "cycle").endswith("made first: a, d")

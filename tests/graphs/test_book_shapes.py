@@ -95,5 +95,6 @@ def test_the_guide_shows_an_example_of_each_shape():
         "Lines",
         "JSON",
         "Infinite Craft",
+        "Hypergraph",
     }
     assert len(EXAMPLES) >= 8

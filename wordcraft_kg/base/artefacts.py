@@ -126,32 +126,44 @@ def what_is(path: Path) -> str:
     return f"has none of {', '.join(_OWN_FILES)}"
 
 
-def output_target(out: Path) -> Path:
+def output_target(out: Path, setting: str = "out") -> Path:
     """Return the path that an output replaces: the end of a link, otherwise ``out`` itself.
 
     The link stays. Only outputs that a user names are followed through links. Files in a folder are
     not: a folder that somebody else made may hold links to any file of the user's.
 
+    Args:
+        out: file or folder to write.
+        setting: the setting that names it, for errors.
+
     Raises:
-        OutputExistsError: if ``out`` is a device, a pipe or a socket, or a link that leads nowhere.
+        OutputExistsError: if ``out`` is a device, a pipe or a socket, or if it or a folder above it
+            is a link that leads nowhere.
     """
-    _refuse_special(out)
-    if not out.is_symlink():
-        return out
-    target = Path(os.path.realpath(out))
+    _refuse_special(out, setting)
+    for path in (out, *out.parents):
+        _refuse_lost_link(path, setting)
+    return Path(os.path.realpath(out)) if out.is_symlink() else out
+
+
+def _refuse_lost_link(path: Path, setting: str) -> None:
+    """Raise OutputExistsError for a link that leads nowhere: nothing can be written there."""
+    if not path.is_symlink():
+        return
+    target = Path(os.path.realpath(path))
     if not os.path.lexists(target):
         raise OutputExistsError(
-            f"'{out}' is a link to '{target}', which does not exist. Remove the link, or choose "
-            "another `out`."
+            f"'{path}' is a link to '{target}', which does not exist. Remove the link, or choose "
+            f"another `{setting}`."
         )
     if target.is_symlink():
         raise OutputExistsError(
-            f"'{out}' is a link in a loop of links. Remove the link, or choose another `out`."
+            f"'{path}' is a link in a loop of links. Remove the link, or choose another "
+            f"`{setting}`."
         )
-    return target
 
 
-def _refuse_special(path: Path) -> None:
+def _refuse_special(path: Path, setting: str = "out") -> None:
     """Raise OutputExistsError for a device, pipe or socket: a rename would replace it by a file."""
     try:
         mode = path.stat().st_mode
@@ -160,7 +172,7 @@ def _refuse_special(path: Path) -> None:
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise OutputExistsError(
             f"'{path}' is a device, a pipe or a socket; expected a file or a folder. Choose "
-            "another `out`."
+            f"another `{setting}`."
         )
 
 
@@ -284,20 +296,25 @@ def staged_file(out: Path, *, force: bool = False) -> Iterator[Path]:
         os.replace(staging / out.name, target)
 
 
-def check_output_file(out: Path, *, force: bool) -> None:
+def check_output_file(out: Path, *, force: bool, setting: str = "out") -> None:
     """Check, before any work, that an output may be written to the file ``out``.
+
+    Args:
+        out: file to write.
+        force: whether an existing file may be replaced.
+        setting: the setting that names it, for errors.
 
     Raises:
         OutputExistsError: if ``out`` is a folder or a device, or exists and ``force`` is False.
     """
-    output_target(out)
+    output_target(out, setting)
     if out.is_dir():
         raise OutputExistsError(
-            f"'{out}' is a folder, but the output is a file. Choose another `out`."
+            f"'{out}' is a folder, but the output is a file. Choose another `{setting}`."
         )
     if out.exists() and not force:
         raise OutputExistsError(
-            f"'{out}' exists. Choose another `out`, or replace it with `force`."
+            f"'{out}' exists. Choose another `{setting}`, or replace it with `force`."
         )
 
 

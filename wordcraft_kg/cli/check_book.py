@@ -54,7 +54,7 @@ def check_book(  # noqa: PLR0913 - parameters are the command's options
 
     whole("limit", limit, 0)
     if fix is not None:
-        check_output_file(fix, force=force)
+        check_output_file(fix, force=force, setting="fix")
     labels = split_labels(base) if base else None
     view = view_check(book, labels, against, fix=fix, **file.for_reading())
     output.result(view, _text(view, None if all else limit))

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Unpack
 
+import numpy as np
+
 from wordcraft_kg.base.errors import RecipeFileError, SplitError
 from wordcraft_kg.base.records import Count, Record
 from wordcraft_kg.graphs.book_check import BookCheck, BookStatistics, Finding, check_book, listed
@@ -150,6 +152,7 @@ def view_check(
             raise RecipeFileError(
                 f"{path}: no recipe is readable, so nothing was written to {fix}."
             )
+        fix.parent.mkdir(parents=True, exist_ok=True)
         write_book(check.book, fix)
     if graph is not None:
         try:
@@ -158,8 +161,9 @@ def view_check(
             message = f"words were not checked for word vectors, which need {error.name}"
             check = check.adding([Finding("vector", "note", (), message)])
     if graph is not None and other is not None:
-        shared = len(set(graph.recipe_labels()) & set(other.recipes))
-        share = shared / graph.num_recipes
+        counted = ~graph.makes_half_product
+        shared = len(set(graph.recipe_labels(graph.recipes[counted])) & set(other.recipes))
+        share = shared / int(np.sum(counted))
         check = check.adding((), against=other.name, shared_recipes=shared, shared=share)
     return CheckedBook(
         book,
@@ -178,8 +182,11 @@ def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
     from wordcraft_kg.models.scorers.near_synonyms import NEAR_SYNONYM, near_synonym_recipes
 
     features = glove_features(graph.entities)
-    words = features.words
-    missing = features.missing_words
+    # The label of a half-product is no text of the file: its plus signs and dots are no words.
+    is_text = ~graph.is_half_product
+    texts = features if is_text.all() else glove_features(graph.labels(np.flatnonzero(is_text)))
+    words = texts.words
+    missing = texts.missing_words
     message = f"{len(missing)} of {len(words)} words have no word vector: {listed(missing)}"
     findings = [Finding("vector", "note", (), message)] if missing else []
     check = check.adding(
@@ -189,5 +196,8 @@ def _with_words(check: BookCheck, graph: RecipeGraph) -> BookCheck:
         split = make_split(graph, SplitConfig())
     except SplitError:  # too few recipes to split
         return check
-    share = float(near_synonym_recipes(split, features)[split.is_in("test")].mean())
+    is_counted = split.is_in("test") & ~graph.makes_half_product
+    if not is_counted.any():
+        return check
+    share = float(near_synonym_recipes(split, features)[is_counted].mean())
     return check.adding((), near_synonym_share=share, near_synonym_cosine=NEAR_SYNONYM)

@@ -19,7 +19,7 @@ from wordcraft_kg.base.escaping import for_terminal
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.settings import nearest
-from wordcraft_kg.base.wording import counted
+from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.graphs.book_files.book_rows import BookRows
 from wordcraft_kg.graphs.book_files.cells import HTML_ENTITY, note_of_marks, note_of_numbers
 from wordcraft_kg.graphs.book_files.container import read_bytes
@@ -177,7 +177,8 @@ def check_book(
     lines_of, book = _read_rows(rows, name or book_name(path), findings)
     reading = rows.reading(book.merged_duplicates, book.dropped_self_results, book.entities)
     findings += [
-        _note("left-out", f"{number:,} rows {reason}") for reason, number in rows.left_out.items()
+        _note("left-out", f"{counted(number, 'row')} {reason}")
+        for reason, number in rows.left_out.items()
     ]
     findings += [_note("numbers", message) for message in note_of_numbers(book.entities)]
     findings += [_note("marks", message) for message in note_of_marks(book.entities)]
@@ -365,7 +366,7 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for labels in alike_labels(graph.entities):
-        message = f"{' and '.join(map(repr, labels))} count as different entities; use one spelling"
+        message = f"{' and '.join(map(repr, labels))} count as different entities; if they are the same thing, use one spelling"
         yield _problem("spelling", message, _at(labels, line_of))
 
 
@@ -385,7 +386,8 @@ def _unreachable(
             (part, result) for part in (a, b) if part in outside and result in outside
         )
     for island in sorted(nx.weakly_connected_components(needs), key=min):
-        labels = graph.labels(sorted(island))
+        # Half-products are no entities of the file. Each needs an ingredient outside that is one.
+        labels = graph.labels([node for node in sorted(island) if not graph.is_half_product[node]])
         subject = counted(len(labels), "entity", "entities")
         message = f"{subject} cannot be made from the base ({listed(graph.base)}): {listed(labels)}"
         yield _problem("unreachable", message, _at(labels[:LISTED], line_of))
@@ -394,7 +396,9 @@ def _unreachable(
         places_of.setdefault(recipe.result, []).extend(places)
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
         if len(circle) > 1 and _is_closed(graph, circle):
-            labels = graph.labels(sorted(circle))
+            labels = graph.labels(
+                node for node in sorted(circle) if not graph.is_half_product[node]
+            )
             lines = _numbers(place for label in labels for place in places_of.get(label, ()))
             message = f"every recipe of these needs another of them, so none can be made first: {listed(labels)}"
             yield _problem("cycle", message, lines)
@@ -457,10 +461,13 @@ def _statistics(graph: RecipeGraph) -> BookStatistics:
 
 
 def listed(labels: Iterable[str]) -> str:
-    """Join the first 15 labels with commas, and count the remaining labels."""
+    """Join the first 15 labels with commas, and count the remaining labels.
+
+    Labels that hold a comma are in quotes.
+    """
     labels = list(labels)
     more = len(labels) - LISTED
-    return ", ".join(labels[:LISTED]) + (f" and {more:,} more" if more > 0 else "")
+    return ", ".join(map(quoted, labels[:LISTED])) + (f" and {more:,} more" if more > 0 else "")
 
 
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:

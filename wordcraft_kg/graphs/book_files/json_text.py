@@ -1,6 +1,7 @@
 """Parse JSON and JSON lines, with errors that name the line."""
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +80,8 @@ def _loads(path: Path | str, text: str) -> Any:
     def without_duplicate_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = dict(pairs)
         if len(keys) < len(pairs):
-            names = [key for key, _ in pairs]
-            twice = next(key for key in names if names.count(key) > 1)
+            counts = Counter(key for key, _ in pairs)
+            twice = next(key for key, count in counts.items() if count > 1)
             raise RecipeFileError(f"{path}: the key '{twice}' occurs twice in one object.")
         return keys
 

@@ -391,3 +391,11 @@ def test_findings_list_no_half_products(check):
     circle = "a + b + c = d\nd + x + y = a\n"
     found = check(circle, "book.txt", ingredients="chain", base=["b", "c", "x", "y"])
     assert message(found, "cycle").endswith("made first: a, d")
+
+
+def test_a_book_without_any_entity_to_begin_with_says_that_it_has_no_base(tmp_path):
+    circle = tmp_path / "circle.csv"
+    circle.write_text("ingredient_a,ingredient_b,result\na,b,c\nb,c,a\na,c,b\n")
+    findings = check_book(circle).findings
+    assert [finding.kind for finding in findings] == ["unreachable"]
+    assert "no base can be inferred" in findings[0].message

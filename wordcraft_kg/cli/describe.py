@@ -55,6 +55,12 @@ def warn_of_base(audited: "Audit") -> None:
     logger = logging.getLogger(__name__)
     base = names([*map(quoted, audited.base)], len(audited.base))
     # Everything else is counted from the base, so a wrong guess spoils all numbers.
+    if not audited.base:
+        logger.warning(
+            "no entity lacks a recipe, so no base can be inferred and nothing can be made. Name "
+            "the base in the book (# base: a, b) or with build-graph --base."
+        )
+        return
     if audited.base_is_inferred:
         entities = counted(len(audited.base), "entity", "entities")
         logger.warning(

@@ -23,6 +23,7 @@ from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.graphs.book_files.book_rows import BookRows
 from wordcraft_kg.graphs.book_files.cells import HTML_ENTITY, note_of_marks, note_of_numbers
 from wordcraft_kg.graphs.book_files.container import read_bytes
+from wordcraft_kg.graphs.book_files.guide import naming_the_guide
 from wordcraft_kg.graphs.book_files.opening import OpenedFile, open_source
 from wordcraft_kg.graphs.book_files.options import BookOptions, ReadOptions
 from wordcraft_kg.graphs.book_files.reader import book_name, unknown_base
@@ -167,7 +168,8 @@ def check_book(
     if not path.is_dir():
         read_bytes(path)  # raises for a missing or unreadable file
     try:
-        file = open_source(path, chosen)
+        with naming_the_guide(path):
+            file = open_source(path, chosen)
     except RecipeFileError as error:
         if path.is_dir():
             raise
@@ -196,7 +198,7 @@ def check_book(
         book, None if wanted is None else set(wanted).intersection(book.entities)
     )
     line_of = _first_lines(lines_of)
-    if graph.base_is_inferred:
+    if graph.base_is_inferred and graph.base:
         entities = counted(len(graph.base), "entity", "entities")
         message = f"no base is named, so the base is the {entities} without a recipe"
         findings.append(
@@ -377,6 +379,13 @@ def _unreachable(
 ) -> Iterator[Finding]:
     import networkx as nx
 
+    if not graph.base:
+        message = (
+            "no entity lacks a recipe, so no base can be inferred and nothing can be made. Name the "
+            "base: # base: a, b in the book, or build-graph --base a,b"
+        )
+        yield _problem("unreachable", message)
+        return
     idle = graph.recipe_counts + graph.use_counts == 0
     outside = set(np.flatnonzero((layers(graph) < 0) & ~idle).tolist())
     needs = nx.DiGraph()

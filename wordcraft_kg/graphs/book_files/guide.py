@@ -1,5 +1,7 @@
 """Refusals of files: the shape seen, the nearest readable shape, and the guide's anchor."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from wordcraft_kg.base.errors import RecipeFileError
@@ -33,3 +35,17 @@ def refusal(path: Path | str, seen: str, anchor: str, remedy: str = "") -> Recip
     return RecipeFileError(
         f"{path}: {seen}.{hint} Nearest readable shape: {SHAPES[anchor]}. See {GUIDE}#{anchor}."
     )
+
+
+@contextmanager
+def naming_the_guide(path: Path) -> Iterator[None]:
+    """Add the guide to the refusal of a file that is read inside, unless it names it.
+
+    A damaged graph folder is no file of a user, and no readable shape helps it.
+    """
+    try:
+        yield
+    except RecipeFileError as error:
+        if GUIDE in str(error) or path.name == "graph.json":
+            raise
+        raise RecipeFileError(f"{str(error).rstrip('.')}. See {GUIDE}.") from None

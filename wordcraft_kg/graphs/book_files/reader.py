@@ -15,7 +15,7 @@ from wordcraft_kg.base.errors import RecipeFileError
 from wordcraft_kg.base.progress import stage
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.book_files.book_rows import BookRows
-from wordcraft_kg.graphs.book_files.guide import GUIDE
+from wordcraft_kg.graphs.book_files.guide import GUIDE, naming_the_guide
 from wordcraft_kg.graphs.book_files.opening import open_source
 from wordcraft_kg.graphs.book_files.options import BookOptions, ReadOptions
 from wordcraft_kg.graphs.book_files.rows import Fault
@@ -53,7 +53,8 @@ def read_book(
     if (path / "graph.json").is_file():
         path = path / "graph.json"
     chosen = BookOptions(**options)
-    file = open_source(path, chosen)
+    with naming_the_guide(path):
+        file = open_source(path, chosen)
     rows = BookRows(file, chosen)
     book = RecipeBook.of(
         name or book_name(path),

@@ -75,7 +75,12 @@ class NeighbourCandidates:
         self, goal: Tensor, table: Tensor, model: Tensor, number: int, width: int
     ) -> Tensor:
         return self.knowledge.intermediates(
-            goal, table, model, attempts=number, width=width, near=NEAR
+            goal,
+            table,
+            model,
+            attempts=number,
+            width=width,
+            near=NEAR,
         )
 
 

@@ -300,7 +300,12 @@ class PlanSearch:
             one = one[is_scored]
             other = other[is_scored]
         of_pairs = self.curve.log_probabilities(
-            self.knowledge, goal, table, model, (one, other), prior=prior
+            self.knowledge,
+            goal,
+            table,
+            model,
+            (one, other),
+            prior=prior,
         )
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
         values[:, one, other] = of_pairs

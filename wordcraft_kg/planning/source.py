@@ -195,7 +195,11 @@ class BestPlan(BestRecipe):
                 return best
             _, _, expected, _ = plan[0]
             supporting = self.knowledge.supporting_recipes(
-                entity, best.partner, expected, model=model, limit=3
+                entity,
+                best.partner,
+                expected,
+                model=model,
+                limit=3,
             )
             return Evidence(best.partner, tuple(supporting), tuple(plan))
 

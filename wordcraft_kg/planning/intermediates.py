@@ -72,7 +72,12 @@ class NeighbourCandidates:
         self.knowledge = knowledge
 
     def __call__(  # noqa: D102 - inherited
-        self, goal: Tensor, table: Tensor, model: Tensor, number: int, width: int
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        number: int,
+        width: int,
     ) -> Tensor:
         return self.knowledge.intermediates(
             goal,

@@ -163,7 +163,8 @@ class PlanSearch:
                 (first_slot, second_slot),
                 prior=0.0 if is_goal else INTERMEDIATE,
             )
-            steps.append((table[one], table[other], int(result), float(chance.exp())))
+            probability = float(chance.exp())
+            steps.append((table[one], table[other], int(result), probability))
             if is_goal:
                 break
             table.append(int(result))
@@ -232,7 +233,8 @@ class PlanSearch:
         to_candidates = self._to_candidates(candidates, sources, model, tried)
         after = _after_candidates(to_goal, to_candidates, slots, number)
         at_once = to_goal[:, None, :slots, :slots]
-        later = to_candidates[:, :, :slots, :slots] + after[:, :, None, None] - FURTHER
+        of_table = to_candidates[:, :, :slots, :slots]
+        later = of_table + after[:, :, None, None] - FURTHER
         values = torch.cat([at_once, later], dim=1)
         results = torch.cat([goal[:, None], candidates], dim=1)
         return values, results
@@ -311,9 +313,11 @@ class PlanSearch:
         values[:, one, other] = of_pairs
         values[:, other, one] = of_pairs
         is_empty = table == self.knowledge.num_entities
-        values.masked_fill_(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
+        has_empty = is_empty[:, :, None] | is_empty[:, None]
+        values.masked_fill_(has_empty, -torch.inf)
         if tried is not None:
-            of_tried = values[:, : tried.shape[1], : tried.shape[2]]
+            known_slots = tried.shape[1]
+            of_tried = values[:, :known_slots, :known_slots]
             of_tried.masked_fill_(tried, -torch.inf)
         return values
 

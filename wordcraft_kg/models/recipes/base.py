@@ -128,7 +128,6 @@ def features_of_pairs(base: Base) -> list[Tensor]:
     similar = _to_others(base.structure)
     alike = base.alike
     words_like = base.words_like
-    similar_words = _to_others(words_like)
     made = components.sum(0).log1p()
     degree = combines.sum(1).log1p()
     first = base.column(0)
@@ -143,7 +142,7 @@ def features_of_pairs(base: Base) -> list[Tensor]:
         _log(base.completed),
         _log(_symmetric(similar @ combines)),
         _log(_symmetric(similar**3 @ combines)),
-        _log(_symmetric(similar_words @ combines)),
+        _log(_symmetric(_to_others(words_like) @ combines)),
         _log(_symmetric(_evidence(alike, [first], second))),
         _log(_symmetric(_evidence(words_like, [first], second))),
         base.text,

@@ -170,7 +170,9 @@ def fit_recipe_scorer(
     """
     turns = _turns(folds, left_out)
     rng = np.random.default_rng([seed, *sorted(left_out)])
-    generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
+    # The first draw of `rng`, so that networks and tables follow from one seed.
+    torch_seed = int(rng.integers(2**31))
+    generator = torch.Generator().manual_seed(torch_seed)
     bases, rankers = fit_link_rankers(
         folds,
         text,
@@ -184,15 +186,24 @@ def fit_recipe_scorer(
     examples = []
     for fold, base in zip(turns, bases, strict=True):
         # Features of a held-out recipe come from the other folds, as those of an unseen recipe.
-        others = knowledge_from(base, rankers, outside)
+        # Their knowledge gets no name: two of them would take twice the memory.
         held_out = folds.recipes_of(fold)
-        examples.append(pair_examples(others, held_out, whole.recipes, rng))
+        of_fold = pair_examples(
+            knowledge_from(base, rankers, outside),
+            held_out,
+            whole.recipes,
+            rng,
+        )
+        examples.append(of_fold)
     features, competes, is_right = (torch.cat(parts) for parts in zip(*examples, strict=True))
     flat = features[competes]
     order = torch.randperm(len(features), generator=generator)
-    batches = [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)]
+    batches = []
+    for rows in order.split(PAIR_BATCH):
+        batches.append((features[rows], competes[rows], is_right[rows]))
     mean = flat.mean(0)
-    scale = feature_scale(flat.std(0), flat.amax(0) - flat.amin(0))
+    span = flat.amax(0) - flat.amin(0)
+    scale = feature_scale(flat.std(0), span)
     ranker = fit_ranker(
         batches,
         mean,
@@ -228,12 +239,10 @@ def knowledge_from(
     Returns:
         knowledge with weights of 0 in place of a recipe ranker's.
     """
-    scores = []
-    # The features of one relation at a time: they are by far the largest arrays.
-    for ranker, features in zip(rankers, link_features(base, outside), strict=True):
-        by_rows = [ranker(rows) for rows in features.split(_LINK_ROWS)]
-        scores.append(torch.cat(by_rows))
-    pairs, parts = scores
+    # A generator: the features of one relation at a time, by far the largest arrays, and none of
+    # them when the knowledge is made.
+    by_relation = zip(rankers, link_features(base, outside), strict=True)
+    pairs, parts = (_link_scores(ranker, features) for ranker, features in by_relation)
     return knowledge_of(
         base.recipes,
         base.kernel,
@@ -241,6 +250,11 @@ def knowledge_from(
         (base.pairs, base.parts),
         (pairs, parts),
     )
+
+
+def _link_scores(ranker: Ranker, features: Tensor) -> Tensor:
+    """Return the scores of all links, shape (E, E), from features (E, E, F)."""
+    return torch.cat([ranker(rows) for rows in features.split(_LINK_ROWS)])
 
 
 def scorer_tensors(
@@ -468,7 +482,10 @@ def pair_examples(
     competes = (a < size) & (b < size)
     keys = torch.unique(_keys(torch.from_numpy(known.copy()), size))
     goals = goal[:, None].expand_as(a)
-    pair = torch.stack([torch.minimum(a, b), torch.maximum(a, b), goals], dim=-1)
+    # Known recipes have the smaller ingredient first.
+    smaller = torch.minimum(a, b)
+    larger = torch.maximum(a, b)
+    pair = torch.stack([smaller, larger, goals], dim=-1)
     pair_keys = _keys(pair, size)
     # A key beyond the last one is compared with the last one, and differs.
     place = torch.searchsorted(keys, pair_keys).clamp(max=len(keys) - 1)
@@ -493,7 +510,9 @@ def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> R
     units += ranker.first_bias
     positive = ranker.second.clamp(min=0)
     # A lower bound, because relu(x) is never below x.
-    lowest = (units.relu() @ (ranker.second - positive) + units @ positive + ranker.bias).amin()
+    negative = ranker.second - positive
+    scores = units.relu() @ negative + units @ positive + ranker.bias
+    lowest = scores.amin()
     first = ranker.first.clone()
     # The same lift for all units that raise the score.
     lift = (least - lowest).clamp(min=0) / positive.sum()
@@ -535,6 +554,7 @@ def _tables(
     table = np.full((len(recipes), slots), size)
     table[:, :2] = recipes[:, :2]
     # An entity is on a table once, also if the recipe combines it with itself.
-    table[recipes[:, 0] == recipes[:, 1], 1] = size
+    is_twice = recipes[:, 0] == recipes[:, 1]
+    table[is_twice, 1] = size
     table[:, 2 : 2 + amount] = drawn
     return table

@@ -166,9 +166,10 @@ def for_labels(folder: str | Path, scorer: Scorer, labels: Sequence[str]) -> Lab
     own = len(whole.entities)
     index = LabelIndex(whole.entities)
     rows = [index.find(label) for label in labels]
-    new = [label for label, row in zip(labels, rows, strict=True) if row is None]
+    by_label = list(zip(labels, rows, strict=True))
+    new = [label for label, row in by_label if row is None]
+    # New labels get the ids after those of the model's entities.
     place = {label: own + number for number, label in enumerate(new)}
-    by_label = zip(labels, rows, strict=True)
     ids = np.array([place[label] if row is None else row for label, row in by_label])
     if new:
         labelled = with_words(folder, scorer, new, allow_missing=True)
@@ -267,6 +268,7 @@ def with_words(
     if not isinstance(whole, NeighbourRecipeScorer):
         text, known = _compared(features, words, every)
     why = _why_unknown(words)
+    # The error names the first label without a vector.
     for label, is_known in zip(labels, known[size:], strict=True):
         if not (is_known or allow_missing):
             raise unknown(label, why)

@@ -188,13 +188,17 @@ def _examples(
     one = first_slots.numpy()
     other = second_slots.numpy()
     # The compiled loops write into an array: (tables, pairs, features).
-    features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
+    shape = (len(goals), len(one), len(FEATURES))
+    features = np.zeros(shape, dtype=np.float32)
     table_features(lists, goals, tables, one, other, features)
     a = tables[:, one]
     b = tables[:, other]
     competes = (a >= 0) & (b >= 0)
-    of_known = _codes(known[:, 0], known[:, 1], known[:, 2], size)
-    is_right = np.isin(_codes(a, b, goals[:, None], size), of_known) & competes
+    first, second, results = known.T
+    of_known = _codes(first, second, results, size)
+    of_pairs = _codes(a, b, goals[:, None], size)
+    # The code of a pair with an empty slot may be that of another recipe.
+    is_right = np.isin(of_pairs, of_known) & competes
     return Examples(_tensor(features), _tensor(competes), _tensor(is_right))
 
 
@@ -220,16 +224,22 @@ def _tables(
     Returns:
         ids, shape (n, 2 + most distractors); -1 is an empty slot.
     """
+    # In a recipe a + a, the entity counts once.
     self_pairs = known[:, 0] == known[:, 1]
-    users = np.concatenate([known[:, 0], known[~self_pairs, 1]])
+    second = known[~self_pairs, 1]
+    users = np.concatenate([known[:, 0], second])
     weights = 1.0 + np.bincount(users, minlength=size)
     ends = np.cumsum(weights)
-    tables = np.full((len(recipes), 2 + max(TABLES)), -1, dtype=np.int64)
+    slots = 2 + max(TABLES)
+    tables = np.full((len(recipes), slots), -1, dtype=np.int64)
     tables[:, :2] = recipes[:, :2]
-    tables[recipes[:, 0] == recipes[:, 1], 1] = -1
+    # An entity is on a table once, also if the recipe combines it with itself.
+    is_twice = recipes[:, 0] == recipes[:, 1]
+    tables[is_twice, 1] = -1
     amount = max(min(distractors, size - 3), 0)
     # Some are drawn twice; the first draws of different entities count.
-    shares = rng.random((len(recipes), 4 * amount + 16)) * ends[-1]
+    draws = 4 * amount + 16
+    shares = rng.random((len(recipes), draws)) * ends[-1]
     drawn = np.searchsorted(ends, shares, "right")
     by_recipe = zip(recipes.tolist(), drawn.tolist(), strict=True)
     for row, (recipe, entities) in enumerate(by_recipe):
@@ -245,12 +255,15 @@ def _tables(
 
 def _codes(a: Ids, b: Ids, result: Ids, size: int) -> Ids:
     """Return a number for each recipe, whatever the order of its ingredients."""
-    return (np.minimum(a, b) * size + np.maximum(a, b)) * size + result
+    smaller = np.minimum(a, b)
+    larger = np.maximum(a, b)
+    return (smaller * size + larger) * size + result
 
 
 def _seed_of(seed: int, left_out: Collection[int]) -> int:
     """Return a seed for the scorer without these folds."""
-    return int(np.random.default_rng([seed, *sorted(left_out)]).integers(2**31))
+    rng = np.random.default_rng([seed, *sorted(left_out)])
+    return int(rng.integers(2**31))
 
 
 def _tensor(array: NDArray[np.generic]) -> Tensor:

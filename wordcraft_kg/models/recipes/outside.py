@@ -290,11 +290,14 @@ def _by_lists(book: OtherBook, vectors: EntityFeatures, size: int) -> LinkTables
     feature_loops.link_features(lists, own, own, parts)
     # combinesWith is symmetric, and its features are so but for rounding.
     both = torch.from_numpy(pairs)
-    symmetric = (both + both.transpose(0, 1)) / 2
-    # (E, E, F) to (F, E, E): a table for each feature.
-    of_pairs = symmetric.permute(2, 0, 1).contiguous()
-    of_parts = torch.from_numpy(parts).permute(2, 0, 1).contiguous()
+    of_pairs = _by_feature((both + both.transpose(0, 1)) / 2)
+    of_parts = _by_feature(torch.from_numpy(parts))
     return LinkTables(of_pairs.unbind(), of_parts.unbind())
+
+
+def _by_feature(features: Tensor) -> Tensor:
+    """Return features (E, E, F) as a table for each feature, (F, E, E)."""
+    return features.permute(2, 0, 1).contiguous()
 
 
 def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False) -> OtherBook:

@@ -249,7 +249,9 @@ class _Tables:
         for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
             if not info.phrase:
                 continue
-            cells = table[~torch.eye(len(table), dtype=torch.bool)].double()
+            # An entity's cell with itself would shift the mean.
+            is_diagonal = torch.eye(len(table), dtype=torch.bool)
+            cells = table[~is_diagonal].double()
             mean = float(cells.mean())
             deviation = float(cells.std(correction=0))
             self._tables.append((info, table, mean, deviation))
@@ -271,18 +273,25 @@ class _Tables:
 def _cells(info: TableInfo, slots: _Slots) -> list[tuple[int, int]]:
     """Return the rows and columns of a table's cells for a recipe or a link."""
     a, b, result = slots
-    places: list[tuple[int | None, int | None]] = [(a, result), (b, result)]
     if info.role == "pair":
         places = [(a, b)]
+    else:
+        places = [(a, result), (b, result)]
+    cells = []
     # a + a has one cell for its ingredient; a link has no cell for the missing part.
-    distinct = dict.fromkeys(places)
-    return [(one, other) for one, other in distinct if one is not None and other is not None]
+    for one, other in dict.fromkeys(places):
+        if one is not None and other is not None:
+            cells.append((one, other))
+    return cells
 
 
 def _phrase(info: TableInfo, one: str, other: str) -> str:
     """Return a table's phrase with two labels in it."""
-    first, second = ("{a}", "{b}") if info.role == "pair" else ("{ingredient}", "{result}")
-    return info.phrase.replace(first, one).replace(second, other)
+    names = ("{ingredient}", "{result}")
+    if info.role == "pair":
+        names = ("{a}", "{b}")
+    text = info.phrase.replace(names[0], one)
+    return text.replace(names[1], other)
 
 
 class _Facts:

@@ -264,6 +264,7 @@ class _Job:
                 )
             else:
                 knowledge, rankers = tables_alone(self.outside, self.text)
+        # A zero-shot scorer is fitted on a joint graph, and saved for the graph alone.
         if self.own is not None:
             knowledge = knowledge.of_entities(self.own)
             # Ids of other books' recipes mean nothing in the graph.
@@ -315,6 +316,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         settings = config.settings
         sources = (settings.with_, opened, settings.features)
         self.uses_lists = uses_lists(opened.graph.num_entities)
+        # Limits of memory first: files are read and folds drawn only for a fit that can be made.
         if self.uses_lists:
             _check_outside(opened, settings)
         else:
@@ -371,6 +373,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     ) -> Mapping[str, Any]:
         settings = self.config.settings
         inputs = {"features": self.features, **self._outside_hashes()}
+        # The inputs are in the run's record: a resumed run compares those that files may change.
         inputs |= {f"without {other.name}": other.hash for other in self.without}
         if settings.kg == "partial":
             inputs["folds"] = self.folds.hash
@@ -423,6 +426,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         folds = self.folds
         number = folds.count if settings.kg == "partial" else 0
         every: list[LeftOut] = [(), *((fold,) for fold in range(number))]
+        # A resumed run makes only the fits that are missing.
         saved = set(kept.records())
         wanted = [left_out for fit, left_out in enumerate(every) if fit not in saved]
         # Sets of lists: without each fold, and without each two folds.
@@ -533,6 +537,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             whole = scorer(tensors, graph.entities, graph.hash)
             record = write_folds(run.path, folds, whole, scorer.kind, part)
             outputs += FOLD_OUTPUTS
+        # Scores of link prediction are measured only where there are models without each fold.
         metrics = RecipeMetrics(
             kg=settings.kg,
             train_fraction=settings.train_fraction,
@@ -578,6 +583,7 @@ def _model_card(opened: OpenedGraph, metrics: RecipeMetrics, without: Sequence[s
             f"{metrics.folds} folds: MRR {metrics.fold_mrr:.3f} out-of-sample, "
             f"{metrics.fold_in_sample_mrr:.3f} in-sample, on train triples"
         )
+    # Any recipe serves as an example that runs.
     a, b, result = opened.graph.recipe_labels()[0]
     return scorer_card(
         opened,

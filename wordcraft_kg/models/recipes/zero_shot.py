@@ -85,6 +85,7 @@ def join_books(
         other = open_other_book(spec, opened, keep_train=keep_train)
         counted, _ = with_words_of(other, opened, features, allow_missing=allow_missing)
         books.append(counted)
+    # Tables and word vectors alone: there is nothing to join, and no recipe to learn from.
     if not books:
         own_graph = opened.graph
         number = own_graph.num_recipes
@@ -154,4 +155,9 @@ def tables_alone(outside: LinkTables, text: Tensor) -> tuple[RecipeKnowledge, Li
 
 def _unused_ranker() -> Ranker:
     """Return a ranker of one feature, with weights 0: a model file has one for each relation."""
-    return Ranker(torch.zeros(1, 1), torch.zeros(1), torch.zeros(1), torch.zeros(()))
+    return Ranker(
+        torch.zeros(1, 1),
+        torch.zeros(1),
+        torch.zeros(1),
+        torch.zeros(()),
+    )

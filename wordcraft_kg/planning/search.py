@@ -1,19 +1,24 @@
 """Search for the most probable plan: which pair should be combined first?
 
-With T the entities on the table, n attempts left, and P(c | a, b) the probability that a pair makes c, from
-:class:`~wordcraft_kg.models.scorers.recipe_curve.RecipeCurve`, the value of a pair is the probability of the most
-probable plan that begins with it::
+With T the entities on the table, n attempts left, and P(c | a, b) the probability that a pair makes
+c, from :class:`~wordcraft_kg.models.scorers.recipe_curve.RecipeCurve`, the value of a pair is the
+probability of the most probable plan that begins with it::
 
     Q_n(T, a, b) = max(P(goal | a, b), max_x P(x | a, b) V_{n-1}(T + x))
     V_n(T) = max_{a, b in T} Q_n(T, a, b)
 
-A plan is a sequence of attempts with an expected result each; its probability is the product. This is the best case:
-all results of a pair land on the table, but the plan relies on one, and an attempt without result ends the plan. Of
-equally probable plans the shortest is best: each attempt after the first costs :data:`FURTHER` nats. After each
-attempt the search begins again from the new table, with one attempt less, and without the tried pairs. So intermediates
-may be used several times, and the number of attempts left is exact.
+A plan is a sequence of attempts with an expected result each; its probability is the product. This
+is the best case: all results of a pair land on the table, but the plan relies on one, and an
+attempt without result ends the plan. Of equally probable plans the shortest is best: each attempt
+after the first costs :data:`FURTHER` nats. After each attempt the search begins again from the new
+table, with one attempt less, and without the tried pairs. So intermediates may be used several
+times, and the number of attempts left is exact.
 
-The search is exhaustive over a limited number of intermediates x, see :mod:`~wordcraft_kg.planning.intermediates`.
+The search is exhaustive over a limited number of intermediates x, see
+:mod:`~wordcraft_kg.planning.intermediates`.
+
+Shapes: B states, A slots, E entities, W candidates, and S = A + W slots of the table that all
+candidates would be on.
 """
 
 from collections.abc import Iterator
@@ -31,21 +36,33 @@ MAX_ATTEMPTS = 4
 WIDTHS = (0, 0, 32, 64, 64)
 """Default number of candidates by attempts left: more change no success rate by more than .01."""
 INTERMEDIATE = 3.0
-"""Log-odds added to P(x | a, b) for an intermediate x: given that the goal can be made, a result that leads on is more
-likely than any result. 2 to 4 give about the same success, see docs/planning.md."""
+"""Log-odds added to P(x | a, b) for an intermediate x: given that the goal can be made, a result
+that leads on is more likely than any result. 2 to 4 give about the same success, see
+docs/planning.md."""
 FURTHER = 1e-4
 """Nats that each attempt of a plan after the first costs: just above rounding errors."""
 SCORES = 2**20
 """Recipes scored at once."""
 NO_PLAN = -30.0
 """Log-probability of pairs without a plan."""
+_BYTES = 200
+"""Bytes for each recipe of a state, about, while it is scored."""
 
 
 class PlanSearch:
-    """Values of pairs by the most probable plan, with ``width`` candidates; 0 for :data:`WIDTHS`."""
+    """Values of pairs by the most probable plan."""
 
     def __init__(self, knowledge: PairKnowledge, curve: RecipeCurve, *, width: int = 0):
-        self.knowledge, self.curve, self.width = knowledge, curve, width
+        """Prepare a search.
+
+        Args:
+            knowledge: scores recipes, with E entities and one or more models.
+            curve: turns the scores into probabilities.
+            width: number of candidates, W; 0 for :data:`WIDTHS`.
+        """
+        self.knowledge = knowledge
+        self.curve = curve
+        self.width = width
         self._candidates = candidates_of(knowledge)
 
     @property
@@ -62,26 +79,36 @@ class PlanSearch:
         attempts_left: Tensor,
         tried: Tensor | None = None,
     ) -> Tensor:
-        """Return log Q for all pairs of slots, shape (B, A, A), from :data:`NO_PLAN` to 0; -inf for empty slots.
+        """Return log Q for all pairs of slots.
 
-        ``goal``, ``model`` (number of the model) and ``attempts_left`` have shape (B,); more than :data:`MAX_ATTEMPTS`
-        count as that many. ``table``, shape (B, A), has E for empty slots; ``tried``, shape (B, A, A), bool, marks
-        pairs that were tried, which make nothing new. ConfigError if the search would not fit into memory.
+        Args:
+            goal: shape (B,), int64.
+            table: shape (B, A), int64; E for empty slots.
+            model: shape (B,), int64: number of the model.
+            attempts_left: shape (B,), int64; more than :data:`MAX_ATTEMPTS` count as that many.
+            tried: shape (B, A, A), bool: pairs that were tried, which make nothing new. None if
+                unknown.
+
+        Returns:
+            shape (B, A, A), nats, from :data:`NO_PLAN` to 0; -inf for empty slots.
+
+        Raises:
+            ConfigError: if the search would not fit into memory.
         """
         slots = table.shape[1]
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
-        for number in attempts_left.clamp(1, MAX_ATTEMPTS).unique().tolist():
-            for rows in self._chunks(
-                (attempts_left.clamp(1, MAX_ATTEMPTS) == number).nonzero()[:, 0], number, slots
-            ):
+        depths = attempts_left.clamp(1, MAX_ATTEMPTS)
+        # States with equally many attempts left are searched together.
+        for number in depths.unique().tolist():
+            same_depth = (depths == number).nonzero()[:, 0]
+            for rows in self._chunks(same_depth, number, slots):
                 past = None if tried is None else tried[rows]
-                values[rows] = self._values(goal[rows], table[rows], model[rows], number, past)[
-                    0
-                ].amax(1)
+                of_results, _ = self._values(goal[rows], table[rows], model[rows], number, past)
+                values[rows] = of_results.amax(1)
         is_empty = table == self.knowledge.num_entities
-        return values.clamp(min=NO_PLAN).masked_fill(
-            is_empty[:, :, None] | is_empty[:, None], -torch.inf
-        )
+        has_empty = is_empty[:, :, None] | is_empty[:, None]
+        # The lower bound first: it would lift the -inf of empty slots.
+        return values.clamp(min=NO_PLAN).masked_fill(has_empty, -torch.inf)
 
     @torch.no_grad()
     def plan(
@@ -94,87 +121,155 @@ class PlanSearch:
         attempts_left: int,
         tried: Tensor | None = None,
     ) -> list[tuple[int, int, int, float]]:
-        """Return the most probable plan from a pair of slots; empty for a pair ``tried``, (1, A, A), before."""
+        """Return the most probable plan from a pair of slots.
+
+        Args:
+            goal: id of the goal.
+            table: ids of the A entities on the table.
+            pair: slots of the first pair.
+            model: number of the model.
+            attempts_left: number of attempts left; at most :data:`MAX_ATTEMPTS` are planned.
+            tried: shape (1, A, A), bool: pairs that were tried. None if unknown.
+
+        Returns:
+            the attempts: two ingredients, the expected result, and its probability. Empty for a
+            pair that was tried before.
+        """
         steps: list[tuple[int, int, int, float]] = []
-        table, (one, other), device = list(table), pair, self.device
+        table = list(table)
+        one, other = pair
+        device = self.device
+        goals = torch.tensor([goal], device=device)
+        models = torch.tensor([model], device=device)
         for left in range(min(attempts_left, MAX_ATTEMPTS), 0, -1):
-            goals, tables, models = (
-                torch.tensor(part, device=device) for part in ([goal], [table], [model])
-            )
+            tables = torch.tensor([table], device=device)
             values, results = self._values(goals, tables, models, left, tried)
             if steps:
-                one, other = divmod(int(values[0].amax(0).argmax()), len(table))
+                # Only the first pair is given; the plan goes on with the best pair of all.
+                best_pair = int(values[0].amax(0).argmax())
+                one, other = divmod(best_pair, len(table))
             value, best = values[0, :, one, other].max(0)
             if value == -torch.inf:
                 break
             result = results[:, best]
             is_goal = int(result) == goal
-            pairs = torch.tensor([one], device=device), torch.tensor([other], device=device)
-            prior = 0.0 if is_goal else INTERMEDIATE
+            first_slot = torch.tensor([one], device=device)
+            second_slot = torch.tensor([other], device=device)
             chance = self.curve.log_probabilities(
-                self.knowledge, result, tables, models, pairs, prior=prior
+                self.knowledge,
+                result,
+                tables,
+                models,
+                (first_slot, second_slot),
+                prior=0.0 if is_goal else INTERMEDIATE,
             )
-            steps.append((table[one], table[other], int(result), float(chance.exp())))
+            probability = float(chance.exp())
+            steps.append((table[one], table[other], int(result), probability))
             if is_goal:
                 break
             table.append(int(result))
         return steps
 
     def _chunks(self, rows: Tensor, number: int, slots: int) -> Iterator[Tensor]:
+        """Split states so that at most :data:`SCORES` recipes are scored at once.
+
+        Args:
+            rows: shape (n,), int64: numbers of the states.
+            number: attempts left.
+            slots: A.
+
+        Yields:
+            numbers of states, one or more.
+
+        Raises:
+            ConfigError: if a single state would not fit into memory.
+        """
         width = self._width(number)
-        wide = slots + width * (number > 2)
+        wide = slots + width if number > 2 else slots
+        # Recipes of a state: the goal and each candidate as results of all pairs of slots.
         one = (width + 1) * wide * (wide + 1) // 2
-        check_memory(
-            "plan_width", width, "candidate plans", 200 * one + 4 * width ** max(number - 1, 0)
-        )
+        # Four bytes for each sequence of candidates, see `_after`.
+        needed = _BYTES * one + 4 * width ** max(number - 1, 0)
+        check_memory("plan_width", width, "candidate plans", needed)
         yield from rows.split(max(1, SCORES // one))
 
     def _width(self, number: int) -> int:
-        return min(self.width or WIDTHS[number], self.knowledge.num_entities) if number > 1 else 0
+        """Return the number of candidates with ``number`` attempts left; none for the last."""
+        if number <= 1:
+            return 0
+        return min(self.width or WIDTHS[number], self.knowledge.num_entities)
 
     def _values(
-        self, goal: Tensor, table: Tensor, model: Tensor, number: int, tried: Tensor | None
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        number: int,
+        tried: Tensor | None,
     ) -> tuple[Tensor, Tensor]:
-        """Return values by pair, (B, 1 + W, A, A), of the expected results, (B, 1 + W), the goal first."""
+        """Return values of pairs by the result that the plan expects of the pair.
+
+        Args:
+            goal: shape (B,), int64.
+            table: shape (B, A), int64; E for empty slots.
+            model: shape (B,), int64.
+            number: attempts left, equal for all states.
+            tried: shape (B, A, A), bool, or None.
+
+        Returns:
+            log-probabilities of the best plans, shape (B, 1 + W, A, A), and the expected results,
+            shape (B, 1 + W), the goal first.
+        """
         slots = table.shape[1]
         if number == 1:
-            return self._log_probabilities(goal, table, model, tried)[:, None], goal[:, None]
+            to_goal = self._log_probabilities(goal, table, model, tried)
+            return to_goal[:, None], goal[:, None]
         candidates = self._candidates(goal, table, model, number, self._width(number))
-        width = candidates.shape[1]
         wide = torch.cat([table, candidates], dim=1)
         # With two attempts left, two candidates can never be combined.
-        to_goal = self._log_probabilities(
-            goal, wide, model, tried, most=slots if number == 2 else None
-        )
+        most = slots if number == 2 else None
+        to_goal = self._log_probabilities(goal, wide, model, tried, most=most)
         sources = wide if number > 2 else table
-        rows = torch.arange(len(goal), device=goal.device).repeat_interleave(width)
-        past = None if tried is None else tried[rows]
-        repeated = candidates.flatten(), sources[rows], model[rows]
-        to_candidates = self._log_probabilities(*repeated, past, prior=INTERMEDIATE)
-        to_candidates = to_candidates.view(len(goal), width, *sources.shape[1:], sources.shape[1])
-        missing = (candidates == self.knowledge.num_entities)[:, :, None, None]
-        to_candidates = to_candidates.masked_fill(missing, -torch.inf)
+        to_candidates = self._to_candidates(candidates, sources, model, tried)
+        after = _after_candidates(to_goal, to_candidates, slots, number)
+        at_once = to_goal[:, None, :slots, :slots]
         of_table = to_candidates[:, :, :slots, :slots]
-        new, last = slice(slots, None), to_goal[:, slots:]
-        # A candidate with an entity on the table, or twice
-        with_itself = last[:, :, new].diagonal(dim1=1, dim2=2)
-        finish = torch.maximum(last[:, :, :slots].amax(2), with_itself)
-        direct = to_goal[:, :slots, :slots].flatten(1).amax(1)
-        if number == 2:
-            after = torch.maximum(finish, direct[:, None])
-        else:
-            of_new = to_candidates[:, :, new].transpose(
-                1, 2
-            )  # (B, x, y, S): x with an entity makes y
-            itself = of_new[..., new].diagonal(dim1=1, dim2=3).transpose(1, 2)
-            begin = torch.maximum(of_new[..., :slots].amax(3), itself)
-            pairs = of_new[..., new].permute(0, 3, 1, 2)  # (B, a, x, y): a and x make y
-            of_pairs = of_table.flatten(2).amax(2)
-            after = _after(of_pairs, finish, direct, begin, last[:, :, new], pairs, number - 1)
-        values = torch.cat(
-            [to_goal[:, None, :slots, :slots], of_table + after[:, :, None, None] - FURTHER], dim=1
+        later = of_table + after[:, :, None, None] - FURTHER
+        values = torch.cat([at_once, later], dim=1)
+        results = torch.cat([goal[:, None], candidates], dim=1)
+        return values, results
+
+    def _to_candidates(
+        self,
+        candidates: Tensor,
+        sources: Tensor,
+        model: Tensor,
+        tried: Tensor | None,
+    ) -> Tensor:
+        """Return the log-probability that pairs make each candidate.
+
+        Args:
+            candidates: shape (B, W), int64; E where there are fewer.
+            sources: shape (B, S), int64: entities of the pairs, those on the table first.
+            model: shape (B,), int64.
+            tried: shape (B, A, A), bool, or None.
+
+        Returns:
+            shape (B, W, S, S); -inf where a candidate is missing.
+        """
+        number, width = candidates.shape
+        # Each state W times, with one candidate as the goal each.
+        rows = torch.arange(number, device=candidates.device).repeat_interleave(width)
+        values = self._log_probabilities(
+            candidates.flatten(),
+            sources[rows],
+            model[rows],
+            None if tried is None else tried[rows],
+            prior=INTERMEDIATE,
         )
-        return values, torch.cat([goal[:, None], candidates], dim=1)
+        values = values.view(number, width, *values.shape[1:])
+        is_missing = candidates == self.knowledge.num_entities
+        return values.masked_fill(is_missing[:, :, None, None], -torch.inf)
 
     def _log_probabilities(
         self,
@@ -186,20 +281,77 @@ class PlanSearch:
         most: int | None = None,
         prior: float = 0.0,
     ) -> Tensor:
-        """Return log P(goal | a, b) for slots, (B, A, A); -inf if empty, tried, or two slots from ``most`` on."""
-        slots, empty = table.shape[1], table == self.knowledge.num_entities
+        """Return log P(goal | a, b) for all pairs of slots.
+
+        Args:
+            goal: shape (B,), int64.
+            table: shape (B, S), int64; E for empty slots.
+            model: shape (B,), int64.
+            tried: shape (B, A, A), bool, for the first A slots; None if unknown.
+            most: slots from this one on are not combined with each other. None for all pairs.
+            prior: log-odds added to each pair.
+
+        Returns:
+            shape (B, S, S), symmetric; -inf for empty slots, and for tried and left-out pairs.
+        """
+        slots = table.shape[1]
+        # P is symmetric: each pair is scored once, and written twice.
         one, other = torch.triu_indices(slots, slots, device=table.device)
         if most is not None:
-            one, other = torch.stack([one, other])[:, (one < most) | (one == other)]
+            is_scored = (one < most) | (one == other)
+            one = one[is_scored]
+            other = other[is_scored]
         of_pairs = self.curve.log_probabilities(
-            self.knowledge, goal, table, model, (one, other), prior=prior
+            self.knowledge,
+            goal,
+            table,
+            model,
+            (one, other),
+            prior=prior,
         )
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
-        values[:, one, other] = values[:, other, one] = of_pairs
-        values.masked_fill_(empty[:, :, None] | empty[:, None], -torch.inf)
+        values[:, one, other] = of_pairs
+        values[:, other, one] = of_pairs
+        is_empty = table == self.knowledge.num_entities
+        has_empty = is_empty[:, :, None] | is_empty[:, None]
+        values.masked_fill_(has_empty, -torch.inf)
         if tried is not None:
-            values[:, : tried.shape[1], : tried.shape[2]].masked_fill_(tried, -torch.inf)
+            known_slots = tried.shape[1]
+            of_tried = values[:, :known_slots, :known_slots]
+            of_tried.masked_fill_(tried, -torch.inf)
         return values
+
+
+def _after_candidates(to_goal: Tensor, to_candidates: Tensor, slots: int, number: int) -> Tensor:
+    """Return the log-probability of the best plan after making each candidate.
+
+    Args:
+        to_goal: shape (B, S, S): a pair makes the goal.
+        to_candidates: shape (B, W, S, S), or (B, W, A, A) for two attempts: a pair makes x.
+        slots: A.
+        number: attempts left before the candidate is made, 2 or more.
+
+    Returns:
+        shape (B, W).
+    """
+    new = slice(slots, None)
+    direct = to_goal[:, :slots, :slots].flatten(1).amax(1)
+    # A candidate makes the goal with an entity on the table, or twice.
+    last = to_goal[:, slots:]
+    with_itself = last[:, :, new].diagonal(dim1=1, dim2=2)
+    finish = torch.maximum(last[:, :, :slots].amax(2), with_itself)
+    if number == 2:
+        return torch.maximum(finish, direct[:, None])
+
+    # (B, x, y, S): x with an entity makes y.
+    of_new = to_candidates[:, :, new].transpose(1, 2)
+    # The diagonal puts its own axis last, (B, y, x): x twice makes y.
+    twice = of_new[..., new].diagonal(dim1=1, dim2=3).transpose(1, 2)
+    steps = torch.maximum(of_new[..., :slots].amax(3), twice)
+    begin = to_candidates[:, :, :slots, :slots].flatten(2).amax(2)
+    # (B, a, x, y): candidates a and x make y.
+    pairs = of_new[..., new].permute(0, 3, 1, 2)
+    return _after(begin, finish, direct, steps, last[:, :, new], pairs, number - 1)
 
 
 def _after(
@@ -211,9 +363,10 @@ def _after(
     pairs: Tensor,
     number: int,
 ) -> Tensor:
-    """Return the log-probability of the best plan after making each candidate, same shape as ``finish``.
+    """Return the log-probability of the best plan after making each candidate.
 
-    All arguments are log-probabilities, with W candidates in the last axes, and axes for candidates made before:
+    All arguments are log-probabilities, with W candidates in the last axes, and axes for candidates
+    made before:
 
     Args:
         begin: a pair at hand makes y, shape (..., W).
@@ -223,13 +376,28 @@ def _after(
         last: x and y make the goal, shape (..., W, W).
         pairs: a and x make y, shape (..., W, W, W).
         number: attempts left.
+
+    Returns:
+        same shape as ``finish``.
     """
+    # Once x is made, it is at hand: each probability "at hand" becomes one for each x.
     direct = torch.maximum(finish, direct[..., None])
     if number == 1:
         return direct
     begin = torch.maximum(begin[..., None, :], steps)
     further = torch.maximum(finish[..., None, :], last)
     if number > 2:
+        # With a at hand too, x makes y with an earlier entity or with a.
         steps = torch.maximum(steps.unsqueeze(-3), pairs)
-    after = _after(begin, further, direct, steps, last.unsqueeze(1), pairs.unsqueeze(1), number - 1)
-    return torch.maximum(direct, (begin + after).amax(-1) - FURTHER)
+    # Pairs of candidates stay the same, whatever was made before: an axis for the broadcast.
+    after = _after(
+        begin,
+        further,
+        direct,
+        steps,
+        last.unsqueeze(1),
+        pairs.unsqueeze(1),
+        number - 1,
+    )
+    best_step = (begin + after).amax(-1)
+    return torch.maximum(direct, best_step - FURTHER)

@@ -1,4 +1,4 @@
-"""The source plan (p): the probability of the best plan whose next pair contains a slot's entity."""
+"""The source plan (p): the probability of the best plan whose next pair has a slot's entity."""
 
 from collections.abc import Mapping
 from typing import ClassVar, Self
@@ -29,16 +29,23 @@ P = Label(
     "p",
     "begins the best plan",
     "plan score",
-    "Log-probability of the most probable plan whose next pair contains a slot's entity, and the selection if any.",
+    "Log-probability of the most probable plan whose next pair contains a slot's entity, and the "
+    "selection if any.",
 )
 
 
 class BestPlan(BestRecipe):
-    """The source plan (p), ``p_i = max_j log Q_n(e_i, e_j)``; with selection s, ``p_i = log Q_n(e_i, e_s)``.
+    """The source plan (p).
 
-    Q is the value of a pair with n attempts left, see :mod:`wordcraft_kg.planning.search`. With one attempt left, p
-    ranks pairs by the probability that they make the goal. The buffer ``curve`` holds the settings of the search:
-    intercepts, slope, shift and width.
+    ``p_i = max_j log Q_n(e_i, e_j)``; with selection s, ``p_i = log Q_n(e_i, e_s)``. Q is the value
+    of a pair with n attempts left, see :mod:`wordcraft_kg.planning.search`. With one attempt left,
+    p ranks pairs by the probability that they make the goal.
+
+    Attributes:
+        label: name and description of the source.
+        reads_attempts: True: states need the number of attempts left.
+        curve: buffer with the settings of the search, float64: the intercepts, then slope, shift
+            and width.
     """
 
     label: ClassVar[Label] = P
@@ -46,18 +53,24 @@ class BestPlan(BestRecipe):
     curve: Tensor
 
     def __init__(
-        self, num_entities: int, knowledge: PairKnowledge, fold_of_recipe: Tensor | None = None
+        self,
+        num_entities: int,
+        knowledge: PairKnowledge,
+        fold_of_recipe: Tensor | None = None,
     ):
         super().__init__(num_entities, knowledge, fold_of_recipe)
         self._search: PlanSearch | None = None
+        # A search is made of numbers from `curve`: loading other numbers makes it stale.
         self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
     def of_scorer(cls, scorer: TripleScorer, view: ScoreView) -> Self:  # noqa: D102 - inherited
-        whole, folded = whole_of(scorer), folds_of(scorer)
-        curve = (
-            folded.probabilities.recipes if folded is not None and folded.probabilities else None
-        )
+        whole = whole_of(scorer)
+        folded = folds_of(scorer)
+        # The curve is fitted to out-of-sample scores, so it comes from the folds alone.
+        curve = None
+        if folded is not None and folded.probabilities:
+            curve = folded.probabilities.recipes
         if not isinstance(whole, RecipeScorer) or curve is None:
             raise ConfigError(
                 "`use` plan (p) needs probabilities of recipes, and "
@@ -68,6 +81,7 @@ class BestPlan(BestRecipe):
         source = super().of_scorer(scorer, view)
         assert isinstance(source, cls)
         values = [*curve.intercepts, curve.slope, curve.shift, float(view.width)]
+        # float64: the numbers that a file restores equal those of the scorer's record, to the bit.
         source.register_buffer("curve", torch.tensor(values, dtype=torch.float64))
         return source
 
@@ -82,7 +96,12 @@ class BestPlan(BestRecipe):
         )
 
     @classmethod
-    def restored(cls, num_entities: int, constants: Mapping[str, Tensor]) -> Self:  # noqa: D102 - inherited
+    def restored(  # noqa: D102 - inherited
+        cls,
+        num_entities: int,
+        constants: Mapping[str, Tensor],
+    ) -> Self:
+        # Besides an intercept for each kind of pair: slope, shift and width.
         check_constants(constants, {"curve": "values float64"}, values=KINDS + 3)
         source = super().restored(num_entities, constants)
         assert isinstance(source, cls)
@@ -91,7 +110,8 @@ class BestPlan(BestRecipe):
 
     @property
     def search(self) -> PlanSearch:
-        """The search for plans."""
+        """The search for plans, on the device of the knowledge."""
+        # Its candidates hold tensors that are no buffers: a move to another device makes a new one.
         if self._search is None or self._search.device != self.knowledge.bias.device:
             a, b, c, d, slope, shift, width = self.curve.tolist()
             curve = RecipeCurve(intercepts=(a, b, c, d), slope=slope, shift=shift)
@@ -99,7 +119,18 @@ class BestPlan(BestRecipe):
         return self._search
 
     def pair_scores(self, states: States, model: Tensor) -> Tensor:
-        """Return log Q for all slot pairs, shape (B, A, A); ValueError without ``attempts``."""
+        """Return log Q for all slot pairs.
+
+        Args:
+            states: B states on tables with A slots, with ``attempts``.
+            model: shape (B,), int64: number of the model for each state.
+
+        Returns:
+            shape (B, A, A), nats.
+
+        Raises:
+            ValueError: if the states have no ``attempts``.
+        """
         attempts = states.attempts
         if attempts is None:
             raise ValueError(
@@ -113,64 +144,85 @@ class BestPlan(BestRecipe):
         pairs = attempts.tried
         if pairs is None:
             return None
-        one, other = (table[:, :, None, None] == pairs[:, None, None, :, part] for part in (0, 1))
-        both = (one & other.transpose(1, 2)).any(3) & (table != self.num_entities)[:, :, None]
-        return both | both.transpose(1, 2)
+        # (B, A, 1, n): whether a slot holds the first, and the second, entity of each tried pair.
+        slots = table[:, :, None, None]
+        holds_first = slots == pairs[:, None, None, :, 0]
+        holds_second = slots == pairs[:, None, None, :, 1]
+        was_tried = (holds_first & holds_second.transpose(1, 2)).any(3)
+        # The padding of pairs is E, as an empty slot.
+        was_tried = was_tried & (table != self.num_entities)[:, :, None]
+        return was_tried | was_tried.transpose(1, 2)
 
     @classmethod
     def of_recipes(cls, size: int, recipes: Ids) -> Self:
-        """Return a source that plans with the given recipes alone, ids (n, 3), for a graph with ``size`` entities."""
+        """Return a source that plans with the given recipes alone.
+
+        Args:
+            size: number of entities in the graph.
+            recipes: ids, shape (n, 3).
+        """
         source = cls(size, _without_words(size, recipes))
+        # A known recipe is certain; a log-odds far below `NO_PLAN` makes any other impossible.
         impossible = [10 * NO_PLAN] * KINDS
-        source.register_buffer(
-            "curve", torch.tensor([*impossible, 0.0, 0.0, 0.0], dtype=torch.float64)
-        )
+        # Slope, shift and width (0: the default).
+        values = [*impossible, 0.0, 0.0, 0.0]
+        source.register_buffer("curve", torch.tensor(values, dtype=torch.float64))
         return source
 
     def evidence(self, states: States) -> tuple[Evidence | None, ...]:  # noqa: D102 - inherited
-        goal, selection, table, task, attempts = states
         evidence = super().evidence(states)
+        attempts = states.attempts
         if attempts is None:
             return evidence
-        models, left, entities = self.model_of(task), int(attempts.left), table[0].tolist()
+        models = self.model_of(states.task)
         model = 0 if models is None else int(models)
-        # Without empty slots, with a selection that is not on the table
-        at_hand = [
-            one for one in dict.fromkeys((*entities, int(selection))) if one != self.num_entities
-        ]
-        tried = self._tried(torch.tensor([at_hand], device=table.device), attempts)
+        entities = states.table[0].tolist()
+        # Each entity once, without empty slots, with a selection that is not on the table.
+        distinct = dict.fromkeys((*entities, int(states.selection)))
+        at_hand = [entity for entity in distinct if entity != self.num_entities]
+        tried = self._tried(torch.tensor([at_hand], device=states.table.device), attempts)
 
-        def planned(entity: int, one: Evidence) -> Evidence:
-            pair = at_hand.index(entity), at_hand.index(one.partner)
+        def planned(entity: int, best: Evidence) -> Evidence:
             plan = self.search.plan(
-                int(goal), at_hand, pair, model=model, attempts_left=left, tried=tried
+                int(states.goal),
+                at_hand,
+                (at_hand.index(entity), at_hand.index(best.partner)),
+                model=model,
+                attempts_left=int(attempts.left),
+                tried=tried,
             )
             if not plan:
-                return one
+                return best
+            _, _, expected, _ = plan[0]
             supporting = self.knowledge.supporting_recipes(
-                entity, one.partner, plan[0][2], model=model, limit=3
+                entity,
+                best.partner,
+                expected,
+                model=model,
+                limit=3,
             )
-            return Evidence(one.partner, tuple(supporting), tuple(plan))
+            return Evidence(best.partner, tuple(supporting), tuple(plan))
 
-        return tuple(
-            one and planned(entity, one) for entity, one in zip(entities, evidence, strict=True)
-        )
+        by_slot = zip(entities, evidence, strict=True)
+        return tuple(best and planned(entity, best) for entity, best in by_slot)
 
 
 def _without_words(size: int, recipes: Ids) -> PairKnowledge:
-    """Return the knowledge of recipes, ids (n, 3), and nothing else, for a graph with ``size`` entities."""
+    """Return the knowledge of recipes, ids (n, 3), and nothing else, for ``size`` entities."""
     if uses_lists(size):
-        no_words = np.zeros((size, 0))
-        return NeighbourKnowledge.of_recipes(
-            recipes, no_words.astype(np.float16), no_words.astype(np.int32)
-        )
+        no_vectors = np.zeros((size, 0), dtype=np.float16)
+        no_neighbours = np.zeros((size, 0), dtype=np.int32)
+        return NeighbourKnowledge.of_recipes(recipes, no_vectors, no_neighbours)
     nothing = torch.zeros(size, size)
     links = torch.zeros(size, size)
+    results = recipes[:, 2].copy()
     for part in (0, 1):
-        links[recipes[:, part].copy(), recipes[:, 2].copy()] = KNOWN_LINK
+        links[recipes[:, part].copy(), results] = KNOWN_LINK
+    # The identity as similarity: an entity resembles itself alone.
     return knowledge_of(recipes, torch.eye(size), nothing, (nothing, links), (nothing, links))
 
 
 def _forget(source: nn.Module, _: object) -> None:
+    """Drop the search after loading a state dict; registered as a hook, which gets the module."""
     assert isinstance(source, BestPlan)
     source._search = None

@@ -1,1 +1,1 @@
-"""Recipe scorers: models that estimate how plausible a result is for two ingredients, fitted on held-out recipes."""
+"""Recipe scorers: how plausible is a result of two ingredients? Fitted on held-out recipes."""

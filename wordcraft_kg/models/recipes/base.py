@@ -1,4 +1,7 @@
-"""Predictions computed from recipes without training, and link features for the rankers (small networks)."""
+"""Predictions computed from recipes without training, and link features for the rankers.
+
+Rankers are small networks. Shapes: E entities, n recipes, F features.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -24,7 +27,8 @@ from wordcraft_kg.models.scorers.pair_features import FLOOR
 class Base:
     """Tables of shape (E, E) for all pairs of E entities, computed from recipes and word vectors.
 
-    An entity without recipes is described by words alone and does not change rows of known entities.
+    An entity without recipes is described by words alone and does not change rows of known
+    entities.
 
     Attributes:
         recipes: the recipes as ids (ingredient, ingredient, result), shape (n, 3).
@@ -33,8 +37,8 @@ class Base:
         kernel: entity similarity by recipes and words.
         completed: combinesWith scores by known pairs with the same result, from
             :func:`~wordcraft_kg.models.scorers.kernel.completion`.
-        pairs, parts: combinesWith (ingredient pair) and componentOf (ingredient, result) scores, predicted with the
-            kernel and standardised.
+        pairs: combinesWith scores of ingredient pairs, predicted with the kernel and standardised.
+        parts: componentOf scores by ingredient (row) and result, likewise.
     """
 
     recipes: Ids
@@ -47,10 +51,15 @@ class Base:
 
     @classmethod
     def of(cls, recipes: Ids, text: Tensor) -> "Base":
-        """Compute the attributes from recipes (n, 3) and word cosines ``text`` (E, E), zeros without words."""
+        """Compute the attributes from recipes, ids (n, 3), and word cosines ``text``, (E, E).
+
+        Without words the cosines are zeros.
+        """
         size = len(text)
         kernel = similarity(recipes, text)
-        seen = torch.from_numpy(np.unique(recipes) if len(recipes) else np.arange(size))
+        # Without recipes no entity is better known than another: means run over all of them.
+        known = np.unique(recipes) if len(recipes) else np.arange(size)
+        seen = torch.from_numpy(known)
         completed = completion(recipes, size)
         pairs, parts = kernel_scores(recipes, kernel, completed, seen)
         return cls(recipes, seen, text, kernel, completed, pairs, parts)
@@ -83,28 +92,51 @@ class Base:
 
 
 class LinkTables(NamedTuple):
-    """Features from outside the recipes, (E, E): symmetric for combinesWith, row = ingredient for componentOf."""
+    """Features from outside the recipes, tables of shape (E, E).
+
+    Attributes:
+        pairs: features of combinesWith links, symmetric.
+        parts: features of componentOf links, row = ingredient.
+    """
 
     pairs: Sequence[Tensor] = ()
     parts: Sequence[Tensor] = ()
 
 
 NOTHING = LinkTables()
+"""No features from outside the recipes."""
 
 
 def link_features(base: Base, outside: LinkTables = NOTHING) -> Iterator[Tensor]:
-    """Yield F features, (E, E, F), row = head, for all combinesWith, then for all componentOf links."""
+    """Yield the features of all combinesWith, then of all componentOf links.
+
+    Args:
+        base: tables from the recipes.
+        outside: further tables, after those of ``base``.
+
+    Yields:
+        shape (E, E, F), row = head; F differs between the relations.
+    """
     yield torch.stack([*features_of_pairs(base), *outside.pairs], dim=-1)
     yield torch.stack([*features_of_parts(base), *outside.parts], dim=-1)
 
 
 def features_of_pairs(base: Base) -> list[Tensor]:
     """Return the combinesWith features from ``base``: symmetric tables of shape (E, E)."""
-    (combines, components), similar = base.links, _to_others(base.structure)
-    alike, words_like = base.alike, base.words_like
+    combines, components = base.links
+    # Similarity to other entities: what an entity itself combines with is no prediction.
+    similar = _to_others(base.structure)
+    alike = base.alike
+    words_like = base.words_like
     made = components.sum(0).log1p()
     degree = combines.sum(1).log1p()
-    first, second = base.column(0), base.column(1)
+    first = base.column(0)
+    second = base.column(1)
+    # How often entities like each one combine with themselves, on the diagonal.
+    of_seen = alike[:, base.seen].sum(1).clamp(min=FLOOR)
+    itself = (alike @ combines.diagonal()) / of_seen
+    # The order is that of the saved ranker's weights. Products are symmetric in the two ingredients
+    # only as sums with their transposes.
     return [
         base.pairs,
         _log(base.completed),
@@ -119,20 +151,22 @@ def features_of_pairs(base: Base) -> list[Tensor]:
         (degree[:, None] - degree).abs(),
         made[:, None] + made,
         torch.eye(len(combines)),
-        torch.diag((alike @ combines.diagonal()) / alike[:, base.seen].sum(1).clamp(min=FLOOR)),
+        torch.diag(itself),
     ]
 
 
 def features_of_parts(base: Base) -> list[Tensor]:
     """Return the componentOf features from ``base``: tables of shape (E, E), row = ingredient."""
-    (combines, components), similar, words = (
-        base.links,
-        _to_others(base.structure),
-        _to_others(base.words_like),
-    )
-    used, made = components.sum(1).log1p(), components.sum(0).log1p()
-    first, second, result = (base.column(number) for number in range(3))
+    combines, components = base.links
+    similar = _to_others(base.structure)
+    words = _to_others(base.words_like)
+    used = components.sum(1).log1p()
+    made = components.sum(0).log1p()
+    ingredients = [base.column(0), base.column(1)]
+    result = base.column(2)
     shape = components.shape
+    # The order is that of the saved ranker's weights. Left factors stand for entities like the
+    # ingredient, right factors for entities like the result.
     return [
         base.parts,
         _log(similar @ components),
@@ -141,8 +175,8 @@ def features_of_parts(base: Base) -> list[Tensor]:
         _log(components @ similar**3),
         _log(words @ components),
         _log(components @ words),
-        _log(_evidence(base.alike, [first, second], result)),
-        _log(_evidence(base.words_like, [first, second], result)),
+        _log(_evidence(base.alike, ingredients, result)),
+        _log(_evidence(base.words_like, ingredients, result)),
         base.text,
         base.kernel,
         _log(combines @ components),
@@ -156,11 +190,24 @@ def features_of_parts(base: Base) -> list[Tensor]:
 
 
 def _evidence(alike: Tensor, heads: Sequence[Tensor], tails: Tensor) -> Tensor:
-    """Return ``Σ_r k(x, head_r) k(y, tail_r)`` for all x and y; k is ``alike``, and r runs over recipes."""
-    return sum((alike[:, head] for head in heads[1:]), alike[:, heads[0]]) @ alike[:, tails].T
+    """Return ``Σ_r k(x, head_r) k(y, tail_r)`` for all entities x and y.
+
+    Args:
+        alike: the kernel k, shape (E, E).
+        heads: ids of the recipes' heads, shape (n,) each; their kernels are added.
+        tails: ids of the recipes' tails, shape (n,).
+
+    Returns:
+        shape (E, E), row = x.
+    """
+    of_heads = alike[:, heads[0]]
+    for head in heads[1:]:
+        of_heads = of_heads + alike[:, head]
+    return of_heads @ alike[:, tails].T
 
 
 def _log(sums: Tensor) -> Tensor:
+    """Return logarithms of sums; rounding may make a sum of zeros negative."""
     return (sums.clamp(min=0) + FLOOR).log()
 
 
@@ -169,4 +216,5 @@ def _symmetric(table: Tensor) -> Tensor:
 
 
 def _to_others(similarity: Tensor) -> Tensor:
+    """Return a similarity (E, E) with zeros on the diagonal."""
     return similarity - torch.diag(similarity.diagonal())

@@ -1,9 +1,9 @@
-"""Fit a committee of rankers: small networks that learn from the same tables, and whose mean scores.
+"""Fit a committee of rankers: small networks that learn from the same tables; their mean scores.
 
 Held-out recipes are few and their features many, so a single network learns noise too. The mean of
-three networks that begin with different weights errs less: on validation parts of by-goal splits 0 to 2 it
-solves .461 and .783 of the tasks of Little Alchemy 2 with 8 and 1 distractors, a single network .450
-and .769.
+three networks that begin with different weights errs less: on validation parts of by-goal splits 0
+to 2 it solves .461 and .783 of the tasks of Little Alchemy 2 with 8 and 1 distractors, a single
+network .450 and .769.
 """
 
 import math
@@ -69,10 +69,14 @@ def fit_committee(examples: Examples, generator: torch.Generator) -> Ranker:
     second = _drawn(MEMBERS, HIDDEN, 1, fan=HIDDEN, generator=generator)
     batches = math.ceil(len(examples.features) / BATCH)
     optimizer = torch.optim.AdamW(
-        [first, first_bias, second], lr=LEARNING_RATE, weight_decay=WEIGHT_DECAY
+        [first, first_bias, second],
+        lr=LEARNING_RATE,
+        weight_decay=WEIGHT_DECAY,
     )
     schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer, LEARNING_RATE, total_steps=max(EPOCHS * batches, 2)
+        optimizer,
+        LEARNING_RATE,
+        total_steps=max(EPOCHS * batches, 2),
     )
     for rows in _batches(len(examples.features), generator):
         features, competes, is_right = examples.part(rows)

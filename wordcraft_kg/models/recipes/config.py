@@ -12,23 +12,28 @@ from wordcraft_kg.runs.config_file import RunConfig
 
 @dataclass(frozen=True)
 class RecipeScorerConfig:
-    """Settings for a recipe scorer.
+    """Settings for a recipe scorer, as options of the command ``train-recipes``.
+
+    Fits use no other device than the CPU.
 
     Attributes:
-        kg: training recipes: partial (the train recipes), full (all recipes, test recipes included), or none (only
-            outside knowledge: zero-shot from other books, or tables alone).
-        train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for equal seeds.
+        kg: training recipes: partial (the train recipes), full (all recipes, test recipes
+            included), or none (only outside knowledge: zero-shot from other books, or tables
+            alone).
+        train_fraction: fraction of the train recipes for training, sampled with `seed`; nested for
+            equal seeds.
         label_noise: fraction of these recipes with the result replaced by another recipe's result.
-        folds: number of folds: the rankers learn to predict each fold from the remaining folds, and on the partial
-            graph a scorer without each fold gives out-of-sample scores.
-        features: vectors of entity labels: minilm (a sentence encoder's, for the labels of built-in books), glove, auto
-            (minilm if all labels have such a vector, else glove), a vector file as for agents, a folder from encode, or
-            one-hot to use no words.
+        folds: number of folds: the rankers learn to predict each fold from the remaining folds, and
+            on the partial graph a scorer without each fold gives out-of-sample scores.
+        features: vectors of entity labels: minilm (a sentence encoder's, for the labels of built-in
+            books), glove, auto (minilm if all labels have such a vector, else glove), a vector file
+            as for agents, a folder from encode, or one-hot to use no words.
         allow_missing: use zeros for any number of entities without a vector.
-        with_: knowledge from outside the train recipes: knowledge folders (elicit, import-knowledge), other books or
-            graph folders of any size, and further word vectors. For graphs with at most 4,000 entities.
-        without: books or graph folders whose recipes are left out of the training, so that the scorer can be tested on
-            these books; needs `kg` full.
+        with_: knowledge from outside the train recipes: knowledge folders (elicit,
+            import-knowledge), other books or graph folders of any size, and further word vectors.
+            For graphs with at most 4,000 entities.
+        without: books or graph folders whose recipes are left out of the training, so that the
+            scorer can be tested on these books; needs `kg` full.
         seed: root seed for rankers, `train_fraction` and `label_noise`.
         threads: CPU threads per fit.
 
@@ -54,7 +59,9 @@ class RecipeScorerConfig:
     def __post_init__(self) -> None:
         one_of("kg", self.kg, get_args(TrainedOn))
         check_train_sample(self.kg, self.train_fraction, self.label_noise)
-        if isinstance(self.folds, bool) or not isinstance(self.folds, int) or self.folds < 2:
+        # A bool is an int in Python, but no number of folds.
+        is_number = isinstance(self.folds, int) and not isinstance(self.folds, bool)
+        if not is_number or self.folds < 2:
             raise refuse(
                 "folds",
                 self.folds,
@@ -71,6 +78,7 @@ class RecipesConfig(RunConfig):
     """All settings for ``train-recipes``.
 
     Attributes:
+        commands: the training command.
         settings: recipe scorer settings.
 
     Example:
@@ -83,7 +91,7 @@ class RecipesConfig(RunConfig):
     settings: RecipeScorerConfig = RecipeScorerConfig()
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
-        return (
-            Path("models")
-            / f"{graph_name}-recipes{'' if self.settings.kg == 'partial' else '-' + self.settings.kg}"
-        )
+        kg = self.settings.kg
+        # Models of the partial graph are the usual case.
+        suffix = "" if kg == "partial" else f"-{kg}"
+        return Path("models") / f"{graph_name}-recipes{suffix}"

@@ -12,7 +12,8 @@ MOST_WITH_TABLES = 4_000
 _PROGRAM = 600 * 2**20
 """Memory for Python, torch, SciPy and compiled loops."""
 _BY_ENTITY = 100 * 8 + (32 + 40 + 64) * 12 + 128 * 4 + 6 * 256 * 8
-"""Bytes of a set of lists by entity: neighbours, supporting recipes, and factors while they are computed."""
+"""Bytes of a set of lists by entity: neighbours, supporting recipes, and factors while they are
+computed."""
 _BY_RECIPE = 450
 """Bytes of a set of lists by recipe: profiles while neighbours are searched, and hash tables."""
 _EXAMPLES = 4 * 12_000 * 55 * 46 * 4
@@ -33,17 +34,28 @@ def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> 
         dim: length of a word vector.
         workers: sets of lists that are made at once.
     """
+    # One more set than workers: that of the scorer which is being fitted.
     one = num_entities * (_BY_ENTITY + 4 * dim) + num_recipes * _BY_RECIPE
     return _PROGRAM + (workers + 1) * one + _EXAMPLES
 
 
 def check_lists(num_entities: int, num_recipes: int, dim: int, workers: int) -> None:
-    """Raise ConfigError, which names both numbers, if a fit by neighbour lists does not fit into memory."""
+    """Check that a fit by neighbour lists fits into memory.
+
+    Args:
+        num_entities: entities in the graph.
+        num_recipes: training recipes.
+        dim: length of a word vector.
+        workers: sets of lists that are made at once.
+
+    Raises:
+        ConfigError: if it does not; names the needed and the available memory.
+    """
     needed = lists_bytes(num_entities, num_recipes, dim, workers)
     available = memory()
     if needed > available:
         raise ConfigError(
             f"a recipe scorer of {num_entities:,} entities and {num_recipes:,} recipes takes about "
-            f"{needed / 2**30:,.1f} GiB, and {available / 2**30:,.1f} GiB are there. Use shorter word vectors, or a "
-            "smaller graph."
+            f"{needed / 2**30:,.1f} GiB, and {available / 2**30:,.1f} GiB are there. Use shorter "
+            "word vectors, or a smaller graph."
         )

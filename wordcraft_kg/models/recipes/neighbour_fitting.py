@@ -6,6 +6,7 @@ without folds i and j; so does the ranker without fold j from fold i. These list
 1 + K + K (K - 1) / 2 sets of lists serve K + 1 rankers.
 """
 
+import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -39,7 +40,8 @@ class Words:
 
     Attributes:
         vectors: shape (E, D), half: unit vectors as stored in a model; D is 0 without words.
-        near: shape (E, K_w), from :func:`~wordcraft_kg.models.scorers.neighbours.lists.nearest_words`.
+        near: shape (E, K_w), from
+            :func:`~wordcraft_kg.models.scorers.neighbours.lists.nearest_words`.
     """
 
     vectors: NDArray[np.float16]
@@ -77,25 +79,32 @@ def fit_by_neighbours(
         seed: seed of tables and initial weights.
         workers: threads; the compiled loops run beside each other.
         after: called after each set of lists, in the caller's thread; may raise to end the fits.
+
+    Yields:
+        an entry of ``wanted``, and the knowledge fitted without these folds.
     """
+    # By the folds left out and the fold held out.
     examples: dict[tuple[LeftOut, int], Examples] = {}
     missing = set(wanted)
     for left_out in wanted:
         turns = [fold for fold in range(folds.count) if fold not in left_out]
         new = [turn for turn in turns if (left_out, turn) not in examples]
 
+        # The default keeps this turn of the loop's value for the threads.
         def made(
-            turn: int, left_out: LeftOut = left_out
+            turn: int,
+            left_out: LeftOut = left_out,
         ) -> list[tuple[tuple[LeftOut, int], Examples]]:
             without = {*left_out, turn}
             lists = words.lists(folds.recipes(without))
+            of_lists = []
             # Each fold left out is held out for the ranker that leaves out the others.
-            others = [(tuple(sorted(without - {held_out})), held_out) for held_out in without]
-            return [
-                ((other, held_out), _examples(folds, lists, other, held_out, seed))
-                for other, held_out in others
-                if other in missing
-            ]
+            for held_out in without:
+                other = tuple(sorted(without - {held_out}))
+                if other in missing:
+                    new_examples = _examples(folds, lists, other, held_out, seed)
+                    of_lists.append(((other, held_out), new_examples))
+            return of_lists
 
         pool = ThreadPoolExecutor(workers)
         try:
@@ -111,72 +120,129 @@ def fit_by_neighbours(
 
 
 def _fitted(
-    folds: Folds, words: Words, left_out: LeftOut, parts: Sequence[Examples], seed: int
+    folds: Folds,
+    words: Words,
+    left_out: LeftOut,
+    parts: Sequence[Examples],
+    seed: int,
 ) -> NeighbourKnowledge:
-    """Fit the ranker of a scorer to its examples."""
+    """Fit the ranker of a scorer to its examples.
+
+    Args:
+        folds: folds of the train recipes.
+        words: word vectors.
+        left_out: folds that the scorer has not seen.
+        parts: the examples of each held-out fold.
+        seed: seed of the initial weights and the order of tables.
+    """
     examples = Examples(*(torch.cat(part) for part in zip(*parts, strict=True)))
     generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
     ranker = fit_committee(examples, generator)
     recipes = folds.recipes(left_out)
     knowledge = NeighbourKnowledge.of_recipes(recipes, words.vectors, words.near)
     makes = FEATURES.index("makes")
+    # By-goal folds: no held-out goal has a known recipe.
     if constant_features(examples)[makes]:
         chosen = recipes[:: max(1, len(recipes) // KNOWN)]
         a, b, goal = torch.from_numpy(chosen.copy()).T
-        pair = torch.tensor([0]), torch.tensor([1])
-        of_known = knowledge.features(
-            goal, torch.stack([a, b], dim=1), torch.zeros_like(goal), pair
-        )
+        table = torch.stack([a, b], dim=1)
+        # The recipe's two slots, not the pairs of a slot with itself.
+        pair = (torch.tensor([0]), torch.tensor([1]))
+        of_known = knowledge.features(goal, table, torch.zeros_like(goal), pair)
         highest = ranker(examples.features[examples.competes]).amax()
         ranker = with_known(ranker, of_known[:, :, 0].T, makes, highest)
     return knowledge.with_ranker(ranker)
 
 
-def _examples(folds: Folds, lists: Lists, left_out: LeftOut, held_out: int, seed: int) -> Examples:
+def _examples(
+    folds: Folds,
+    lists: Lists,
+    left_out: LeftOut,
+    held_out: int,
+    seed: int,
+) -> Examples:
     """Make queries from a fold's recipes on tables with distractors.
 
-    Every pair in a recipe that the scorer without ``left_out`` has seen is right.
+    Args:
+        folds: folds of the train recipes.
+        lists: made without ``left_out`` and without ``held_out``.
+        left_out: folds that the scorer has not seen; every pair in a recipe of the others is right.
+        held_out: the fold whose recipes are asked for.
+        seed: seed of the tables.
     """
+    # Numba is imported for a fit alone: it takes a second.
     from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
 
     rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
     known = folds.recipes(left_out)
     recipes = folds.recipes_of(held_out)
-    most = -(-EXAMPLES // (folds.count - len(left_out)))
-    recipes = recipes[np.sort(rng.permutation(len(recipes))[:most])]
+    # An equal share of the examples for each fold, rounded up.
+    most = math.ceil(EXAMPLES / (folds.count - len(left_out)))
+    rows = np.sort(rng.permutation(len(recipes))[:most])
+    recipes = recipes[rows]
     goals = np.tile(recipes[:, 2], DRAWS * len(TABLES))
     size = folds.split.graph.num_entities
-    tables = np.concatenate(
-        [_tables(recipes, known, size, number, rng) for number in TABLES * DRAWS]
-    )
-    one, other = (slots.numpy() for slots in pairs_of(tables.shape[1], torch.device("cpu")))
-    features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
+    drawn = [_tables(recipes, known, size, number, rng) for number in TABLES * DRAWS]
+    tables = np.concatenate(drawn)
+    first_slots, second_slots = pairs_of(tables.shape[1], torch.device("cpu"))
+    one = first_slots.numpy()
+    other = second_slots.numpy()
+    # The compiled loops write into an array: (tables, pairs, features).
+    shape = (len(goals), len(one), len(FEATURES))
+    features = np.zeros(shape, dtype=np.float32)
     table_features(lists, goals, tables, one, other, features)
     a = tables[:, one]
     b = tables[:, other]
     competes = (a >= 0) & (b >= 0)
-    of_known = _codes(known[:, 0], known[:, 1], known[:, 2], size)
-    is_right = np.isin(_codes(a, b, goals[:, None], size), of_known) & competes
+    first, second, results = known.T
+    of_known = _codes(first, second, results, size)
+    of_pairs = _codes(a, b, goals[:, None], size)
+    # The code of a pair with an empty slot may be that of another recipe.
+    is_right = np.isin(of_pairs, of_known) & competes
     return Examples(_tensor(features), _tensor(competes), _tensor(is_right))
 
 
-def _tables(recipes: Ids, known: Ids, size: int, distractors: int, rng: np.random.Generator) -> Ids:
-    """Return tables with a recipe's ingredients and drawn entities, (n, 2 + most distractors); -1 is empty.
+def _tables(
+    recipes: Ids,
+    known: Ids,
+    size: int,
+    distractors: int,
+    rng: np.random.Generator,
+) -> Ids:
+    """Return tables with a recipe's ingredients and drawn entities.
 
     Distractors are drawn by 1 + their number of recipes, as environments draw them, without the
     recipe's entities.
+
+    Args:
+        recipes: ids, shape (n, 3).
+        known: recipes that are counted, ids (m, 3).
+        size: E.
+        distractors: number of drawn entities, fewer in a small graph.
+        rng: draws the entities.
+
+    Returns:
+        ids, shape (n, 2 + most distractors); -1 is an empty slot.
     """
+    # In a recipe a + a, the entity counts once.
     self_pairs = known[:, 0] == known[:, 1]
-    users = np.concatenate([known[:, 0], known[~self_pairs, 1]])
+    second = known[~self_pairs, 1]
+    users = np.concatenate([known[:, 0], second])
     weights = 1.0 + np.bincount(users, minlength=size)
     ends = np.cumsum(weights)
-    tables = np.full((len(recipes), 2 + max(TABLES)), -1, dtype=np.int64)
+    slots = 2 + max(TABLES)
+    tables = np.full((len(recipes), slots), -1, dtype=np.int64)
     tables[:, :2] = recipes[:, :2]
-    tables[recipes[:, 0] == recipes[:, 1], 1] = -1
+    # An entity is on a table once, also if the recipe combines it with itself.
+    is_twice = recipes[:, 0] == recipes[:, 1]
+    tables[is_twice, 1] = -1
     amount = max(min(distractors, size - 3), 0)
     # Some are drawn twice; the first draws of different entities count.
-    drawn = np.searchsorted(ends, rng.random((len(recipes), 4 * amount + 16)) * ends[-1], "right")
-    for row, (recipe, entities) in enumerate(zip(recipes.tolist(), drawn.tolist(), strict=True)):
+    draws = 4 * amount + 16
+    shares = rng.random((len(recipes), draws)) * ends[-1]
+    drawn = np.searchsorted(ends, shares, "right")
+    by_recipe = zip(recipes.tolist(), drawn.tolist(), strict=True)
+    for row, (recipe, entities) in enumerate(by_recipe):
         others = [entity for entity in dict.fromkeys(entities) if entity not in recipe]
         if len(others) < amount:
             # In a small book, nearly all draws may repeat a few entities.
@@ -189,11 +255,15 @@ def _tables(recipes: Ids, known: Ids, size: int, distractors: int, rng: np.rando
 
 def _codes(a: Ids, b: Ids, result: Ids, size: int) -> Ids:
     """Return a number for each recipe, whatever the order of its ingredients."""
-    return (np.minimum(a, b) * size + np.maximum(a, b)) * size + result
+    smaller = np.minimum(a, b)
+    larger = np.maximum(a, b)
+    return (smaller * size + larger) * size + result
 
 
 def _seed_of(seed: int, left_out: Collection[int]) -> int:
-    return int(np.random.default_rng([seed, *sorted(left_out)]).integers(2**31))
+    """Return a seed for the scorer without these folds."""
+    rng = np.random.default_rng([seed, *sorted(left_out)])
+    return int(rng.integers(2**31))
 
 
 def _tensor(array: NDArray[np.generic]) -> Tensor:

@@ -1,8 +1,10 @@
-"""Knowledge from outside the train recipes, as link features: tables of a source, another book, further word vectors.
+"""Knowledge from outside the train recipes, as link features.
 
-Outside knowledge is the same in all folds. Recipes that both books share are left out of the other book: a train recipe
-is in the train part already, and a test recipe must not be learned. So a held-out train recipe finds as little of
-itself in the other book as a test recipe does.
+It comes from tables of a source, another book, or further word vectors.
+
+Outside knowledge is the same in all folds. Recipes that both books share are left out of the other
+book: a train recipe is in the train part already, and a test recipe must not be learned. So a
+held-out train recipe finds as little of itself in the other book as a test recipe does.
 """
 
 from collections.abc import Sequence
@@ -39,15 +41,19 @@ from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 
 _OF_A_BOOK = ("graph", "split", "overrides")
-"""Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the source."""
+"""Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the
+source."""
 _DIM = 384
 """Length of a word vector, about, to say before the start how much memory another book takes."""
 REWORDED = 0.7
-"""Cosine of word vectors from which a recipe of another book rewords a test recipe, for each of the three words."""
+"""Cosine of word vectors from which a recipe of another book rewords a test recipe, for each of the
+three words."""
 
 
 _Tables = dict[tuple[tuple[str, ...], str, str], Tensor]
-"""Tables by source, name and role."""
+"""Tables by source, name and role. A source is its name and the hashes of its own inputs."""
+_VECTOR_FILES = (".npy", ".txt", ".gz")
+"""Endings of files with word vectors."""
 
 
 class OutsideSource(Record, frozen=True, kw_only=True):
@@ -62,8 +68,8 @@ class OutsideSource(Record, frozen=True, kw_only=True):
         left_out: recipes of another book that are also recipes of this graph, and not used.
         left_out_test: those among them that are test or validation recipes of this split.
         reworded: used recipes that reword a test or validation recipe by near-synonyms.
-        makes: labels of the graph's entities that a used recipe of another book makes; None for other sources, and in
-            folders from before this field.
+        makes: labels of the graph's entities that a used recipe of another book makes; None for
+            other sources, and in folders from before this field.
     """
 
     name: str
@@ -79,14 +85,25 @@ class OutsideSource(Record, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, eq=False)
 class OutsideKnowledge:
-    """Link features from all sources of outside knowledge, and what is known of the sources."""
+    """Link features from all sources of outside knowledge.
+
+    Attributes:
+        tables: the features, over the entities of a graph.
+        sources: records of the sources, in the order of the settings.
+    """
 
     tables: LinkTables
     sources: tuple[OutsideSource, ...]
 
 
 class OtherBook(NamedTuple):
-    """Another book's recipes (n, 3), without shared ones, over this graph's E labels, then those of the book alone."""
+    """Another book's recipes, without the recipes that both books share.
+
+    Attributes:
+        labels: the graph's E labels, then those of the book alone.
+        recipes: ids by ``labels``, shape (n, 3).
+        source: record of the book.
+    """
 
     labels: tuple[str, ...]
     recipes: Ids
@@ -94,18 +111,32 @@ class OtherBook(NamedTuple):
 
 
 def open_outside(
-    specs: Sequence[str], opened: OpenedGraph, features: str, *, allow_missing: bool = False
+    specs: Sequence[str],
+    opened: OpenedGraph,
+    features: str,
+    *,
+    allow_missing: bool = False,
 ) -> OutsideKnowledge:
-    """Open sources of outside knowledge for a graph's entities: knowledge folders, graphs or books, and word vectors.
+    """Open sources of outside knowledge for a graph's entities.
 
-    The split in ``opened`` decides which shared recipes are counted as test recipes. ``features`` are word vectors by
-    which another book's recipes are compared; ``allow_missing`` uses zeros for labels without a vector.
+    Args:
+        specs: knowledge folders, graphs or books, and word vectors.
+        opened: the graph; its split says which shared recipes are counted as test recipes.
+        features: word vectors by which another book's recipes are compared.
+        allow_missing: use zeros for labels without a vector.
 
-    ConfigError if a source describes none of the entities, is the graph itself, or lacks word vectors; ArtefactError if
-    a folder is incomplete or damaged.
+    Returns:
+        features in the order of the sources, those of knowledge folders last.
+
+    Raises:
+        ConfigError: if a source describes none of the entities, is the graph itself, or lacks word
+            vectors.
+        ArtefactError: if a folder is incomplete or damaged.
     """
     folders = _Tables()
-    pairs, parts, sources = list[Tensor](), list[Tensor](), list[OutsideSource]()
+    pairs: list[Tensor] = []
+    parts: list[Tensor] = []
+    sources: list[OutsideSource] = []
     for spec in specs:
         if (Path(spec) / KNOWLEDGE).is_file():
             sources.append(_of_folder(spec, opened, folders))
@@ -117,8 +148,12 @@ def open_outside(
         pairs += tables.pairs
         parts += tables.parts
         sources.append(source)
-    for (*_, role), table in folders.items():
-        (pairs if role == "pair" else parts).append(table)
+    # After all folders are read: tables of several folders may have become one.
+    for (_, _, role), table in folders.items():
+        if role == "pair":
+            pairs.append(table)
+        else:
+            parts.append(table)
     return OutsideKnowledge(LinkTables(pairs, parts), tuple(sources))
 
 
@@ -128,36 +163,54 @@ def is_book(spec: str) -> bool:
         return False
     source = FeatureSpec.parse(spec)
     path = Path(source.source)
-    return (
-        source.is_path
-        and path.suffix not in (".npy", ".txt", ".gz")
-        and not (path / ENCODED).is_file()
-    )
+    if not source.is_path or path.suffix in _VECTOR_FILES:
+        return False
+    return not (path / ENCODED).is_file()
 
 
 def _of_folder(spec: str, opened: OpenedGraph, tables: _Tables) -> OutsideSource:
-    """Add a folder's tables to ``tables``; tables of one name and source complete each other, as of several books."""
+    """Add a folder's tables to those of other folders, and return its record.
+
+    Tables of one name and source complete each other, as those of several books.
+
+    Args:
+        spec: a knowledge folder.
+        opened: the graph with its split.
+        tables: tables of the folders before; changed in place.
+
+    Raises:
+        ConfigError: if the folder describes none of the entities, or is of another split.
+        ArtefactError: if the folder is incomplete or damaged.
+    """
     entities = opened.graph.entities
     check_same_split(spec, opened)
     knowledge = read_knowledge(spec)
-    name, coverage = knowledge.record.source, knowledge.coverage(entities)
+    name = knowledge.record.source
+    coverage = knowledge.coverage(entities)
     if not coverage:
         raise ConfigError(
-            f"`with` '{spec}': {name} describes none of the {len(entities):,} entities, such as '{entities[0]}'. Make "
-            "the folder for this graph."
+            f"`with` '{spec}': {name} describes none of the {len(entities):,} entities, such as "
+            f"'{entities[0]}'. Make the folder for this graph."
         )
-    of_entities, run = knowledge.of_entities(entities), knowledge_files(spec).run
-    origin = (name, *sorted(sha256 for key, sha256 in run.inputs.items() if key not in _OF_A_BOOK))
+    of_entities = knowledge.of_entities(entities)
+    run = knowledge_files(spec).run
+    own_inputs = [sha256 for key, sha256 in run.inputs.items() if key not in _OF_A_BOOK]
+    origin = (name, *sorted(own_inputs))
     for info, table in zip(of_entities.record.tables, of_entities.tables, strict=True):
         key = (origin, info.name, info.role)
+        new = table.float()
         before = tables.get(key)
-        tables[key] = table.float() if before is None else before.where(before != 0, table.float())
+        # 0 is a cell that the earlier folder says nothing about.
+        tables[key] = new if before is None else before.where(before != 0, new)
     return OutsideSource(name=name, kind="tables", sha256=run.outputs[TABLES], coverage=coverage)
 
 
 def _of_words(
-    spec: str, opened: OpenedGraph, allow_missing: bool
+    spec: str,
+    opened: OpenedGraph,
+    allow_missing: bool,
 ) -> tuple[LinkTables, OutsideSource]:
+    """Return the cosines of further word vectors, a feature of both relations, and their record."""
     features = make_features(spec, opened.graph.entities, allow_missing=allow_missing)
     alike = text_of(features)
     source = OutsideSource(
@@ -170,31 +223,35 @@ def _of_words(
 
 
 def text_of(features: EntityFeatures) -> Tensor:
-    """Return the cosines of word vectors, shape (E, E); zeros for one-hot vectors, which are no words."""
-    size = len(features.known)
-    return (
-        torch.zeros(size, size) if features.is_one_hot else cosines(torch.tensor(features.vectors))
-    )
+    """Return the cosines of word vectors, (E, E); zeros for one-hot vectors, which are no words."""
+    if features.is_one_hot:
+        size = len(features.known)
+        return torch.zeros(size, size)
+    return cosines(torch.tensor(features.vectors))
 
 
 def describe_source(source: OutsideSource) -> str:
-    """Return a line about a source: coverage, and for another book the used and left-out recipes."""
+    """Return a line about a source: coverage, and a book's used and left-out recipes."""
     text = f"{source.name} ({source.kind}) describes {source.coverage:.0%} of the entities"
     if source.kind == "book":
         text += (
             f"; {source.recipes:,} recipes used, {source.left_out:,} shared recipes left out "
-            f"({source.left_out_test:,} of them test or validation recipes), {source.reworded:,} used recipes reword a "
-            "test or validation recipe"
+            f"({source.left_out_test:,} of them test or validation recipes), "
+            f"{source.reworded:,} used recipes reword a test or validation recipe"
         )
     return text
 
 
-# --- another book ----------------------------------------------------------------------------------------------------
+# --- another book ---------------------------------------------------------------------------------
 
 
 def _of_book(
-    spec: str, opened: OpenedGraph, features: str, allow_missing: bool
+    spec: str,
+    opened: OpenedGraph,
+    features: str,
+    allow_missing: bool,
 ) -> tuple[LinkTables, OutsideSource]:
+    """Return another book's link features for the graph's entities, and its record."""
     size = opened.graph.num_entities
     book = open_other_book(spec, opened)
     book, vectors = with_words_of(book, opened, features, allow_missing=allow_missing)
@@ -203,9 +260,11 @@ def _of_book(
     base = Base.of(book.recipes, text_of(vectors))
 
     def own(tables: Sequence[Tensor]) -> list[Tensor]:
+        # The graph's entities come first. A view would keep the tables of all entities.
         return [table[:size, :size].contiguous() for table in tables]
 
-    return LinkTables(own(features_of_pairs(base)), own(features_of_parts(base))), book.source
+    tables = LinkTables(own(features_of_pairs(base)), own(features_of_parts(base)))
+    return tables, book.source
 
 
 def _by_lists(book: OtherBook, vectors: EntityFeatures, size: int) -> LinkTables:
@@ -231,16 +290,21 @@ def _by_lists(book: OtherBook, vectors: EntityFeatures, size: int) -> LinkTables
     feature_loops.link_features(lists, own, own, parts)
     # combinesWith is symmetric, and its features are so but for rounding.
     both = torch.from_numpy(pairs)
-    of_pairs = ((both + both.transpose(0, 1)) / 2).permute(2, 0, 1).contiguous()
-    of_parts = torch.from_numpy(parts).permute(2, 0, 1).contiguous()
+    of_pairs = _by_feature((both + both.transpose(0, 1)) / 2)
+    of_parts = _by_feature(torch.from_numpy(parts))
     return LinkTables(of_pairs.unbind(), of_parts.unbind())
+
+
+def _by_feature(features: Tensor) -> Tensor:
+    """Return features (E, E, F) as a table for each feature, (F, E, E)."""
+    return features.permute(2, 0, 1).contiguous()
 
 
 def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False) -> OtherBook:
     """Open another book's recipes without the recipes that both books share.
 
-    Labels that differ in case, article or plural are one entity. Rewordings are not counted yet, see
-    :func:`with_words_of`.
+    Labels that differ in case, article or plural are one entity. Rewordings are not counted yet,
+    see :func:`with_words_of`.
 
     Args:
         spec: a book or a graph folder.
@@ -248,14 +312,16 @@ def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False)
         keep_train: keep shared recipes of the train part.
 
     Raises:
-        ConfigError: if the source is no book, is the graph itself, has no other recipes, or memory does not suffice.
+        ConfigError: if the source is no book, is the graph itself, has no other recipes, or memory
+            does not suffice.
     """
     graph = opened.graph
     try:
         other = open_graph(spec).graph
     except RecipeFileError as error:
         raise ConfigError(
-            f"`with` '{spec}': expected a knowledge folder, a graph folder, a book or word vectors. {error}"
+            f"`with` '{spec}': expected a knowledge folder, a graph folder, a book or word "
+            f"vectors. {error}"
         ) from None
     if other.hash == graph.hash:
         raise ConfigError(f"`with` '{spec}' is the graph itself. Give another book.")
@@ -268,20 +334,21 @@ def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False)
     else:
         check_dense("a recipe scorer with another book", len(labels))
     new = {label: graph.num_entities + row for row, label in enumerate(rest)}
-    ids = np.array(
-        [new[label] if entity is None else entity for label, entity in own.items()], dtype=np.int64
-    )
+    places = [new[label] if entity is None else entity for label, entity in own.items()]
+    ids = np.array(places, dtype=np.int64)
     rows = ids[other.recipes]
+    # Labels that are one entity here may make two recipes equal.
     rows[:, :2].sort(axis=1)
     rows = np.unique(rows, axis=0)
     held_out = graph.recipes[~opened.split.is_in("train")]
     shared = is_in(rows, held_out if keep_train else graph.recipes, len(labels))
     made = np.unique(rows[~shared, 2])
+    covered = {entity for entity in own.values() if entity is not None}
     source = OutsideSource(
         name=other.name,
         kind="book",
         sha256=other.hash,
-        coverage=len({*own.values()} - {None}) / max(graph.num_entities, 1),
+        coverage=len(covered) / max(graph.num_entities, 1),
         recipes=int((~shared).sum()),
         left_out=int(shared.sum()),
         left_out_test=int(is_in(rows, held_out, len(labels)).sum()),
@@ -289,13 +356,18 @@ def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False)
     )
     if not source.recipes:
         raise ConfigError(
-            f"`with` '{spec}': all {len(rows):,} recipes are recipes of the graph. Give another book."
+            f"`with` '{spec}': all {len(rows):,} recipes are recipes of the graph. Give another "
+            "book."
         )
     return OtherBook(labels, rows[~shared], source)
 
 
 def with_words_of(
-    book: OtherBook, opened: OpenedGraph, features: str, *, allow_missing: bool = False
+    book: OtherBook,
+    opened: OpenedGraph,
+    features: str,
+    *,
+    allow_missing: bool = False,
 ) -> tuple[OtherBook, EntityFeatures]:
     """Return the book with its rewordings counted, and word vectors for all labels.
 
@@ -312,28 +384,41 @@ def with_words_of(
 
 
 def shared_recipes(graph: RecipeGraph, other: RecipeGraph) -> NDArray[np.bool_]:
-    """Mark a graph's recipes that ``other`` has, (num_recipes,); labels as in :func:`open_other_book`."""
+    """Mark a graph's recipes that ``other`` has, shape (num_recipes,).
+
+    Labels are compared as in :func:`open_other_book`.
+    """
+    size = graph.num_entities
     index = LabelIndex(graph.entities)
     places = [index.find(label) for label in other.entities]
     # An entity that the graph lacks has a number of its own.
-    ids = np.array(
-        [graph.num_entities + row if place is None else place for row, place in enumerate(places)]
-    )
-    rows, theirs = graph.recipes.copy(), ids[other.recipes]
+    numbers = [size + row if place is None else place for row, place in enumerate(places)]
+    ids = np.array(numbers)
+    rows = graph.recipes.copy()
+    theirs = ids[other.recipes]
+    # Ingredients have no order.
     rows[:, :2].sort(axis=1)
     theirs[:, :2].sort(axis=1)
-    return is_in(rows, theirs, graph.num_entities + other.num_entities)
+    return is_in(rows, theirs, size + other.num_entities)
 
 
 def _reworded(recipes: Ids, held_out: Ids, features: EntityFeatures) -> int:
-    """Count recipes that equal a held-out recipe up to near-synonyms, in any order of the ingredients."""
+    """Count recipes that equal a held-out recipe up to near-synonyms.
+
+    Args:
+        recipes: ids, shape (n, 3); ingredients may have either order.
+        held_out: ids, shape (m, 3).
+        features: word vectors of all entities.
+    """
     own = np.unique(held_out)
     # Rows of the held-out entities alone: all pairs of a large book would take gigabytes.
     alike = features.unit_vectors[own] @ features.unit_vectors.T >= REWORDED
+    # An entity without a vector equals itself, too.
     alike[np.arange(len(own)), own] = True
     is_reworded = np.zeros(len(recipes), dtype=bool)
     one, other, made = recipes.T
     for a, b, result in np.searchsorted(own, held_out).tolist():
-        same = alike[a, one] & alike[b, other] | alike[a, other] & alike[b, one]
-        is_reworded |= same & alike[result, made]
+        in_order = alike[a, one] & alike[b, other]
+        reversed_order = alike[a, other] & alike[b, one]
+        is_reworded |= (in_order | reversed_order) & alike[result, made]
     return int(is_reworded.sum())

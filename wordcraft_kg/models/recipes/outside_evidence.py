@@ -1,7 +1,8 @@
-"""Evidence from outside the train recipes for a recipe or a link: cells of tables, facts, and recipes of other books.
+"""Evidence from outside the train recipes for a recipe or a link.
 
-Scores do not need this evidence, so a source that is missing or has changed gives a warning and no evidence. Outside
-knowledge is the same in all folds, and so is its evidence.
+It consists of cells of tables, facts, and recipes of other books. Scores do not need this evidence,
+so a source that is missing or has changed gives a warning and no evidence. Outside knowledge is the
+same in all folds, and so is its evidence.
 """
 
 import logging
@@ -41,15 +42,24 @@ from wordcraft_kg.runs.record import read_finished_run
 LIMIT = 3
 """Most pieces of evidence for a recipe or a link."""
 STANDS_OUT = 2.0
-"""Smallest standardised value of a table cell that is evidence: about 1 cell in 50 of a language model's tables.
+"""Smallest standardised value of a table cell that is evidence: about 1 cell in 50 of a language
+model's tables.
 
 With 1, most random triples of entities would have evidence."""
 _Slots = tuple[int | None, int | None, int | None]
 """Ids of two ingredients and a result; None in a link for the missing part of a recipe."""
+_NO_DEVIATION = 1e-9
+"""Smallest deviation of a table's cells by which they are divided: a table may be constant."""
 
 
 class OutsideEvidence(Record):
-    """Outside knowledge for a recipe or link: the source's name, a text such as ``bread needs dough``, a value."""
+    """A piece of outside knowledge for a recipe or link.
+
+    Attributes:
+        source: the source's name.
+        text: such as ``bread needs dough``.
+        value: value of the table cell; None for facts and recipes.
+    """
 
     source: str
     text: str
@@ -57,16 +67,20 @@ class OutsideEvidence(Record):
 
     def __str__(self) -> str:
         """Return a line such as ``language model: bread needs dough (+3.1)``."""
-        return f"{self.source}: {self.text}" + (
-            "" if self.value is None else f" ({self.value:+.1f})"
-        )
+        line = f"{self.source}: {self.text}"
+        if self.value is None:
+            return line
+        return f"{line} ({self.value:+.1f})"
 
 
 _Source = Callable[[_Slots], Sequence[OutsideEvidence]]
+"""Returns a source's evidence, strongest first."""
 
 
 class OutsideEvidenceFinder:
-    """Finds evidence for recipes and links in a recipe scorer's outside knowledge; opens the sources at first use.
+    """Finds evidence for recipes and links in a recipe scorer's outside knowledge.
+
+    The sources are opened at first use.
 
     Example:
         >>> finder = OutsideEvidenceFinder.open("models/kitchen-recipes", open_graph("kitchen"))
@@ -75,13 +89,37 @@ class OutsideEvidenceFinder:
     """
 
     def __init__(self, settings: RecipeScorerConfig, hashes: frozenset[str], opened: OpenedGraph):
-        self._settings, self._hashes, self._opened = settings, hashes, opened
+        """Prepare to find evidence.
+
+        Args:
+            settings: name the sources.
+            hashes: of the sources at the time of the training.
+            opened: the graph of the scorer.
+        """
+        self._settings = settings
+        self._hashes = hashes
+        self._opened = opened
 
     @classmethod
     def open(
-        cls, folder: str | Path, opened: OpenedGraph, weights: str | None = None
+        cls,
+        folder: str | Path,
+        opened: OpenedGraph,
+        weights: str | None = None,
     ) -> "OutsideEvidenceFinder | None":
-        """Open a model's outside knowledge, if any; ArtefactError if damaged, or not of these ``weights``."""
+        """Open a model's outside knowledge.
+
+        Args:
+            folder: the model's folder.
+            opened: the graph of the model.
+            weights: expected hash of the scorer's weights; None for any.
+
+        Returns:
+            None for a scorer of another kind, or without outside knowledge.
+
+        Raises:
+            ArtefactError: if the folder is damaged, or has other weights.
+        """
         folder = Path(folder)
         files = RunFiles(folder, read_finished_run(folder, MODEL, WEIGHTS))
         if weights not in (None, files.run.outputs[WEIGHTS]):
@@ -90,36 +128,54 @@ class OutsideEvidenceFinder:
             )
         if files.run.kind != RecipeScorerConfig.command:
             return None
+        # Reading the file compares its hash with the record.
         files.bytes(CONFIG_FILE)
         settings = RecipesConfig.read(folder).settings
-        hashes = frozenset(
-            source.sha256 for source in files.record("metrics.json", RecipeMetrics).outside
-        )
+        metrics = files.record("metrics.json", RecipeMetrics)
+        hashes = frozenset(source.sha256 for source in metrics.outside)
         return cls(settings, hashes, opened) if settings.with_ else None
 
     def of_recipe(self, a: Entity, b: Entity, result: Entity) -> tuple[OutsideEvidence, ...]:
-        """Return at most :data:`LIMIT` pieces of evidence for a recipe, by labels or ids.
+        """Return at most :data:`LIMIT` pieces of evidence for a recipe.
 
-        The sources take turns in the order of the settings, each with its strongest evidence first: facts, then table
-        cells by standardised value; recipes of another book by the number of shared entities.
+        The sources take turns in the order of the settings, each with its strongest evidence first:
+        facts, then table cells by standardised value; recipes of another book by the number of
+        shared entities.
+
+        Args:
+            a: label or id of an ingredient.
+            b: of the other ingredient.
+            result: of the result.
         """
         id_of = self._opened.graph.id_of
         return self._find((id_of(a), id_of(b), id_of(result)))
 
     def of_link(self, head: Entity, relation: str, tail: Entity) -> tuple[OutsideEvidence, ...]:
-        """Return evidence for a link, as :meth:`of_recipe`: from tables with the role of the relation."""
-        one, other = map(self._opened.graph.id_of, (head, tail))
-        return self._find(
-            (one, other, None) if relation == RELATIONS[COMBINES_WITH] else (one, None, other)
-        )
+        """Return evidence for a link, as :meth:`of_recipe`, from tables with the relation's role.
+
+        Args:
+            head: label or id of the head.
+            relation: ``combinesWith`` or ``componentOf``.
+            tail: label or id of the tail.
+        """
+        id_of = self._opened.graph.id_of
+        one = id_of(head)
+        other = id_of(tail)
+        if relation == RELATIONS[COMBINES_WITH]:
+            return self._find((one, other, None))
+        return self._find((one, None, other))
 
     def _find(self, slots: _Slots) -> tuple[OutsideEvidence, ...]:
-        rounds = chain.from_iterable(zip_longest(*(source(slots) for source in self._sources)))
-        return tuple(islice(dict.fromkeys(piece for piece in rounds if piece is not None), LIMIT))
+        by_source = [source(slots) for source in self._sources]
+        # In turns: the strongest evidence of each source, then the second of each.
+        rounds = chain.from_iterable(zip_longest(*by_source))
+        distinct = dict.fromkeys(piece for piece in rounds if piece is not None)
+        return tuple(islice(distinct, LIMIT))
 
     @cached_property
     def _sources(self) -> list[_Source]:
-        sources = list[_Source]()
+        """The sources that are as they were in the training; a warning for each other one."""
+        sources: list[_Source] = []
         for spec in self._settings.with_:
             try:
                 if (Path(spec) / KNOWLEDGE).is_file():
@@ -131,80 +187,111 @@ class OutsideEvidenceFinder:
         return sources
 
     def _check(self, sha256: str) -> None:
+        """Raise ArtefactError for a hash that no source had in the training."""
         if sha256 not in self._hashes:
             raise ArtefactError("the source has changed since the model was trained.")
 
     def _of_folder(self, spec: str) -> _Source:
-        files, entities = knowledge_files(spec), self._opened.graph.entities
+        files = knowledge_files(spec)
+        entities = self._opened.graph.entities
         self._check(files.run.outputs[TABLES])
         tables = _Tables(read_knowledge(spec).of_entities(entities))
         facts = _Facts(files) if FACTS in files.run.outputs else None
 
         def find(slots: _Slots) -> list[OutsideEvidence]:
-            labels = list(dict.fromkeys(entities[entity] for entity in slots if entity is not None))
-            texts = facts.about(labels) if facts else ()
-            return [
-                *(OutsideEvidence(tables.source, text, None) for text in texts),
-                *tables.find(slots),
-            ]
+            labels = [entities[entity] for entity in slots if entity is not None]
+            # a + a has each fact once.
+            texts = facts.about(list(dict.fromkeys(labels))) if facts else ()
+            stated = [OutsideEvidence(tables.source, text, None) for text in texts]
+            return [*stated, *tables.find(slots)]
 
         return find
 
     def _of_book(self, spec: str) -> _Source:
+        # As in the training: a zero-shot scorer may use recipes of the train part.
         keep_train = self._settings.kg == "none"
         book = open_other_book(spec, self._opened, keep_train=keep_train)
         self._check(book.source.sha256)
 
         def find(slots: _Slots) -> list[OutsideEvidence]:
             a, b, result = slots
-            pairs, made = book.recipes[:, :2], book.recipes[:, 2]
-            uses_one, uses_both = (
-                (pairs == a).any(1) | (pairs == b).any(1),
-                np.zeros(len(pairs), dtype=bool),
-            )
+            pairs = book.recipes[:, :2]
+            made = book.recipes[:, 2]
+            uses_one = (pairs == a).any(1) | (pairs == b).any(1)
+            uses_both = np.zeros(len(pairs), dtype=bool)
             if a is not None and b is not None:
+                # Ingredients of a book's recipes are sorted.
                 uses_both = (pairs == sorted((a, b))).all(1)
+            # An ingredient with the result says more than both ingredients with another result.
             strength = 2 * (uses_one & (made == result)) + uses_both
-            best = np.argsort(-strength, kind="stable")[: min(LIMIT, int((strength > 0).sum()))]
-            recipes = (
-                Recipe(*(book.labels[entity] for entity in recipe))
-                for recipe in book.recipes[best].tolist()
-            )
-            return [OutsideEvidence(book.source.name, str(recipe), None) for recipe in recipes]
+            number = min(LIMIT, int((strength > 0).sum()))
+            best = np.argsort(-strength, kind="stable")[:number]
+            evidence = []
+            for one, other, entity in book.recipes[best].tolist():
+                recipe = Recipe(book.labels[one], book.labels[other], book.labels[entity])
+                evidence.append(OutsideEvidence(book.source.name, str(recipe), None))
+            return evidence
 
         return find
 
 
 class _Tables:
-    """A knowledge folder's tables with phrases; cells are compared with all cells off the table's diagonal."""
+    """A knowledge folder's tables with phrases.
+
+    Cells are compared with all cells off the table's diagonal.
+    """
 
     def __init__(self, knowledge: KnowledgeTables):
-        self.source, self._entities = knowledge.record.source, knowledge.record.entities
-        self._tables = list[tuple[TableInfo, Tensor, float, float]]()
+        self.source = knowledge.record.source
+        self._entities = knowledge.record.entities
+        # A table with the mean and the deviation of its cells.
+        self._tables: list[tuple[TableInfo, Tensor, float, float]] = []
         for info, table in zip(knowledge.record.tables, knowledge.tables, strict=True):
-            cells = table[~torch.eye(len(table), dtype=torch.bool)].double()
-            if info.phrase:
-                self._tables.append(
-                    (info, table, float(cells.mean()), float(cells.std(correction=0)))
-                )
+            if not info.phrase:
+                continue
+            # An entity's cell with itself would shift the mean.
+            is_diagonal = torch.eye(len(table), dtype=torch.bool)
+            cells = table[~is_diagonal].double()
+            mean = float(cells.mean())
+            deviation = float(cells.std(correction=0))
+            self._tables.append((info, table, mean, deviation))
 
     def find(self, slots: _Slots) -> list[OutsideEvidence]:
         """Return the cells that stand out, by descending standardised value."""
-        a, b, result = slots
-        evidence = list[tuple[float, OutsideEvidence]]()
+        evidence: list[tuple[float, OutsideEvidence]] = []
         for info, table, mean, deviation in self._tables:
-            is_pair = info.role == "pair"
-            names = ("{a}", "{b}") if is_pair else ("{ingredient}", "{result}")
-            for one, other in [(a, b)] if is_pair else dict.fromkeys([(a, result), (b, result)]):
-                if one is None or other is None:
-                    continue
+            for one, other in _cells(info, slots):
                 value = float(table[one, other])
-                strength = (value - mean) / max(deviation, 1e-9)
+                strength = (value - mean) / max(deviation, _NO_DEVIATION)
                 if value > 0 and strength >= STANDS_OUT:
-                    labels = self._entities[one], self._entities[other]
-                    text = info.phrase.replace(names[0], labels[0]).replace(names[1], labels[1])
+                    text = _phrase(info, self._entities[one], self._entities[other])
                     evidence.append((strength, OutsideEvidence(self.source, text, value)))
-        return [piece for _, piece in sorted(evidence, key=lambda one: -one[0])]
+        evidence.sort(key=lambda one: -one[0])
+        return [piece for _, piece in evidence]
+
+
+def _cells(info: TableInfo, slots: _Slots) -> list[tuple[int, int]]:
+    """Return the rows and columns of a table's cells for a recipe or a link."""
+    a, b, result = slots
+    if info.role == "pair":
+        places = [(a, b)]
+    else:
+        places = [(a, result), (b, result)]
+    cells = []
+    # a + a has one cell for its ingredient; a link has no cell for the missing part.
+    for one, other in dict.fromkeys(places):
+        if one is not None and other is not None:
+            cells.append((one, other))
+    return cells
+
+
+def _phrase(info: TableInfo, one: str, other: str) -> str:
+    """Return a table's phrase with two labels in it."""
+    names = ("{ingredient}", "{result}")
+    if info.role == "pair":
+        names = ("{a}", "{b}")
+    text = info.phrase.replace(names[0], one)
+    return text.replace(names[1], other)
 
 
 class _Facts:
@@ -212,19 +299,23 @@ class _Facts:
 
     def __init__(self, files: RunFiles):
         self._of_label = defaultdict[str, list[tuple[str, str]]](list)
-        lines = files.bytes(FACTS).decode(errors="replace").removesuffix("\n").split("\n")[1:]
+        text = files.bytes(FACTS).decode(errors="replace")
+        # Line 1 has the names of the columns. Split at newlines alone: labels may have others.
+        _, *lines = text.removesuffix("\n").split("\n")
         for number, line in enumerate(lines, 2):
             if line.count("\t") != 2:
                 raise ArtefactError(
-                    f"{files.folder / FACTS}, line {number}: expected 3 columns. Make the folder again."
+                    f"{files.folder / FACTS}, line {number}: expected 3 columns. Make the folder "
+                    "again."
                 )
             head, phrase, tail = line.split("\t")
             self._of_label[head].append((phrase, tail))
-        self._frequency = Counter(fact for facts in self._of_label.values() for fact in facts)
+        self._frequency = Counter(chain.from_iterable(self._of_label.values()))
 
     def about(self, labels: Sequence[str]) -> list[str]:
         """Return facts that link two labels, then facts that two labels share, rarest first."""
-        links, shared = list[str](), dict[tuple[str, str], str]()
+        links: list[str] = []
+        shared: dict[tuple[str, str], str] = {}
         for position, head in enumerate(labels):
             for phrase, tail in self._of_label.get(head, ()):
                 if tail in labels and tail != head:
@@ -232,6 +323,6 @@ class _Facts:
                 for other in labels[position + 1 :]:
                     if (phrase, tail) in self._of_label.get(other, ()):
                         shared.setdefault((phrase, tail), f"{head} {phrase} {tail}, like {other}")
-        return links + [
-            shared[fact] for fact in sorted(shared, key=lambda fact: self._frequency[fact])
-        ]
+        # A fact that few labels share says more about these two.
+        rarest_first = sorted(shared, key=lambda fact: self._frequency[fact])
+        return links + [shared[fact] for fact in rarest_first]

@@ -11,7 +11,11 @@ from wordcraft_kg.runs.files import RunFiles
 
 
 class FitDone(Record, frozen=True, kw_only=True):
-    """Record saved with a finished fit in an unfinished run: the hash of the training triples."""
+    """Record saved with a finished fit in an unfinished run.
+
+    Attributes:
+        trained_on: hash of the training triples.
+    """
 
     trained_on: Hash
 
@@ -20,11 +24,17 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
     """Content of ``metrics.json``: metrics from the training of a recipe scorer.
 
     Attributes:
+        kg: training recipes, as in the settings.
+        train_fraction: fraction of the train recipes, as in the settings.
+        label_noise: fraction of recipes with a wrong result, as in the settings.
         recipes: number of training recipes.
         features: entity vectors; minilm or glove if the setting is auto.
         seconds: duration of all fits.
-        fold_mrr: out-of-sample mean reciprocal rank (MRR) on train triples, by the fold models, if any.
-        fold_in_sample_mrr: in-sample MRR on the same triples, by the main model.
+        folds: number of fold models; 0 without cross-fitting.
+        fold_mrr: out-of-sample mean reciprocal rank (MRR) on train triples, by the fold models;
+            None without them.
+        fold_in_sample_mrr: in-sample MRR on the same triples, by the main model; None likewise.
+        outside: sources of outside knowledge, in the order of the settings.
     """
 
     kg: TrainedOn
@@ -41,24 +51,34 @@ class RecipeMetrics(Record, frozen=True, kw_only=True):
 
 def recipes_history(files: RunFiles) -> History:
     """Return a recipe scorer's training history: settings and metrics."""
-    config, metrics = RecipesConfig.read(files.folder), files.record("metrics.json", RecipeMetrics)
+    config = RecipesConfig.read(files.folder)
+    metrics = files.record("metrics.json", RecipeMetrics)
+    settings = [f"{name} {value}" for name, value in vars(config.settings).items()]
     facts = {
         "trained by": " ".join(files.run.argv),
         "what it is": f"rankers fitted on {metrics.recipes:,} recipes, each held out in turn",
         "training": f"{metrics.seconds:.1f} s",
-        "settings": ", ".join(f"{name} {value}" for name, value in vars(config.settings).items()),
+        "settings": ", ".join(settings),
     }
     if metrics.outside:
         facts["outside knowledge"] = "; ".join(map(describe_source, metrics.outside))
     if metrics.folds:
         facts["cross-fitted"] = cross_fitted_words(
-            metrics.folds, metrics.fold_mrr, metrics.fold_in_sample_mrr
+            metrics.folds,
+            metrics.fold_mrr,
+            metrics.fold_in_sample_mrr,
         )
-    return History(config, facts, metrics, made_by_other_books=made_by_other_books(metrics.outside))
+    made = made_by_other_books(metrics.outside)
+    return History(config, facts, metrics, made_by_other_books=made)
 
 
 def made_by_other_books(sources: Sequence[OutsideSource]) -> frozenset[str] | None:
-    """Return the labels that any other book among the sources makes; None without a book, or if one does not say."""
+    """Return the labels that any other book among the sources makes.
+
+    None without a book, or if the record of one does not say.
+    """
     books = [source for source in sources if source.kind == "book"]
     made = [frozenset(book.makes) for book in books if book.makes is not None]
-    return frozenset().union(*made) if made and len(made) == len(books) else None
+    # A record from before the field `makes`: any label may be made.
+    is_complete = len(made) == len(books)
+    return frozenset().union(*made) if made and is_complete else None

@@ -1,4 +1,7 @@
-"""Recipe scorers without the book's own recipes: learned from other books, or tables of outside knowledge alone."""
+"""Recipe scorers without the book's own recipes.
+
+They are learned from other books, or are tables of outside knowledge alone.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,11 +18,11 @@ from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import TrainSample
-from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.knowledge.folder import KNOWLEDGE, check_same_split
 from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.fitting import LinkRankers
 from wordcraft_kg.models.recipes.outside import (
+    OtherBook,
     OutsideKnowledge,
     is_book,
     open_other_book,
@@ -37,7 +40,8 @@ class JointBook(NamedTuple):
         opened: the joint graph; all recipes are train recipes. Without a book, the graph itself.
         own: ids of the graph's entities in the joint graph, shape (E,).
         folds: folds of the recipes; without recipes if no source is a book.
-        outside: knowledge from sources that are not books, for the joint graph, and the books' counts.
+        outside: knowledge from sources that are not books, for the joint graph, and the books'
+            counts.
     """
 
     opened: OpenedGraph
@@ -55,70 +59,105 @@ def join_books(
     allow_missing: bool = False,
     keep_train: bool = True,
 ) -> JointBook:
-    """Join other books with a graph's entities, without the graph's own recipes; ConfigError without a source.
+    """Join other books with a graph's entities, without the graph's own recipes.
 
-    ``keep_train`` keeps recipes of other books that are also train recipes of the graph; test recipes are always left
-    out. Further arguments as for :func:`~wordcraft_kg.models.recipes.outside.open_outside`.
+    Args:
+        specs: sources: other books, and others as for
+            :func:`~wordcraft_kg.models.recipes.outside.open_outside`.
+        opened: the graph; its split says which shared recipes are test recipes.
+        features: word vectors by which recipes are compared.
+        folds: number of folds of the other books' recipes.
+        allow_missing: use zeros for labels without a vector.
+        keep_train: keep recipes of other books that are also train recipes of the graph; test
+            recipes are always left out.
+
+    Raises:
+        ConfigError: if there is no source, or a source does not fit the graph.
+        ArtefactError: if a folder is incomplete or damaged.
     """
     if not specs:
         raise ConfigError(
-            "`kg` none learns from outside knowledge only. Name a source in `with`, such as everyday."
+            "`kg` none learns from outside knowledge only. Name a source in `with`, such as "
+            "everyday."
         )
-    books = [
-        with_words_of(
-            open_other_book(spec, opened, keep_train=keep_train),
-            opened,
-            features,
-            allow_missing=allow_missing,
-        )[0]
-        for spec in filter(is_book, specs)
-    ]
+    books = []
+    for spec in filter(is_book, specs):
+        other = open_other_book(spec, opened, keep_train=keep_train)
+        counted, _ = with_words_of(other, opened, features, allow_missing=allow_missing)
+        books.append(counted)
+    # Tables and word vectors alone: there is nothing to join, and no recipe to learn from.
     if not books:
-        graph = opened.graph
-        no_recipe = TrainSample.of(graph, np.zeros(graph.num_recipes, dtype=bool))
-        without = Folds(opened.split, folds, 0, np.full(graph.num_recipes, OUTSIDE), no_recipe)
+        own_graph = opened.graph
+        number = own_graph.num_recipes
+        no_recipe = TrainSample.of(own_graph, np.zeros(number, dtype=bool))
+        without = Folds(opened.split, folds, 0, np.full(number, OUTSIDE), no_recipe)
         others = open_outside(specs, opened, features, allow_missing=allow_missing)
-        return JointBook(opened, torch.arange(graph.num_entities), without, others)
+        return JointBook(opened, torch.arange(own_graph.num_entities), without, others)
+    # Before the books are joined: the joint graph's split has no test part to compare with.
     for spec in specs:
         if (Path(spec) / KNOWLEDGE).is_file():
             check_same_split(spec, opened)
-    labels = sorted({label for book in books for label in book.labels})
-    place = {label: row for row, label in enumerate(labels)}
-    rows = [np.array([place[label] for label in book.labels])[book.recipes] for book in books]
-    recipes = np.concatenate(rows)
-    recipes[:, :2].sort(axis=1)
-    graph = RecipeGraph(
-        labels, np.unique(recipes, axis=0), [], name=f"books for {opened.graph.name}"
-    )
-    joint = OpenedGraph(graph, make_split(graph, SplitConfig("none")), opened.source)
-    others = open_outside(
-        [spec for spec in specs if not is_book(spec)], joint, features, allow_missing=allow_missing
-    )
-    sources = (*(book.source for book in books), *others.sources)
+    joint, place = _joined(books, opened)
+    no_books = [spec for spec in specs if not is_book(spec)]
+    others = open_outside(no_books, joint, features, allow_missing=allow_missing)
+    of_books = [book.source for book in books]
+    outside = OutsideKnowledge(others.tables, (*of_books, *others.sources))
     own = torch.tensor([place[label] for label in opened.graph.entities])
-    return JointBook(
-        joint, own, make_folds(joint.split, folds), OutsideKnowledge(others.tables, sources)
-    )
+    return JointBook(joint, own, make_folds(joint.split, folds), outside)
+
+
+def _joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGraph, dict[str, int]]:
+    """Return a graph with the recipes of all books, and the id of each label in it."""
+    distinct: set[str] = set()
+    for book in books:
+        distinct.update(book.labels)
+    labels = sorted(distinct)
+    place = {label: row for row, label in enumerate(labels)}
+    rows = []
+    for book in books:
+        ids = np.array([place[label] for label in book.labels])
+        rows.append(ids[book.recipes])
+    recipes = np.concatenate(rows)
+    # Ingredients have no order: sorted, a recipe that several books share is one row.
+    recipes[:, :2].sort(axis=1)
+    recipes = np.unique(recipes, axis=0)
+    graph = RecipeGraph(labels, recipes, [], name=f"books for {opened.graph.name}")
+    split = make_split(graph, SplitConfig("none"))
+    return OpenedGraph(graph, split, opened.source), place
 
 
 def tables_alone(outside: LinkTables, text: Tensor) -> tuple[RecipeKnowledge, LinkRankers]:
-    """Return a scorer of mean standardised tables: ``parts[a, c] + parts[b, c] + pairs[a, b]``."""
+    """Return a scorer of mean standardised tables: ``parts[a, c] + parts[b, c] + pairs[a, b]``.
+
+    Args:
+        outside: the tables, shape (E, E) each.
+        text: word cosines, shape (E, E); they are kept, and have weight 0.
+    """
     size = len(text)
 
     def mean(tables: Sequence[Tensor]) -> Tensor:
+        if not tables:
+            return torch.zeros(size, size)
         scaled = [torch.from_numpy(standardised(table.numpy(), None)).float() for table in tables]
-        return torch.stack(scaled).mean(0) if scaled else torch.zeros(size, size)
+        return torch.stack(scaled).mean(0)
 
-    links = mean(outside.pairs), mean(outside.parts)
-    knowledge = knowledge_of(
-        np.empty((0, 3), dtype=np.int64), torch.zeros(size, size), text, links, links
-    )
-    # relu(x) - relu(-x) is x.
+    links = (mean(outside.pairs), mean(outside.parts))
+    no_recipes = np.empty((0, 3), dtype=np.int64)
+    no_kernel = torch.zeros(size, size)
+    knowledge = knowledge_of(no_recipes, no_kernel, text, links, links)
+    # A ranker that adds two features with two hidden units: relu(x) - relu(-x) is x.
+    signs = torch.tensor([1.0, -1.0])
     first = torch.zeros(len(FEATURES), 2)
-    first[[FEATURES.index("link_sum"), FEATURES.index("pair_link")]] = torch.tensor([1.0, -1.0])
-    ranker = Ranker(first, torch.zeros(2), torch.tensor([1.0, -1.0]), torch.zeros(()))
-    unused = [
-        Ranker(torch.zeros(1, 1), torch.zeros(1), torch.zeros(1), torch.zeros(()))
-        for _ in RELATIONS
-    ]
-    return knowledge.with_ranker(ranker), (unused[0], unused[1])
+    first[[FEATURES.index("link_sum"), FEATURES.index("pair_link")]] = signs
+    ranker = Ranker(first, torch.zeros(2), signs.clone(), torch.zeros(()))
+    return knowledge.with_ranker(ranker), (_unused_ranker(), _unused_ranker())
+
+
+def _unused_ranker() -> Ranker:
+    """Return a ranker of one feature, with weights 0: a model file has one for each relation."""
+    return Ranker(
+        torch.zeros(1, 1),
+        torch.zeros(1),
+        torch.zeros(1),
+        torch.zeros(()),
+    )

@@ -60,7 +60,11 @@ class TableScorer(StoredScorer):
         """Tabulate all scores of another scorer, on its device and with its name."""
         scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
         return TableScorer(
-            scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name
+            scores,
+            scorer.entities,
+            scorer.graph_hash,
+            device=scorer.device,
+            name=scorer.name,
         )
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
@@ -157,7 +161,11 @@ _TABLE_CELLS = 16
 
 
 def product_scores(
-    left: Tensor, right: Tensor, heads: Tensor, relations: Tensor, tails: Tensor
+    left: Tensor,
+    right: Tensor,
+    heads: Tensor,
+    relations: Tensor,
+    tails: Tensor,
 ) -> Tensor:
     """Return ``left[head] · right[tail]``; a grid of queries and candidates is one matrix product.
 

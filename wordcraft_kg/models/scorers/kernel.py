@@ -112,7 +112,10 @@ _COMPLETION = 0.5
 
 
 def kernel_regression(
-    kernel: Tensor, *links: Tensor, ridge: float = _RIDGE, seen: Tensor | None = None
+    kernel: Tensor,
+    *links: Tensor,
+    ridge: float = _RIDGE,
+    seen: Tensor | None = None,
 ) -> tuple[Tensor, ...]:
     """Fit links by ridge regression with the product kernel.
 
@@ -208,7 +211,10 @@ def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
 
 
 def kernel_scores(
-    recipes: Ids, kernel: Tensor, completed: Tensor, seen: Tensor | None = None
+    recipes: Ids,
+    kernel: Tensor,
+    completed: Tensor,
+    seen: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Score all combinesWith and componentOf links, as in :class:`KernelScorer`.
 

@@ -186,7 +186,11 @@ class RecipeKnowledge(PairKnowledge):
         return type(self)(self.constants() | changed)
 
     def features(  # noqa: D102 - inherited
-        self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        pairs: tuple[Tensor, Tensor] | None = None,
     ) -> Tensor:
         width = self.num_entities + 1
         wide = self.words.shape[1]
@@ -262,7 +266,11 @@ class RecipeKnowledge(PairKnowledge):
         return self._words_alike
 
     def support_of(  # noqa: D102 - inherited
-        self, a: int, b: int, goal: int, model: int
+        self,
+        a: int,
+        b: int,
+        goal: int,
+        model: int,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         supporting = self.supporting[model, goal].long()
         alike = self.alike[model]

@@ -68,7 +68,11 @@ class PairKnowledge(nn.Module, ABC):
 
     @abstractmethod
     def features(
-        self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        pairs: tuple[Tensor, Tensor] | None = None,
     ) -> Tensor:
         """Return the features of slot pairs.
 
@@ -85,7 +89,11 @@ class PairKnowledge(nn.Module, ABC):
 
     @abstractmethod
     def support_of(
-        self, a: int, b: int, goal: int, model: int
+        self,
+        a: int,
+        b: int,
+        goal: int,
+        model: int,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Return the recipes that may support ``a + b -> goal``, and their similarities.
 
@@ -163,7 +171,13 @@ class PairKnowledge(nn.Module, ABC):
         return features[self.feature_names.index(name)]
 
     def supporting_recipes(
-        self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5
+        self,
+        a: int,
+        b: int,
+        goal: int,
+        *,
+        model: int = 0,
+        limit: int = 5,
     ) -> list[Support]:
         """Return up to ``limit`` of a model's recipes that support ``a + b -> goal``.
 

@@ -71,7 +71,10 @@ class RecipeScores(TripleScorer, Protocol):
     recipes: Tensor
 
     def score_recipes(
-        self, ingredients: EntityIds, others: EntityIds, results: EntityIds
+        self,
+        ingredients: EntityIds,
+        others: EntityIds,
+        results: EntityIds,
     ) -> Tensor:
         """Score recipes.
 
@@ -86,7 +89,11 @@ class RecipeScores(TripleScorer, Protocol):
         ...
 
     def supporting_recipes(
-        self, ingredient: str, other: str, result: str, limit: int = 5
+        self,
+        ingredient: str,
+        other: str,
+        result: str,
+        limit: int = 5,
     ) -> list[Witness]:
         """Return training recipes that support a recipe: those for ``result`` first.
 
@@ -117,7 +124,11 @@ class RecipeScorer(StoredScorer):
     knowledge: PairKnowledge
 
     def __init__(
-        self, tensors: Mapping[str, Tensor], entities: Sequence[str], graph_hash: str, **kwargs: Any
+        self,
+        tensors: Mapping[str, Tensor],
+        entities: Sequence[str],
+        graph_hash: str,
+        **kwargs: Any,
     ):
         """Take over the stored tensors.
 
@@ -172,7 +183,10 @@ class RecipeScorer(StoredScorer):
         return self.knowledge.pairs[0, ..., 1], self.knowledge.parts[0, ..., 1]
 
     def score_recipes(
-        self, ingredients: EntityIds, others: EntityIds, results: EntityIds
+        self,
+        ingredients: EntityIds,
+        others: EntityIds,
+        results: EntityIds,
     ) -> Tensor:
         """Score recipes.
 
@@ -188,7 +202,9 @@ class RecipeScorer(StoredScorer):
             UnknownEntityError: for a label or id that the scorer does not know.
         """
         ids = torch.broadcast_tensors(
-            self.entity_ids(ingredients), self.entity_ids(others), self.entity_ids(results)
+            self.entity_ids(ingredients),
+            self.entity_ids(others),
+            self.entity_ids(results),
         )
         a, b, result = (part.reshape(-1) for part in ids)
         blocks = zip(result.split(_ROWS), a.split(_ROWS), b.split(_ROWS), strict=True)
@@ -201,7 +217,11 @@ class RecipeScorer(StoredScorer):
         return torch.cat(scores).view(ids[0].shape)
 
     def supporting_recipes(
-        self, ingredient: str, other: str, result: str, limit: int = 5
+        self,
+        ingredient: str,
+        other: str,
+        result: str,
+        limit: int = 5,
     ) -> list[Witness]:
         """Return training recipes that support a recipe: those for ``result`` first.
 

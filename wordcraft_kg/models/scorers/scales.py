@@ -224,7 +224,10 @@ def _spread_pairs(size: int) -> tuple[Ids, Ids]:
 
 
 def _dropped_self_edges(
-    size: int, relation: int, self_edges: SelfEdges, observed: Ids | None
+    size: int,
+    relation: int,
+    self_edges: SelfEdges,
+    observed: Ids | None,
 ) -> Ids:
     """Return the entities whose scores with themselves are dropped, ascending."""
     is_kept = np.zeros(size, dtype=bool)

@@ -117,7 +117,14 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
             for j in range(i, len(table)):
                 if table[i] >= 0 and table[j] >= 0:
                     _add_results(
-                        lists, table[i], table[j], np.float32(1), makes, places, of_pairs, words
+                        lists,
+                        table[i],
+                        table[j],
+                        np.float32(1),
+                        makes,
+                        places,
+                        of_pairs,
+                        words,
                     )
         _add_needs(lists, goal, np.float32(1), needs)
         for _ in range(further):
@@ -125,7 +132,14 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
                 for slot in range(len(table)):
                     if table[slot] >= 0:
                         _add_results(
-                            lists, ids[place], table[slot], _LATER, makes, places, of_pairs, words
+                            lists,
+                            ids[place],
+                            table[slot],
+                            _LATER,
+                            makes,
+                            places,
+                            of_pairs,
+                            words,
                         )
             for place in range(_best(needs, ids, values)):
                 _add_needs(lists, ids[place], _LATER, needs)

@@ -196,7 +196,11 @@ class NeighbourKnowledge(PairKnowledge):
         return self._lists[model]
 
     def features(  # noqa: D102 - inherited
-        self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        pairs: tuple[Tensor, Tensor] | None = None,
     ) -> Tensor:
         # Compiled loops are imported late: numba takes as long to import as all the rest.
         from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
@@ -234,7 +238,11 @@ class NeighbourKnowledge(PairKnowledge):
         return torch.from_numpy(features).to(goal.device).permute(2, 0, 1)
 
     def support_of(  # noqa: D102 - inherited
-        self, a: int, b: int, goal: int, model: int
+        self,
+        a: int,
+        b: int,
+        goal: int,
+        model: int,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 
@@ -280,7 +288,14 @@ class NeighbourKnowledge(PairKnowledge):
         return np.where(ids == self.num_entities, -1, ids)
 
     def intermediates(
-        self, goal: Tensor, table: Tensor, model: Tensor, *, attempts: int, width: int, near: int
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        *,
+        attempts: int,
+        width: int,
+        near: int,
     ) -> Tensor:
         """Return entities that a plan may make before the goal, shape (B, W), the best first.
 
@@ -306,7 +321,12 @@ class NeighbourKnowledge(PairKnowledge):
             # Indexing by rows makes a copy, which the loop fills.
             of_rows = found[rows]
             intermediates(
-                self.lists(number), goals[rows], tables[rows], attempts - 2, near, of_rows
+                self.lists(number),
+                goals[rows],
+                tables[rows],
+                attempts - 2,
+                near,
+                of_rows,
             )
             found[rows] = of_rows
         ids = torch.from_numpy(found.astype(np.int64)).to(goal.device)

@@ -75,7 +75,14 @@ def largest(cosines: Array, start: int, near: Array) -> None:
 
 @compiled
 def structural_neighbours(  # type: ignore[no-untyped-def]
-    starts, columns, data, column_starts, column_rows, column_data, common, width
+    starts,
+    columns,
+    data,
+    column_starts,
+    column_rows,
+    column_data,
+    common,
+    width,
 ):
     """Return the entities with the most similar profiles, ids ascending, and cosines.
 
@@ -131,7 +138,14 @@ def structural_neighbours(  # type: ignore[no-untyped-def]
 
 @compiled
 def merged_neighbours(  # type: ignore[no-untyped-def]
-    vectors, near_starts, near, near_cosines, norms, near_words, is_allowed, width
+    vectors,
+    near_starts,
+    near,
+    near_cosines,
+    norms,
+    near_words,
+    is_allowed,
+    width,
 ):
     """Return each entity's most similar allowed entities by structure and words together.
 

@@ -36,7 +36,10 @@ Floats = NDArray[np.float32]
 
 
 def link_factors(
-    recipes: Ids, rows: Any, vectors: Floats, rank: int = RANK
+    recipes: Ids,
+    rows: Any,
+    vectors: Floats,
+    rank: int = RANK,
 ) -> tuple[Floats, Floats, Floats]:
     """Return the factors of componentOf and combinesWith scores.
 

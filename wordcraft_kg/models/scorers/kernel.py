@@ -48,7 +48,13 @@ def profiles(recipes: Ids, num_entities: int) -> Any:
     contexts, context = np.unique(codes, return_inverse=True)
 
     def links(rows: Ids, columns: Ids, width: int) -> Any:
-        """Return a 0/1 matrix with ones at the given cells, shape (E, width)."""
+        """Return a 0/1 matrix with ones at the given cells.
+
+        Args:
+            rows: entity of each cell, shape (n,).
+            columns: column of each cell, shape (n,).
+            width: number of columns.
+        """
         # Unique, because the sparse matrix would add up repeated cells.
         cells = np.unique(rows * width + columns)
         where = np.divmod(cells, max(width, 1))
@@ -178,7 +184,9 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
     one, other = place.reshape(2, -1)
     count = len(cells)
     # Both directions; a + a gives the same cell twice, which counts once.
-    ends = np.unique(np.concatenate([one * count + other, other * count + one]))
+    forth = one * count + other
+    back = other * count + one
+    ends = np.unique(np.concatenate([forth, back]))
     where = np.divmod(ends, max(count, 1))
     pairs = sparse.csr_array((np.ones(len(ends)), where), shape=(count, count))
     degrees = np.asarray(pairs.sum(axis=1))

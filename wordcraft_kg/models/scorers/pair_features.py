@@ -204,9 +204,11 @@ class RecipeKnowledge(PairKnowledge):
         cells = rows.index_select(1, one) * width + b
 
         # Of an ingredient and the goal, shape (4, B, A): computed once for each slot, not pair.
-        part, link = _rows(self.parts, rows * width + goal[:, None]).unbind(-1)
-        words = _rows(self.words, table * wide + goal[:, None])
-        uses = self.counts[:, :, 0].flatten().index_select(0, rows.view(-1)).view(rows.shape)
+        goals = goal[:, None]
+        part, link = _rows(self.parts, rows * width + goals).unbind(-1)
+        words = _rows(self.words, table * wide + goals)
+        log_uses = self.counts[:, :, 0].flatten()
+        uses = log_uses.index_select(0, rows.view(-1)).view(rows.shape)
         of_slots = torch.stack([part, link, words, uses])
         of_a = of_slots.index_select(2, one)
         of_b = of_slots.index_select(2, other)
@@ -214,13 +216,15 @@ class RecipeKnowledge(PairKnowledge):
         # Of a pair, shape (B, P) each.
         pair, pair_link = _rows(self.pairs, cells).unbind(-1)
         words_pair = _rows(self.words, a * wide + b)
-        number = self.numbers.view(-1).index_select(0, cells.view(-1)).view(cells.shape)
+        numbers = self.numbers.view(-1)
+        number = numbers.index_select(0, cells.view(-1)).view(cells.shape)
         # Row 0 of each model, of unknown pairs, holds padding, which equals no goal.
         known_rows = number + (model * self.results.shape[1])[:, None]
         known_results = self.results.flatten(0, 1).index_select(0, known_rows.view(-1))
         known_results = known_results.view(*number.shape, self.results.shape[2])
         makes = (known_results == goal[:, None, None]).any(-1)
-        made = self.counts[:, :, 1].flatten().index_select(0, model * width + goal)
+        log_made = self.counts[:, :, 1].flatten()
+        made = log_made.index_select(0, model * width + goal)
         made_of_pairs = made[:, None].expand_as(a)
 
         of_tables = self._evidence(goal, table, model).flatten(2)
@@ -241,11 +245,21 @@ class RecipeKnowledge(PairKnowledge):
         supporting = self.supporting.flatten(0, 1).index_select(0, goal_rows).long()
         result = supporting[..., 2]
         # All first ingredients, then all second ones, shape (B, 1, 2 R): one look-up serves both.
-        ingredients = supporting[..., :2].transpose(1, 2).flatten(1)[:, None]
+        both = supporting[..., :2].transpose(1, 2)
+        ingredients = both.flatten(1)[:, None]
         rows = (model * width)[:, None] + table
 
         def summed(like: Tensor, rows: Tensor, goal: Tensor) -> Tensor:
-            """Return ``Σ_r like(c, c_r) like(a, a_r) like(b, b_r)``, shape (B, A, A)."""
+            """Return ``Σ_r like(c, c_r) like(a, a_r) like(b, b_r)`` for all slots a and b.
+
+            Args:
+                like: similarities of rows and all W entities.
+                rows: row of each slot's entity, shape (B, A).
+                goal: row of each goal, shape (B,).
+
+            Returns:
+                shape (B, A, A).
+            """
             weight = _rows(like, goal[:, None] * wide + result)
             of_slots = _rows(like, (rows * wide)[:, :, None] + ingredients)
             one, other = of_slots.chunk(2, dim=2)
@@ -255,9 +269,9 @@ class RecipeKnowledge(PairKnowledge):
         by_recipes = summed(self.alike, rows, goal_rows)
         # All models have the same words, so rows are entities there.
         by_words = summed(self._words_like(), table, goal)
-        both = torch.stack([by_recipes, by_words])
+        straight = torch.stack([by_recipes, by_words])
         # The transpose holds the crossed order of ingredients.
-        return both + both.transpose(2, 3)
+        return straight + straight.transpose(2, 3)
 
     def _words_like(self) -> Tensor:
         """Return powers of positive word cosines, shape (E + 1, W); computed once."""
@@ -294,7 +308,8 @@ class RecipeKnowledge(PairKnowledge):
     def knows(self, recipes: Tensor, model: int) -> Tensor:  # noqa: D102 - inherited
         one, other, result = recipes.T
         number = self.numbers[model, one, other].long()
-        return (number > 0) & (self.results[model, number] == result[:, None]).any(1)
+        is_result = self.results[model, number] == result[:, None]
+        return (number > 0) & is_result.any(1)
 
 
 def _forget(knowledge: nn.Module, _: object) -> None:
@@ -330,8 +345,10 @@ def knowledge_of(
     made = torch.from_numpy(recipes[:, 2].copy())
     # The last row, of the empty slot, stays 0.
     counts = torch.zeros(size + 1, 2)
-    counts[:-1, 0] = torch.bincount(users, minlength=size)[:size].log1p()
-    counts[:-1, 1] = torch.bincount(made, minlength=size)[:size].log1p()
+    num_uses = torch.bincount(users, minlength=size)[:size]
+    num_makers = torch.bincount(made, minlength=size)[:size]
+    counts[:-1, 0] = num_uses.log1p()
+    counts[:-1, 1] = num_makers.log1p()
 
     # In blocks of goals, because a row has a column for each recipe. The sort is stable, so that
     # recipes with equally similar results stay in the order of the book.
@@ -343,12 +360,16 @@ def knowledge_of(
     )
     # 16 bits hold all ids: a graph with more entities is too large for these tables.
     supporting = torch.full((size + 1, EVIDENCE, 3), size, dtype=torch.int16)
-    supporting[:-1, : nearest.shape[1]] = torch.from_numpy(recipes.astype("int16"))[nearest]
+    short = torch.from_numpy(recipes.astype("int16"))
+    supporting[:-1, : nearest.shape[1]] = short[nearest]
     numbers, results = _known_pairs(recipes, size)
+    # A cell holds both numbers of a pair, so that one look-up fetches them.
+    parts = torch.stack([tables[1], links[1]], dim=-1)
+    pairs = torch.stack([tables[0], links[0]], dim=-1)
     return RecipeKnowledge(
         {
-            "parts": _padded(torch.stack([tables[1], links[1]], dim=-1))[None],
-            "pairs": _padded(torch.stack([tables[0], links[0]], dim=-1))[None],
+            "parts": _padded(parts)[None],
+            "pairs": _padded(pairs)[None],
             "numbers": numbers[None],
             "results": results[None],
             "alike": _padded(alike)[None],
@@ -368,7 +389,8 @@ def _known_pairs(recipes: Ids, size: int) -> tuple[Tensor, Tensor]:
     pairs, number = np.unique(recipes[:, :2], axis=0, return_inverse=True)
     # Number 0 stands for unknown pairs, which have no results.
     of_pair: list[list[int]] = [[] for _ in range(len(pairs) + 1)]
-    for pair, result in zip(number.reshape(-1).tolist(), recipes[:, 2].tolist(), strict=True):
+    results = recipes[:, 2].tolist()
+    for pair, result in zip(number.reshape(-1).tolist(), results, strict=True):
         of_pair[pair + 1].append(result)
     numbers = torch.zeros(size + 1, size + 1, dtype=torch.int32)
     one, other = torch.from_numpy(pairs.copy()).T

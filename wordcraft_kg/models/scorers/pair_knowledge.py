@@ -159,7 +159,8 @@ class PairKnowledge(nn.Module, ABC):
         scores = scores.index_select(1, _square(table.shape[1], table.device))
         is_empty = table == self.num_entities
         scores = scores.view(*table.shape, table.shape[1])
-        return scores.masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
+        has_empty = is_empty[:, :, None] | is_empty[:, None]
+        return scores.masked_fill(has_empty, -torch.inf)
 
     def scores(self, features: Tensor, model: Tensor) -> Tensor:
         """Score P slot pairs, (B, P), in nats, from their :meth:`features`, (F, B, P)."""

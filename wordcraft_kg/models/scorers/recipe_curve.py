@@ -117,7 +117,16 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
     train_codes = _codes(folds.recipes(), size)
 
     def scored(goal: Tensor, table: Tensor, pairs: tuple[Tensor, Tensor] | None) -> tuple[Ids, Ids]:
-        """Return kinds and bins, shape (B, P) each, of slot pairs for goals."""
+        """Return kinds and bins of slot pairs for goals.
+
+        Args:
+            goal: ids, shape (B,).
+            table: ids, shape (B, A).
+            pairs: first and second slot of P pairs, shape (P,) each; None for all pairs.
+
+        Returns:
+            shape (B, P) each.
+        """
         model = torch.zeros_like(goal)
         features = knowledge.features(goal, table, model, pairs)
         scores = knowledge.scores(features, model).cpu().numpy()
@@ -127,7 +136,13 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         return kinds, bins
 
     def count_table(goal: Tensor, slots: Tensor, weights: _Floats) -> None:
-        """Count all pairs on a table, ids (A,), for each goal; ``weights`` has shape (P,)."""
+        """Count all slot pairs on a table for each goal, without train recipes.
+
+        Args:
+            goal: ids, shape (B,).
+            slots: ids on the table, shape (A,).
+            weights: how many pairs of entities each slot pair stands for, shape (P,).
+        """
         table = slots.expand(len(goal), len(slots))
         kinds, bins = scored(goal, table, None)
         first, second = pairs_of(len(slots), slots.device)
@@ -136,17 +151,20 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         # Recipes of a graph have the smaller id first.
         low = np.minimum(one, other)
         high = np.maximum(one, other)
-        recipes = np.stack(np.broadcast_arrays(low, high, goal.numpy()[:, None]), axis=-1)
+        results = goal.numpy()[:, None]
+        recipes = np.stack(np.broadcast_arrays(low, high, results), axis=-1)
         codes = _codes(recipes.reshape(-1, 3), size)
         is_other = ~np.isin(codes, train_codes).reshape(bins.shape)
         of_cells = np.broadcast_to(weights, bins.shape)
         # Unlike `counts[cells] += 1`, `add.at` counts a cell each time it occurs.
-        np.add.at(counts[:, 0], (kinds[is_other], bins[is_other]), of_cells[is_other])
+        chosen = (kinds[is_other], bins[is_other])
+        np.add.at(counts[:, 0], chosen, of_cells[is_other])
 
     with torch.no_grad():
         own = torch.from_numpy(folds.recipes_of(fold).copy())
         # A recipe is a table of two slots, and its only pair that counts is slot 0 with slot 1.
-        kinds, bins = scored(own[:, 2], own[:, :2], (torch.tensor([0]), torch.tensor([1])))
+        only_pair = (torch.tensor([0]), torch.tensor([1]))
+        kinds, bins = scored(own[:, 2], own[:, :2], only_pair)
         np.add.at(counts[:, 1], (kinds, bins), 1)
 
         slots = min(_SLOTS, size)
@@ -174,7 +192,8 @@ def _weights(slots: int, size: int, tables: float) -> _Floats:
     other = second.numpy()
     # Pairs of an entity with itself are far rarer than others, but not on a table: each has its own
     # weight.
-    of_different = size * (size - 1) / 2 / max((one != other).sum() * tables, 1)
+    drawn = (one != other).sum() * tables
+    of_different = size * (size - 1) / 2 / max(drawn, 1)
     of_itself = size / (slots * tables)
     return np.where(one == other, of_itself, of_different)
 
@@ -186,7 +205,9 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
     def loss(values: _Floats) -> tuple[float, _Floats]:
         """Return the regularised negative log-likelihood and its gradient."""
         log_odds = values[:KINDS, None] + values[KINDS] * _CENTRES
-        error = counts.sum(axis=1) * expit(log_odds) - counts[:, 1]
+        # Expected minus observed recipes in each bin: the derivative by the log-odds.
+        expected = counts.sum(axis=1) * expit(log_odds)
+        error = expected - counts[:, 1]
         of_others = counts[:, 0] * np.logaddexp(0, log_odds)
         of_recipes = counts[:, 1] * np.logaddexp(0, -log_odds)
         total = (of_others + of_recipes).sum()
@@ -212,4 +233,5 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
 
 def _codes(recipes: Ids, size: int) -> Ids:
     """Return a number for each recipe, ids (n, 3); ingredients in another order have another."""
-    return (recipes[:, 0] * size + recipes[:, 1]) * size + recipes[:, 2]
+    a, b, result = recipes.T
+    return (a * size + b) * size + result

@@ -180,7 +180,10 @@ class RecipeScorer(StoredScorer):
         """Return the link ranker's scores of combinesWith and componentOf, (E + 1, E + 1) each."""
         # A scorer by neighbour lists has no tables, and overrides each method that needs them.
         assert isinstance(self.knowledge, RecipeKnowledge)
-        return self.knowledge.pairs[0, ..., 1], self.knowledge.parts[0, ..., 1]
+        pairs = self.knowledge.pairs[0]
+        parts = self.knowledge.parts[0]
+        # The last axis holds the scores of the recipe kernel and of the link ranker.
+        return pairs[..., 1], parts[..., 1]
 
     def score_recipes(
         self,

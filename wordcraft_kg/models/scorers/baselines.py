@@ -29,12 +29,18 @@ class SymbolicScorer(Scorer):
         self._keys = torch.cat([keys, last])
 
     def _key(
-        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+        self,
+        heads: torch.Tensor,
+        relations: torch.Tensor,
+        tails: torch.Tensor,
     ) -> torch.Tensor:
         return (relations * len(self.entities) + heads) * len(self.entities) + tails
 
     def _score(
-        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+        self,
+        heads: torch.Tensor,
+        relations: torch.Tensor,
+        tails: torch.Tensor,
     ) -> torch.Tensor:
         keys = self._key(heads, relations, tails)
         return (self._keys[torch.searchsorted(self._keys, keys)] == keys).float()
@@ -71,7 +77,10 @@ class FrequencyScorer(Scorer):
         self._as_tail = count(tails)
 
     def _score(
-        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+        self,
+        heads: torch.Tensor,
+        relations: torch.Tensor,
+        tails: torch.Tensor,
     ) -> torch.Tensor:
         return self._as_head[relations, heads] + self._as_tail[relations, tails]
 
@@ -92,7 +101,12 @@ class NeighbourScorer(TableScorer):
     """
 
     def __init__(
-        self, graph: RecipeGraph, triples: np.ndarray, *, power: float = 1.0, **kwargs: Any
+        self,
+        graph: RecipeGraph,
+        triples: np.ndarray,
+        *,
+        power: float = 1.0,
+        **kwargs: Any,
     ):
         """Score all triples from known triples.
 
@@ -172,7 +186,9 @@ class VoteScorer(Scorer):
         self._keys = torch.tensor(keys, device=self.device)
         self._counts = torch.tensor(counts, dtype=torch.float64, device=self.device)
         self._made = torch.tensor(
-            np.bincount(result, minlength=size), dtype=torch.float64, device=self.device
+            np.bincount(result, minlength=size),
+            dtype=torch.float64,
+            device=self.device,
         )
 
     def votes(self, ingredients: EntityIds, results: EntityIds) -> torch.Tensor:
@@ -207,7 +223,10 @@ class VoteScorer(Scorer):
         return weight.log().float()
 
     def _score(
-        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+        self,
+        heads: torch.Tensor,
+        relations: torch.Tensor,
+        tails: torch.Tensor,
     ) -> torch.Tensor:
         return self._tables[relations, heads, tails]
 

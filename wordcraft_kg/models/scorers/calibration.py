@@ -140,7 +140,12 @@ class Probabilities(Record, frozen=True, kw_only=True):
 
     @classmethod
     def fit(
-        cls, whole: TripleScorer, folds: Folds, seen: Sequence["Seen"], *, seed: int = 0
+        cls,
+        whole: TripleScorer,
+        folds: Folds,
+        seen: Sequence["Seen"],
+        *,
+        seed: int = 0,
     ) -> "Probabilities":
         """Fit probability curves for the model trained on all folds.
 
@@ -319,7 +324,10 @@ def known_share(folds: Folds, relation: int) -> float:
 
 
 def fit_curve(
-    true: _Floats, others: _Floats, share: float, slopes: int = len(SEGMENTS) + 1
+    true: _Floats,
+    others: _Floats,
+    share: float,
+    slopes: int = len(SEGMENTS) + 1,
 ) -> Curve:
     """Fit a probability curve to score histograms, or only the base rate if scores say nothing.
 
@@ -410,7 +418,10 @@ def _loss(values: _Floats, true: _Floats, others: _Floats, share: float) -> tupl
 
 
 def _results(
-    scorer: TripleScorer, folds: Folds, fold: int, seed: int
+    scorer: TripleScorer,
+    folds: Folds,
+    fold: int,
+    seed: int,
 ) -> tuple[_Floats, NDArray[np.bool_]] | tuple[None, None]:
     """Return scores of all results for sampled pairs of a fold, (N, E), and which are right."""
     if not isinstance(scorer, RecipeScores):

@@ -171,7 +171,10 @@ class CrossFitted(Scorer):
         return len(self._makers)
 
     def _score(
-        self, heads: torch.Tensor, relations: torch.Tensor, tails: torch.Tensor
+        self,
+        heads: torch.Tensor,
+        relations: torch.Tensor,
+        tails: torch.Tensor,
     ) -> torch.Tensor:
         return self.whole._score(heads, relations, tails)
 
@@ -179,7 +182,10 @@ class CrossFitted(Scorer):
         return self.whole.table(relation)
 
     def probability(
-        self, heads: EntityIds, relations: RelationIds, tails: EntityIds
+        self,
+        heads: EntityIds,
+        relations: RelationIds,
+        tails: EntityIds,
     ) -> torch.Tensor:
         """Return calibrated probabilities for triples outside the training data.
 

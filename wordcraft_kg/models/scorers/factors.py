@@ -60,7 +60,11 @@ class TableScorer(StoredScorer):
         """Tabulate all scores of another scorer, on its device and with its name."""
         scores = torch.stack([scorer.table(relation) for relation in range(len(RELATIONS))])
         return TableScorer(
-            scores, scorer.entities, scorer.graph_hash, device=scorer.device, name=scorer.name
+            scores,
+            scorer.entities,
+            scorer.graph_hash,
+            device=scorer.device,
+            name=scorer.name,
         )
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
@@ -116,7 +120,9 @@ class ComplExScorer(StoredScorer):
             known = self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)]
             return real_dot(known, self.entity[tails[0]])
         if is_turned:
-            known = self.relation[relations.reshape(-1)].conj() * self.entity[tails[:, 0]]
+            # The conjugate has the same real part: Re(h r conj(t)) = Re(conj(r) t conj(h)).
+            turned = self.relation[relations.reshape(-1)].conj()
+            known = turned * self.entity[tails[:, 0]]
             return real_dot(known, self.entity[heads[0]])
         product = self.entity[heads] * self.relation[relations] * self.entity[tails].conj()
         return product.real.sum(dim=-1)
@@ -157,7 +163,11 @@ _TABLE_CELLS = 16
 
 
 def product_scores(
-    left: Tensor, right: Tensor, heads: Tensor, relations: Tensor, tails: Tensor
+    left: Tensor,
+    right: Tensor,
+    heads: Tensor,
+    relations: Tensor,
+    tails: Tensor,
 ) -> Tensor:
     """Return ``left[head] · right[tail]``; a grid of queries and candidates is one matrix product.
 
@@ -179,7 +189,10 @@ def product_scores(
     heads, tails, _ = torch.broadcast_tensors(heads, tails, relations)
     if len(left) * len(right) <= _TABLE_CELLS * heads.numel():
         return (left @ right.T)[heads, tails]
-    pairs = zip(heads.reshape(-1).split(_PAIRS), tails.reshape(-1).split(_PAIRS), strict=True)
+    # In blocks, because the factors of all pairs would take (pairs, m) numbers.
+    head_blocks = heads.reshape(-1).split(_PAIRS)
+    tail_blocks = tails.reshape(-1).split(_PAIRS)
+    pairs = zip(head_blocks, tail_blocks, strict=True)
     scores = [(left[head] * right[tail]).sum(-1) for head, tail in pairs]
     return torch.cat(scores).view(heads.shape)
 

@@ -153,7 +153,11 @@ def make_features(
     # Each prefix shuffles once more, so that ``shuffled:`` stands before any other specification.
     if parsed.prefix:
         features = make_features(
-            parsed.source, labels, pooling=pooling, allow_missing=allow_missing, seed=seed
+            parsed.source,
+            labels,
+            pooling=pooling,
+            allow_missing=allow_missing,
+            seed=seed,
         )
         for _ in range(parsed.prefix.count(SHUFFLED)):
             features = _shuffled(features, seed)
@@ -308,7 +312,10 @@ def _spellings(text: str) -> tuple[str, ...]:
 
 
 def _of_labels(
-    source: str, labels: Sequence[str], by_word: _WordVectors, pooling: Pooling | None
+    source: str,
+    labels: Sequence[str],
+    by_word: _WordVectors,
+    pooling: Pooling | None,
 ) -> EntityFeatures:
     """Give each label its own vector, or else the pooled vectors of its words (if pooled)."""
     rows = {word: row for row, word in enumerate(by_word.words)}
@@ -386,7 +393,10 @@ def _checked_folder(folder: Path) -> Path:
 
 
 def _from_file(
-    path: Path, labels: Sequence[str], pooling: Pooling | None, source: str = ""
+    path: Path,
+    labels: Sequence[str],
+    pooling: Pooling | None,
+    source: str = "",
 ) -> EntityFeatures:
     """Read vectors of labels and their words from a text file, or from an array with labels."""
     wanted: set[str] = set()
@@ -540,7 +550,10 @@ def _is_number(text: bytes) -> bool:
 
 
 def _checked(
-    path: Path, origins: Sequence[str], words: Sequence[str], values: NDArray[np.float64]
+    path: Path,
+    origins: Sequence[str],
+    words: Sequence[str],
+    values: NDArray[np.float64],
 ) -> _WordVectors:
     """Return vectors as float32, or raise ConfigError for a value that float32 cannot hold."""
     # A comparison with NaN is False, so this refuses NaN as well.

@@ -81,7 +81,10 @@ class Vocabulary(Record, frozen=True, kw_only=True):
 
 
 def load_scorer(
-    folder: str | Path, *, graph: RecipeGraph | None = None, device: str = "cpu"
+    folder: str | Path,
+    *,
+    graph: RecipeGraph | None = None,
+    device: str = "cpu",
 ) -> Scorer:
     """Load a scorer from a model folder.
 
@@ -137,7 +140,10 @@ def load_scorer(
 
 
 def _cross_fitted(
-    files: RunFiles, scorer: Scorer, vocabulary: Vocabulary, whole: "Tensors"
+    files: RunFiles,
+    scorer: Scorer,
+    vocabulary: Vocabulary,
+    whole: "Tensors",
 ) -> CrossFitted:
     """Add the models of the folds; each becomes a scorer when it is first needed.
 
@@ -277,7 +283,10 @@ def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) 
         graph: the recipe graph, whose hash and labels go into the vocabulary.
     """
     vocabulary = Vocabulary(
-        scorer=kind, graph=graph.hash, entities=graph.entities, relations=RELATIONS
+        scorer=kind,
+        graph=graph.hash,
+        entities=graph.entities,
+        relations=RELATIONS,
     )
     # Copies, because safetensors refuses tensors that share memory, such as views.
     write_atomically(folder / WEIGHTS, safetensors.torch.save(copied(dict(tensors))))
@@ -285,7 +294,11 @@ def write_scorer(folder: Path, kind: str, tensors: Tensors, graph: RecipeGraph) 
 
 
 def write_folds(
-    folder: Path, folds: Folds, whole: Scorer, kind: str, part: Callable[[int], tuple[str, Tensors]]
+    folder: Path,
+    folds: Folds,
+    whole: Scorer,
+    kind: str,
+    part: Callable[[int], tuple[str, Tensors]],
 ) -> FoldsRecord:
     """Write the models trained without each fold, and return the fold record.
 

@@ -24,149 +24,228 @@ TEXT = 0.2
 
 
 def profiles(recipes: Ids, num_entities: int) -> Any:
-    """Return a profile for each entity, its uses in recipes (n, 3): unit rows in a sparse matrix, shape (E, M).
+    """Return a profile for each entity: its uses in recipes, as unit rows of a sparse matrix.
 
-    With C the symmetric combinesWith links, P the componentOf links (ingredient, result) and R the contexts (partner,
-    result), rows are ``[C | P | Pᵀ | 2 R]``, damped and normalised; zeros for entities without recipes.
+    With C the symmetric combinesWith links, P the componentOf links (ingredient, result) and R the
+    contexts (partner, result), rows are ``[C | P | Pᵀ | 2 R]``, damped and normalised.
+
+    Args:
+        recipes: ids (n, 3): two ingredients and the result.
+        num_entities: E.
+
+    Returns:
+        a sparse matrix of shape (E, M), float64; zeros for entities without recipes.
     """
     from scipy import sparse
 
     a, b, result = recipes.T
-    one, other, makes = (
-        np.concatenate([a, b]),
-        np.concatenate([b, a]),
-        np.concatenate([result, result]),
-    )
-    contexts, context = np.unique(other * num_entities + makes, return_inverse=True)
+    # Each recipe is read twice, once from each ingredient.
+    one = np.concatenate([a, b])
+    other = np.concatenate([b, a])
+    makes = np.concatenate([result, result])
+    # A context is one number for (partner, result); only contexts that occur get a column.
+    codes = other * num_entities + makes
+    contexts, context = np.unique(codes, return_inverse=True)
 
     def links(rows: Ids, columns: Ids, width: int) -> Any:
+        """Return a 0/1 matrix with ones at the given cells.
+
+        Args:
+            rows: entity of each cell, shape (n,).
+            columns: column of each cell, shape (n,).
+            width: number of columns.
+        """
+        # Unique, because the sparse matrix would add up repeated cells.
         cells = np.unique(rows * width + columns)
         where = np.divmod(cells, max(width, 1))
-        return sparse.csr_array((np.ones(len(cells)), where), shape=(num_entities, width))
+        ones = np.ones(len(cells))
+        return sparse.csr_array((ones, where), shape=(num_entities, width))
 
+    partners = links(one, other, num_entities)
     parts = links(one, makes, num_entities)
-    rows = sparse.hstack(
-        [
-            links(one, other, num_entities),
-            parts,
-            parts.T,
-            _CONTEXT * links(one, context, len(contexts)),
-        ]
-    ).tocsr()
+    of_contexts = links(one, context, len(contexts))
+    blocks = [partners, parts, parts.T, _CONTEXT * of_contexts]
+    rows = sparse.hstack(blocks).tocsr()
     total = np.asarray(rows.sum(axis=0))
-    damped = rows @ sparse.diags_array(np.maximum(total, 1e-9) ** -_DAMPING)
-    norm = np.sqrt(np.asarray(damped.multiply(damped).sum(axis=1)))
-    return (sparse.diags_array(1 / np.maximum(norm, 1e-9)) @ damped).tocsr()
+    # The least values keep empty columns and rows at zero, where a division would give NaN.
+    damping = np.maximum(total, 1e-9) ** -_DAMPING
+    damped = rows @ sparse.diags_array(damping)
+    squares = damped.multiply(damped)
+    norm = np.sqrt(np.asarray(squares.sum(axis=1)))
+    inverse = sparse.diags_array(1 / np.maximum(norm, 1e-9))
+    return (inverse @ damped).tocsr()
 
 
 def cosines(vectors: Tensor) -> Tensor:
-    """Return the cosines between all pairs of rows, shape (E, E); 0 for zero rows."""
+    """Return the cosines between all pairs of rows of (E, D), shape (E, E); 0 for zero rows."""
     unit = torch.nn.functional.normalize(vectors, dim=1)
     return unit @ unit.T
 
 
 def similarity(recipes: Ids, text: Tensor) -> Tensor:
-    """Return entity similarities ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``, shape (E, E).
+    """Return entity similarities ``k(x, y) = cos(profiles) + 0.2 max(0, cos(words))²``.
 
-    Profiles list an entity's partners, results and ingredients in ``recipes`` (n, 3), see :func:`profiles`; ``text``
-    holds word cosines (E, E). Few word dimensions may cause negative eigenvalues.
+    Profiles list an entity's partners, results and ingredients, see :func:`profiles`. Few word
+    dimensions may cause negative eigenvalues.
+
+    Args:
+        recipes: ids (n, 3).
+        text: word cosines, shape (E, E).
+
+    Returns:
+        shape (E, E), float32.
     """
     rows = profiles(recipes, len(text))
-    structure = torch.from_numpy((rows @ rows.T).toarray().astype(np.float32))
+    products = (rows @ rows.T).toarray()
+    structure = torch.from_numpy(products.astype(np.float32))
+    # Clamped first, because the square of a negative cosine would count as similarity.
     return structure + TEXT * text.clamp(min=0) ** 2
 
 
 def normalised(kernel: Tensor) -> Tensor:
-    """Return a kernel scaled to diagonal 1, ``k(x, y) / √(k(x, x) k(y, y))``; 0 for entities without similarity."""
+    """Return a kernel, shape (E, E), scaled to diagonal 1: ``k(x, y) / √(k(x, x) k(y, y))``.
+
+    Entities without similarity, even with themselves, keep zeros.
+    """
     scale = kernel.diagonal().clamp(min=1e-9).rsqrt()
     return scale[:, None] * kernel * scale
 
 
 _RIDGE = 1.0
+"""λ, the regularisation strength of the regression."""
 _COMPLETION = 0.5
 """Weight of the completion term; regression and completion are standardised."""
 
 
 def kernel_regression(
-    kernel: Tensor, *links: Tensor, ridge: float = _RIDGE, seen: Tensor | None = None
+    kernel: Tensor,
+    *links: Tensor,
+    ridge: float = _RIDGE,
+    seen: Tensor | None = None,
 ) -> tuple[Tensor, ...]:
-    """Fit links by ridge regression with the product kernel ``k((x, y), (x', y')) = k(x, x') k(y, y')``.
+    """Fit links by ridge regression with the product kernel.
 
-    With ``k = V diag(w) Vᵀ`` the solution is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E problem, not E² x E².
-    Entities outside ``seen`` are only predicted, ``K A Kᵀ``: missing links give no negative evidence. The results are
-    the scores of all links for each table, shape (E, E) each.
+    The kernel of two links is ``k((x, y), (x', y')) = k(x, x') k(y, y')``. With the eigenvectors
+    ``k = V diag(w) Vᵀ`` the solution is ``V [(w wᵀ) / (w wᵀ + λ) ∘ (Vᵀ Y V)] Vᵀ``: an E x E
+    problem, not E² x E². Entities outside ``seen`` are only predicted, ``K A Kᵀ``: missing links
+    give no negative evidence.
 
     Args:
         kernel: k, entity similarities, shape (E, E), symmetric; negative eigenvalues count as 0.
         *links: tables Y, shape (E, E) each, 1 for known links, else 0.
         ridge: λ, the regularisation strength.
-        seen: ids of training entities; all by default.
+        seen: ids of training entities; None for all.
 
-    Source: Stock et al. 2018, "A comparative study of pairwise learning methods based on kernel ridge regression";
-    Pahikkala et al. 2013 (Kronecker kernels).
+    Returns:
+        the scores of all links for each table, shape (E, E) each, float32.
+
+    Source: Stock et al. 2018, "A comparative study of pairwise learning methods based on kernel
+    ridge regression"; Pahikkala et al. 2013 (Kronecker kernels).
     """
-    seen = torch.arange(len(kernel)) if seen is None else seen
+    if seen is None:
+        seen = torch.arange(len(kernel))
+    # In 64 bits: eigenvectors of almost equal eigenvalues are sensitive to rounding.
     kernel = kernel.double()[:, seen]
     values, vectors = torch.linalg.eigh(kernel[seen])
-    shrinkage = values.clamp(min=0)[:, None] * values.clamp(min=0) + ridge
+    positive = values.clamp(min=0)
+    shrinkage = positive[:, None] * positive + ridge
+    # K V, without the directions whose eigenvalues are not positive.
     factor = kernel @ (vectors * (values > 0))
-    inner = [vectors.T @ table.double()[seen][:, seen] @ vectors for table in links]
-    return tuple((factor @ (each / shrinkage) @ factor.T).float() for each in inner)
+    scores = []
+    for table in links:
+        known = table.double()[seen][:, seen]
+        inner = vectors.T @ known @ vectors
+        scores.append((factor @ (inner / shrinkage) @ factor.T).float())
+    return tuple(scores)
 
 
 def completion(recipes: Ids, num_entities: int) -> Tensor:
-    """Score all pairs as ingredients by known pairs with the same result, shape (E, E); ``recipes`` are (n, 3).
+    """Score all pairs as ingredients by known pairs with the same result.
 
-    With ``R_c`` the degree-normalised symmetric matrix for pairs that make c, the score is ``Σ_c R_c³``: if a + y, x +
-    y and x + b make c, then a + b may as well.
+    With ``R_c`` the degree-normalised symmetric matrix for pairs that make c, the score is
+    ``Σ_c R_c³``: if a + y, x + y and x + b make c, then a + b may as well.
+
+    Args:
+        recipes: ids (n, 3).
+        num_entities: E.
+
+    Returns:
+        shape (E, E), float32.
     """
     from scipy import sparse
 
     a, b, result = recipes.T
-    # A node is an entity as ingredient for a single result.
-    cells, place = np.unique(
-        np.concatenate([result, result]) * num_entities + np.concatenate([a, b]),
-        return_inverse=True,
-    )
+    # A node is an entity as ingredient for a single result, so one matrix over all nodes holds the
+    # R_c of all results as blocks.
+    results = np.concatenate([result, result])
+    ingredients = np.concatenate([a, b])
+    cells, place = np.unique(results * num_entities + ingredients, return_inverse=True)
+    # The first half belongs to the first ingredients, the second half to their partners.
     one, other = place.reshape(2, -1)
     count = len(cells)
-    ends = np.unique(np.concatenate([one * count + other, other * count + one]))
-    pairs = sparse.csr_array(
-        (np.ones(len(ends)), np.divmod(ends, max(count, 1))), shape=(count, count)
-    )
-    scale = sparse.diags_array(np.asarray(pairs.sum(axis=1)).clip(1) ** -0.5)
-    nodes = sparse.csr_array(
-        (np.ones(count), (np.arange(count), cells % num_entities)), shape=(count, num_entities)
-    )
+    # Both directions; a + a gives the same cell twice, which counts once.
+    forth = one * count + other
+    back = other * count + one
+    ends = np.unique(np.concatenate([forth, back]))
+    where = np.divmod(ends, max(count, 1))
+    pairs = sparse.csr_array((np.ones(len(ends)), where), shape=(count, count))
+    degrees = np.asarray(pairs.sum(axis=1))
+    scale = sparse.diags_array(degrees.clip(1) ** -0.5)
     pairs = (scale @ pairs @ scale).tocsr()
-    return torch.from_numpy(
-        (nodes.T @ (pairs @ (pairs @ (pairs @ nodes)))).toarray().astype(np.float32)
-    )
+    entity_of = (np.arange(count), cells % num_entities)
+    nodes = sparse.csr_array((np.ones(count), entity_of), shape=(count, num_entities))
+    # R³ of all results, three products from the right; the product with nodesᵀ sums over results.
+    third = pairs @ (pairs @ (pairs @ nodes))
+    scores = (nodes.T @ third).toarray()
+    return torch.from_numpy(scores.astype(np.float32))
 
 
 def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:
-    """Return the recipes' combinesWith and componentOf links: shape (E, E) each, row = head, 1 or 0."""
+    """Return the recipes' links as tables.
+
+    Args:
+        recipes: ids (n, 3).
+        num_entities: E.
+
+    Returns:
+        combinesWith and componentOf, shape (E, E) each, row = head: 1 for known links, else 0.
+    """
     triples = recipe_triples(recipes)
     tables = torch.zeros(2, num_entities, num_entities)
+    # A copy: torch shares the memory, and warns of read-only arrays.
     heads, relations, tails = torch.from_numpy(triples.copy()).T
     tables[relations, heads, tails] = 1
     return tables[COMBINES_WITH], tables[COMPONENT_OF]
 
 
 def kernel_scores(
-    recipes: Ids, kernel: Tensor, completed: Tensor, seen: Tensor | None = None
+    recipes: Ids,
+    kernel: Tensor,
+    completed: Tensor,
+    seen: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
-    """Score all combinesWith and componentOf links by ``kernel``, entity similarities (E, E); (E, E) each, row = head.
+    """Score all combinesWith and componentOf links, as in :class:`KernelScorer`.
 
-    Scores as in :class:`KernelScorer`; the fit and the standardisation use only entity ids in ``seen``, by default all.
-    ``completed`` is :func:`completion`.
+    Args:
+        recipes: known recipes, ids (n, 3).
+        kernel: entity similarities, shape (E, E).
+        completed: scores of :func:`completion`, shape (E, E).
+        seen: ids of the entities that the fit and the standardisation use; None for all.
+
+    Returns:
+        combinesWith and componentOf scores, shape (E, E) each, float32, row = head.
     """
+    chosen = None if seen is None else seen.numpy()
 
     def scaled(table: Tensor) -> NDArray[np.float64]:
-        return standardised(table.numpy(), None if seen is None else seen.numpy())
+        """Return a table with mean 0 and deviation 1 over the training entities."""
+        return standardised(table.numpy(), chosen)
 
     links = link_matrices(recipes, len(kernel))
-    combines, component = map(scaled, kernel_regression(kernel, *links, seen=seen))
+    of_pairs, of_parts = kernel_regression(kernel, *links, seen=seen)
+    combines = scaled(of_pairs)
+    component = scaled(of_parts)
+    # Both terms are standardised first: their scales have nothing to do with each other.
     combines += _COMPLETION * scaled(completed)
     return torch.from_numpy(combines).float(), torch.from_numpy(component).float()
 
@@ -174,8 +253,9 @@ def kernel_scores(
 class KernelScorer(TableScorer):
     """A link scorer by kernel ridge regression: a closed-form solution without training steps.
 
-    Both scores are standardised :func:`kernel_regression`; combinesWith adds half the standardised :func:`completion`,
-    a score for ingredient pairs by known pairs with the same result. Do not pass test recipes.
+    Both scores are standardised :func:`kernel_regression`; combinesWith adds half the standardised
+    :func:`completion`, a score for ingredient pairs by known pairs with the same result. Do not
+    pass test recipes.
     """
 
     def __init__(
@@ -185,24 +265,32 @@ class KernelScorer(TableScorer):
         vectors: NDArray[np.floating] | None = None,
         **kwargs: Any,
     ):
-        """Compute the score table from training recipes, ids (n, 3), such as ``split.recipes("train")``.
+        """Compute the score table from training recipes.
 
-        ``vectors`` are the entities' word vectors, shape (E, D), zeros for unknown words; ``kwargs`` are ``device`` and
-        ``name``. Raises ConfigError if the graph is too large, or the vectors do not fit.
+        Args:
+            graph: the graph that the ids belong to.
+            recipes: training recipes, ids (n, 3), such as ``split.recipes("train")``.
+            vectors: the entities' word vectors, shape (E, D), zeros for unknown words; None for
+                scores by recipes alone.
+            kwargs: ``device`` and ``name``, as in ``Scorer``.
+
+        Raises:
+            ConfigError: if the graph is too large for a score table, or the vectors do not have a
+                row for each entity.
         """
         size = graph.num_entities
         check_table("the recipe kernel", size)
         if vectors is not None and (vectors.ndim != 2 or len(vectors) != size):
             raise ConfigError(
-                f"`vectors` have shape {vectors.shape}; expected {size:,} rows, a row per entity. Make vectors from "
-                "the graph's labels, by make_features."
+                f"`vectors` have shape {vectors.shape}; expected {size:,} rows, a row per entity. "
+                "Make vectors from the graph's labels, by make_features."
             )
-        alike = (
-            torch.zeros(size, size)
-            if vectors is None
-            else cosines(torch.tensor(vectors, dtype=torch.float32))
-        )
-        scores = kernel_scores(recipes, similarity(recipes, alike), completion(recipes, size))
-        super().__init__(
-            torch.stack(scores), graph.entities, graph.hash, **{"name": "recipe kernel", **kwargs}
-        )
+        if vectors is None:
+            text = torch.zeros(size, size)
+        else:
+            text = cosines(torch.tensor(vectors, dtype=torch.float32))
+        kernel = similarity(recipes, text)
+        completed = completion(recipes, size)
+        scores = kernel_scores(recipes, kernel, completed)
+        settings = {"name": "recipe kernel", **kwargs}
+        super().__init__(torch.stack(scores), graph.entities, graph.hash, **settings)

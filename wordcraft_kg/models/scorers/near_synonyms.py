@@ -23,7 +23,9 @@ Generous: lake and river pass, but so do merely related pairs such as day and ni
 
 @stage("looking for near-synonyms")
 def near_synonym_recipes(
-    split: Split, features: EntityFeatures, threshold: float = NEAR_SYNONYM
+    split: Split,
+    features: EntityFeatures,
+    threshold: float = NEAR_SYNONYM,
 ) -> NDArray[np.bool_]:
     """Return which test recipes differ from a train recipe in one ingredient alone, a near-synonym.
 
@@ -61,7 +63,9 @@ def near_synonym_recipes(
 
 
 def near_synonym_triples(
-    graph: RecipeGraph, recipes: NDArray[np.bool_], triples: Ids
+    graph: RecipeGraph,
+    recipes: NDArray[np.bool_],
+    triples: Ids,
 ) -> NDArray[np.bool_]:
     """Return which triples come from a near-synonym recipe.
 

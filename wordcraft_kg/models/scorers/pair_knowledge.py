@@ -68,19 +68,40 @@ class PairKnowledge(nn.Module, ABC):
 
     @abstractmethod
     def features(
-        self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        pairs: tuple[Tensor, Tensor] | None = None,
     ) -> Tensor:
-        """Return the features of P slot pairs, (F, B, P): ``pairs``, or all in :func:`pairs_of`.
+        """Return the features of slot pairs.
 
-        Arguments are int64: goal ids (B,), entity ids in the slots (B, A) with E for empty slots,
-        which of the M stacked models to use (B,), and the first and second slot of each pair (P,).
+        Args:
+            goal: ids, shape (B,), int64.
+            table: entity ids in the slots, shape (B, A), int64; E for empty slots.
+            model: which of the M stacked models to use, shape (B,), int64.
+            pairs: first and second slot of P pairs, shape (P,) each; None for all pairs in
+                :func:`pairs_of`.
+
+        Returns:
+            shape (F, B, P), float32, in the order of :attr:`feature_names`.
         """
 
     @abstractmethod
     def support_of(
-        self, a: int, b: int, goal: int, model: int
+        self,
+        a: int,
+        b: int,
+        goal: int,
+        model: int,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Return the recipes that may support ``a + b -> goal``, and their similarities.
+
+        Args:
+            a: id of an ingredient.
+            b: id of the other ingredient.
+            goal: id of the result.
+            model: number of the model whose recipes are listed.
 
         Returns:
             recipes, ids (R, 3); similarity of their results to the goal, shape (R,); and of their
@@ -123,12 +144,23 @@ class PairKnowledge(nn.Module, ABC):
         return self.of_constants(self.constants() | rankers, self.num_entities)
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
-        """Score all slot pairs for the goal, (B, A, A), in nats, -inf if empty."""
+        """Score all slot pairs for the goal.
+
+        Args:
+            goal: ids, shape (B,), int64.
+            table: entity ids in the slots, shape (B, A), int64; E for empty slots.
+            model: which of the M stacked models to use, shape (B,), int64.
+
+        Returns:
+            shape (B, A, A), in nats, symmetric; -inf for pairs with an empty slot.
+        """
+        # A pair is scored once and looked up for both orders of its slots.
         scores = self.scores(self.features(goal, table, model), model)
         scores = scores.index_select(1, _square(table.shape[1], table.device))
         is_empty = table == self.num_entities
         scores = scores.view(*table.shape, table.shape[1])
-        return scores.masked_fill(is_empty[:, :, None] | is_empty[:, None], -torch.inf)
+        has_empty = is_empty[:, :, None] | is_empty[:, None]
+        return scores.masked_fill(has_empty, -torch.inf)
 
     def scores(self, features: Tensor, model: Tensor) -> Tensor:
         """Score P slot pairs, (B, P), in nats, from their :meth:`features`, (F, B, P)."""
@@ -140,32 +172,48 @@ class PairKnowledge(nn.Module, ABC):
         return features[self.feature_names.index(name)]
 
     def supporting_recipes(
-        self, a: int, b: int, goal: int, *, model: int = 0, limit: int = 5
+        self,
+        a: int,
+        b: int,
+        goal: int,
+        *,
+        model: int = 0,
+        limit: int = 5,
     ) -> list[Support]:
         """Return up to ``limit`` of a model's recipes that support ``a + b -> goal``.
 
         Recipes that make the goal itself come first, if their share is at least
         :data:`LEAST_SHARE`, then the others; both by share.
+
+        Args:
+            a: id of an ingredient.
+            b: id of the other ingredient.
+            goal: id of the result.
+            model: number of the model.
+            limit: maximum number of recipes.
         """
         supporting, like_goal, straight, crossed = self.support_of(a, b, goal, model)
         orders = torch.stack([straight, crossed])
+        # Both orders count as evidence, as in the feature; a weight is the better order's alone.
         evidence = like_goal * orders.sum(0)
         weights = (like_goal * orders.amax(0)).clamp(max=1)
-        shares = evidence / evidence.sum().clamp(min=torch.finfo(evidence.dtype).tiny)
+        # Without evidence all shares are 0, not NaN.
+        least = torch.finfo(evidence.dtype).tiny
+        shares = evidence / evidence.sum().clamp(min=least)
         rows = torch.sort(evidence, descending=True, stable=True).indices.tolist()
         is_other = ((supporting[:, 2] != goal) | (shares < LEAST_SHARE)).tolist()
         # A stable sort, so each part stays in the order of shares.
         rows.sort(key=lambda row: is_other[row])
         recipes = supporting.tolist()
-        best = [
-            Support(
-                (recipes[row][0], recipes[row][1], recipes[row][2]),
-                float(weights[row]),
-                float(shares[row]),
-            )
-            for row in rows
-            if weights[row] > 0 and max(recipes[row]) < self.num_entities
-        ]
+        best = []
+        for row in rows:
+            one, other, result = recipes[row]
+            # The padding of short lists, and recipes of other books, have no label here.
+            has_labels = max(one, other, result) < self.num_entities
+            if weights[row] > 0 and has_labels:
+                weight = float(weights[row])
+                share = float(shares[row])
+                best.append(Support((one, other, result), weight, share))
         return best[:limit]
 
 
@@ -178,7 +226,10 @@ def pairs_of(slots: int, device: torch.device) -> tuple[Tensor, Tensor]:
 
 @lru_cache
 def _square(slots: int, device: torch.device) -> Tensor:
+    """Return the number of each slot pair in :func:`pairs_of`, in both orders, shape (A * A,)."""
     one, other = pairs_of(slots, device)
+    every = torch.arange(len(one), device=device)
     number = torch.zeros(slots, slots, dtype=torch.int64, device=device)
-    number[one, other] = number[other, one] = torch.arange(len(one), device=device)
+    number[one, other] = every
+    number[other, one] = every
     return number.view(-1)

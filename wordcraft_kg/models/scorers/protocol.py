@@ -27,7 +27,10 @@ class TripleScorer(Protocol):
     entities: tuple[str, ...]
 
     def score(
-        self, heads: "EntityIds", relations: "RelationIds", tails: "EntityIds"
+        self,
+        heads: "EntityIds",
+        relations: "RelationIds",
+        tails: "EntityIds",
     ) -> "torch.Tensor":
         """Score triples by ids or labels.
 

@@ -45,7 +45,9 @@ class Ranker:
         """
         first = self.first.transpose(1, 2).index_select(0, model)
         hidden = torch.baddbmm(
-            self.first_bias.index_select(0, model)[:, :, None], first, features.transpose(0, 1)
+            self.first_bias.index_select(0, model)[:, :, None],
+            first,
+            features.transpose(0, 1),
         ).relu_()
         scores = torch.bmm(self.second.index_select(0, model)[:, None], hidden)[:, 0]
         return scores + self.bias.index_select(0, model)[:, None]

@@ -137,7 +137,11 @@ def rank_triples(scorer: TripleScorer, triples: Ids, known: Ids) -> pd.DataFrame
 
 
 def _rank_batch(
-    scorer: TripleScorer, batch: Ids, side: str, rows: Ids, columns: Ids
+    scorer: TripleScorer,
+    batch: Ids,
+    side: str,
+    rows: Ids,
+    columns: Ids,
 ) -> pd.DataFrame:
     """Rank true answers to a block of B queries; known answers are cells of the (B, E) scores."""
     everything = torch.arange(len(scorer.entities))[None, :]
@@ -289,7 +293,11 @@ def triple_groups(split: Split, recipes: NDArray[np.bool_], triples: Ids) -> Ids
 
 
 def with_interval(
-    ranks: pd.DataFrame, clusters: Ids, *, resamples: int = RESAMPLES, seed: int = 0
+    ranks: pd.DataFrame,
+    clusters: Ids,
+    *,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
 ) -> RankingMetrics:
     """Return :func:`ranking_metrics` with a 95 % bootstrap interval of the MRR.
 

@@ -1,12 +1,13 @@
 """Probabilities of recipes, from recipe scores: how likely does a pair make a result?
 
-A recipe that the model was trained on has probability 1. Any other recipe has the logistic function of its score, with
-a slope for all recipes and an intercept for each kind: does the pair make anything known, and is the result made by any
-known recipe? The curve is fitted on folds of the train recipes, by models trained without each fold. So a book's
-habits count: in a by-goal split, a goal that train recipes make has no unseen recipe.
+A recipe that the model was trained on has probability 1. Any other recipe has the logistic function
+of its score, with a slope for all recipes and an intercept for each kind: does the pair make
+anything known, and is the result made by any known recipe? The curve is fitted on folds of the
+train recipes, by models trained without each fold. So a book's habits count: in a by-goal split, a
+goal that train recipes make has no unseen recipe.
 
-Source: Platt 1999 (the sigmoid); King and Zeng 2001 (weights for sampled negatives); Saerens, Latinne and Decaestecker
-2002 (change of base rate).
+Source: Platt 1999 (the sigmoid); King and Zeng 2001 (weights for sampled negatives); Saerens,
+Latinne and Decaestecker 2002 (change of base rate).
 """
 
 import math
@@ -20,24 +21,35 @@ from scipy.special import expit
 from torch import Tensor, nn
 
 from wordcraft_kg.base.records import Record
+from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, pairs_of
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 KINDS = 4
-"""Kinds of recipes, ``2 * (the pair makes something known) + (a known recipe makes the result)``."""
+"""Kinds of recipes, by number: twice whether the pair makes anything known, plus whether a known
+recipe makes the result."""
 _CENTRES = np.arange(-20, 30.01, 0.05)
+"""Centres of the histogram's bins, in nats; scores beyond the ends count in the last bins."""
 _FEWEST_TABLES = 4
 """Fewest sampled tables of a fold; in a large book, results are sampled instead."""
 _SLOTS = 12
 """Entities on a sampled table."""
 _RIDGE = 1e-3
+"""Weight of squared parameters in the loss: the intercept of a kind without data stays finite."""
 
 _Floats = NDArray[np.float64]
 
 
 class RecipeCurve(Record, frozen=True, kw_only=True):
-    """The probability ``σ(α_kind + β s)`` of a recipe score s in nats; ``shift`` is added to α with all folds."""
+    """The probability ``σ(α_kind + β s)`` of a recipe with the score s, in nats.
+
+    Attributes:
+        intercepts: α of each kind, see :data:`KINDS`, in nats.
+        slope: β, 0 or more.
+        shift: is added to α for the model trained on all folds, which leaves another number of
+            recipes unseen.
+    """
 
     intercepts: tuple[float, float, float, float]
     slope: float
@@ -53,20 +65,30 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
         *,
         prior: float = 0.0,
     ) -> Tensor:
-        """Return the log-probability that each pair of slots makes the goal, shape (B, P); arguments as for features.
+        """Return the log-probability that each pair of slots makes the goal.
 
-        ``prior`` is added to α, for results that are more likely than results of random pairs. Model 0 was trained on
-        all folds, the others without a fold. Pairs with an empty slot have no meaning.
+        Args:
+            knowledge: features and rankers of M models.
+            goal: ids, shape (B,).
+            table: entity ids in the slots, shape (B, A), E for empty slots.
+            model: which model to use, shape (B,). Model 0 was trained on all folds, the others
+                without a fold.
+            pairs: first and second slot of P pairs, shape (P,) each; None for all pairs.
+            prior: is added to α, in nats, for results that are more likely than results of random
+                pairs.
+
+        Returns:
+            shape (B, P), in nats: 0 for known recipes. Pairs with an empty slot have no meaning.
         """
         features = knowledge.features(goal, table, model, pairs)
         scores = knowledge.scores(features, model)
-        intercepts = torch.tensor(self.intercepts, device=scores.device)[
-            kinds_of(knowledge, features)
-        ]
+        of_kinds = torch.tensor(self.intercepts, device=scores.device)
+        intercepts = of_kinds[kinds_of(knowledge, features)]
         shift = torch.where(model == 0, self.shift, 0.0)[:, None] + prior
-        return nn.functional.logsigmoid(intercepts + shift + self.slope * scores).masked_fill(
-            knowledge.feature(features, "makes") > 0, 0
-        )
+        log_odds = intercepts + shift + self.slope * scores
+        is_known = knowledge.feature(features, "makes") > 0
+        # A known recipe is certain: log 1 = 0.
+        return nn.functional.logsigmoid(log_odds).masked_fill(is_known, 0)
 
 
 def kinds_of(knowledge: PairKnowledge, features: Tensor) -> Tensor:
@@ -77,59 +99,103 @@ def kinds_of(knowledge: PairKnowledge, features: Tensor) -> Tensor:
 
 
 def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int = 0) -> _Floats:
-    """Count scores without ``fold``, (kinds, 2, bins): pairs on random tables, weighted, and its recipes."""
-    knowledge, size = scorer.knowledge, len(scorer.entities)
-    counts = np.zeros((KINDS, 2, len(_CENTRES)))
-    train = folds.recipes()
-    is_train = _codes(train, size)
+    """Count scores of recipes that the scorer has not seen, by kind.
 
-    def count(
-        goal: Tensor, table: Tensor, pairs: tuple[Tensor, Tensor] | None, weights: _Floats | None
-    ) -> None:
+    Args:
+        scorer: trained without ``fold``.
+        folds: folds of the train recipes.
+        fold: number of the fold that the scorer was trained without.
+        seed: seed of the random tables.
+
+    Returns:
+        shape (KINDS, 2, bins). Axis 1: pairs on random tables with each result, without train
+        recipes, weighted so that they stand for all pairs; and the recipes of the fold.
+    """
+    knowledge = scorer.knowledge
+    size = len(scorer.entities)
+    counts = np.zeros((KINDS, 2, len(_CENTRES)))
+    train_codes = _codes(folds.recipes(), size)
+
+    def scored(goal: Tensor, table: Tensor, pairs: tuple[Tensor, Tensor] | None) -> tuple[Ids, Ids]:
+        """Return kinds and bins of slot pairs for goals.
+
+        Args:
+            goal: ids, shape (B,).
+            table: ids, shape (B, A).
+            pairs: first and second slot of P pairs, shape (P,) each; None for all pairs.
+
+        Returns:
+            shape (B, P) each.
+        """
         model = torch.zeros_like(goal)
         features = knowledge.features(goal, table, model, pairs)
-        scores, kinds = (
-            knowledge.scores(features, model).cpu().numpy(),
-            kinds_of(knowledge, features).cpu().numpy(),
-        )
-        bins = np.rint((np.clip(scores, _CENTRES[0], _CENTRES[-1]) - _CENTRES[0]) / 0.05).astype(
-            np.int64
-        )
-        if weights is None:
-            np.add.at(counts[:, 1], (kinds, bins), 1)
-            return
-        one, other = (table[:1, slots].numpy() for slots in pairs_of(table.shape[1], table.device))
-        recipes = np.broadcast_arrays(
-            np.minimum(one, other), np.maximum(one, other), goal.numpy()[:, None]
-        )
-        is_other = ~np.isin(
-            _codes(np.stack(recipes, axis=-1).reshape(-1, 3), size), is_train
-        ).reshape(scores.shape)
-        np.add.at(
-            counts[:, 0],
-            (kinds[is_other], bins[is_other]),
-            np.broadcast_to(weights, scores.shape)[is_other],
-        )
+        scores = knowledge.scores(features, model).cpu().numpy()
+        kinds = kinds_of(knowledge, features).cpu().numpy()
+        inside = np.clip(scores, _CENTRES[0], _CENTRES[-1])
+        bins = np.rint((inside - _CENTRES[0]) / 0.05).astype(np.int64)
+        return kinds, bins
+
+    def count_table(goal: Tensor, slots: Tensor, weights: _Floats) -> None:
+        """Count all slot pairs on a table for each goal, without train recipes.
+
+        Args:
+            goal: ids, shape (B,).
+            slots: ids on the table, shape (A,).
+            weights: how many pairs of entities each slot pair stands for, shape (P,).
+        """
+        table = slots.expand(len(goal), len(slots))
+        kinds, bins = scored(goal, table, None)
+        first, second = pairs_of(len(slots), slots.device)
+        one = slots[None, first].numpy()
+        other = slots[None, second].numpy()
+        # Recipes of a graph have the smaller id first.
+        low = np.minimum(one, other)
+        high = np.maximum(one, other)
+        results = goal.numpy()[:, None]
+        recipes = np.stack(np.broadcast_arrays(low, high, results), axis=-1)
+        codes = _codes(recipes.reshape(-1, 3), size)
+        is_other = ~np.isin(codes, train_codes).reshape(bins.shape)
+        of_cells = np.broadcast_to(weights, bins.shape)
+        # Unlike `counts[cells] += 1`, `add.at` counts a cell each time it occurs.
+        chosen = (kinds[is_other], bins[is_other])
+        np.add.at(counts[:, 0], chosen, of_cells[is_other])
 
     with torch.no_grad():
         own = torch.from_numpy(folds.recipes_of(fold).copy())
-        first, second = torch.tensor([0]), torch.tensor([1])
-        count(own[:, 2], own[:, :2], (first, second), None)
-        slots, entities = min(_SLOTS, size), torch.arange(size)
+        # A recipe is a table of two slots, and its only pair that counts is slot 0 with slot 1.
+        only_pair = (torch.tensor([0]), torch.tensor([1]))
+        kinds, bins = scored(own[:, 2], own[:, :2], only_pair)
+        np.add.at(counts[:, 1], (kinds, bins), 1)
+
+        slots = min(_SLOTS, size)
+        entities = torch.arange(size)
         tables = max(knowledge.sampled_results // size, _FEWEST_TABLES)
-        one, other = (part.numpy() for part in pairs_of(slots, entities.device))
         rng = np.random.default_rng([seed, fold])
         most = knowledge.sampled_results // _FEWEST_TABLES
         if size > most:
             entities = torch.from_numpy(rng.permutation(size)[:most])
-        # A sampled result stands for several results.
-        tables_of_all = tables * len(entities) / size
-        rest = size * (size - 1) / 2 / max((one != other).sum() * tables_of_all, 1)
-        weights = np.where(one == other, size / (slots * tables_of_all), rest)
+        weights = _weights(slots, size, tables * len(entities) / size)
         for _ in range(tables):
             table = torch.from_numpy(rng.permutation(size)[:slots])
-            count(entities, table.expand(len(entities), slots), None, weights)
+            count_table(entities, table, weights)
     return counts
+
+
+def _weights(slots: int, size: int, tables: float) -> _Floats:
+    """Return how many pairs of entities each slot pair of a random table stands for, shape (P,).
+
+    A sampled result stands for several results, so ``tables`` is the number of tables for each of
+    all results, and may be a fraction.
+    """
+    first, second = pairs_of(slots, torch.device("cpu"))
+    one = first.numpy()
+    other = second.numpy()
+    # Pairs of an entity with itself are far rarer than others, but not on a table: each has its own
+    # weight.
+    drawn = (one != other).sum() * tables
+    of_different = size * (size - 1) / 2 / max(drawn, 1)
+    of_itself = size / (slots * tables)
+    return np.where(one == other, of_itself, of_different)
 
 
 def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve:
@@ -137,23 +203,35 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
     counts = np.sum(histograms, axis=0)
 
     def loss(values: _Floats) -> tuple[float, _Floats]:
+        """Return the regularised negative log-likelihood and its gradient."""
         log_odds = values[:KINDS, None] + values[KINDS] * _CENTRES
-        error = counts.sum(axis=1) * expit(log_odds) - counts[:, 1]
-        total = (
-            counts[:, 0] * np.logaddexp(0, log_odds) + counts[:, 1] * np.logaddexp(0, -log_odds)
-        ).sum()
-        slopes = np.append(error.sum(axis=1), (error * _CENTRES).sum())
-        return float(total + _RIDGE / 2 * values @ values), slopes + _RIDGE * values
+        # Expected minus observed recipes in each bin: the derivative by the log-odds.
+        expected = counts.sum(axis=1) * expit(log_odds)
+        error = expected - counts[:, 1]
+        of_others = counts[:, 0] * np.logaddexp(0, log_odds)
+        of_recipes = counts[:, 1] * np.logaddexp(0, -log_odds)
+        total = (of_others + of_recipes).sum()
+        gradient = np.append(error.sum(axis=1), (error * _CENTRES).sum())
+        penalty = _RIDGE / 2 * values @ values
+        return float(total + penalty), gradient + _RIDGE * values
 
+    # Few pairs make a given result, so the search starts at small probabilities. A higher score
+    # never makes a recipe less likely, so the slope is bounded.
     start = np.array([-12.0] * KINDS + [1.0])
-    *intercepts, slope = minimize(
-        loss, start, jac=True, method="L-BFGS-B", bounds=[(None, None)] * KINDS + [(0, None)]
-    ).x
+    bounds = [(None, None)] * KINDS + [(0, None)]
+    best = minimize(loss, start, jac=True, method="L-BFGS-B", bounds=bounds)
+    *intercepts, slope = best.x
+    # The curve was fitted where a fold's recipes are unseen, seen / count of them on average. With
+    # all folds, the recipes outside train are.
     seen = folds.seen()
-    shift = math.log(max(int((~seen).sum()), 1) * folds.count / max(int(seen.sum()), 1))
+    num_unseen = max(int((~seen).sum()), 1)
+    num_seen = max(int(seen.sum()), 1)
+    shift = math.log(num_unseen * folds.count / num_seen)
     a, b, c, d = map(float, intercepts)
     return RecipeCurve(intercepts=(a, b, c, d), slope=float(slope), shift=shift)
 
 
-def _codes(recipes: NDArray[np.int64], size: int) -> NDArray[np.int64]:
-    return (recipes[:, 0] * size + recipes[:, 1]) * size + recipes[:, 2]
+def _codes(recipes: Ids, size: int) -> Ids:
+    """Return a number for each recipe, ids (n, 3); ingredients in another order have another."""
+    a, b, result = recipes.T
+    return (a * size + b) * size + result

@@ -191,7 +191,8 @@ def _rank_knots(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
     block = 2**16  # pairs at once: factors of a million pairs would take gigabytes
     for start in range(0, len(heads), block):
         some = slice(start, start + block)
-        scores[some] = (left[heads[some]] * right[tails[some]]).sum(1).numpy()
+        products = left[heads[some]] * right[tails[some]]
+        scores[some] = products.sum(1).numpy()
     values, group, counts = np.unique(scores, return_inverse=True, return_counts=True)
     # Equal scores share their mean rank.
     ends = np.cumsum(counts)
@@ -204,8 +205,12 @@ def _rank_knots(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
     # Beside a score that many pairs share, ranks jump: its neighbours are knots as well.
     beside = np.concatenate([steps - 1, steps, steps + 1]).clip(0, len(values) - 1)
     chosen = np.unique(beside)
-    filled = np.concatenate([chosen, np.full(3 * KNOTS - len(chosen), chosen[-1])])
-    return torch.from_numpy(values[filled]), torch.from_numpy(standard[filled].astype(np.float32))
+    # The last knot fills the row: a shape that does not depend on the scores.
+    missing = 3 * KNOTS - len(chosen)
+    filled = np.concatenate([chosen, np.full(missing, chosen[-1])])
+    knots = torch.from_numpy(values[filled])
+    heights = torch.from_numpy(standard[filled].astype(np.float32))
+    return knots, heights
 
 
 def _spread_pairs(size: int) -> tuple[Ids, Ids]:
@@ -217,14 +222,16 @@ def _spread_pairs(size: int) -> tuple[Ids, Ids]:
     # "The unreasonable effectiveness of quasirandom sequences"; 1.3247 is the plastic number.
     plastic = 1.324717957244746
     numbers = np.arange(1, RANKED + 1)
-    heads, tails = (
-        (numbers * step % 1 * size).astype(np.int64) for step in (1 / plastic, 1 / plastic**2)
-    )
+    heads = (numbers * (1 / plastic) % 1 * size).astype(np.int64)
+    tails = (numbers * (1 / plastic**2) % 1 * size).astype(np.int64)
     return heads, tails
 
 
 def _dropped_self_edges(
-    size: int, relation: int, self_edges: SelfEdges, observed: Ids | None
+    size: int,
+    relation: int,
+    self_edges: SelfEdges,
+    observed: Ids | None,
 ) -> Ids:
     """Return the entities whose scores with themselves are dropped, ascending."""
     is_kept = np.zeros(size, dtype=bool)

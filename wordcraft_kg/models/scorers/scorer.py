@@ -71,7 +71,9 @@ class Scorer(ABC):
             UnknownEntityError: for a label or id that the scorer does not know.
         """
         return self._score(
-            self.entity_ids(heads), self.relation_ids(relations), self.entity_ids(tails)
+            self.entity_ids(heads),
+            self.relation_ids(relations),
+            self.entity_ids(tails),
         )
 
     def table(self, relation: int | str) -> Tensor:
@@ -154,7 +156,9 @@ class Scorer(ABC):
         # All entities in the open slot, against which the known one broadcasts.
         everything = torch.arange(len(self.entities), device=self.device)
         scores = self.score(
-            everything if head is None else head, relation, everything if tail is None else tail
+            everything if head is None else head,
+            relation,
+            everything if tail is None else tail,
         )
         # A stable sort keeps ties in id order, so equal scorers list equal answers.
         order = torch.sort(scores, descending=True, stable=True).indices[:limit]

@@ -20,11 +20,20 @@ _FIRST = np.float32(1e6)
 def _add_results(lists, a, b, factor, weights, places, of_pairs, words):  # type: ignore[no-untyped-def]
     """Add the results of a pair's neighbours to the weights of entities.
 
-    ``places``, ``of_pairs`` and ``words`` are work space for :func:`neighbour_pairs`.
+    Args:
+        lists: the lists.
+        a: entity id.
+        b: entity id.
+        factor: weight of the attempt: 1 for the first, less for further ones.
+        weights: is added to, shape (T,).
+        places: work space for :func:`neighbour_pairs`.
+        of_pairs: work space likewise.
+        words: work space likewise.
     """
     count, itself = neighbour_pairs(lists, a, b, places, of_pairs, words)
     for number in range(count):
         weight = of_pairs[number]
+        # The pair itself, at the first attempt: its results are certain, not only likely.
         if number == itself and factor == 1:
             weight = _FIRST
         start = lists.pair_starts[places[number]]
@@ -35,7 +44,14 @@ def _add_results(lists, a, b, factor, weights, places, of_pairs, words):  # type
 
 @compiled
 def _add_needs(lists, goal, factor, weights):  # type: ignore[no-untyped-def]
-    """Add entities similar to the ingredients of a goal's supporting recipes to the weights."""
+    """Add entities similar to the ingredients of a goal's supporting recipes to the weights.
+
+    Args:
+        lists: the lists.
+        goal: entity id.
+        factor: weight of the attempt.
+        weights: is added to, shape (T,).
+    """
     for row in range(lists.support.shape[1]):
         recipe = lists.support[goal, row]
         if recipe < 0:
@@ -52,7 +68,13 @@ def _add_needs(lists, goal, factor, weights):  # type: ignore[no-untyped-def]
 
 @compiled
 def _best(weights, ids, values):  # type: ignore[no-untyped-def]
-    """Write the entities with the largest positive weights; return their number."""
+    """Write the entities with the largest positive weights; return their number.
+
+    Args:
+        weights: shape (T,).
+        ids: receives the entities, the largest weight first.
+        values: receives their weights.
+    """
     count = 0
     for entity in range(len(weights)):
         value = weights[entity]
@@ -80,6 +102,7 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
     ids = np.empty(near, dtype=np.int32)
     values = np.empty(near, dtype=np.float32)
     width = out.shape[1]
+    # Work space for a pair, made once for the batch.
     best_values = np.empty(width, dtype=np.float32)
     most = lists.used.shape[1] ** 2
     places = np.empty(most, dtype=np.int64)
@@ -94,7 +117,14 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
             for j in range(i, len(table)):
                 if table[i] >= 0 and table[j] >= 0:
                     _add_results(
-                        lists, table[i], table[j], np.float32(1), makes, places, of_pairs, words
+                        lists,
+                        table[i],
+                        table[j],
+                        np.float32(1),
+                        makes,
+                        places,
+                        of_pairs,
+                        words,
                     )
         _add_needs(lists, goal, np.float32(1), needs)
         for _ in range(further):
@@ -102,16 +132,25 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
                 for slot in range(len(table)):
                     if table[slot] >= 0:
                         _add_results(
-                            lists, ids[place], table[slot], _LATER, makes, places, of_pairs, words
+                            lists,
+                            ids[place],
+                            table[slot],
+                            _LATER,
+                            makes,
+                            places,
+                            of_pairs,
+                            words,
                         )
             for place in range(_best(needs, ids, values)):
                 _add_needs(lists, ids[place], _LATER, needs)
         for slot in range(len(table)):
             if table[slot] >= 0:
                 makes[table[slot]] = -1
+        # Neither the goal nor an entity on the table is made before the goal.
         makes[goal] = -1
         for entity in range(size):
             if makes[entity] >= 0 and (makes[entity] > 0 or needs[entity] > 0):
+                # The floor keeps entities that only one side speaks for, far behind the others.
                 makes[entity] = (makes[entity] + FLOOR) * (needs[entity] + FLOOR)
             else:
                 makes[entity] = 0

@@ -364,7 +364,15 @@ def table_features(lists, goals, tables, one, other, out):  # type: ignore[no-un
                 features[OF_SLOTS + number] = min(of_slots[i, number], of_slots[j, number])
             of_pair = features[2 * OF_SLOTS :]
             _goal_side(
-                lists, goal, alike[i], alike[j], words[i], words[j], places, recipes, of_pair
+                lists,
+                goal,
+                alike[i],
+                alike[j],
+                words[i],
+                words[j],
+                places,
+                recipes,
+                of_pair,
             )
             found, _ = neighbour_pairs(lists, a, b, pair_places, pair_weights, pair_words)
             _pair_side(

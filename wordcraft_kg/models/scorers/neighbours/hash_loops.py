@@ -12,9 +12,12 @@ Array = Any
 @compiled
 def _place(keys, key):  # type: ignore[no-untyped-def]
     """Return the place of a key in an open hash table, or of the empty place where it belongs."""
+    # The size is a power of 2, so a mask replaces the slow remainder of a division.
     mask = len(keys) - 1
+    # Multiplied by 2^64 over the golden ratio (Knuth 1973): neighbouring keys end far apart.
     mixed = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     place = np.int64((mixed ^ (mixed >> np.uint64(29))) & np.uint64(mask))
+    # At most a quarter of the places is filled, so the search ends after few steps.
     while keys[place] != -1 and keys[place] != key:
         place = (place + 1) & mask
     return place
@@ -22,7 +25,16 @@ def _place(keys, key):  # type: ignore[no-untyped-def]
 
 @compiled
 def pair_table(pairs: Array, size: int):  # type: ignore[no-untyped-def]
-    """Return a hash table of ascending pair keys: keys, first recipe, number of recipes."""
+    """Return a hash table of ascending pair keys.
+
+    Args:
+        pairs: key of each recipe's pair, ascending, shape (n,).
+        size: number of places, a power of 2.
+
+    Returns:
+        keys, -1 for empty places; the first recipe, and the number of recipes, of each key: shape
+        (size,) each.
+    """
     keys = np.full(size, -1, dtype=np.int64)
     starts = np.zeros(size, dtype=np.int32)
     counts = np.zeros(size, dtype=np.int32)
@@ -37,7 +49,12 @@ def pair_table(pairs: Array, size: int):  # type: ignore[no-untyped-def]
 
 @compiled
 def count_table(links: Array, size: int):  # type: ignore[no-untyped-def]
-    """Return a hash table of keys and their number."""
+    """Return a hash table of keys, -1 for empty places, and how often each key occurs.
+
+    Args:
+        links: keys, shape (n,).
+        size: number of places, a power of 2.
+    """
     keys = np.full(size, -1, dtype=np.int64)
     counts = np.zeros(size, dtype=np.int32)
     for row in range(len(links)):
@@ -49,7 +66,13 @@ def count_table(links: Array, size: int):  # type: ignore[no-untyped-def]
 
 @compiled
 def pair_place(lists, a, b):  # type: ignore[no-untyped-def]
-    """Return the place of a pair in the hash table, -1 if no recipe uses it."""
+    """Return the place of a pair in the hash table, -1 if no recipe uses it.
+
+    Args:
+        lists: the lists.
+        a: entity id.
+        b: entity id; the order does not count.
+    """
     low = min(a, b)
     high = max(a, b)
     place = _place(lists.pair_keys, np.int64(low) * len(lists.norms) + high)
@@ -58,14 +81,27 @@ def pair_place(lists, a, b):  # type: ignore[no-untyped-def]
 
 @compiled
 def num_links(lists, ingredient, result):  # type: ignore[no-untyped-def]
-    """Return the number of recipes that use an ingredient and make a result."""
+    """Return the number of recipes that use an ingredient and make a result.
+
+    Args:
+        lists: the lists.
+        ingredient: entity id.
+        result: entity id.
+    """
+    # An empty place has the count 0, so the key need not be compared again.
     place = _place(lists.link_keys, np.int64(ingredient) * len(lists.norms) + result)
     return lists.link_counts[place]
 
 
 @compiled
 def makes(lists, place, goal):  # type: ignore[no-untyped-def]
-    """Return whether a pair, by its place, makes the goal: its results are ascending."""
+    """Return whether a pair makes the goal: a binary search, because its results are ascending.
+
+    Args:
+        lists: the lists.
+        place: place of the pair in the hash table, from :func:`pair_place`, 0 or more.
+        goal: entity id.
+    """
     low = lists.pair_starts[place]
     end = low + lists.pair_counts[place]
     high = end

@@ -1,5 +1,6 @@
 """Recipe knowledge by neighbour lists: features and scores of pairs at any size of a book."""
 
+import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar, Self
@@ -99,6 +100,11 @@ class NeighbourKnowledge(PairKnowledge):
     the package for their mathematics and cost.
 
     Attributes:
+        feature_names: :data:`FEATURES`.
+        made_name: ``goal_made``.
+        sampled_results: as in :class:`PairKnowledge`; fewer than with tables, whose look-ups take
+            less time.
+        buffer_names: :data:`BUFFERS`.
         vectors: shape (E, D), half: unit word vectors; D is 0 without words.
         near_words: shape (E, K_w), int32: neighbours by words, -1 at the end.
         recipes: shape (n, 3), int32: training recipes of all models together.
@@ -125,7 +131,13 @@ class NeighbourKnowledge(PairKnowledge):
 
     @classmethod
     def of_recipes(cls, recipes: Ids, vectors: NDArray[np.float16], near_words: Any) -> Self:
-        """Return the knowledge of recipes, ids (n, 3), for a single model without ranker."""
+        """Return the knowledge of recipes for a single model without ranker.
+
+        Args:
+            recipes: training recipes, ids (n, 3).
+            vectors: unit word vectors, shape (E, D), zeros for entities without words.
+            near_words: neighbours by words, shape (E, K_w), int32, -1 at the end.
+        """
         rows = torch.from_numpy(recipes.astype(np.int32))
         return cls(
             {
@@ -147,12 +159,15 @@ class NeighbourKnowledge(PairKnowledge):
     @classmethod
     def stacked(cls, models: Sequence[PairKnowledge]) -> Self:  # noqa: D102 - inherited
         known = [model for model in models if isinstance(model, NeighbourKnowledge)]
-        every, number = torch.cat([model.recipes for model in known]).unique(
-            dim=0, return_inverse=True
-        )
-        seen = torch.zeros(sum(model.num_models for model in known), len(every), dtype=torch.bool)
-        row = place = 0
+        # Models of folds share most recipes: each is stored once, with a mask for each model.
+        of_all = torch.cat([model.recipes for model in known])
+        every, number = of_all.unique(dim=0, return_inverse=True)
+        num_models = sum(model.num_models for model in known)
+        seen = torch.zeros(num_models, len(every), dtype=torch.bool)
+        row = 0
+        place = 0
         for model in known:
+            # Where the model's recipes are in the common list.
             own = number[place : place + len(model.recipes)]
             seen[row : row + model.num_models, own] = model.seen
             row += model.num_models
@@ -181,27 +196,31 @@ class NeighbourKnowledge(PairKnowledge):
         return self._lists[model]
 
     def features(  # noqa: D102 - inherited
-        self, goal: Tensor, table: Tensor, model: Tensor, pairs: tuple[Tensor, Tensor] | None = None
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        pairs: tuple[Tensor, Tensor] | None = None,
     ) -> Tensor:
         # Compiled loops are imported late: numba takes as long to import as all the rest.
         from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
 
-        one, other = (
-            slots.cpu().numpy() for slots in pairs or pairs_of(table.shape[1], table.device)
-        )
+        first, second = pairs or pairs_of(table.shape[1], table.device)
+        one = first.cpu().numpy()
+        other = second.cpu().numpy()
         goals = self._ids(goal)
         tables = self._ids(table)
         models = model.cpu().numpy()
         features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
-        rows_of = {
-            number: np.flatnonzero(models == number) for number in np.unique(models).tolist()
-        }
         blocks: list[tuple[Lists, Ids]] = []
-        for number, rows in rows_of.items():
-            parts = np.array_split(rows, -(-len(rows) // _BLOCK))
+        for number in np.unique(models).tolist():
+            rows = np.flatnonzero(models == number)
+            num_blocks = math.ceil(len(rows) / _BLOCK)
+            parts = np.array_split(rows, num_blocks)
             blocks += [(self.lists(number), part) for part in parts]
 
         def write(block: tuple[Lists, Ids]) -> None:
+            """Write the features of a block's rows, which no other block has."""
             lists, rows = block
             out = np.zeros((len(rows), *features.shape[1:]), dtype=np.float32)
             table_features(lists, goals[rows], tables[rows], one, other, out)
@@ -219,7 +238,11 @@ class NeighbourKnowledge(PairKnowledge):
         return torch.from_numpy(features).to(goal.device).permute(2, 0, 1)
 
     def support_of(  # noqa: D102 - inherited
-        self, a: int, b: int, goal: int, model: int
+        self,
+        a: int,
+        b: int,
+        goal: int,
+        model: int,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 
@@ -227,6 +250,7 @@ class NeighbourKnowledge(PairKnowledge):
         numbers = lists.support[goal]
         terms = np.zeros((len(numbers), 2), dtype=np.float32)
         support_terms(lists, a, b, goal, terms)
+        # -1 ends the list, so the terms of its recipes come first.
         numbers = numbers[numbers >= 0]
         recipes = np.stack([lists.first, lists.second, lists.result], axis=1)[numbers]
         straight, crossed = torch.from_numpy(terms[: len(numbers)]).unbind(1)
@@ -243,7 +267,8 @@ class NeighbourKnowledge(PairKnowledge):
 
     def have_recipes(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
         lists = self.lists()
-        first, second = (torch.from_numpy(part) for part in (lists.first, lists.second))
+        first = torch.from_numpy(lists.first)
+        second = torch.from_numpy(lists.second)
         partners = torch.cat([second[first == entity], first[second == entity]])
         return torch.isin(others, partners)
 
@@ -263,7 +288,14 @@ class NeighbourKnowledge(PairKnowledge):
         return np.where(ids == self.num_entities, -1, ids)
 
     def intermediates(
-        self, goal: Tensor, table: Tensor, model: Tensor, *, attempts: int, width: int, near: int
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        *,
+        attempts: int,
+        width: int,
+        near: int,
     ) -> Tensor:
         """Return entities that a plan may make before the goal, shape (B, W), the best first.
 
@@ -274,6 +306,9 @@ class NeighbourKnowledge(PairKnowledge):
             attempts: attempts left, 2 or more.
             width: W; missing entities have the id E.
             near: entities that stand for all others in a further attempt.
+
+        Raises:
+            IndexError: for an id out of range.
         """
         from wordcraft_kg.models.scorers.neighbours.candidate_loops import intermediates
 
@@ -283,9 +318,15 @@ class NeighbourKnowledge(PairKnowledge):
         found = np.full((len(goals), width), -1, dtype=np.int32)
         for number in np.unique(models).tolist():
             rows = np.flatnonzero(models == number)
+            # Indexing by rows makes a copy, which the loop fills.
             of_rows = found[rows]
             intermediates(
-                self.lists(number), goals[rows], tables[rows], attempts - 2, near, of_rows
+                self.lists(number),
+                goals[rows],
+                tables[rows],
+                attempts - 2,
+                near,
+                of_rows,
             )
             found[rows] = of_rows
         ids = torch.from_numpy(found.astype(np.int64)).to(goal.device)

@@ -17,7 +17,18 @@ FAR = 2**31 - 1
 
 @compiled
 def insert(ids, values, count, new, value):  # type: ignore[no-untyped-def]
-    """Insert an entry into a list by descending value, then ascending id; return the new length."""
+    """Insert an entry into a list by descending value, then ascending id.
+
+    Args:
+        ids: the list's ids, of which the first ``count`` are valid.
+        values: the list's values, as long as ``ids``.
+        count: length of the list so far.
+        new: id to insert.
+        value: value to insert.
+
+    Returns:
+        the new length; a full list drops its last entry, or the new one.
+    """
     size = len(ids)
     if count == size:
         last = values[size - 1]
@@ -27,6 +38,7 @@ def insert(ids, values, count, new, value):  # type: ignore[no-untyped-def]
     else:
         place = count
         count += 1
+    # Entries with smaller values move one place back, until the new one fits.
     while place > 0 and (
         values[place - 1] < value or (values[place - 1] == value and ids[place - 1] > new)
     ):
@@ -40,7 +52,13 @@ def insert(ids, values, count, new, value):  # type: ignore[no-untyped-def]
 
 @compiled
 def largest(cosines: Array, start: int, near: Array) -> None:
-    """Write each row's largest positive cosines' columns, the row's own left out, into ``near``."""
+    """Write the columns of each row's largest positive cosines, the largest first.
+
+    Args:
+        cosines: shape (rows, T).
+        start: entity of the first row; an entity is left out of its own row.
+        near: receives the columns, shape (rows, K).
+    """
     rows, size = cosines.shape
     width = near.shape[1]
     if width == 0:
@@ -57,12 +75,31 @@ def largest(cosines: Array, start: int, near: Array) -> None:
 
 @compiled
 def structural_neighbours(  # type: ignore[no-untyped-def]
-    starts, columns, data, column_starts, column_rows, column_data, common, width
+    starts,
+    columns,
+    data,
+    column_starts,
+    column_rows,
+    column_data,
+    common,
+    width,
 ):
     """Return the entities with the most similar profiles, ids ascending, and cosines.
 
-    Profiles come by row and by column (compressed sparse rows of P and of Pᵀ); columns with more
-    than ``common`` entries are skipped.
+    Profiles come by row and by column, as compressed sparse rows of P and of Pᵀ.
+
+    Args:
+        starts: where each entity's entries begin and the last one's end, shape (T + 1,).
+        columns: column of each entry, ascending within an entity.
+        data: value of each entry.
+        column_starts: as ``starts``, by column of P, shape (M + 1,).
+        column_rows: entity of each entry, by column.
+        column_data: value of each entry, by column.
+        common: columns with more entries than this number are skipped.
+        width: K, the length of the lists.
+
+    Returns:
+        ids, ``FAR`` at the end, and cosines, 0 at the end: shape (T, K) each.
     """
     size = len(starts) - 1
     near = np.full((size, width), FAR, dtype=np.int32)
@@ -72,6 +109,7 @@ def structural_neighbours(  # type: ignore[no-untyped-def]
     ids = np.empty(width, dtype=np.int32)
     values = np.empty(width, dtype=np.float32)
     for entity in range(size):
+        # The sums of all entities that share a column with this one, in the order of columns.
         number = 0
         for place in range(starts[entity], starts[entity + 1]):
             column = columns[place]
@@ -79,6 +117,7 @@ def structural_neighbours(  # type: ignore[no-untyped-def]
                 continue
             for other in range(column_starts[column], column_starts[column + 1]):
                 row = column_rows[other]
+                # All values are positive, so a sum of 0 is one that has not begun.
                 if sums[row] == 0:
                     touched[number] = row
                     number += 1
@@ -88,6 +127,7 @@ def structural_neighbours(  # type: ignore[no-untyped-def]
             row = touched[place]
             if row != entity and (count < width or sums[row] >= values[count - 1]):
                 count = insert(ids, values, count, row, sums[row])
+            # Only touched sums are cleared: clearing all would cost T for each entity.
             sums[row] = 0
         order = np.argsort(ids[:count])
         for place in range(count):
@@ -98,12 +138,33 @@ def structural_neighbours(  # type: ignore[no-untyped-def]
 
 @compiled
 def merged_neighbours(  # type: ignore[no-untyped-def]
-    vectors, near_starts, near, near_cosines, norms, near_words, is_allowed, width
+    vectors,
+    near_starts,
+    near,
+    near_cosines,
+    norms,
+    near_words,
+    is_allowed,
+    width,
 ):
     """Return each entity's most similar allowed entities by structure and words together.
 
-    Candidates are the entity itself and both kinds of neighbours. Returns ids, squared
-    similarities, and word cosines to the power 4; the most similar first.
+    Candidates are the entity itself and both kinds of neighbours.
+
+    Args:
+        vectors: unit word vectors, shape (T, D).
+        near_starts: where each entity's structural neighbours begin, and the last one's end, shape
+            (T + 1,).
+        near: structural neighbours.
+        near_cosines: their profile cosines.
+        norms: each entity's similarity with itself, shape (T,).
+        near_words: neighbours by words, shape (T, K_w), -1 at the end.
+        is_allowed: shape (T,), bool: entities that may be listed.
+        width: length of the lists.
+
+    Returns:
+        ids, -1 at the end, squared similarities, and word cosines to the power 4: shape (T, width)
+        each, the most similar first.
     """
     size = len(norms)
     ids = np.full((size, width), -1, dtype=np.int32)
@@ -129,6 +190,7 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
         count = 0
         for place in range(number):
             other = listed[place]
+            # An entity may be a neighbour of both kinds, and counts once.
             if is_listed[other] or not is_allowed[other]:
                 continue
             is_listed[other] = True
@@ -138,6 +200,7 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
                 value = similarity(structure[other], words, norms[entity], norms[other])
             if value > 0:
                 count = insert(ids[entity], values, count, other, value)
+        # Work space is cleared where it was written.
         for place in range(number):
             is_listed[listed[place]] = False
             structure[listed[place]] = 0
@@ -151,7 +214,20 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
 
 @compiled
 def supporting(made, alike, words_alike, starts, by_result, width):  # type: ignore[no-untyped-def]
-    """Return the recipes that make a goal's neighbours, with the neighbours' similarities."""
+    """Return the recipes that make a goal's neighbours, with the neighbours' similarities.
+
+    Args:
+        made: neighbours that are results, shape (T, G), the most similar first, -1 at the end.
+        alike: their squared similarities, shape (T, G).
+        words_alike: their word cosines to the power 4, shape (T, G).
+        starts: where each result's recipes begin in ``by_result``, and the last one's end.
+        by_result: recipe numbers, by result.
+        width: R, the length of the lists.
+
+    Returns:
+        recipe numbers, -1 at the end, and both similarities of their results to the goal: shape
+        (T, R) each.
+    """
     size = len(made)
     numbers = np.full((size, width), -1, dtype=np.int32)
     of_alike = np.zeros((size, width), dtype=np.float32)
@@ -162,6 +238,7 @@ def supporting(made, alike, words_alike, starts, by_result, width):  # type: ign
             result = made[goal, place]
             if result < 0 or count == width:
                 break
+            # The list may end within the recipes of a result.
             for row in range(
                 starts[result], min(starts[result + 1], starts[result] + width - count)
             ):

@@ -99,7 +99,10 @@ class Lists(NamedTuple):
 
 
 def nearest_words(
-    vectors: Floats, count: int = WORDS, block: int = BLOCK, first: int = 0
+    vectors: Floats,
+    count: int = WORDS,
+    block: int = BLOCK,
+    first: int = 0,
 ) -> Numbers:
     """Return the entities with the largest positive cosines, shape (T, count), nearest first.
 
@@ -177,15 +180,34 @@ def make_lists(
     is_used = num_uses > 0
     is_made = num_makers > 0
     of_used, used_alike, used_words = list_loops.merged_neighbours(
-        vectors, near_starts, near, near_cosines, norms, near_words, is_used, min(used, size)
+        vectors,
+        near_starts,
+        near,
+        near_cosines,
+        norms,
+        near_words,
+        is_used,
+        min(used, size),
     )
     of_made, made_alike, made_words = list_loops.merged_neighbours(
-        vectors, near_starts, near, near_cosines, norms, near_words, is_made, min(made, size)
+        vectors,
+        near_starts,
+        near,
+        near_cosines,
+        norms,
+        near_words,
+        is_made,
+        min(made, size),
     )
     starts = np.concatenate([[0], np.cumsum(num_makers)]).astype(np.int64)
     most = min(support, max(len(ordered), 1))
     supporting, support_alike, support_words = list_loops.supporting(
-        of_made, made_alike, made_words, starts, _by_result(ordered), most
+        of_made,
+        made_alike,
+        made_words,
+        starts,
+        _by_result(ordered),
+        most,
     )
     pairs = first.astype(np.int64) * size + second
     pair_keys, pair_starts, pair_counts = hash_loops.pair_table(pairs, _table_size(len(pairs)))

@@ -36,7 +36,10 @@ Floats = NDArray[np.float32]
 
 
 def link_factors(
-    recipes: Ids, rows: Any, vectors: Floats, rank: int = RANK
+    recipes: Ids,
+    rows: Any,
+    vectors: Floats,
+    rank: int = RANK,
 ) -> tuple[Floats, Floats, Floats]:
     """Return the factors of componentOf and combinesWith scores.
 
@@ -57,36 +60,45 @@ def link_factors(
     if not len(seen) or not rank:
         nothing = np.zeros((size, 0), dtype=np.float32)
         return nothing, nothing, nothing
-    landmarks = np.sort(seen[np.argsort(-counts, kind="stable")[:LANDMARKS]])
+    # A stable sort, so that ties are in the order of ids.
+    by_count = np.argsort(-counts, kind="stable")
+    landmarks = np.sort(seen[by_count[:LANDMARKS]])
     kernel = _kernel(landmarks, landmarks, rows, vectors)
     values, basis = np.linalg.eigh(kernel)
     # The largest eigenvalues; those up to rounding or below 0 have no root.
-    kept = np.flatnonzero(values > 1e-6 * values[-1])[-rank:]
+    has_root = values > 1e-6 * values[-1]
+    kept = np.flatnonzero(has_root)[-rank:]
     basis = basis[:, kept] / np.sqrt(values[kept])
     parts = [
         _kernel(block, landmarks, rows, vectors) @ basis
         for block in np.split(np.arange(size), range(_BLOCK, size, _BLOCK))
     ]
     coordinates = np.concatenate(parts)
+    # Only entities with recipes are fitted; those without are no negative evidence.
     of_seen = coordinates[seen]
     weights, turn = np.linalg.eigh(of_seen.T @ of_seen)
     turned = coordinates @ turn
     triples = recipe_triples(recipes)
     products = np.maximum(weights, 0)
     shrinkage = products[:, None] * products + RIDGE
+    # Each relation has its own left factor; the right one, Φ Q, serves both.
     lefts = []
     for relation in (COMPONENT_OF, COMBINES_WITH):
-        heads, _, tails = triples[triples[:, 1] == relation].T
-        links = sparse.csr_array((np.ones(len(heads)), (heads, tails)), shape=(size, size))
+        is_own = triples[:, 1] == relation
+        heads, _, tails = triples[is_own].T
+        ones = np.ones(len(heads))
+        links = sparse.csr_array((ones, (heads, tails)), shape=(size, size))
         inner = turned.T @ (links @ turned)
         lefts.append(turned @ (inner / shrinkage))
     left, pair_left = (np.ascontiguousarray(each, dtype=np.float32) for each in lefts)
-    return left, np.ascontiguousarray(turned, dtype=np.float32), pair_left
+    right = np.ascontiguousarray(turned, dtype=np.float32)
+    return left, right, pair_left
 
 
 def _kernel(one: Ids, other: Ids, rows: Any, vectors: Floats) -> NDArray[np.float64]:
     """Return k(x, y) for the entities ``one`` by rows and ``other`` by columns."""
-    structure = (rows[one] @ rows[other].T).toarray().astype(np.float64)
+    products = rows[one] @ rows[other].T
+    structure = products.toarray().astype(np.float64)
     if not vectors.shape[1]:
         return structure
     cosines = np.maximum(vectors[one] @ vectors[other].T, 0)

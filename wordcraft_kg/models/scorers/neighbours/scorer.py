@@ -29,6 +29,8 @@ class NeighbourRecipeScorer(RecipeScorer):
     regression at low rank, see :mod:`~wordcraft_kg.models.scorers.neighbours.regression`.
 
     Attributes:
+        kind: ``recipes-by-neighbours``, the scorer kind in ``vocabulary.json``.
+        shared: tensors that the models of all folds have in common, stored once.
         knowledge: recipes, words and the ranker.
     """
 
@@ -47,10 +49,12 @@ class NeighbourRecipeScorer(RecipeScorer):
         """Return float32 matrices ``left`` and ``right``, (E, m): a pair scores their product."""
         lists = self.knowledge.lists()
         is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
-        left = lists.pair_left if is_pair else lists.left
-        return tuple(torch.from_numpy(part).to(self.device) for part in (left, lists.right))  # type: ignore[return-value]
+        left = torch.from_numpy(lists.pair_left if is_pair else lists.left)
+        right = torch.from_numpy(lists.right)
+        return left.to(self.device), right.to(self.device)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
+        # A query for a single relation, the usual case, needs one product instead of two.
         relation = relations.unique()
         if len(relation) == 1:
             return product_scores(*self.factors(int(relation)), heads, relations, tails)
@@ -58,9 +62,8 @@ class NeighbourRecipeScorer(RecipeScorer):
             product_scores(*self.factors(relation), heads, relations, tails)
             for relation in range(2)
         ]
-        return torch.where(
-            relations == COMBINES_WITH, scores[COMBINES_WITH], scores[1 - COMBINES_WITH]
-        )
+        is_pair = relations == COMBINES_WITH
+        return torch.where(is_pair, scores[COMBINES_WITH], scores[1 - COMBINES_WITH])
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
         left, right = self.factors(relation)

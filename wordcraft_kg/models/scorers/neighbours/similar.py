@@ -16,7 +16,13 @@ WORDS_WEIGHT = np.float32(0.2)
 
 @compiled
 def dot(vectors, one, other):  # type: ignore[no-untyped-def]
-    """Return the product of two rows of a matrix."""
+    """Return the product of two rows of a matrix.
+
+    Args:
+        vectors: shape (T, D).
+        one: number of a row.
+        other: number of the other row.
+    """
     total = np.float32(0)
     for place in range(vectors.shape[1]):
         total += vectors[one, place] * vectors[other, place]
@@ -25,7 +31,14 @@ def dot(vectors, one, other):  # type: ignore[no-untyped-def]
 
 @compiled
 def product(left, right, one, other):  # type: ignore[no-untyped-def]
-    """Return the product of a row of ``left`` and a row of ``right``."""
+    """Return the product of a row of ``left`` and a row of ``right``.
+
+    Args:
+        left: shape (T, m).
+        right: shape (T, m).
+        one: row of ``left``.
+        other: row of ``right``.
+    """
     total = np.float32(0)
     for place in range(left.shape[1]):
         total += left[one, place] * right[other, place]
@@ -43,6 +56,7 @@ def similarity(structure, words, norm, other_norm):  # type: ignore[no-untyped-d
         other_norm: similarity of the second entity with itself.
     """
     positive = max(words, np.float32(0))
+    # Rounding can lift the similarity of equal profiles above 1.
     value = (structure + WORDS_WEIGHT * positive * positive) / sqrt(norm * other_norm)
     return min(np.float32(value), np.float32(1))
 
@@ -59,6 +73,11 @@ def spread(lists, entity, structure):  # type: ignore[no-untyped-def]
     """Write an entity's profile cosines into an array of all entities, zeros before.
 
     Reading them costs nothing then, where each search in a list would miss a few branches.
+
+    Args:
+        lists: the lists.
+        entity: entity id.
+        structure: shape (T,): zeros before, the entity's profile cosines after.
     """
     for place in range(lists.near_starts[entity], lists.near_starts[entity + 1]):
         structure[lists.near[place]] = lists.near_cosines[place]
@@ -66,6 +85,12 @@ def spread(lists, entity, structure):  # type: ignore[no-untyped-def]
 
 @compiled
 def clear(lists, entity, structure):  # type: ignore[no-untyped-def]
-    """Write zeros where :func:`spread` wrote."""
+    """Write zeros where :func:`spread` wrote: far fewer places than all T.
+
+    Args:
+        lists: the lists.
+        entity: the entity that was spread.
+        structure: shape (T,): zeros after.
+    """
     for place in range(lists.near_starts[entity], lists.near_starts[entity + 1]):
         structure[lists.near[place]] = 0

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled, product_of_rows
 
 Array = Any
 """Compiled loops read the types of their arguments, so these are untyped: arrays and numbers."""
@@ -14,7 +14,7 @@ WORDS_WEIGHT = np.float32(0.2)
 """Weight of squared word cosines in the similarity, ``kernel.TEXT``."""
 
 
-@compiled
+@product_of_rows
 def dot(vectors, one, other):  # type: ignore[no-untyped-def]
     """Return the product of two rows of a matrix.
 
@@ -29,7 +29,7 @@ def dot(vectors, one, other):  # type: ignore[no-untyped-def]
     return total
 
 
-@compiled
+@product_of_rows
 def product(left, right, one, other):  # type: ignore[no-untyped-def]
     """Return the product of a row of ``left`` and a row of ``right``.
 

@@ -104,11 +104,6 @@ def fit_committee(examples: Examples, generator: torch.Generator) -> Ranker:
     )
 
 
-def constant_features(examples: Examples) -> Tensor:
-    """Return whether each feature is the same in all competing pairs, shape (F,)."""
-    return _moments(examples)[1].isinf()
-
-
 def _moments(examples: Examples) -> tuple[Tensor, Tensor]:
     """Return means and deviations of features, (F,) each; a constant has an infinite deviation."""
     known = examples.features[examples.competes]

@@ -10,11 +10,23 @@ import torch
 from link_helpers import random_graph
 
 from wordcraft_kg.base.tensors import torch_threads
-from wordcraft_kg.models.scorers.kernel import TEXT, kernel_regression, link_matrices, profiles
+from wordcraft_kg.models.scorers.kernel import (
+    TEXT,
+    completion,
+    kernel_regression,
+    link_matrices,
+    profiles,
+)
 from wordcraft_kg.models.scorers.neighbours import knowledge
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
 from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST, table_features
-from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, OF_PAIRS, NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import (
+    FEATURES,
+    OF_PAIRS,
+    NeighbourKnowledge,
+    component_inputs,
+)
+from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMBINES, OF_COMPONENTS, LinkRows
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
@@ -78,21 +90,24 @@ class SlowFeatures:
         partners = {b for a, b, _ in self.recipes if a == c} | {
             a for a, b, _ in self.recipes if b == c
         }
+        to_goal = sum(alike[x, other] * self.links(other, c) for other in self.used)
         return [
-            math.log(FLOOR + evidence),
-            math.log(FLOOR + best),
-            math.log(FLOOR + by_words),
             self.cosines[x, c],
             self.kernel[x, c],
             math.log1p(sum(x in (a, b) for a, b, _ in self.recipes)),
             math.log1p(sum(result == x for *_, result in self.recipes)),
-            math.log1p(self.links(x, c)),
             math.log(FLOOR + link),
-            math.log(FLOOR + exact),
             math.log(FLOOR + link_words),
+            math.log(FLOOR + exact),
+            math.log(FLOOR + to_goal),
             math.log(FLOOR + reverse),
             math.log(FLOOR + sum(alike[x, partner] for partner in partners)),
+            float(x in partners),
             self.regression[1][x, c],
+            math.log1p(self.links(x, c)),
+            math.log(FLOOR + evidence),
+            math.log(FLOOR + best),
+            math.log(FLOOR + by_words),
         ]
 
     def of_pair(self, a, b, c):
@@ -131,9 +146,26 @@ class SlowFeatures:
             self.regression[0][a, b],
         ]
 
-    def __call__(self, a, b, c):
-        one, other = np.array(self.of_slot(a, c)), np.array(self.of_slot(b, c))
-        return np.concatenate([one + other, np.minimum(one, other), self.of_pair(a, b, c)])
+    def of_combines(self, a, b):
+        """The features of a combinesWith link, without completion."""
+        alike = self.alike
+        uses = [math.log1p(sum(x in (i, j) for i, j, _ in self.recipes)) for x in (a, b)]
+        made = [math.log1p(sum(result == x for *_, result in self.recipes)) for x in (a, b)]
+        pairs = {pair for i, j, _ in self.recipes for pair in ((i, j), (j, i))}
+        exact = sum(alike[a, i] for i, j in pairs if j == b)
+        exact += sum(alike[b, j] for i, j in pairs if i == a)
+        anything = self.of_pair(a, b, 0)[OF_PAIRS.index("makes_anything")]
+        return [
+            self.cosines[a, b],
+            self.kernel[a, b],
+            sum(uses),
+            abs(uses[0] - uses[1]),
+            sum(made),
+            float(a == b),
+            math.log(FLOOR + exact),
+            anything,
+            self.regression[0][a, b],
+        ]
 
 
 def kernel_tables(recipes, rows, cosines):
@@ -163,11 +195,71 @@ def test_with_lists_of_full_length_every_feature_is_what_its_definition_says(num
     tables[:4, 1] = tables[:4, 0]
     goals = rng.integers(SIZE, size=25)
     one, other = np.triu_indices(3)
-    found = np.zeros((25, 6, len(FEATURES)), dtype=np.float32)
-    table_features(lists, goals, tables, one, other, found)
+    of_slots, of_pairs = table_arrays(25, 3)
+    table_features(lists, goals, tables, one, other, of_slots, of_pairs)
+    for row, slot in product(range(25), range(3)):
+        expected = slow.of_slot(tables[row, slot], goals[row])
+        np.testing.assert_allclose(of_slots[row, slot], expected, rtol=2e-3, atol=2e-3)
     for row, pair in product(range(25), range(6)):
-        expected = slow(tables[row, one[pair]], tables[row, other[pair]], goals[row])
-        np.testing.assert_allclose(found[row, pair], expected, rtol=2e-3, atol=2e-3)
+        expected = slow.of_pair(tables[row, one[pair]], tables[row, other[pair]], goals[row])
+        np.testing.assert_allclose(of_pairs[row, pair], expected, rtol=2e-3, atol=2e-3)
+
+
+def table_arrays(rows, slots):
+    """Arrays for the features of slots and of pairs."""
+    of_slots = np.zeros((rows, slots, 16), dtype=np.float32)
+    of_pairs = np.zeros((rows, slots * (slots + 1) // 2, 16), dtype=np.float32)
+    return of_slots, of_pairs
+
+
+def test_links_of_whole_rows_have_the_features_of_their_definitions():
+    recipes = distinct(random_graph(0, SIZE, 70).recipes)
+    vectors = unit_vectors()
+    rows = LinkRows(full_lists(recipes, vectors))
+    slow = SlowFeatures(recipes, vectors)
+    every = np.arange(SIZE)
+    found = rows.combines(every).numpy()
+    completed = np.log(FLOOR + completion(recipes, SIZE).numpy())
+    place = OF_COMBINES.index("completion")
+    np.testing.assert_allclose(found[..., place], completed, rtol=1e-4, atol=1e-4)
+    found = np.delete(found, place, axis=2)
+    for a, b in product(range(SIZE), repeat=2):
+        np.testing.assert_allclose(found[a, b], slow.of_combines(a, b), rtol=2e-3, atol=2e-3)
+    found = rows.components(every).numpy()
+    for x, c in product(range(SIZE), repeat=2):
+        of_pair = slow.of_pair(x, x, c)
+        of_goal = [of_pair[OF_PAIRS.index(name)] for name in OF_COMPONENTS[-2:]]
+        expected = [*slow.of_slot(x, c)[:12], *of_goal]
+        np.testing.assert_allclose(found[x, c], expected, rtol=2e-3, atol=2e-3)
+
+
+@pytest.mark.parametrize("width", [2, SIZE])
+def test_rows_columns_candidates_and_tables_agree_on_the_features_of_links(width):
+    recipes = distinct(random_graph(5, SIZE, 60).recipes)
+    vectors = unit_vectors()
+    near = nearest_words(vectors, width)
+    lists = make_lists(recipes, vectors, near, nearest=width, used=width, made=width, rank=5)
+    rows = LinkRows(lists)
+    every = np.arange(SIZE)
+    by_row = rows.components(every)
+    by_column = rows.components(every, heads=True)
+    torch.testing.assert_close(by_column, by_row.transpose(0, 1), rtol=1e-5, atol=1e-5)
+    candidates = np.random.default_rng(0).integers(SIZE, size=(SIZE, 4))
+    some = torch.from_numpy(candidates)[..., None]
+    for links, found in (
+        (by_row, rows.components(every, candidates)),
+        (by_row.transpose(0, 1), rows.components(every, candidates, heads=True)),
+        (rows.combines(every), rows.combines(every, candidates)),
+    ):
+        expected = links.gather(1, some.expand_as(found))
+        torch.testing.assert_close(found, expected, rtol=1e-5, atol=1e-5)
+    # Every entity in a slot, once for each goal.
+    one, other = np.triu_indices(SIZE)
+    of_slots, of_pairs = (torch.from_numpy(array) for array in table_arrays(SIZE, SIZE))
+    tables = np.tile(every, (SIZE, 1))
+    table_features(lists, every, tables, one, other, of_slots.numpy(), of_pairs.numpy())
+    of_tables = component_inputs(of_slots, of_pairs).transpose(0, 1)
+    torch.testing.assert_close(of_tables, by_row, rtol=1e-4, atol=1e-4)
 
 
 def test_nearest_words_are_the_largest_positive_cosines_with_ties_by_id():
@@ -330,12 +422,14 @@ def test_a_pair_with_10000_results_and_a_hub_with_5000_recipes_cost_no_more():
     lists = make_lists(recipes, vectors, nearest_words(vectors), rank=8)
     goals = np.array([100, 10_099, 10_150])
     tables = np.array([[0, 1]] * 3)
-    features = np.zeros((3, 1, len(FEATURES)), dtype=np.float32)
-    table_features(lists, goals, tables, np.array([0]), np.array([1]), features)
-    start = len(FEATURES) - len(OF_PAIRS)
-    makes = start + OF_PAIRS.index("makes")
-    assert np.isfinite(features).all()
-    assert features[:, 0, makes].tolist() == [1, 1, 0]
+    of_slots, of_pairs = table_arrays(3, 2)
+    table_features(lists, goals, tables, np.array([0]), np.array([1]), of_slots, of_pairs)
+    assert np.isfinite(of_slots).all()
+    assert np.isfinite(of_pairs).all()
+    assert of_pairs[:, 0, OF_PAIRS.index("makes")].tolist() == [1, 1, 0]
+    rows = LinkRows(lists)
+    for found in (rows.combines(np.array([0, 1])), rows.components(np.array([0, 100]))):
+        assert np.isfinite(found.numpy()).all()
 
 
 @pytest.mark.parametrize("recipes", [[], [[0, 0, 0]], [[0, 1, 2]]])
@@ -343,7 +437,12 @@ def test_books_with_hardly_a_recipe_have_features(recipes):
     rows = np.array(recipes, dtype=np.int64).reshape(-1, 3)
     vectors = unit_vectors(3)
     lists = make_lists(rows, vectors, nearest_words(vectors))
-    features = np.zeros((1, 3, len(FEATURES)), dtype=np.float32)
+    of_slots, of_pairs = table_arrays(1, 2)
     one, other = np.triu_indices(2)
-    table_features(lists, np.array([2]), np.array([[0, 1]]), one, other, features)
-    assert np.isfinite(features).all()
+    table_features(lists, np.array([2]), np.array([[0, 1]]), one, other, of_slots, of_pairs)
+    assert np.isfinite(of_slots).all()
+    assert np.isfinite(of_pairs).all()
+    every = np.arange(3)
+    rows = LinkRows(lists)
+    for found in (rows.combines(every), rows.components(every)):
+        assert np.isfinite(found.numpy()).all()

@@ -1,4 +1,4 @@
-"""Fit a committee of rankers: small networks that learn from the same tables; their mean scores.
+"""Fit a committee of rankers: small networks that learn from the same queries; their mean scores.
 
 Held-out recipes are few and their features many, so a single network learns noise too. The mean of
 three networks that begin with different weights errs less: on validation parts of by-goal splits 0
@@ -15,28 +15,47 @@ from torch import Tensor
 
 from wordcraft_kg.models.scorers.ranker import Ranker
 
-MEMBERS = 3
-"""Networks of a committee; four are no better."""
 HIDDEN = 32
 """Hidden units of a network; 64 are worse, 16 as well."""
-EPOCHS = 6
-"""Passes over all tables; with two draws of distractors for each recipe, 10 are no better."""
-BATCH = 256
-"""Tables of a step."""
-LEARNING_RATE = 1e-2
-"""Largest step size; half and twice as much give the same success within .005."""
+
+
+class Schedule(NamedTuple):
+    """How a committee learns.
+
+    Attributes:
+        members: networks.
+        batch: queries of a step.
+        epochs: passes over all queries.
+        rate: largest step size.
+    """
+
+    members: int
+    batch: int
+    epochs: int
+    rate: float
+
+
+TABLES = Schedule(members=3, batch=256, epochs=6, rate=1e-2)
+"""For tables: four networks are no better, nor are 10 epochs, with two draws of distractors for
+each recipe; half and twice the step size give the same success within .005."""
+LINKS = Schedule(members=1, batch=32, epochs=10, rate=5e-3)
+"""For links: three networks are no better, and larger batches are worse."""
 WEIGHT_DECAY = 1e-4
 _SMALL = 1e-6
 """Deviations and spans up to this number are rounding."""
 
 
 class Examples(NamedTuple):
-    """Tables from which rankers learn: N tables with P pairs of slots.
+    """Queries from which rankers learn: N queries with P candidates.
+
+    A query is a table, whose candidates are pairs of slots, or an open link.
 
     Attributes:
         features: shape (N, P, F).
-        competes: shape (N, P): whether neither slot is empty.
-        is_right: shape (N, P): whether the pair makes the goal by a recipe that the model knows.
+        competes: shape (N, P): whether a candidate counts: a pair without empty slots, an unknown
+            link or the right one.
+        is_right: shape (N, P): whether the pair makes the goal by a recipe that the model knows, or
+            the link is the one asked for.
     """
 
     features: Tensor
@@ -44,46 +63,52 @@ class Examples(NamedTuple):
     is_right: Tensor
 
     def part(self, rows: Tensor) -> "Examples":
-        """Return the tables with the given numbers, shape (n,)."""
+        """Return the queries with the given numbers, shape (n,)."""
         return Examples(*(values[rows] for values in self))
 
 
-def fit_committee(examples: Examples, generator: torch.Generator) -> Ranker:
-    """Fit networks that score right pairs above competing pairs, and return their mean.
+def fit_committee(
+    examples: Examples,
+    generator: torch.Generator,
+    schedule: Schedule = TABLES,
+) -> Ranker:
+    """Fit networks that score right candidates above competing ones, and return their mean.
 
-    The loss of a table is ``-log Σ_right softmax(scores)``, minimised by AdamW with one cycle of
-    the step size. All networks see the tables in the same order.
+    The loss of a query is ``-log Σ_right softmax(scores)``, minimised by AdamW with one cycle of
+    the step size. All networks see the queries in the same order.
 
     Args:
-        examples: tables with a right pair each.
-        generator: draws initial weights and the order of tables.
+        examples: queries with a right candidate each.
+        generator: draws initial weights and the order of queries.
+        schedule: number of networks, and how they learn.
 
     Returns:
         a ranker of all features, with the hidden units of all networks side by side. Features that
         are the same everywhere have weight 0.
     """
+    members, batch, epochs, rate = schedule
     mean, scale = _moments(examples)
     size = len(mean)
-    first = _drawn(MEMBERS, size, HIDDEN, fan=size, generator=generator)
-    first_bias = _drawn(MEMBERS, 1, HIDDEN, fan=size, generator=generator)
-    second = _drawn(MEMBERS, HIDDEN, 1, fan=HIDDEN, generator=generator)
-    batches = math.ceil(len(examples.features) / BATCH)
+    first = _drawn(members, size, HIDDEN, fan=size, generator=generator)
+    first_bias = _drawn(members, 1, HIDDEN, fan=size, generator=generator)
+    second = _drawn(members, HIDDEN, 1, fan=HIDDEN, generator=generator)
+    batches = math.ceil(len(examples.features) / batch)
     optimizer = torch.optim.AdamW(
         [first, first_bias, second],
-        lr=LEARNING_RATE,
+        lr=rate,
         weight_decay=WEIGHT_DECAY,
     )
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
+    cycle = torch.optim.lr_scheduler.OneCycleLR(
         optimizer,
-        LEARNING_RATE,
-        total_steps=max(EPOCHS * batches, 2),
+        rate,
+        total_steps=max(epochs * batches, 2),
     )
-    for rows in _batches(len(examples.features), generator):
+    for rows in _batches(len(examples.features), batch, epochs, generator):
         features, competes, is_right = examples.part(rows)
         # Most tables have fewer pairs than the widest one: empty ones are never computed.
         known = (features[competes] - mean) / scale
-        units = torch.baddbmm(first_bias, known.expand(MEMBERS, -1, -1), first).relu()
-        scores = torch.full((MEMBERS, *competes.shape), -torch.inf)
+        units = torch.baddbmm(first_bias, known.expand(members, -1, -1), first).relu()
+        scores = torch.full((members, *competes.shape), -torch.inf)
         scores[:, competes] = torch.bmm(units, second)[..., 0]
         of_right = scores.log_softmax(-1).masked_fill(~is_right, -torch.inf)
         # The networks do not meet: the gradient of a sum is each network's own.
@@ -91,15 +116,15 @@ def fit_committee(examples: Examples, generator: torch.Generator) -> Ranker:
         optimizer.zero_grad()
         loss.backward()
         optimizer.step()
-        schedule.step()
+        cycle.step()
     # Standardise the weights instead of the features: far fewer numbers when the ranker is used.
     scaled = first.detach() / scale[:, None]
     bias = first_bias.detach()[:, 0] - mean @ scaled
     return Ranker(
         # (members, features, units) to (features, members * units): networks side by side.
-        scaled.permute(1, 0, 2).reshape(size, MEMBERS * HIDDEN),
+        scaled.permute(1, 0, 2).reshape(size, members * HIDDEN),
         bias.reshape(-1),
-        second.detach().reshape(-1) / MEMBERS,
+        second.detach().reshape(-1) / members,
         torch.zeros(()),
     )
 
@@ -120,9 +145,14 @@ def _drawn(*shape: int, fan: int, generator: torch.Generator) -> Tensor:
     return (weights / math.sqrt(fan)).requires_grad_()
 
 
-def _batches(tables: int, generator: torch.Generator) -> Iterator[Tensor]:
-    """Yield the tables' numbers in batches, the batches in another order in each epoch."""
-    batches = torch.randperm(tables, generator=generator).split(BATCH)
-    for _ in range(EPOCHS):
+def _batches(
+    queries: int,
+    batch: int,
+    epochs: int,
+    generator: torch.Generator,
+) -> Iterator[Tensor]:
+    """Yield the queries' numbers in batches, the batches in another order in each epoch."""
+    batches = torch.randperm(queries, generator=generator).split(batch)
+    for _ in range(epochs):
         for number in torch.randperm(len(batches), generator=generator).tolist():
             yield batches[number]

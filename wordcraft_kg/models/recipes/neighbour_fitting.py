@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -18,16 +19,28 @@ from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.models.recipes.committee import Examples, fit_committee
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in, recipe_triples
+from wordcraft_kg.models.recipes.committee import LINKS, Examples, fit_committee
 from wordcraft_kg.models.recipes.fitting import TABLES, with_known
-from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import (
+    FEATURES,
+    NeighbourKnowledge,
+    component_inputs,
+    joined,
+)
+from wordcraft_kg.models.scorers.neighbours.link_rows import LinkRows
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, Numbers, make_lists, nearest_words
 from wordcraft_kg.models.scorers.pair_knowledge import pairs_of
+from wordcraft_kg.models.scorers.ranker import Ranker
 
 EXAMPLES = 6_000
 """Most held-out recipes from which a ranker learns, over all folds."""
 DRAWS = 2
 """Tables of each size for a held-out recipe, with different distractors."""
+LINK_QUERIES = 300
+"""Most links of a held-out fold and a relation that are asked for, on each side."""
+CANDIDATES = 128
+"""Entities that compete for a link: 64 cost .01 of the MRR, 256 gain nothing."""
 KNOWN = 10_000
 """Most known recipes whose scores are lifted if held-out goals have none."""
 LeftOut = tuple[int, ...]
@@ -84,17 +97,17 @@ def fit_by_neighbours(
         an entry of ``wanted``, and the knowledge fitted without these folds.
     """
     # By the folds left out and the fold held out.
-    examples: dict[tuple[LeftOut, int], Examples] = {}
+    lessons: dict[tuple[LeftOut, int], _Lesson] = {}
     missing = set(wanted)
     for left_out in wanted:
         turns = [fold for fold in range(folds.count) if fold not in left_out]
-        new = [turn for turn in turns if (left_out, turn) not in examples]
+        new = [turn for turn in turns if (left_out, turn) not in lessons]
 
         # The default keeps this turn of the loop's value for the threads.
         def made(
             turn: int,
             left_out: LeftOut = left_out,
-        ) -> list[tuple[tuple[LeftOut, int], Examples]]:
+        ) -> list[tuple[tuple[LeftOut, int], _Lesson]]:
             without = {*left_out, turn}
             lists = words.lists(folds.recipes(without))
             of_lists = []
@@ -102,44 +115,71 @@ def fit_by_neighbours(
             for held_out in without:
                 other = tuple(sorted(without - {held_out}))
                 if other in missing:
-                    new_examples = _examples(folds, lists, other, held_out, seed)
-                    of_lists.append(((other, held_out), new_examples))
+                    lesson = _lesson(folds, lists, other, held_out, seed)
+                    of_lists.append(((other, held_out), lesson))
             return of_lists
 
         pool = ThreadPoolExecutor(workers)
         try:
             for found in pool.map(made, new):
-                examples.update(found)
+                lessons.update(found)
                 after()
         finally:
             # After Ctrl-C, sets that are not begun are never made.
             pool.shutdown(cancel_futures=True)
-        parts = [examples.pop((left_out, turn)) for turn in turns]
+        of_turns = [lessons.pop((left_out, turn)) for turn in turns]
         missing.remove(left_out)
-        yield left_out, _fitted(folds, words, left_out, parts, seed)
+        yield left_out, _fitted(folds, words, left_out, of_turns, seed)
+
+
+class _Lesson(NamedTuple):
+    """What the rankers of a scorer learn from a held-out fold.
+
+    Attributes:
+        combines: queries for combinesWith links.
+        components: queries for componentOf links.
+        slots: features of the tables' slots, shape (N, A, 16), without the score by the link
+            ranker, which learns first.
+        tables: queries for pairs on tables; their features are those of pairs alone.
+    """
+
+    combines: Examples
+    components: Examples
+    slots: Tensor
+    tables: Examples
 
 
 def _fitted(
     folds: Folds,
     words: Words,
     left_out: LeftOut,
-    parts: Sequence[Examples],
+    lessons: Sequence[_Lesson],
     seed: int,
 ) -> NeighbourKnowledge:
-    """Fit the ranker of a scorer to its examples.
+    """Fit the rankers of a scorer: those of links, then that of recipes, which uses their scores.
 
     Args:
         folds: folds of the train recipes.
         words: word vectors.
         left_out: folds that the scorer has not seen.
-        parts: the examples of each held-out fold.
-        seed: seed of the initial weights and the order of tables.
+        lessons: the queries of each held-out fold.
+        seed: seed of the initial weights and the order of queries.
     """
-    examples = Examples(*(torch.cat(part) for part in zip(*parts, strict=True)))
     generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
+    link_rankers = {}
+    of_relations = {
+        COMBINES_WITH: [lesson.combines for lesson in lessons],
+        COMPONENT_OF: [lesson.components for lesson in lessons],
+    }
+    for relation, of_folds in of_relations.items():
+        queries = _together(of_folds)
+        if len(queries.features):
+            link_rankers[relation] = fit_committee(queries, generator, LINKS)
+    of_components = link_rankers.get(COMPONENT_OF)
+    examples = _together([_with_link_scores(lesson, of_components) for lesson in lessons])
     ranker = fit_committee(examples, generator)
     recipes = folds.recipes(left_out)
-    knowledge = NeighbourKnowledge.of_recipes(recipes, words.vectors, words.near)
+    knowledge = NeighbourKnowledge.of_recipes(recipes, words.vectors, words.near, link_rankers)
     makes = FEATURES.index("makes")
     # By-goal folds: no held-out goal has a known recipe.
     # A feature that is the same in all examples has weight 0.
@@ -155,13 +195,118 @@ def _fitted(
     return knowledge.with_ranker(ranker)
 
 
-def _examples(
+def _with_link_scores(lesson: _Lesson, ranker: Ranker | None) -> Examples:
+    """Return queries for tables with all features of pairs.
+
+    Args:
+        lesson: the queries of a fold.
+        ranker: of componentOf links; None if there was nothing to learn from.
+    """
+    slots = lesson.slots
+    pairs = lesson.tables.features
+    component = torch.zeros(slots.shape[:2])
+    if ranker:
+        component = ranker(component_inputs(slots, pairs))
+    one, other = pairs_of(slots.shape[1], torch.device("cpu"))
+    features = joined(slots, pairs, component, one, other)
+    return lesson.tables._replace(features=features)
+
+
+def _together(parts: Sequence[Examples]) -> Examples:
+    return Examples(*(torch.cat(part) for part in zip(*parts, strict=True)))
+
+
+def _lesson(
     folds: Folds,
     lists: Lists,
     left_out: LeftOut,
     held_out: int,
     seed: int,
+) -> _Lesson:
+    """Make queries from a fold's recipes: for their links, and for tables with distractors.
+
+    Args:
+        folds: folds of the train recipes.
+        lists: made without ``left_out`` and without ``held_out``.
+        left_out: folds that the scorer has not seen; every pair in a recipe of the others is right.
+        held_out: the fold whose recipes are asked for.
+        seed: seed of links and tables.
+    """
+    rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
+    rows = LinkRows(lists)
+    combines, components = (
+        _link_examples(folds, rows, left_out, held_out, relation, rng)
+        for relation in (COMBINES_WITH, COMPONENT_OF)
+    )
+    slots, tables = _table_examples(folds, lists, left_out, held_out, rng)
+    return _Lesson(combines, components, slots, tables)
+
+
+def _link_examples(
+    folds: Folds,
+    rows: LinkRows,
+    left_out: LeftOut,
+    held_out: int,
+    relation: int,
+    rng: np.random.Generator,
 ) -> Examples:
+    """Make queries from links that a fold's recipes alone have.
+
+    Args:
+        folds: folds of the train recipes.
+        rows: computes features without ``left_out`` and without ``held_out``.
+        left_out: folds that the scorer has not seen; known links of the others do not compete.
+        held_out: the fold whose links are asked for.
+        relation: relation id.
+        rng: draws links and candidates.
+    """
+    size = folds.split.graph.num_entities
+    every = folds.triples(left_out)
+    of_fold = recipe_triples(folds.recipes_of(held_out))
+    seen = folds.triples([*left_out, held_out])
+    new = of_fold[(of_fold[:, 1] == relation) & ~is_in(of_fold, seen, size)]
+    chosen = new[np.sort(rng.permutation(len(new))[:LINK_QUERIES])]
+    parts = []
+    # combinesWith is symmetric, so head queries equal tail queries.
+    for heads in (False,) if relation == COMBINES_WITH else (False, True):
+        known, asked = (chosen[:, 2], chosen[:, 0]) if heads else (chosen[:, 0], chosen[:, 2])
+        candidates = rng.integers(size, size=(len(chosen), CANDIDATES))
+        # The right candidate comes first, and once.
+        candidates[:, 0] = asked
+        is_right = np.zeros(candidates.shape, dtype=bool)
+        is_right[:, 0] = True
+        links = _triples(known[:, None], relation, candidates, heads=heads)
+        is_known = is_in(links.reshape(-1, 3), every, size).reshape(candidates.shape)
+        if relation == COMBINES_WITH:
+            features = rows.combines(known, candidates)
+        else:
+            features = rows.components(known, candidates, heads=heads)
+        parts.append(Examples(features, _tensor(~is_known | is_right), _tensor(is_right)))
+    return _together(parts)
+
+
+def _triples(known: Ids, relation: int, others: Ids, *, heads: bool) -> Ids:
+    """Return the triples of known entities (B, 1) and others (B, N), shape (B, N, 3).
+
+    Args:
+        known: entities on one side.
+        relation: relation id.
+        others: entities on the other side.
+        heads: whether ``others`` are the heads.
+    """
+    known = np.broadcast_to(known, others.shape)
+    relations = np.full(others.shape, relation)
+    sides = (others, relations, known) if heads else (known, relations, others)
+    return np.stack(sides, axis=-1)
+
+
+def _table_examples(
+    folds: Folds,
+    lists: Lists,
+    left_out: LeftOut,
+    held_out: int,
+    rng: np.random.Generator,
+) -> tuple[Tensor, Examples]:
     """Make queries from a fold's recipes on tables with distractors.
 
     Args:
@@ -169,12 +314,14 @@ def _examples(
         lists: made without ``left_out`` and without ``held_out``.
         left_out: folds that the scorer has not seen; every pair in a recipe of the others is right.
         held_out: the fold whose recipes are asked for.
-        seed: seed of the tables.
+        rng: draws tables.
+
+    Returns:
+        features of slots, shape (N, A, 16), and queries with features of pairs, (N, P, 16).
     """
     # Numba is imported for a fit alone: it takes a second.
-    from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
+    from wordcraft_kg.models.scorers.neighbours import feature_loops
 
-    rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
     known = folds.recipes(left_out)
     recipes = folds.recipes_of(held_out)
     # An equal share of the examples for each fold, rounded up.
@@ -188,19 +335,20 @@ def _examples(
     first_slots, second_slots = pairs_of(tables.shape[1], torch.device("cpu"))
     one = first_slots.numpy()
     other = second_slots.numpy()
-    # The compiled loops write into an array: (tables, pairs, features).
-    shape = (len(goals), len(one), len(FEATURES))
-    features = np.zeros(shape, dtype=np.float32)
-    table_features(lists, goals, tables, one, other, features)
+    # The compiled loops write into arrays.
+    of_slots = np.zeros((*tables.shape, feature_loops.OF_SLOTS), dtype=np.float32)
+    of_pairs = np.zeros((len(goals), len(one), feature_loops.OF_PAIRS), dtype=np.float32)
+    feature_loops.table_features(lists, goals, tables, one, other, of_slots, of_pairs)
     a = tables[:, one]
     b = tables[:, other]
     competes = (a >= 0) & (b >= 0)
     first, second, results = known.T
     of_known = _codes(first, second, results, size)
-    of_pairs = _codes(a, b, goals[:, None], size)
+    codes = _codes(a, b, goals[:, None], size)
     # The code of a pair with an empty slot may be that of another recipe.
-    is_right = np.isin(of_pairs, of_known) & competes
-    return Examples(_tensor(features), _tensor(competes), _tensor(is_right))
+    is_right = np.isin(codes, of_known) & competes
+    queries = Examples(_tensor(of_pairs), _tensor(competes), _tensor(is_right))
+    return _tensor(of_slots), queries
 
 
 def _tables(

@@ -38,6 +38,7 @@ from wordcraft_kg.models.recipes.method import check_lists, uses_lists
 from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
 from wordcraft_kg.models.scorers.kernel import cosines
+from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 
 _OF_A_BOOK = ("graph", "split", "overrides")
@@ -277,27 +278,25 @@ def _by_lists(book: OtherBook, vectors: EntityFeatures, size: int) -> LinkTables
         vectors: word vectors of all of them.
         size: the graph's entities E.
     """
-    from wordcraft_kg.models.scorers.neighbours import feature_loops
-
     words = np.zeros((len(book.labels), 0), dtype=np.float32)
     if not vectors.is_one_hot:
         words = vectors.unit_vectors.astype(np.float32)
-    lists = make_lists(book.recipes, words, nearest_words(words))
-    own = np.arange(size)
-    pairs = np.zeros((size, size, feature_loops.OF_ANY_GOAL), dtype=np.float32)
-    parts = np.zeros((size, size, feature_loops.OF_SLOTS), dtype=np.float32)
-    feature_loops.pair_features(lists, own, pairs)
-    feature_loops.link_features(lists, own, own, parts)
+    rows = LinkRows(make_lists(book.recipes, words, nearest_words(words)))
+    pairs: list[Tensor] = []
+    parts: list[Tensor] = []
+    # A block has the links of its entities with all entities of both books.
+    for some in torch.arange(size).split(max(1, CELLS // len(book.labels))):
+        pairs.append(rows.combines(some.numpy())[:, :size])
+        parts.append(rows.components(some.numpy())[:, :size])
     # combinesWith is symmetric, and its features are so but for rounding.
-    both = torch.from_numpy(pairs)
-    of_pairs = _by_feature((both + both.transpose(0, 1)) / 2)
-    of_parts = _by_feature(torch.from_numpy(parts))
-    return LinkTables(of_pairs.unbind(), of_parts.unbind())
+    both = torch.cat(pairs)
+    of_pairs = (both + both.transpose(0, 1)) / 2
+    return LinkTables(_by_feature(of_pairs), _by_feature(torch.cat(parts)))
 
 
-def _by_feature(features: Tensor) -> Tensor:
-    """Return features (E, E, F) as a table for each feature, (F, E, E)."""
-    return features.permute(2, 0, 1).contiguous()
+def _by_feature(features: Tensor) -> tuple[Tensor, ...]:
+    """Return features (E, E, F) as a table (E, E) for each feature."""
+    return features.permute(2, 0, 1).contiguous().unbind()
 
 
 def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False) -> OtherBook:

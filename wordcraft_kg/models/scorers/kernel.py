@@ -172,11 +172,29 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
     Returns:
         shape (E, E), float32.
     """
+    nodes, pairs = completion_parts(recipes, num_entities)
+    # R³ of all results, three products from the right; the product with nodesᵀ sums over results.
+    third = pairs @ (pairs @ (pairs @ nodes))
+    scores = (nodes.T @ third).toarray()
+    return torch.from_numpy(scores.astype(np.float32))
+
+
+def completion_parts(recipes: Ids, num_entities: int) -> tuple[Any, Any]:
+    """Return the sparse matrices of which :func:`completion` is a product.
+
+    A node is an entity as ingredient for a single result, so one matrix over all nodes holds the
+    R_c of all results as blocks.
+
+    Args:
+        recipes: ids (n, 3).
+        num_entities: E.
+
+    Returns:
+        which entity a node is, shape (nodes, E), and R, shape (nodes, nodes).
+    """
     from scipy import sparse
 
     a, b, result = recipes.T
-    # A node is an entity as ingredient for a single result, so one matrix over all nodes holds the
-    # R_c of all results as blocks.
     results = np.concatenate([result, result])
     ingredients = np.concatenate([a, b])
     cells, place = np.unique(results * num_entities + ingredients, return_inverse=True)
@@ -191,13 +209,9 @@ def completion(recipes: Ids, num_entities: int) -> Tensor:
     pairs = sparse.csr_array((np.ones(len(ends)), where), shape=(count, count))
     degrees = np.asarray(pairs.sum(axis=1))
     scale = sparse.diags_array(degrees.clip(1) ** -0.5)
-    pairs = (scale @ pairs @ scale).tocsr()
     entity_of = (np.arange(count), cells % num_entities)
     nodes = sparse.csr_array((np.ones(count), entity_of), shape=(count, num_entities))
-    # R³ of all results, three products from the right; the product with nodesᵀ sums over results.
-    third = pairs @ (pairs @ (pairs @ nodes))
-    scores = (nodes.T @ third).toarray()
-    return torch.from_numpy(scores.astype(np.float32))
+    return nodes, (scale @ pairs @ scale).tocsr()
 
 
 def link_matrices(recipes: Ids, num_entities: int) -> tuple[Tensor, Tensor]:

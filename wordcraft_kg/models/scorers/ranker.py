@@ -27,6 +27,11 @@ class Ranker:
     second: Tensor
     bias: Tensor
 
+    @classmethod
+    def empty(cls, num_features: int) -> "Ranker":
+        """Return a network that scores 0 whatever the features."""
+        return cls(torch.zeros(num_features, 1), torch.zeros(1), torch.zeros(1), torch.zeros(()))
+
     def __call__(self, features: Tensor) -> Tensor:
         """Return a single network's scores, shape (...), of features, shape (..., F)."""
         # In place, which takes less memory.

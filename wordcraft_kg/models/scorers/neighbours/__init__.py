@@ -28,7 +28,11 @@ and the same as maxima, by words (w⁴ for k²), without c; known recipes; kerne
 degrees. A product below .002 ends a search in both lists. Hash tables answer whether a pair has
 recipes, and how many recipes make c with x.
 
-**Link scores** are kernel regression at low rank m, see :mod:`.regression`.
+**Links** are scored by networks (rankers) of such features: for componentOf(x, c) those of the link
+side, for combinesWith(a, b) those of the pair side without c; both with kernel regression at low
+rank m, see :mod:`.regression`. The score of componentOf is a feature of pairs on tables, too. A
+table needs few links, which are looked up one by one; link prediction needs all links of an entity,
+and follows the known ones from it, see :mod:`.link_rows`.
 
 | step | cost |
 |---|---|
@@ -38,13 +42,15 @@ recipes, and how many recipes make c with x.
 | lists N, G and supporting recipes | E (K + K_w) D |
 | regression | E L D + L³ + n m, for L <= 1,536 landmarks |
 | features of a table with A slots | A (2 R D + N G) + A² (N² + R) + D per result, at most |
+| all links of an entity | E D + N (links of a neighbour) G |
 | memory | E (4 K + 3 N + 3 G + 3 R + D + 3 m) + about 25 n numbers |
 
 With lists as long as the book nothing is approximate but the pruning: tests compare features with
 full tables.
 
-Read :mod:`.feature_loops` for the features, :mod:`.similar` for k. Loops that make lists and hash
-tables are in :mod:`.list_loops` and :mod:`.hash_loops`, those that propose what a plan may make
-first in :mod:`.candidate_loops`. The loops are compiled by numba: lists end at different places,
-and searches stop early, which vectorised operations would pad to the longest.
+Read :mod:`.feature_loops` for the features of tables, :mod:`.link_rows` for those of links,
+:mod:`.similar` for k. Loops that make lists and hash tables are in :mod:`.list_loops` and
+:mod:`.hash_loops`, those that propose what a plan may make first in :mod:`.candidate_loops`. The
+loops are compiled by numba: lists end at different places, and searches stop early, which
+vectorised operations would pad to the longest.
 """

@@ -31,13 +31,10 @@ Validation prefers 2e-3 to 3e-5 and to no limit, and it looks at 44 of 1,024 pai
 """
 MOST_RESULTS = 64
 """Results of a neighbour pair that count; a pair with more, in a damaged book, costs no more."""
-OF_SLOTS = 14
-"""Features of an ingredient and a goal; their sum and minimum over both ingredients count."""
+OF_SLOTS = 16
+"""Features of an ingredient and a goal, without the score by the link ranker."""
 OF_PAIRS = 16
 """Features of a pair and a goal."""
-OF_ANY_GOAL = 6
-"""Features of a pair alone: known pairs of neighbours, the same by words, whether it is known, word
-cosine, similarity, and combinesWith by kernel regression."""
 
 
 @compiled
@@ -135,7 +132,7 @@ def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes,
         words: the same by words.
         places: from :func:`needed_entities`.
         recipes: number of supporting recipes.
-        out: shape (14,).
+        out: shape (16,).
     """
     total = np.float32(0)
     best = np.float32(0)
@@ -148,15 +145,38 @@ def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes,
             total += value
             best = max(best, value)
             by_words += of_goal_words * words[places[row, part]]
+    out[12] = log1p(num_links(lists, entity, goal))
+    out[13] = log(FLOOR + total)
+    out[14] = log(FLOOR + best)
+    out[15] = log(FLOOR + by_words)
+    out[0] = cosine
+    out[1] = kernel
+    out[2] = log1p(lists.num_uses[entity])
+    out[3] = log1p(lists.num_makers[entity])
+    _of_link(lists, entity, goal, out)
+
+
+@compiled
+def _of_link(lists, entity, goal, out):  # type: ignore[no-untyped-def]
+    """Write the features of a componentOf link that follow from known links: ``out[4:12]``.
+
+    Args:
+        lists: the lists.
+        entity: the ingredient.
+        goal: the result.
+        out: shape (12,) or longer.
+    """
     soft = np.float32(0)
     soft_words = np.float32(0)
     with_goal = np.float32(0)
+    to_goal = np.float32(0)
     for row in range(lists.used.shape[1]):
         other = lists.used[entity, row]
         if other < 0:
             break
         if pair_place(lists, goal, other) >= 0:
             with_goal += lists.used_alike[entity, row]
+        to_goal += lists.used_alike[entity, row] * num_links(lists, other, goal)
         for column in range(lists.made.shape[1]):
             result = lists.made[goal, column]
             weight = lists.used_alike[entity, row] * lists.made_alike[goal, column]
@@ -179,20 +199,14 @@ def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes,
         if result < 0:
             break
         reverse += lists.made_alike[entity, column] * num_links(lists, goal, result)
-    out[0] = log(FLOOR + total)
-    out[1] = log(FLOOR + best)
-    out[2] = log(FLOOR + by_words)
-    out[3] = cosine
-    out[4] = kernel
-    out[5] = log1p(lists.num_uses[entity])
-    out[6] = log1p(lists.num_makers[entity])
-    out[7] = log1p(num_links(lists, entity, goal))
-    out[8] = log(FLOOR + soft)
-    out[9] = log(FLOOR + exact)
-    out[10] = log(FLOOR + soft_words)
-    out[11] = log(FLOOR + reverse)
-    out[12] = log(FLOOR + with_goal)
-    out[13] = product(lists.left, lists.right, entity, goal)
+    out[4] = log(FLOOR + soft)
+    out[5] = log(FLOOR + soft_words)
+    out[6] = log(FLOOR + exact)
+    out[7] = log(FLOOR + to_goal)
+    out[8] = log(FLOOR + reverse)
+    out[9] = log(FLOOR + with_goal)
+    out[10] = 1 if pair_place(lists, entity, goal) >= 0 else 0
+    out[11] = product(lists.left, lists.right, entity, goal)
 
 
 @compiled
@@ -273,8 +287,8 @@ def _pair_side(lists, count, places, weights, words, goal, structure, row, known
 
 
 @compiled
-def table_features(lists, goals, tables, one, other, out):  # type: ignore[no-untyped-def]
-    """Write the features of pairs of slots.
+def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # type: ignore[no-untyped-def]
+    """Write the features of slots, and of pairs of slots.
 
     Args:
         lists: the lists.
@@ -282,7 +296,8 @@ def table_features(lists, goals, tables, one, other, out):  # type: ignore[no-un
         tables: shape (B, A); negative for empty slots.
         one: first slot of each pair, shape (P,).
         other: second slot of each pair, shape (P,).
-        out: zeros, shape (B, P, F); a pair with an empty slot, or without goal, keeps its zeros.
+        of_slots: zeros, shape (B, A, 16); an empty slot, or one without goal, keeps its zeros.
+        of_pairs: zeros, shape (B, P, 16), likewise.
     """
     size = len(lists.norms)
     slots = tables.shape[1]
@@ -298,7 +313,6 @@ def table_features(lists, goals, tables, one, other, out):  # type: ignore[no-un
     of_goal = np.zeros(size, dtype=np.float32)
     known_row = np.full(size, -1, dtype=np.int64)
     known = np.empty((size, 2), dtype=np.float32)
-    of_slots = np.empty((slots, OF_SLOTS), dtype=np.float32)
     cosines = np.empty((slots, slots), dtype=np.float32)
     kernels = np.empty((slots, slots), dtype=np.float32)
     pair_places = np.empty(neighbours * neighbours, dtype=np.int64)
@@ -348,7 +362,7 @@ def table_features(lists, goals, tables, one, other, out):  # type: ignore[no-un
                 words[slot],
                 places,
                 recipes,
-                of_slots[slot],
+                of_slots[row, slot],
             )
         spread(lists, goal, of_goal)
         for pair in range(len(one)):
@@ -358,11 +372,7 @@ def table_features(lists, goals, tables, one, other, out):  # type: ignore[no-un
             b = tables[row, j]
             if a < 0 or b < 0:
                 continue
-            features = out[row, pair]
-            for number in range(OF_SLOTS):
-                features[number] = of_slots[i, number] + of_slots[j, number]
-                features[OF_SLOTS + number] = min(of_slots[i, number], of_slots[j, number])
-            of_pair = features[2 * OF_SLOTS :]
+            of_pair = of_pairs[row, pair]
             _goal_side(
                 lists,
                 goal,
@@ -398,87 +408,6 @@ def table_features(lists, goals, tables, one, other, out):  # type: ignore[no-un
             of_pair[14] = log1p(lists.num_uses[goal])
             of_pair[15] = product(lists.pair_left, lists.right, a, b)
         clear(lists, goal, of_goal)
-
-
-@compiled
-def link_features(lists, heads, goals, out):  # type: ignore[no-untyped-def]
-    """Write the features of ingredients and goals for all pairs of both.
-
-    Args:
-        lists: the lists.
-        heads: ingredients, ids, shape (H,).
-        goals: ids, shape (G,).
-        out: shape (H, G, 14).
-    """
-    size = len(lists.norms)
-    width = lists.support.shape[1]
-    needed = np.empty(2 * width, dtype=np.int32)
-    place_of = np.full(size, -1, dtype=np.int32)
-    places = np.empty((width, 2), dtype=np.int32)
-    alike = np.empty(2 * width, dtype=np.float32)
-    words = np.empty(2 * width, dtype=np.float32)
-    structure = np.zeros(size, dtype=np.float32)
-    for column in range(len(goals)):
-        goal = goals[column]
-        count, recipes = needed_entities(lists, goal, needed, place_of, places)
-        for row in range(len(heads)):
-            entity = heads[row]
-            spread(lists, entity, structure)
-            for number in range(count):
-                value, cosine = _alike(lists, entity, needed[number], structure)
-                alike[number] = value * value
-                words[number] = fourth(cosine)
-            value, cosine = _alike(lists, entity, goal, structure)
-            clear(lists, entity, structure)
-            _of_slot(
-                lists,
-                entity,
-                goal,
-                cosine,
-                value,
-                alike,
-                words,
-                places,
-                recipes,
-                out[row, column],
-            )
-
-
-@compiled
-def pair_features(lists, entities, out):  # type: ignore[no-untyped-def]
-    """Write the features of all pairs of entities that depend on no goal; see ``OF_ANY_GOAL``.
-
-    Args:
-        lists: the lists.
-        entities: ids, shape (H,).
-        out: shape (H, H, 6), symmetric but for rounding.
-    """
-    most = lists.used.shape[1] ** 2
-    places = np.empty(most, dtype=np.int64)
-    weights = np.empty(most, dtype=np.float32)
-    words = np.empty(most, dtype=np.float32)
-    structure = np.zeros(len(lists.norms), dtype=np.float32)
-    for row in range(len(entities)):
-        a = entities[row]
-        spread(lists, a, structure)
-        for column in range(len(entities)):
-            b = entities[column]
-            count, _ = neighbour_pairs(lists, a, b, places, weights, words)
-            anything = np.float32(0)
-            anything_words = np.float32(0)
-            for number in range(count):
-                results = min(lists.pair_counts[places[number]], MOST_RESULTS)
-                anything += results * weights[number]
-                anything_words += results * words[number]
-            value, cosine = _alike(lists, a, b, structure)
-            features = out[row, column]
-            features[0] = log(FLOOR + anything)
-            features[1] = log(FLOOR + anything_words)
-            features[2] = 1 if pair_place(lists, a, b) >= 0 else 0
-            features[3] = cosine
-            features[4] = value
-            features[5] = product(lists.pair_left, lists.right, a, b)
-        clear(lists, a, structure)
 
 
 @compiled

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from types import MappingProxyType
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -13,39 +14,35 @@ from torch import Tensor, nn
 
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
+from wordcraft_kg.models.scorers.neighbours.link_rows import (
+    CELLS,
+    OF_COMBINES,
+    OF_COMPONENTS,
+    LinkRows,
+)
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, make_lists
 from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, pairs_of
-from wordcraft_kg.models.scorers.ranker import RANKER
+from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
 OF_SLOTS = (
+    *OF_COMPONENTS[:-2],
+    "count",
     "evidence",
     "best_evidence",
     "words_evidence",
-    "words",
-    "kernel",
-    "uses",
-    "made",
-    "count",
-    "link",
-    "link_exact",
-    "link_words",
-    "link_reverse",
-    "link_with_goal",
-    "regression",
+    "component",
 )
 """Features of an ingredient x and a goal c; the sum and the minimum over both ingredients count.
 
+Those of componentOf links, without ``goal_uses`` and ``goal_made``, come first.
+
 | feature | meaning |
 |---|---|
+| count | log(1 + recipes that make c with x) |
 | evidence | log of a sum over recipes that make c's neighbours, by likeness of c and of x |
 | best_evidence, words_evidence | the largest term; the sum by words |
-| words, kernel | word cosine and similarity of x and c |
-| uses, made, count | log(1 + recipes that use x, that make x, that make c with x) |
-| link | log of known links x' -> c' of neighbours, by likeness |
-| link_exact, link_words | the same for x' = x; by words |
-| link_reverse | the same for c as ingredient and x as result |
-| link_with_goal | x's neighbours that combine with c |
-| regression | componentOf(x, c) by kernel regression |
+| component | score of componentOf(x, c) by the link ranker |
 """
 OF_PAIRS = (
     "pair_evidence",
@@ -89,7 +86,11 @@ _ROWS = 64
 """Fewest tables for a thread: starting it takes as long as a few tables."""
 _BLOCK = 32
 """Most tables that a thread takes at once: few, so that all threads end at about the same time."""
-BUFFERS = ("vectors", "near_words", "recipes", "seen", *RANKER)
+LINK_FEATURES = {COMBINES_WITH: OF_COMBINES, COMPONENT_OF: OF_COMPONENTS}
+"""Features of links by relation."""
+LINK_RANKERS = tuple(f"{relation}_{name}" for relation in RELATIONS for name in RANKER)
+"""Names of the link rankers' weights."""
+BUFFERS = ("vectors", "near_words", "recipes", "seen", *RANKER, *LINK_RANKERS)
 """Names of the stored tensors."""
 
 
@@ -109,6 +110,9 @@ class NeighbourKnowledge(PairKnowledge):
         near_words: shape (E, K_w), int32: neighbours by words, -1 at the end.
         recipes: shape (n, 3), int32: training recipes of all models together.
         seen: shape (M, n), bool: training recipes of each model.
+
+    The link rankers' weights are buffers with the names in :data:`LINK_RANKERS` and the shapes of
+    the rankers' weights in :class:`PairKnowledge`.
     """
 
     feature_names: ClassVar[tuple[str, ...]] = FEATURES
@@ -127,30 +131,38 @@ class NeighbourKnowledge(PairKnowledge):
             self.register_buffer(name, constants[name])
         self.num_entities = len(self.vectors)
         self._lists: dict[int, Lists] = {}
+        self._link_rows: dict[int, LinkRows] = {}
         self.register_load_state_dict_post_hook(_forget)
 
     @classmethod
-    def of_recipes(cls, recipes: Ids, vectors: NDArray[np.float16], near_words: Any) -> Self:
+    def of_recipes(
+        cls,
+        recipes: Ids,
+        vectors: NDArray[np.float16],
+        near_words: Any,
+        link_rankers: Mapping[int, Ranker] = MappingProxyType({}),
+    ) -> Self:
         """Return the knowledge of recipes for a single model without ranker.
 
         Args:
             recipes: training recipes, ids (n, 3).
             vectors: unit word vectors, shape (E, D), zeros for entities without words.
             near_words: neighbours by words, shape (E, K_w), int32, -1 at the end.
+            link_rankers: by relation; scores are 0 without one.
         """
         rows = torch.from_numpy(recipes.astype(np.int32))
-        return cls(
-            {
-                "vectors": torch.from_numpy(vectors),
-                "near_words": torch.from_numpy(near_words),
-                "recipes": rows,
-                "seen": torch.ones(1, len(rows), dtype=torch.bool),
-                "first": torch.zeros(1, len(FEATURES), 1),
-                "first_bias": torch.zeros(1, 1),
-                "second": torch.zeros(1, 1),
-                "bias": torch.zeros(1),
-            }
-        )
+        constants = {
+            "vectors": torch.from_numpy(vectors),
+            "near_words": torch.from_numpy(near_words),
+            "recipes": rows,
+            "seen": torch.ones(1, len(rows), dtype=torch.bool),
+            **_of_one_model(Ranker.empty(len(FEATURES))),
+        }
+        for number, relation in enumerate(RELATIONS):
+            ranker = link_rankers.get(number) or Ranker.empty(len(LINK_FEATURES[number]))
+            for name, weights in _of_one_model(ranker).items():
+                constants[f"{relation}_{name}"] = weights
+        return cls(constants)
 
     @classmethod
     def of_constants(cls, constants: Mapping[str, Tensor], num_entities: int) -> Self:  # noqa: D102 - inherited
@@ -172,7 +184,10 @@ class NeighbourKnowledge(PairKnowledge):
             seen[row : row + model.num_models, own] = model.seen
             row += model.num_models
             place += len(model.recipes)
-        rankers = {name: torch.cat([getattr(model, name) for model in known]) for name in RANKER}
+        rankers = {
+            name: torch.cat([getattr(model, name) for model in known])
+            for name in (*RANKER, *LINK_RANKERS)
+        }
         shared = {"vectors": known[0].vectors, "near_words": known[0].near_words}
         stack = cls({**shared, "recipes": every, "seen": seen, **rankers})
         # Lists that are made already serve the stack, too.
@@ -180,6 +195,8 @@ class NeighbourKnowledge(PairKnowledge):
         for model in known:
             for number, lists in model._lists.items():
                 stack._lists[first + number] = lists
+            for number, rows in model._link_rows.items():
+                stack._link_rows[first + number] = rows
             first += model.num_models
         return stack
 
@@ -203,7 +220,7 @@ class NeighbourKnowledge(PairKnowledge):
         pairs: tuple[Tensor, Tensor] | None = None,
     ) -> Tensor:
         # Compiled loops are imported late: numba takes as long to import as all the rest.
-        from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
+        from wordcraft_kg.models.scorers.neighbours import feature_loops
 
         first, second = pairs or pairs_of(table.shape[1], table.device)
         one = first.cpu().numpy()
@@ -211,7 +228,9 @@ class NeighbourKnowledge(PairKnowledge):
         goals = self._ids(goal)
         tables = self._ids(table)
         models = model.cpu().numpy()
-        features = np.zeros((len(goals), len(one), len(FEATURES)), dtype=np.float32)
+        of_slots = np.zeros((*tables.shape, feature_loops.OF_SLOTS), dtype=np.float32)
+        shape = (len(goals), len(one), feature_loops.OF_PAIRS)
+        of_pairs = np.zeros(shape, dtype=np.float32)
         blocks: list[tuple[Lists, Ids]] = []
         for number in np.unique(models).tolist():
             rows = np.flatnonzero(models == number)
@@ -222,9 +241,11 @@ class NeighbourKnowledge(PairKnowledge):
         def write(block: tuple[Lists, Ids]) -> None:
             """Write the features of a block's rows, which no other block has."""
             lists, rows = block
-            out = np.zeros((len(rows), *features.shape[1:]), dtype=np.float32)
-            table_features(lists, goals[rows], tables[rows], one, other, out)
-            features[rows] = out
+            slots = np.zeros((len(rows), *of_slots.shape[1:]), dtype=np.float32)
+            pairs = np.zeros((len(rows), *of_pairs.shape[1:]), dtype=np.float32)
+            feature_loops.table_features(lists, goals[rows], tables[rows], one, other, slots, pairs)
+            of_slots[rows] = slots
+            of_pairs[rows] = pairs
 
         # Blocks of all models together: a batch of a cross-fitted scorer has few rows for each.
         workers = min(torch.get_num_threads(), len(goals) // _ROWS)
@@ -235,7 +256,58 @@ class NeighbourKnowledge(PairKnowledge):
             # Rows do not depend on each other, and compiled loops run without Python's lock.
             with ThreadPoolExecutor(workers) as pool:
                 list(pool.map(write, blocks))
-        return torch.from_numpy(features).to(goal.device).permute(2, 0, 1)
+        slots = torch.from_numpy(of_slots).to(goal.device)
+        pairs_only = torch.from_numpy(of_pairs).to(goal.device)
+        # Features first, as rankers of several models need them.
+        links = component_inputs(slots, pairs_only).permute(2, 0, 1)
+        component = self._link_ranker(COMPONENT_OF).of_models(links, model)
+        return joined(slots, pairs_only, component, first, second).permute(2, 0, 1)
+
+    def _link_ranker(self, relation: int) -> Ranker:
+        """Return a relation's link rankers, of all models."""
+        prefix = RELATIONS[relation]
+        return Ranker(*(getattr(self, f"{prefix}_{name}") for name in RANKER))
+
+    def link_rows(self, model: int = 0) -> LinkRows:
+        """Return what computes the features of a model's links."""
+        if model not in self._link_rows:
+            self._link_rows[model] = LinkRows(self.lists(model))
+        return self._link_rows[model]
+
+    def link_scores(
+        self,
+        relation: int,
+        entities: Tensor,
+        *,
+        heads: bool = False,
+        model: int = 0,
+    ) -> Tensor:
+        """Score the links of some entities with all others by a link ranker.
+
+        Args:
+            relation: relation id.
+            entities: ids on one side of the links, shape (B,).
+            heads: whether all others are the heads, not the tails.
+            model: number of the model.
+
+        Returns:
+            shape (B, E), float32.
+        """
+        rows = self.link_rows(model)
+        weights = self._link_ranker(relation).weights()
+        ranker = Ranker(**{name: weights[name][model].cpu() for name in RANKER})
+        size = self.num_entities
+        scores = torch.zeros(len(entities), size)
+        step = max(1, CELLS // size)
+        with torch_threads(1):
+            for start in range(0, len(entities), step):
+                some = entities[start : start + step].cpu().numpy()
+                if relation == COMBINES_WITH:
+                    features = rows.combines(some)
+                else:
+                    features = rows.components(some, heads=heads)
+                scores[start : start + step] = ranker(features)[:, :size]
+        return scores.to(entities.device)
 
     def support_of(  # noqa: D102 - inherited
         self,
@@ -258,8 +330,7 @@ class NeighbourKnowledge(PairKnowledge):
         return torch.from_numpy(recipes.astype(np.int64)), like_goal, straight, crossed
 
     def component_scores(self, entities: Tensor) -> Tensor:  # noqa: D102 - inherited
-        lists = self.lists()
-        return torch.from_numpy(lists.left[entities.cpu().numpy()] @ lists.right.T)
+        return self.link_scores(COMPONENT_OF, entities)
 
     def word_cosines(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
         vectors = self.vectors.float()
@@ -333,6 +404,48 @@ class NeighbourKnowledge(PairKnowledge):
         return ids.masked_fill(ids < 0, self.num_entities)
 
 
+def component_inputs(slots: Tensor, pairs: Tensor) -> Tensor:
+    """Return the features of componentOf links between slots and goals, for the link ranker.
+
+    Args:
+        slots: features of slots, as loops write them, shape (B, A, 16).
+        pairs: features of pairs, shape (B, P, 16): they tell the goals' numbers of recipes.
+
+    Returns:
+        shape (B, A, 14), in the order of :data:`~.link_rows.OF_COMPONENTS`.
+    """
+    of_links = len(OF_COMPONENTS) - 2
+    numbers = [OF_PAIRS.index(name) for name in OF_COMPONENTS[of_links:]]
+    # Pairs with an empty slot are zeros, others have the goal's numbers.
+    of_goal = pairs[..., numbers].amax(1)
+    of_goals = of_goal[:, None].expand(-1, slots.shape[1], -1)
+    return torch.cat([slots[..., :of_links], of_goals], dim=-1)
+
+
+def joined(slots: Tensor, pairs: Tensor, component: Tensor, one: Tensor, other: Tensor) -> Tensor:
+    """Return the features of pairs, in the order of :data:`FEATURES`.
+
+    Args:
+        slots: features of slots, as loops write them, shape (B, A, 16).
+        pairs: features of pairs, shape (B, P, 16).
+        component: link scores of slots and goals, shape (B, A).
+        one: first slot of each pair, shape (P,).
+        other: second slot of each pair, shape (P,).
+
+    Returns:
+        shape (B, P, F).
+    """
+    of_slots = torch.cat([slots, component[..., None]], dim=-1)
+    of_one = of_slots.index_select(1, one)
+    of_other = of_slots.index_select(1, other)
+    return torch.cat([of_one + of_other, torch.minimum(of_one, of_other), pairs], dim=-1)
+
+
+def _of_one_model(ranker: Ranker) -> dict[str, Tensor]:
+    """Return a ranker's weights by name, with a first axis for a single model."""
+    return {name: weights[None] for name, weights in ranker.weights().items()}
+
+
 def _codes(recipes: Tensor, size: int) -> Tensor:
     """Return a number for each recipe, ids (n, 3), whatever the order of its ingredients."""
     low = torch.minimum(recipes[:, 0], recipes[:, 1])
@@ -344,3 +457,4 @@ def _forget(knowledge: nn.Module, _: object) -> None:
     """Drop lists that were made from other recipes."""
     assert isinstance(knowledge, NeighbourKnowledge)
     knowledge._lists = {}
+    knowledge._link_rows = {}

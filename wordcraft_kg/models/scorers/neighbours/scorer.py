@@ -6,9 +6,13 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from wordcraft_kg.graphs.triples import COMBINES_WITH
-from wordcraft_kg.models.scorers.factors import product_scores
-from wordcraft_kg.models.scorers.neighbours.knowledge import BUFFERS, FEATURES, NeighbourKnowledge
+from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.models.scorers.neighbours.knowledge import (
+    BUFFERS,
+    FEATURES,
+    LINK_FEATURES,
+    NeighbourKnowledge,
+)
 from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import check_ids, check_shapes
@@ -25,8 +29,8 @@ _DTYPES = {
 class NeighbourRecipeScorer(RecipeScorer):
     """A recipe scorer for books of any size: features come from neighbour lists, not from tables.
 
-    Recipe scores are those of a ranker, as in :class:`RecipeScorer`. Link scores are a kernel
-    regression at low rank, see :mod:`~wordcraft_kg.models.scorers.neighbours.regression`.
+    Recipe scores are those of a ranker, as in :class:`RecipeScorer`. Link scores are those of the
+    link rankers.
 
     Attributes:
         kind: ``recipes-by-neighbours``, the scorer kind in ``vocabulary.json``.
@@ -46,7 +50,16 @@ class NeighbourRecipeScorer(RecipeScorer):
         return self.knowledge.constants()
 
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:
-        """Return float32 matrices ``left`` and ``right``, (E, m): a pair scores their product."""
+        """Return matrices whose products stand for scores where a table of them has no room.
+
+        They are the kernel regression, one of the link ranker's features.
+
+        Args:
+            relation: relation id or label.
+
+        Returns:
+            ``left`` and ``right``, shape (E, m), float32: a pair scores their product.
+        """
         lists = self.knowledge.lists()
         is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
         left = torch.from_numpy(lists.pair_left if is_pair else lists.left)
@@ -54,20 +67,26 @@ class NeighbourRecipeScorer(RecipeScorer):
         return left.to(self.device), right.to(self.device)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        # A query for a single relation, the usual case, needs one product instead of two.
-        relation = relations.unique()
-        if len(relation) == 1:
-            return product_scores(*self.factors(int(relation)), heads, relations, tails)
-        scores = [
-            product_scores(*self.factors(relation), heads, relations, tails)
-            for relation in range(2)
-        ]
-        is_pair = relations == COMBINES_WITH
-        return torch.where(is_pair, scores[COMBINES_WITH], scores[1 - COMBINES_WITH])
+        heads, relations, tails = torch.broadcast_tensors(heads, relations, tails)
+        scores = torch.zeros(heads.shape, device=self.device)
+        for relation in relations.unique().tolist():
+            is_own = relations == relation
+            own_heads = heads[is_own]
+            own_tails = tails[is_own]
+            known_heads, row = own_heads.unique(return_inverse=True)
+            known_tails, column = own_tails.unique(return_inverse=True)
+            # Whole rows are scored, so the side with fewer entities is cheaper.
+            if relation == COMBINES_WITH or len(known_heads) <= len(known_tails):
+                of_rows = self.knowledge.link_scores(relation, known_heads)
+                scores[is_own] = of_rows[row, own_tails]
+            else:
+                of_columns = self.knowledge.link_scores(relation, known_tails, heads=True)
+                scores[is_own] = of_columns[column, own_heads]
+        return scores
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
-        left, right = self.factors(relation)
-        return left @ right.T
+        every = torch.arange(len(self.entities), device=self.device)
+        return self.knowledge.link_scores(int(self.relation_ids(relation)), every)
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
@@ -83,6 +102,15 @@ class NeighbourRecipeScorer(RecipeScorer):
             "second": (1, hidden),
             "bias": (1,),
         }
+        for number, relation in enumerate(RELATIONS):
+            first = tensors[f"{relation}_first"]
+            width = first.shape[-1] if first.ndim else 0
+            shapes |= {
+                f"{relation}_first": (1, len(LINK_FEATURES[number]), width),
+                f"{relation}_first_bias": (1, width),
+                f"{relation}_second": (1, width),
+                f"{relation}_bias": (1,),
+            }
         assert {*shapes} == {*BUFFERS}
         check_shapes(tensors, shapes, _DTYPES)
         check_ids("recipes", tensors["recipes"], size - 1)

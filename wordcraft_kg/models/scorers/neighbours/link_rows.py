@@ -1,0 +1,361 @@
+"""Features of links between one entity and all others, or some of them.
+
+A table of crafting asks for few links at a time, which :mod:`.feature_loops` looks up one by one.
+Link prediction asks for all links of an entity. Most features of them are 0 beside a few, so loops
+follow the known links from the entity instead: its neighbours, what is linked with these, and what
+is near to that. Both ways give the same features.
+"""
+
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.scorers.kernel import TEXT, completion_parts
+from wordcraft_kg.models.scorers.neighbours.lists import Floats, Lists, Numbers
+
+OF_COMPONENTS = (
+    "words",
+    "kernel",
+    "uses",
+    "made",
+    "link",
+    "link_words",
+    "link_exact",
+    "link_to_goal",
+    "link_reverse",
+    "link_with_goal",
+    "combines",
+    "regression",
+    "goal_uses",
+    "goal_made",
+)
+"""Features of a componentOf link from x to c, in the order of the link ranker's weights.
+
+| feature | meaning |
+|---|---|
+| words, kernel | word cosine and similarity of x and c |
+| uses, made | log(1 + recipes that use x, that make x) |
+| link, link_words | log of known links x' -> c' of neighbours, by likeness and by words |
+| link_exact, link_to_goal | the same for x' = x alone, and for c' = c alone |
+| link_reverse | log of links from c to neighbours of x: c as ingredient, x as result |
+| link_with_goal, combines | log of x's neighbours that combine with c; whether x does |
+| regression | componentOf(x, c) by kernel regression |
+| goal_uses, goal_made | log(1 + recipes that use c, that make c) |
+"""
+OF_COMBINES = (
+    "words",
+    "kernel",
+    "uses_sum",
+    "uses_difference",
+    "made_sum",
+    "itself",
+    "completion",
+    "near_pairs_exact",
+    "near_pairs",
+    "regression",
+)
+"""Features of a combinesWith link between a and b, in the order of the link ranker's weights.
+
+| feature | meaning |
+|---|---|
+| words, kernel | word cosine and similarity of a and b |
+| uses_*, made_sum | sum and difference of log(1 + recipes that use it, that make it) |
+| itself | whether a equals b |
+| completion | log of paths over pairs with the same result, see ``kernel.completion`` |
+| near_pairs_exact | log of known pairs of a and a neighbour of b, or the other way round |
+| near_pairs | log of known pairs of neighbours, by likeness, each with the number of its results |
+| regression | combinesWith(a, b) by kernel regression |
+"""
+CELLS = 2**20
+"""Links whose features are in memory at once, about."""
+_NO_LEAST = np.float32(0)
+
+
+class Near(NamedTuple):
+    """Neighbours of T entities, one after the other, the most similar first.
+
+    Attributes:
+        starts: where each entity's neighbours begin and the last one's end, shape (T + 1,).
+        ids: the neighbours.
+        alike: squared similarities.
+        words: word cosines to the power 4.
+    """
+
+    starts: Ids
+    ids: Numbers
+    alike: Floats
+    words: Floats
+
+
+class Links(NamedTuple):
+    """Entities that are linked with each of T entities.
+
+    Attributes:
+        starts: where each entity's links begin and the last one's end, shape (T + 1,).
+        ids: the linked entities, ascending.
+        counts: number of recipes with the link, or 1.
+    """
+
+    starts: Ids
+    ids: Numbers
+    counts: Floats
+
+
+class _BothWays(NamedTuple):
+    """Neighbour lists by entity, and by neighbour: who lists an entity as a neighbour."""
+
+    near: Near
+    back: Near
+
+
+class LinkRows:
+    """Computes features of links from a model's lists."""
+
+    def __init__(self, lists: Lists):
+        """Turn lists and hash tables into arrays that loops follow from an entity."""
+        size = len(lists.norms)
+        self.lists = lists
+        self._uses = np.log1p(lists.num_uses).astype(np.float32)
+        self._made = np.log1p(lists.num_makers).astype(np.float32)
+        self._used_lists = _both_ways(lists.used, lists.used_alike, lists.used_words)
+        self._made_lists = _both_ways(lists.made, lists.made_alike, lists.made_words)
+        itself = np.arange(size, dtype=np.int32)[:, None]
+        ones = np.ones((size, 1), dtype=np.float32)
+        self._itself = _both_ways(itself, ones, ones)
+        first, second, result = lists.first, lists.second, lists.result
+        is_other = first != second
+        # A recipe with twice the same ingredient is one link.
+        ingredients = np.concatenate([first, second[is_other]])
+        results = np.concatenate([result, result[is_other]])
+        self._makes = _links(ingredients, results, size)
+        self._made_of = _links(results, ingredients, size)
+        ones_and_others = np.concatenate([first, second[is_other]])
+        partners = np.concatenate([second, first[is_other]])
+        self._pairs = _links(ones_and_others, partners, size)
+        self._partners = self._pairs._replace(counts=np.ones_like(self._pairs.counts))
+
+    def components(
+        self,
+        entities: Ids,
+        candidates: Ids | None = None,
+        *,
+        heads: bool = False,
+    ) -> Tensor:
+        """Return the features of componentOf links, see :data:`OF_COMPONENTS`.
+
+        Args:
+            entities: ingredients, or goals if ``heads`` are asked for; ids, shape (B,).
+            candidates: the other side of each link, ids (B, N); None for all entities.
+            heads: whether candidates are the ingredients.
+
+        Returns:
+            shape (B, N, 14), float32.
+        """
+        from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST
+
+        used, made, itself = self._used_lists, self._made_lists, self._itself
+        makes, made_of, partners = self._makes, self._made_of, self._partners
+        # (neighbours of x, links, neighbours of c), and links read from c.
+        paths = (
+            (used, makes, made, made_of, LEAST),
+            (itself, makes, made, made_of, _NO_LEAST),
+            (used, makes, itself, made_of, _NO_LEAST),
+            (made, made_of, itself, makes, _NO_LEAST),
+            (used, partners, itself, partners, _NO_LEAST),
+        )
+        sums = []
+        for of_head, links, of_tail, reverse, least in paths:
+            if heads:
+                found = self._follow(entities, of_tail.near, reverse, of_head.back, least)
+            else:
+                found = self._follow(entities, of_head.near, links, of_tail.back, least)
+            sums.append(found)
+        link, exact, to_goal, with_result, with_goal = sums
+        lists = self.lists
+        sides = (lists.right, lists.left) if heads else (lists.left, lists.right)
+        words, kernel = self._alike(entities, candidates)
+        of_entity = _Side(self._uses[entities, None], self._made[entities, None])
+        of_others = _Side(_at(self._uses[None], candidates), _at(self._made[None], candidates))
+        head, tail = (of_others, of_entity) if heads else (of_entity, of_others)
+        is_partner = self._follow(entities, itself.near, partners, itself.back, _NO_LEAST)[0]
+        features = [
+            words,
+            kernel,
+            head.uses,
+            head.made,
+            _log(_at(link[0], candidates)),
+            _log(_at(link[1], candidates)),
+            _log(_at(exact[0], candidates)),
+            _log(_at(to_goal[0], candidates)),
+            _log(_at(with_result[0], candidates)),
+            _log(_at(with_goal[0], candidates)),
+            _at(is_partner, candidates),
+            _products(*sides, entities, candidates),
+            tail.uses,
+            tail.made,
+        ]
+        return _stacked(features, words.shape)
+
+    def combines(self, entities: Ids, candidates: Ids | None = None) -> Tensor:
+        """Return the features of combinesWith links, see :data:`OF_COMBINES`.
+
+        Args:
+            entities: ids, shape (B,).
+            candidates: the other entity of each link, ids (B, N); None for all entities.
+
+        Returns:
+            shape (B, N, 10), float32.
+        """
+        from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST
+
+        used, itself = self._used_lists, self._itself
+        near_pairs, _ = self._follow(entities, used.near, self._pairs, used.back, LEAST)
+        of_own, _ = self._follow(entities, used.near, self._partners, itself.back, _NO_LEAST)
+        of_other, _ = self._follow(entities, itself.near, self._partners, used.back, _NO_LEAST)
+        words, kernel = self._alike(entities, candidates)
+        uses = self._uses[entities, None]
+        other_uses = _at(self._uses[None], candidates)
+        others = candidates if candidates is not None else np.arange(len(self._uses))[None]
+        features = [
+            words,
+            kernel,
+            uses + other_uses,
+            np.abs(uses - other_uses),
+            self._made[entities, None] + _at(self._made[None], candidates),
+            (others == entities[:, None]).astype(np.float32),
+            _log(_at(self._completion(entities), candidates)),
+            _log(_at(of_own + of_other, candidates)),
+            _log(_at(near_pairs, candidates)),
+            _products(self.lists.pair_left, self.lists.right, entities, candidates),
+        ]
+        return _stacked(features, words.shape)
+
+    def _follow(
+        self,
+        entities: Ids,
+        near: Near,
+        links: Links,
+        back: Near,
+        least: np.float32,
+    ) -> tuple[Floats, Floats]:
+        """Return the sums of ``row_loops.follow``, by similarity and by words, (B, T) each."""
+        # Compiled loops are imported late: numba takes as long to import as all the rest.
+        from wordcraft_kg.models.scorers.neighbours.row_loops import follow
+
+        sums = np.zeros((len(entities), len(self._uses)), dtype=np.float32)
+        by_words = np.zeros_like(sums)
+        follow(entities, near, links, back, least, sums, by_words)
+        return sums, by_words
+
+    def _alike(self, entities: Ids, candidates: Ids | None) -> tuple[Floats, Floats]:
+        """Return word cosines and similarities k, as ``similar.similarity``, (B, N) each."""
+        lists = self.lists
+        structure = np.zeros((len(entities), len(lists.norms)), dtype=np.float32)
+        for row, entity in enumerate(entities.tolist()):
+            places = slice(lists.near_starts[entity], lists.near_starts[entity + 1])
+            structure[row, lists.near[places]] = lists.near_cosines[places]
+        words = _products(lists.vectors, lists.vectors, entities, candidates)
+        norms = lists.norms[entities, None] * _at(lists.norms[None], candidates)
+        positive = np.maximum(words, 0)
+        kernel = (_at(structure, candidates) + np.float32(TEXT) * positive**2) / np.sqrt(norms)
+        # Rounding can lift the similarity of equal profiles above 1.
+        kernel = np.minimum(kernel, 1)
+        others = candidates if candidates is not None else np.arange(len(lists.norms))[None]
+        is_same = others == entities[:, None]
+        # An entity resembles itself, also without words.
+        words[is_same] = 1
+        kernel[is_same] = 1
+        return words, kernel
+
+    def _completion(self, entities: Ids) -> Floats:
+        """Return ``kernel.completion`` of some entities and all others, shape (B, T)."""
+        nodes, pairs = self._nodes_and_pairs
+        rows = nodes.T.tocsr()[entities]
+        return np.asarray((rows @ pairs @ pairs @ pairs @ nodes).toarray(), dtype=np.float32)
+
+    @cached_property
+    def _nodes_and_pairs(self) -> tuple[Any, Any]:
+        lists = self.lists
+        recipes = np.stack([lists.first, lists.second, lists.result], axis=1)
+        return completion_parts(recipes.astype(np.int64), len(lists.norms))
+
+
+class _Side(NamedTuple):
+    """How often recipes use and make the entities on one side of links, as logarithms."""
+
+    uses: Floats
+    made: Floats
+
+
+def _both_ways(ids: Numbers, alike: Floats, words: Floats) -> _BothWays:
+    """Return lists by entity and by neighbour.
+
+    Args:
+        ids: each entity's neighbours, shape (T, K), -1 at the end.
+        alike: squared similarities, shape (T, K), descending.
+        words: word cosines to the power 4, shape (T, K).
+    """
+    is_listed = ids >= 0
+    entities = np.nonzero(is_listed)[0].astype(np.int32)
+    neighbours = ids[is_listed]
+    of_alike = alike[is_listed]
+    of_words = words[is_listed]
+    near = Near(_starts(entities, len(ids)), neighbours, of_alike, of_words)
+    # By neighbour, then the most similar first, so that a search may end early.
+    order = np.lexsort((entities, -of_alike, neighbours))
+    starts = _starts(neighbours, len(ids))
+    back = Near(starts, entities[order], of_alike[order], of_words[order])
+    return _BothWays(near, back)
+
+
+def _links(heads: Numbers, tails: Numbers, size: int) -> Links:
+    """Return the distinct links by head, with the number of times that each is given."""
+    codes = heads.astype(np.int64) * size + tails
+    distinct, counts = np.unique(codes, return_counts=True)
+    rows, columns = np.divmod(distinct, size)
+    starts = _starts(rows, size)
+    return Links(starts, columns.astype(np.int32), counts.astype(np.float32))
+
+
+def _starts(rows: NDArray[np.integer], size: int) -> Ids:
+    """Return where each of ``size`` rows begins and the last one ends, shape (size + 1,)."""
+    ends = np.cumsum(np.bincount(rows, minlength=size))
+    return np.concatenate([[0], ends]).astype(np.int64)
+
+
+def _at(table: Floats, candidates: Ids | None) -> Floats:
+    """Return the values of a table (B, T), or (1, T), at the candidates (B, N); None for all."""
+    if candidates is None:
+        return table
+    if len(table) == 1:
+        return table[0][candidates]
+    return np.take_along_axis(table, candidates, axis=1)
+
+
+def _products(
+    left: Floats,
+    right: Floats,
+    entities: Ids,
+    candidates: Ids | None,
+) -> Floats:
+    """Return ``left[entity] · right[candidate]``, shape (B, N)."""
+    if candidates is None:
+        return left[entities] @ right.T
+    return np.asarray(np.einsum("bm,bnm->bn", left[entities], right[candidates]))
+
+
+def _log(sums: Floats) -> Floats:
+    from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR
+
+    return np.log(FLOOR + sums)
+
+
+def _stacked(features: list[Floats], shape: tuple[int, ...]) -> Tensor:
+    """Return features of the same shape, or ones that broadcast to it, along a new last axis."""
+    every = [np.broadcast_to(feature, shape) for feature in features]
+    return torch.from_numpy(np.stack(every, axis=-1).astype(np.float32, copy=False))

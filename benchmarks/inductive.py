@@ -23,18 +23,11 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.triples import COMPONENT_OF, RELATIONS, recipe_triples
-from wordcraft_kg.models.recipes.base import Base, link_features
-from wordcraft_kg.models.recipes.fitting import (
-    LinkRankers,
-    fit_link_rankers,
-    knowledge_from,
-    scorer_tensors,
-)
+from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers, word_features
 from wordcraft_kg.models.recipes.inductive import extended
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.ranking import (
     mean_reciprocal_rank,
@@ -46,23 +39,14 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 FOLDS = 5
 MIN_RECIPES = 3
-KERNEL, RANKERS = 0, 1
-"""Columns of the tables of a recipe scorer."""
 FEATURES = ("glove", "one-hot", "shuffled:glove")
 
 
-def words(spec: str, labels: Sequence[str]) -> torch.Tensor:
-    """Return word cosines, shape (E, E)."""
-    features = make_features(spec, labels)
-    if features.is_one_hot:
-        return torch.zeros(len(labels), len(labels))
-    return cosines(torch.tensor(features.vectors))
-
-
-def fit_links(folds: Folds, text: torch.Tensor) -> LinkRankers:
-    return fit_link_rankers(
-        folds, text, rng=np.random.default_rng(0), generator=torch.Generator().manual_seed(0)
-    )[1]
+def fitted(graph: RecipeGraph, folds: Folds, spec: str) -> RecipeScorer:
+    """Fit a recipe scorer on all recipes of the folds."""
+    words = Words.of(word_features(spec, graph.entities))
+    ((_, knowledge),) = fit_recipe_scorers(folds, words, [()])
+    return RecipeScorer(knowledge.constants(), graph.entities, graph.hash)
 
 
 # --- entities taken out ---------------------------------------------------------------------------
@@ -86,26 +70,23 @@ def scored_by_words(graph: RecipeGraph, rest: RecipeGraph, seed: int) -> list[Tr
     permuted words."""
     new = [label for label in graph.entities if label not in rest]
     order = np.array([graph.id_of(label) for label in (*rest.entities, *new)])
-    known = order[: rest.num_entities]
-    text = words("glove", graph.entities)
-    folds = make_folds(make_split(rest, SplitConfig("none")), FOLDS)
-    of_rest = text[known][:, known]
-    rankers = fit_links(folds, of_rest)
-    knowledge = knowledge_from(Base.of(rest.recipes, of_rest), rankers)
-    scorer = RecipeScorer(
-        scorer_tensors(knowledge, rankers, rest.recipes), rest.entities, rest.hash
-    )
-    exchanged = np.concatenate(
-        [known, np.random.default_rng(seed).permutation(order[len(known) :])]
-    )
+    vectors = make_features("glove", graph.entities).unit_vectors
+    scorer = fitted(rest, make_folds(make_split(rest, SplitConfig("none")), FOLDS), "glove")
+    of_new = order[rest.num_entities :]
+    exchanged = np.random.default_rng(seed).permutation(of_new)
+    back = np.argsort(order)
 
-    def scorer_of(order_of_words: Ids, column: int) -> TripleScorer:
-        wider = extended(scorer, new, text[order_of_words][:, order_of_words]).knowledge
-        tables = torch.stack([wider.pairs[0, ..., column], wider.parts[0, ..., column]]).float()
-        back = np.argsort(order)
-        return TableScorer(tables[:, back][:, :, back], graph.entities, graph.hash)
+    def scorer_of(rows: Ids, by_kernel: bool = False) -> TripleScorer:
+        """Score all links with the new entities described by the vectors of ``rows``."""
+        wider = extended(scorer, new, vectors[rows])
+        tables = []
+        for relation in range(len(RELATIONS)):
+            left, right = wider.factors(relation)
+            table = left @ right.T if by_kernel else wider.table(relation)
+            tables.append(table[back][:, back])
+        return TableScorer(torch.stack(tables), graph.entities, graph.hash)
 
-    return [scorer_of(order, RANKERS), scorer_of(order, KERNEL), scorer_of(exchanged, RANKERS)]
+    return [scorer_of(of_new), scorer_of(of_new, by_kernel=True), scorer_of(exchanged)]
 
 
 def removed(graph: RecipeGraph, amount: int, seed: int) -> Iterator[tuple[str, int, list[float]]]:
@@ -176,11 +157,7 @@ def test_splits(graph: RecipeGraph, kinds: Sequence[str], seeds: Sequence[int]) 
             rows = []
             for seed in seeds:
                 split = make_split(graph, SplitConfig(kind, seed=seed, valid_ratio=0.1))
-                text = words(spec, graph.entities)
-                rankers = fit_links(make_folds(split, FOLDS), text)
-                features = link_features(Base.of(split.recipes("train"), text))
-                tables = [ranker(links) for ranker, links in zip(rankers, features, strict=True)]
-                scorer = TableScorer(torch.stack(tables), graph.entities, graph.hash)
+                scorer = fitted(graph, make_folds(split, FOLDS), spec)
                 ranks = rank_triples(scorer, split.held_out("valid"), graph.triples)
                 masks = slice_masks(ranks)
                 rows.append(

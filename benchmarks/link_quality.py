@@ -36,9 +36,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
 from wordcraft_kg.models.links.training import TrainedLinks, train_links
-from wordcraft_kg.models.recipes.base import LinkTables
-from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
-from wordcraft_kg.models.recipes.outside import text_of
+from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers
 from wordcraft_kg.models.scorers.baselines import (
     FrequencyScorer,
     NeighbourScorer,
@@ -213,12 +211,10 @@ def untrained(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
 
 def fitted_links(split: Split) -> RecipeScorer:
     """Return a recipe scorer with GloVe, fitted on the train recipes of a split."""
-    graph, train_recipes = split.graph, split.recipes("train")
-    text = text_of(make_features("glove", graph.entities))
-    no_outside = LinkTables([], [])
-    knowledge, rankers = fit_recipe_scorer(make_folds(split, 5), text, outside=no_outside)
-    tensors = scorer_tensors(knowledge, rankers, train_recipes)
-    return RecipeScorer(tensors, graph.entities, graph.hash)
+    graph = split.graph
+    words = Words.of(make_features("glove", graph.entities))
+    ((_, knowledge),) = fit_recipe_scorers(make_folds(split, 5), words, [()])
+    return RecipeScorer(knowledge.constants(), graph.entities, graph.hash)
 
 
 def train(split: Split, settings: ComplExConfig, folder: Path) -> TrainedLinks:

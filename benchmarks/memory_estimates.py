@@ -1,7 +1,7 @@
 """Compare the memory that commands expect with the memory that they take, on synthetic books of
 several sizes.
 
-python benchmarks/memory_estimates.py --entities 500 1000 1500 2000 3000
+python benchmarks/memory_estimates.py --entities 1000 10000 30000
 
 Each command runs in a process of its own, with a single fit (``--kg full``) and a thread. A row
 shows what the command expects for a fit, its largest resident memory, and the ratio; the difference
@@ -18,7 +18,7 @@ from pathlib import Path
 from synthetic_book import write_book
 
 from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.models.scorers.config import fit_bytes
+from wordcraft_kg.models.recipes.memory import lists_bytes
 
 MIB = 2**20
 
@@ -35,9 +35,7 @@ def peak_bytes(*arguments: str) -> int:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--entities", type=int, nargs="+", default=[500, 1_000, 1_500, 2_000, 3_000]
-    )
+    parser.add_argument("--entities", type=int, nargs="+", default=[1_000, 10_000, 30_000])
     parser.add_argument("--recipes-per-entity", type=int, default=5)
     parser.add_argument("--folds", type=int, default=5)
     arguments = parser.parse_args()
@@ -50,7 +48,9 @@ def main() -> None:
             options = ["--kg", "full", "--features", "one-hot", "--folds", str(arguments.folds)]
             peak = peak_bytes("train-recipes", str(book), *options, "--out", str(out))
             graph = open_graph(book).graph
-        expected = fit_bytes(graph.num_entities, graph.num_recipes, arguments.folds)
+        # One-hot: vectors of length 0. A single fit makes as many sets of lists at once as there are
+        # cores.
+        expected = lists_bytes(graph.num_entities, graph.num_recipes, 0, os.cpu_count() or 1)
         print(
             f"{entities:8,}  {recipes:7,}  {arguments.folds:5}  {expected / MIB:12,.0f}  "
             f"{peak / MIB:8,.0f}  {expected / peak:15.2f}",

@@ -43,12 +43,11 @@ from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import LinkRankers, fit_recipe_scorer, scorer_tensors
-from wordcraft_kg.models.recipes.outside import open_other_book, open_outside, text_of
+from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers, word_features
+from wordcraft_kg.models.recipes.outside import open_other_book, open_outside
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.recipes.zero_shot import join_books
-from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -59,27 +58,25 @@ FEW = 2
 ZERO_SHOT = "zero-shot"
 
 
-def fitted(
-    opened: OpenedGraph, name: str, words: str, specs: Sequence[str]
-) -> tuple[RecipeKnowledge, LinkRankers]:
+def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> NeighbourKnowledge:
     """Fit a scorer on the train recipes; a row that starts with "zero-shot" learns from other books
     only."""
     if not name.startswith(ZERO_SHOT):
-        outside = open_outside(specs, opened, words)
-        return fit_recipe_scorer(
-            make_folds(opened.split, 5),
-            text_of(make_features(words, opened.graph.entities)),
-            outside=outside.tables,
-        )
+        outside = open_outside(specs, opened, words).tables
+        vectors = Words.of(word_features(words, opened.graph.entities))
+        folds = make_folds(opened.split, 5)
+        ((_, knowledge),) = fit_recipe_scorers(folds, vectors, [()], outside=outside)
+        return knowledge
     joint = join_books(specs, opened, words, folds=5, keep_train="unshared" not in name)
-    text = text_of(make_features(words, joint.opened.graph.entities))
-    knowledge, rankers = fit_recipe_scorer(joint.folds, text, outside=joint.outside.tables)
-    return knowledge.of_entities(joint.own), rankers
+    vectors = Words.of(word_features(words, joint.opened.graph.entities))
+    outside = joint.outside.tables
+    ((_, knowledge),) = fit_recipe_scorers(joint.folds, vectors, [()], outside=outside)
+    return knowledge.of_entities(joint.own)
 
 
 def played(
     opened: OpenedGraph,
-    knowledge: RecipeKnowledge,
+    knowledge: NeighbourKnowledge,
     distractors: int,
     part: str,
     made: frozenset[str] | None,
@@ -141,13 +138,9 @@ def scorer_metrics(
     opened: OpenedGraph, part: str, name: str, words: str, specs: Sequence[str], made_by: str | None
 ) -> dict[str, float]:
     """Return a scorer's MRR and success alone, on all tasks and by groups as in :func:`played`."""
-    knowledge, rankers = fitted(opened, name, words, specs)
+    knowledge = fitted(opened, name, words, specs)
     graph = opened.graph
-    scorer = RecipeScorer(
-        scorer_tensors(knowledge, rankers, opened.split.recipes("train")),
-        graph.entities,
-        graph.hash,
-    )
+    scorer = RecipeScorer(knowledge.constants(), graph.entities, graph.hash)
     queries = opened.split.held_out(part)  # type: ignore[arg-type]
     figures = {"mrr": mean_reciprocal_rank(rank_triples(scorer, queries, graph.triples))}
     made = None

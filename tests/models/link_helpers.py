@@ -54,20 +54,22 @@ def same_files(one, other, *more):
     return [contents(one)[name] for name in names] == [contents(other)[name] for name in names]
 
 
-def rewritten(folder, out, tensors=None, record=None, inputs=None):
+def rewritten(folder, out, tensors=None, record=None, inputs=None, weights=None):
     """Copy a cross-fitted model with its folds' tensors or record changed, as if it had been
     written that way."""
     shutil.copytree(folder, out)
     run = json.loads((out / "run.json").read_text())
-    if tensors:
-        changed = safetensors.torch.load_file(out / "folds.safetensors")
-        tensors(changed)
-        safetensors.torch.save_file(changed, out / "folds.safetensors")
+    for change, name in ((tensors, "folds.safetensors"), (weights, "model.safetensors")):
+        if change:
+            changed = safetensors.torch.load_file(out / name)
+            change(changed)
+            safetensors.torch.save_file(changed, out / name)
     if record:
         changed = json.loads((out / "folds.json").read_text())
         record(changed)
         (out / "folds.json").write_text(json.dumps(changed))
-    run["outputs"] |= {name: sha256_of(out / name) for name in ("folds.safetensors", "folds.json")}
+    names = ("folds.safetensors", "folds.json", "model.safetensors")
+    run["outputs"] |= {name: sha256_of(out / name) for name in names}
     run["inputs"] |= inputs or {}
     (out / "run.json").write_text(json.dumps(run))
     return out

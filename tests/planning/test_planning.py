@@ -28,7 +28,8 @@ from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.graphs.train_samples import draw_train_sample
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.factors import TableScorer
-from wordcraft_kg.models.scorers.pair_features import FEATURES, knowledge_of
+from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
 from wordcraft_kg.planning.search import FURTHER, INTERMEDIATE, NO_PLAN, PlanSearch
@@ -44,12 +45,15 @@ def random_search(seed, width=SIZE, recipes=6):
     generator = torch.Generator().manual_seed(seed)
     rng = np.random.default_rng(seed)
     known = np.unique(np.sort(rng.integers(SIZE, size=(recipes, 3)), axis=1), axis=0)
-    kernel, text, a, b, c, d = (torch.randn(SIZE, SIZE, generator=generator) for _ in range(6))
-    kernel = kernel @ kernel.T + torch.eye(SIZE)
-    knowledge = knowledge_of(known, kernel, text @ text.T / 10, (a + a.T, b), (c + c.T, d))
+    vectors = rng.normal(size=(SIZE, 5)).astype(np.float32)
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    knowledge = NeighbourKnowledge.of_recipes(
+        known, vectors.astype(np.float16), nearest_words(vectors)
+    )
+    knowledge.lists()
     shapes = ((len(FEATURES), 4), (4,), (4,), ())
     weights = {
-        name: torch.randn(shape, generator=generator)
+        name: torch.randn(shape, generator=generator) / 3
         for name, shape in zip(RANKER, shapes, strict=True)
     }
     return PlanSearch(knowledge.with_ranker(Ranker(**weights)), CURVE, width=width)
@@ -62,13 +66,14 @@ def state_of(goal, table, **options):
 def slow_log_probability(search, a, b, result, prior=0.0):
     """log P(result | a, b), by its definition."""
     knowledge = search.knowledge
-    results = knowledge.results[0, int(knowledge.numbers[0, a, b])].tolist()
+    recipes = knowledge.recipes.tolist()
+    results = [made for *pair, made in recipes if pair == sorted((a, b))]
     if result in results:
         return 0.0
     score = float(
         knowledge(torch.tensor([result]), torch.tensor([[a, b]]), torch.tensor([0]))[0, 0, 1]
     )
-    kind = 2 * bool(knowledge.numbers[0, a, b]) + (float(knowledge.counts[0, result, 1]) > 0)
+    kind = 2 * bool(results) + any(made == result for *_, made in recipes)
     return -math.log1p(
         math.exp(-(CURVE.intercepts[kind] + CURVE.shift + prior + CURVE.slope * score))
     )

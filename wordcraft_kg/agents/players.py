@@ -15,7 +15,7 @@ from wordcraft_kg.agents.states import ROWS, bind_tasks, states_of
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.registry import Registry
-from wordcraft_kg.base.settings import memory, whole
+from wordcraft_kg.base.settings import whole
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
@@ -31,9 +31,8 @@ from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.sources.source import ScoreView
 from wordcraft_kg.models.policies.states import States
-from wordcraft_kg.models.recipes.method import uses_lists
 from wordcraft_kg.models.scorers.baselines import SymbolicScorer, VoteScorer
-from wordcraft_kg.models.scorers.config import SelfEdges, dense_bytes
+from wordcraft_kg.models.scorers.config import SelfEdges
 from wordcraft_kg.models.scorers.features import glove_features
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 from wordcraft_kg.planning.source import BestPlan
@@ -260,11 +259,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
     loops = (graph.triples[:, 1] == COMBINES_WITH) & (graph.triples[:, 0] == graph.triples[:, 2])
     no_self = fact_sources(graph, graph.triples[~loops])
     train = split.recipes("train")
-    planner = {}
-    # In a book that is not large, the planner has tables of all pairs.
-    if uses_lists(graph.num_entities) or dense_bytes(graph.num_entities) <= memory():
-        plans = BestPlan.of_recipes(graph.num_entities, train)
-        planner["partial KG, planner"] = knowledge_player([plans])
+    plans = BestPlan.of_recipes(graph.num_entities, train)
     return {
         "random": random_entity,
         "random, distinct": random_distinct,
@@ -273,7 +268,7 @@ def knowledge_players(split: Split) -> dict[str, Player]:
         "partial KG, v": knowledge_player([some["v"]]),
         "partial KG, u+v": knowledge_player([some["u"], some["v"]]),
         "partial KG, votes": pair_player(VoteScorer(graph, train).score_recipes),
-        **planner,
+        "partial KG, planner": knowledge_player([plans]),
         "full KG, v": knowledge_player([everything["v"]]),
         "full KG, u": knowledge_player([everything["u"]]),
         "full KG, u+v": knowledge_player([everything["u"], everything["v"]]),

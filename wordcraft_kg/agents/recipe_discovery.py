@@ -74,6 +74,7 @@ class RecipeDiscoverer(Discoverer):
         self._uses = self._knowledge.log_uses().double().numpy()
         self._width = min(CANDIDATES, self._own)
         self._scored: dict[Pair, tuple[NDArray[np.int64], Floats]] = {}
+        self._links: dict[int, torch.Tensor] = {}
         # Two columns: mean and variance of each weight.
         prior = np.array(list(PRIOR.values()))
         self._mean, self._variance = prior.T
@@ -156,8 +157,7 @@ class RecipeDiscoverer(Discoverer):
         wanted = [other for other in different if _ordered(row, other) not in self._scored]
         if wanted:
             others = torch.tensor(wanted)[:, None]
-            of_others = self._knowledge.component_scores(others[:, 0])
-            fit = self._knowledge.component_scores(torch.tensor([row])) + of_others
+            fit = self._links_of([row]) + self._links_of(wanted)
             fit = fit[:, : self._own]
             likely = fit.topk(min(_LIKELY, self._own), dim=1).indices
             scored = self._scorer.score_recipes(torch.tensor(row), others, likely)
@@ -166,6 +166,14 @@ class RecipeDiscoverer(Discoverer):
             kept = zip(wanted, results, scores.numpy(), strict=True)
             for partner, results_of_pair, scores_of_pair in kept:
                 self._scored[_ordered(row, partner)] = (results_of_pair, scores_of_pair)
+
+    def _links_of(self, entities: Sequence[int]) -> torch.Tensor:
+        """Return componentOf scores of n entities, (n, E), each computed once."""
+        new = [entity for entity in dict.fromkeys(entities) if entity not in self._links]
+        if new:
+            scores = self._knowledge.component_scores(torch.tensor(new))
+            self._links |= zip(new, scores, strict=True)
+        return torch.stack([self._links[entity] for entity in entities])
 
     def _fit(self) -> None:
         weights = self._weights

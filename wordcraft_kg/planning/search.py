@@ -14,8 +14,9 @@ after the first costs :data:`FURTHER` nats. After each attempt the search begins
 table, with one attempt less, and without the tried pairs. So intermediates may be used several
 times, and the number of attempts left is exact.
 
-The search is exhaustive over a limited number of intermediates x, see
-:mod:`~wordcraft_kg.planning.intermediates`.
+The search is exhaustive over a limited number of intermediates x: entities that known recipes make
+from the table, then entities that similar recipes make from the table and that the goal needs, see
+:mod:`~wordcraft_kg.models.scorers.neighbours.candidate_loops`.
 
 Shapes: B states, A slots, E entities, W candidates, and S = A + W slots of the table that all
 candidates would be on.
@@ -27,9 +28,8 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base.settings import check_memory
-from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve
-from wordcraft_kg.planning.intermediates import candidates_of
 
 MAX_ATTEMPTS = 4
 """Largest number of attempts that the search looks ahead."""
@@ -41,6 +41,8 @@ that leads on is more likely than any result. 2 to 4 give about the same success
 docs/planning.md."""
 FURTHER = 1e-4
 """Nats that each attempt of a plan after the first costs: just above rounding errors."""
+NEAR = 16
+"""Entities that stand for all others where a plan needs two intermediates or more."""
 SCORES = 2**20
 """Recipes scored at once."""
 NO_PLAN = -30.0
@@ -52,7 +54,7 @@ _BYTES = 200
 class PlanSearch:
     """Values of pairs by the most probable plan."""
 
-    def __init__(self, knowledge: PairKnowledge, curve: RecipeCurve, *, width: int = 0):
+    def __init__(self, knowledge: NeighbourKnowledge, curve: RecipeCurve, *, width: int = 0):
         """Prepare a search.
 
         Args:
@@ -63,7 +65,6 @@ class PlanSearch:
         self.knowledge = knowledge
         self.curve = curve
         self.width = width
-        self._candidates = candidates_of(knowledge)
 
     @property
     def device(self) -> torch.device:
@@ -224,7 +225,14 @@ class PlanSearch:
         if number == 1:
             to_goal = self._log_probabilities(goal, table, model, tried)
             return to_goal[:, None], goal[:, None]
-        candidates = self._candidates(goal, table, model, number, self._width(number))
+        candidates = self.knowledge.intermediates(
+            goal,
+            table,
+            model,
+            attempts=number,
+            width=self._width(number),
+            near=NEAR,
+        )
         wide = torch.cat([table, candidates], dim=1)
         # With two attempts left, two candidates can never be combined.
         most = slots if number == 2 else None

@@ -13,15 +13,11 @@ from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import Evidence, ScoreView, check_constants
 from wordcraft_kg.models.policies.states import Attempts, States
-from wordcraft_kg.models.recipes.method import uses_lists
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
-from wordcraft_kg.models.scorers.pair_features import knowledge_of
-from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipe_curve import KINDS, RecipeCurve
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.planning.intermediates import KNOWN_LINK
 from wordcraft_kg.planning.search import NO_PLAN, PlanSearch
 
 P = Label(
@@ -55,7 +51,7 @@ class BestPlan(BestRecipe):
     def __init__(
         self,
         num_entities: int,
-        knowledge: PairKnowledge,
+        knowledge: NeighbourKnowledge,
         fold_of_recipe: Tensor | None = None,
     ):
         super().__init__(num_entities, knowledge, fold_of_recipe)
@@ -207,19 +203,11 @@ class BestPlan(BestRecipe):
         return tuple(best and planned(entity, best) for entity, best in by_slot)
 
 
-def _without_words(size: int, recipes: Ids) -> PairKnowledge:
+def _without_words(size: int, recipes: Ids) -> NeighbourKnowledge:
     """Return the knowledge of recipes, ids (n, 3), and nothing else, for ``size`` entities."""
-    if uses_lists(size):
-        no_vectors = np.zeros((size, 0), dtype=np.float16)
-        no_neighbours = np.zeros((size, 0), dtype=np.int32)
-        return NeighbourKnowledge.of_recipes(recipes, no_vectors, no_neighbours)
-    nothing = torch.zeros(size, size)
-    links = torch.zeros(size, size)
-    results = recipes[:, 2].copy()
-    for part in (0, 1):
-        links[recipes[:, part].copy(), results] = KNOWN_LINK
-    # The identity as similarity: an entity resembles itself alone.
-    return knowledge_of(recipes, torch.eye(size), nothing, (nothing, links), (nothing, links))
+    no_vectors = np.zeros((size, 0), dtype=np.float16)
+    no_neighbours = np.zeros((size, 0), dtype=np.int32)
+    return NeighbourKnowledge.of_recipes(recipes, no_vectors, no_neighbours)
 
 
 def _forget(source: nn.Module, _: object) -> None:

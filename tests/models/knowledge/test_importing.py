@@ -199,7 +199,7 @@ def test_a_label_like_a_node_and_too_many_entities_are_refused(wordnet, tmp_path
         import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
     graph = RecipeGraph.from_recipes([("flour", "water", "dough")])
     opened = OpenedGraph(graph, make_split(graph, SplitConfig("none")), "")
-    monkeypatch.setattr(config, "memory", lambda: config.dense_bytes(2))
+    monkeypatch.setattr(config, "TABLE_LIMIT", config.table_bytes(2))
     with pytest.raises(ConfigError, match="3 entities"):
         import_knowledge(opened, "wordnet", wordnet, tmp_path / "wn")
 

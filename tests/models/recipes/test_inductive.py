@@ -9,10 +9,11 @@ import torch
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, load_scorer, train_recipes
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.base.statistics import standardised
-from wordcraft_kg.models.recipes import fitting
 from wordcraft_kg.models.recipes.inductive import extended, with_words
 from wordcraft_kg.models.scorers.features import make_features
-from wordcraft_kg.models.scorers.kernel import cosines, kernel_regression
+from wordcraft_kg.models.scorers.kernel import kernel_regression
+from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMPONENTS, LinkRows
+from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 DIMENSIONS = 8
@@ -78,17 +79,22 @@ def test_the_order_of_new_entities_does_not_matter(folder, scorer):
             )
 
 
-def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitchen, scorer):
-    """The same tables follow for an entity that stands in the vocabulary of the graph but in none of its recipes."""
-    size = len(scorer.entities)
-    text = cosines(torch.randn(size + 1, DIMENSIONS, generator=torch.Generator().manual_seed(2)))
+def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitchen):
+    """An entity in no recipe has the same features inside the vocabulary as at its end."""
+    size = opened_kitchen.graph.num_entities
+    draws = np.random.default_rng(2).normal(size=(size + 1, DIMENSIONS)).astype(np.float32)
+    vectors = draws / np.linalg.norm(draws, axis=1, keepdims=True)
     recipes = opened_kitchen.graph.recipes
     middle = 40  # the new entity is in the middle of the vocabulary instead of at its end
     order = np.insert(np.arange(size), middle, size)
-    inside = fitting.Base.of(recipes + (recipes >= middle), text[order][:, order])
-    outside = fitting.Base.of(recipes, text)
-    for table in ("pairs", "parts", "alike", "completed"):
-        torch.testing.assert_close(getattr(inside, table), getattr(outside, table)[order][:, order])
+    moved = vectors[order]
+    inside = LinkRows(make_lists(recipes + (recipes >= middle), moved, nearest_words(moved, size)))
+    outside = LinkRows(make_lists(recipes, vectors, nearest_words(vectors, size)))
+    every = np.arange(size + 1)
+    for links in ("combines", "components"):
+        found = getattr(inside, links)(every)
+        expected = getattr(outside, links)(every)[order][:, order]
+        torch.testing.assert_close(found, expected, rtol=1e-2, atol=1e-2)
 
 
 # --- what words say --------------------------------------------------------------------------------------------------
@@ -96,15 +102,15 @@ def test_an_entity_of_no_recipe_is_scored_in_the_graph_as_out_of_it(opened_kitch
 
 @pytest.mark.parametrize("model", ["bread", "water", "milk"])
 def test_a_new_entity_goes_where_one_with_the_same_words_goes(scorer, model):
-    size, twin = len(scorer.entities), scorer.entities.index(model)
-    text = torch.eye(size + 1)
-    text[size, twin] = text[twin, size] = 1
-    more = extended(scorer, ["twin"], text)
+    twin = scorer.entities.index(model)
+    of_twin = scorer.tensors()["vectors"][[twin]].float().numpy()
+    more = extended(scorer, ["twin"], of_twin)
     recipes = scorer.recipes
     made = torch.unique(recipes[(recipes[:, :2] == twin).any(1), 2]).long()
-    row = more.knowledge.parts[
-        0, size, :size, 0
-    ]  # by the kernel: the ranker learned from words without a meaning
+    size = len(scorer.entities)
+    # By kernel regression: the ranker learned from words without a meaning.
+    features = more.knowledge.link_rows().components(np.array([size]))
+    row = features[0, :size, OF_COMPONENTS.index("regression")]
     ranks = (row[None] > row[made][:, None]).sum(1)
     assert float(ranks.float().mean()) < size / 4  # half of all by chance
 
@@ -160,32 +166,6 @@ def test_moments_are_those_of_pairs_among_the_entities_that_count():
     )
 
 
-# --- what the rankers learn from -------------------------------------------------------------------------------------
-
-
-def test_unknown_entities_are_in_no_recipe_behind_a_prediction(opened_kitchen):
-    """Unknown entities are in no recipe that their links are predicted from."""
-    recipes, size = opened_kitchen.graph.recipes, opened_kitchen.graph.num_entities
-    base, triples, unknown = fitting._unknown_entities(
-        recipes, torch.zeros(size, size), np.random.default_rng(0)
-    )
-    assert int(unknown.sum()) == 8
-    assert not unknown[torch.from_numpy(base.recipes)].any()
-    assert len(triples)
-    is_unknown = unknown.numpy()
-    assert (is_unknown[triples[:, 0]] != is_unknown[triples[:, 2]]).all()
-
-
-def test_where_the_answer_is_an_unknown_entity_only_these_compete():
-    features, known = torch.randn(5, 5, 3), torch.zeros(5, 5, dtype=torch.bool)
-    known[0, 4] = True
-    unknown = torch.tensor([False, False, False, True, True])
-    asked = np.array([[0, 0, 3], [3, 0, 1]])
-    _, competes, is_right = fitting._link_batch(features, known, unknown, asked, "tail")
-    assert competes.tolist() == [[False, False, False, True, False], [True] * 5]
-    assert is_right.nonzero().tolist() == [[0, 3], [1, 1]]
-
-
 # --- refusals --------------------------------------------------------------------------------------------------------
 
 
@@ -198,7 +178,7 @@ def test_a_link_predictor_knows_the_entities_of_its_graph_only(complex_folder):
     with pytest.raises(UnknownEntityError, match=r"'naan'.*train-recipes"):
         with_words(complex_folder, load_scorer(complex_folder), ["naan"])
     with pytest.raises(ConfigError, match="train-recipes"):
-        extended(load_scorer(complex_folder), ["naan"], torch.zeros(81, 81))
+        extended(load_scorer(complex_folder), ["naan"], np.zeros((1, DIMENSIONS)))
 
 
 @pytest.mark.parametrize("features", ["one-hot", "shuffled:glove"])
@@ -222,29 +202,25 @@ def test_vectors_that_have_changed_are_refused(folder, scorer, vectors, tmp_path
 
 
 def test_labels_that_are_not_new_or_not_labels_are_refused(scorer):
-    text = torch.zeros(82, 82)
+    vectors = np.zeros((2, DIMENSIONS))
     for labels in (["naan", "naan"], ["naan", "flour"]):
         with pytest.raises(ConfigError, match=f"'{labels[1]}'"):
-            extended(scorer, labels, text)
+            extended(scorer, labels, vectors)
     with pytest.raises(ValueError, match="blank"):
-        extended(scorer, ["naan", " "], text)
-    with pytest.raises(ConfigError, match="81"):
-        extended(scorer, ["naan"], text)
+        extended(scorer, ["naan", " "], vectors)
+    with pytest.raises(ConfigError, match=r"shape \(2, 8\); expected \(1, 8\)"):
+        extended(scorer, ["naan"], vectors)
 
 
-def test_damaged_link_rankers_are_refused(folder, scorer, tmp_path):
+def test_damaged_link_rankers_are_refused(scorer):
     tensors = scorer.tensors()
-    del tensors["componentOf.second"]
+    del tensors["componentOf_second"]
     with pytest.raises(KeyError):
         RecipeScorer(tensors, scorer.entities, scorer.graph_hash)
-    tensors = scorer.tensors() | {"combinesWith.second": torch.zeros(3)}
-    with pytest.raises(ValueError, match=r"combinesWith\.second"):
-        RecipeScorer(tensors, scorer.entities, scorer.graph_hash)
-    swapped = scorer.tensors() | {"combinesWith.first": torch.zeros(5, 32)}
-    with pytest.raises(ArtefactError, match="link rankers"):
-        extended(
-            RecipeScorer(swapped, scorer.entities, scorer.graph_hash), ["naan"], torch.zeros(81, 81)
-        )
+    for name in ("combinesWith_second", "componentOf_first"):
+        tensors = scorer.tensors() | {name: torch.zeros(3)}
+        with pytest.raises(ValueError, match=name):
+            RecipeScorer(tensors, scorer.entities, scorer.graph_hash)
 
 
 def test_a_folder_that_was_copied_answers_the_same(folder, scorer, tmp_path):
@@ -254,15 +230,17 @@ def test_a_folder_that_was_copied_answers_the_same(folder, scorer, tmp_path):
     assert torch.equal(one.table("componentOf"), other.table("componentOf"))
 
 
-def test_a_model_of_built_in_vectors_compares_other_words_by_glove(recipes_folder):
+def test_a_model_of_built_in_vectors_places_other_words_by_glove(recipes_folder):
     scorer = load_scorer(recipes_folder)
-    wider = with_words(recipes_folder, scorer, ["walrus"])
-    alike = cosines(torch.tensor(make_features("glove", wider.entities).vectors))
-    place = wider.entities.index("walrus")
-    assert torch.equal(wider.knowledge.words[place, :-1], alike[place].half())
+    more = with_words(recipes_folder, scorer, ["lemonade"])
+    vectors = more.knowledge.vectors.float()
     size = len(scorer.entities)
-    assert torch.equal(
-        wider.knowledge.words[:size, :size], scorer.whole.knowledge.words[:size, :size]
-    )
+    assert torch.equal(more.knowledge.vectors[:size], scorer.whole.knowledge.vectors)
+    assert float(vectors[size].norm()) == pytest.approx(1, abs=1e-3)
+    glove = make_features("glove", more.entities).unit_vectors
+    nearest = int((glove[:size] @ glove[size]).argmax())
+    cosines = vectors[:size] @ vectors[size]
+    # The most similar label by GloVe is among the first of 80 by the vector made of such labels.
+    assert int((cosines > cosines[nearest]).sum()) < 8
     with pytest.raises(LookupError, match="No word in this label has a vector"):
         with_words(recipes_folder, scorer, ["qqxzzk"])

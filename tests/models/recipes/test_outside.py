@@ -18,17 +18,14 @@ from wordcraft_kg.models.knowledge.folder import (
     TableInfo,
     write_knowledge,
 )
-from wordcraft_kg.models.recipes import method
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
+from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers
 from wordcraft_kg.models.recipes.outside import open_other_book, open_outside, with_words_of
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.recipes.zero_shot import join_books
 from wordcraft_kg.models.scorers.features import make_features
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.kernel import cosines
-from wordcraft_kg.models.scorers.neighbours.feature_loops import table_features
-from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
+from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMPONENTS
 from wordcraft_kg.runs.config_file import read_config
 
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
@@ -68,14 +65,6 @@ def knowledge(opened, tmp_path):
     )
 
 
-@pytest.fixture(params=["tables", "lists"])
-def by_any_method(request, monkeypatch):
-    """Read another book by tables of all pairs, and as a large one by neighbour lists."""
-    if request.param == "lists":
-        monkeypatch.setattr(method, "MOST_WITH_TABLES", 0)
-
-
-@pytest.mark.usefixtures("by_any_method")
 def test_recipes_of_both_books_stay_out_of_the_other_book(opened, tmp_path):
     graph, held_out = (
         opened.graph,
@@ -104,41 +93,13 @@ def test_recipes_of_both_books_stay_out_of_the_other_book(opened, tmp_path):
     assert leaking.tables.parts[0].shape == (12, 12)
 
 
-@pytest.mark.usefixtures("by_any_method")
 def test_the_other_book_alone_decides_the_tables(opened, tmp_path):
     graph = opened.graph
     # Entities 3 and 4 make 5 in the other book only.
     other = write_book(tmp_path / "other.csv", [(graph.entities[3], "sand", graph.entities[5])])
     outside = open_outside([other], opened, "one-hot")
-    observed = outside.tables.parts[0]
+    observed = outside.tables.parts[OF_COMPONENTS.index("link_exact")]
     assert observed[3, 5] > observed[3, 6]
-
-
-def test_a_large_book_gives_the_features_of_its_neighbour_lists(opened, tmp_path, monkeypatch):
-    monkeypatch.setattr(method, "MOST_WITH_TABLES", 0)
-    graph = opened.graph
-    rows = np.random.default_rng(0).integers(12, size=(40, 3))
-    labels = [*graph.entities[:9], "sand", "glass", "kiln"]
-    recipes = {(labels[min(a, b)], labels[max(a, b)], labels[c]) for a, b, c in rows.tolist()}
-    spec = write_book(tmp_path / "other.csv", sorted(recipes))
-    found = open_outside([spec], opened, "one-hot").tables
-    book = open_other_book(spec, opened)
-    vectors = np.zeros((len(book.labels), 0), dtype=np.float32)
-    lists = make_lists(book.recipes, vectors, nearest_words(vectors))
-    # All pairs as tables of two slots, with the first entity as goal.
-    one, other = (ends.ravel() for ends in np.mgrid[:12, :12])
-    expected = np.zeros((144, 1, 44), dtype=np.float32)
-    slots = np.array([0]), np.array([1])
-    tables = np.column_stack([one, other])
-    table_features(lists, np.zeros(144, dtype=np.int64), tables, *slots, expected)
-    for table, feature in zip(found.pairs, (31, 34, 36, 38, 39, 43), strict=True):
-        assert torch.equal(table, table.T)
-        np.testing.assert_allclose(table.ravel(), expected[:, 0, feature], rtol=1e-3, atol=1e-4)
-    # A pair of an entity with itself has twice the features of its slot.
-    itself = np.zeros((144, 1, 44), dtype=np.float32)
-    table_features(lists, other, np.column_stack([one, one]), *slots, itself)
-    for number, table in enumerate(found.parts):
-        np.testing.assert_allclose(table.ravel(), itself[:, 0, 14 + number], rtol=1e-4, atol=1e-4)
 
 
 def test_reworded_test_recipes_are_counted(opened, tmp_path):
@@ -284,15 +245,22 @@ def teacher(opened, tmp_path):
 def test_the_knowledge_about_some_entities_scores_as_the_whole(opened, teacher):
     joint = join_books([teacher], opened, "random", folds=3)
     size = joint.opened.graph.num_entities
-    text = cosines(torch.tensor(make_features("random", joint.opened.graph.entities).vectors))
-    whole, _ = fit_recipe_scorer(joint.folds, text)
+    words = Words.of(make_features("random", joint.opened.graph.entities))
+    ((_, whole),) = fit_recipe_scorers(joint.folds, words, [()])
     own = whole.of_entities(joint.own)
     assert own.num_entities == 12 < size
     tables = torch.randint(13, (50, 5), generator=torch.Generator().manual_seed(0))
     goal, model = torch.arange(50) % 12, torch.zeros(50, dtype=torch.int64)
     ids = torch.cat([joint.own, torch.tensor([size])])
-    assert torch.equal(own(goal, tables, model), whole(ids[goal], ids[tables], model))
-    assert own.supporting.max() > 12
+    # Ties in lists are broken by ids, which differ.
+    expected = whole(ids[goal], ids[tables], model)
+    torch.testing.assert_close(own(goal, tables, model), expected, rtol=1e-2, atol=1e-2)
+    every = torch.arange(12)
+    for relation in (0, 1):
+        of_whole = whole.link_scores(relation, joint.own)[:, joint.own]
+        links = own.link_scores(relation, every)
+        torch.testing.assert_close(links, of_whole, rtol=1e-2, atol=1e-2)
+    assert own.recipes.max() > 12
     assert all(max(r.recipe) < 12 for r in own.supporting_recipes(0, 1, 2, limit=50))
 
 

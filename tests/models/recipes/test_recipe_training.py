@@ -1,6 +1,5 @@
 """Fitting recipe scorers: the same bytes again, nothing of a fold left out, and what a spoilt folder says."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -16,18 +15,19 @@ from wordcraft_kg.graphs import RecipeGraph, SplitConfig, open_graph
 from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
 from wordcraft_kg.models.policies.sources.registry import make_sources
-from wordcraft_kg.models.policies.states import States
-from wordcraft_kg.models.recipes import training
+from wordcraft_kg.models.policies.states import Attempts, States
+from wordcraft_kg.models.recipes import memory, training
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer
+from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers
+from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
+from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.kernel import cosines
-from wordcraft_kg.models.scorers.pair_features import FEATURES
-from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
-from wordcraft_kg.runs import parallel
+from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES
+from wordcraft_kg.models.scorers.protocol import FactoredScorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 SMALL = RecipeScorerConfig(folds=3, features="one-hot")
 
@@ -45,9 +45,8 @@ def book(tmp_path_factory):
 @pytest.fixture(scope="module")
 def small(book, tmp_path_factory):
     """A recipe scorer of that book; read only."""
-    return train_recipes(
-        RecipesConfig(str(book), SMALL), tmp_path_factory.mktemp("models") / "small"
-    ).folder
+    folder = tmp_path_factory.mktemp("models") / "small"
+    return train_recipes(RecipesConfig(str(book), SMALL), folder).folder
 
 
 @pytest.fixture
@@ -56,154 +55,99 @@ def spoilt(recipes_folder, tmp_path):
     return lambda change: load_scorer(rewritten(recipes_folder, tmp_path / "spoilt", change))
 
 
-# --- the same again --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_the_same_settings_give_the_same_bytes(book, small):
-    config, state = RecipesConfig(str(book), SMALL), torch.get_rng_state()
-    assert same_files(small, train_recipes(config, small.parent / "again").folder)
+def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, small, monkeypatch):
+    state = torch.get_rng_state()
+    for workers in (1, 2):
+        monkeypatch.setattr(training, "cores", lambda number=workers: number)
+        folder = small.parent / f"with-{workers}"
+        assert same_files(
+            small, train_recipes(RecipesConfig(str(book), SMALL), folder).folder, "calibration.json"
+        )
     assert torch.equal(torch.get_rng_state(), state)
-    other = train_recipes(
-        replace(config, settings=replace(SMALL, seed=1)), small.parent / "other"
-    ).folder
-    assert contents(small)["model.safetensors"] != contents(other)["model.safetensors"]
+    other = replace(SMALL, seed=1)
+    folder = train_recipes(RecipesConfig(str(book), other), small.parent / "other").folder
+    assert contents(small)["model.safetensors"] != contents(folder)["model.safetensors"]
 
 
-@pytest.mark.slow
-def test_parallel_fits_equal_sequential_fits(book, small, monkeypatch):
-    started, together = [], parallel.train_in_processes
-    monkeypatch.setattr(training, "ALONE", 0)
-    monkeypatch.setattr(parallel, "cores", lambda: 2)
-    monkeypatch.setattr(
-        parallel,
-        "train_in_processes",
-        lambda jobs, *options: started.append(len(jobs)) or together(jobs, *options),
-    )
-    assert same_files(
-        small, train_recipes(RecipesConfig(str(book), SMALL), small.parent / "side-by-side").folder
-    )
-    assert started == [4]
-
-
-@pytest.mark.slow
-def test_an_interrupted_run_continues_with_the_fits_that_are_missing(book, small, monkeypatch):
-    steps = SMALL.folds + 3
-    folder = small.parent / "interrupted"  # so that the path to the book is the same
-    with pytest.raises(KeyboardInterrupt, match=r"2 of 4 fits are saved.*Repeat the command"):
-        train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(2 * steps))
-    assert json.loads((folder / "run.json").read_text())["status"] == "interrupted"
-    with pytest.raises(ArtefactError, match="interrupted, not done"):
-        load_scorer(folder)
-    fitted = []
-    fit = fit_recipe_scorer
-    monkeypatch.setattr(
-        training,
-        "fit_recipe_scorer",
-        lambda *args, **options: fitted.append(options["left_out"]) or fit(*args, **options),
-    )
+def test_an_interrupted_run_continues_to_the_same_bytes(book, small):
+    # 3 sets of lists serve the first fit, 2 more the second, 1 more both others.
+    folder = small.parent / "interrupted"
+    with pytest.raises(KeyboardInterrupt, match=r"1 of 4 fits are saved.*Repeat the command"):
+        train_recipes(RecipesConfig(str(book), SMALL), folder, progress=interrupt_after(4))
     resume(folder)
-    assert 0 < len(fitted) < 4
-    assert () not in fitted
-    assert same_files(folder, small)
+    assert same_files(folder, small, "calibration.json")
 
 
-# --- what is held out ------------------------------------------------------------------------------------------------
+def words_of(vectors):
+    known = np.ones(len(vectors), dtype=bool)
+    return Words.of(EntityFeatures("drawn", vectors.astype(np.float32), known, (), ()))
 
 
-def folds_of(graph, fold_of):
-    """Folds by the labels of recipes; those that are not named are the test part."""
-    of_recipe = np.array(
-        [fold_of.get(graph.labels(row), OUTSIDE) for row in graph.recipes.tolist()], dtype=np.int64
-    )
-    parts = np.where(of_recipe == OUTSIDE, 2, 0).astype(np.int8)
-    return Folds(Split(graph, SplitConfig(), Draw(parts)), 3, 0, of_recipe)
-
-
-def fitted(fit):
-    """All tensors of a fit."""
-    knowledge, rankers = fit
-    of_links = {
-        f"{number}.{name}": tensor
-        for number, ranker in enumerate(rankers)
-        for name, tensor in ranker.weights().items()
-    }
-    return knowledge.constants() | of_links
+def fitted(folds, vectors, wanted):
+    fits = fit_recipe_scorers(folds, words_of(vectors), wanted)
+    return {left_out: knowledge.constants() for left_out, knowledge in fits}
 
 
 def same_tensors(one, other):
-    assert one.keys() == other.keys()
     return all(torch.equal(one[name], other[name]) for name in one)
 
 
-@pytest.mark.parametrize("missing", [1, pytest.param(0, marks=pytest.mark.slow)])
-def test_a_book_whose_tables_do_not_fit_into_memory_is_refused(
-    book, tmp_path, monkeypatch, missing
-):
-    graph = open_graph(str(book)).graph
-    needed = config.fit_bytes(graph.num_entities, graph.num_recipes, SMALL.folds)
-    monkeypatch.setattr(config, "memory", lambda: needed - missing)
-    if not missing:
-        train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
-        return
-    with pytest.raises(
-        ConfigError, match=r"all pairs of 12 entities, which takes .* GiB.*train-complex"
-    ):
-        train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
-    assert not (tmp_path / "model").exists()
-
-
-def test_a_fit_of_4000_entities_is_expected_to_take_more_than_4_gib():
-    """Tables of 4,000 entities have 64 MB, and the fit held more than the 60 that were expected once."""
-    assert config.fit_bytes(4_000, 20_000, 5) > 4 * 2**30
-
-
-@pytest.mark.parametrize("at_once", [1, 2])
-def test_fits_run_in_parallel_only_if_their_memory_is_there(book, tmp_path, monkeypatch, at_once):
-    is_parallel = []
-
-    def jobs(waiting, threads, note, *, is_long):
-        is_parallel.append(is_long)
-        raise KeyboardInterrupt  # the decision is all that matters here
-
-    graph = open_graph(str(book)).graph
-    needed = config.fit_bytes(graph.num_entities, graph.num_recipes, SMALL.folds)
-    monkeypatch.setattr(training, "cores", lambda: 2)
-    monkeypatch.setattr(training, "memory", lambda: at_once * needed)
-    monkeypatch.setattr(training, "ALONE", 1)
-    monkeypatch.setattr(training, "train_jobs", jobs)
-    with pytest.raises(KeyboardInterrupt):
-        train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
-    assert is_parallel == [at_once == 2]
+def test_a_fit_does_not_depend_on_the_other_fits_of_its_run():
+    folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
+    vectors = np.random.default_rng(0).normal(size=(12, 5))
+    together = fitted(folds, vectors, [(), (0,), (1,), (2,)])
+    for left_out in ((), (1,), (2,)):
+        assert same_tensors(fitted(folds, vectors, [left_out])[left_out], together[left_out])
 
 
 @pytest.mark.parametrize("what", ["removed", "changed", "a test recipe changed"])
 def test_a_fold_has_no_influence_on_the_scorer_without_it(what):
     graph = random_graph(2, 12, 60)
     folds = make_folds(make_split(graph, SplitConfig()), 3)
-    fold_of = {
-        graph.labels(row): int(fold)
-        for row, fold in zip(graph.recipes.tolist(), folds.of_recipe, strict=True)
-    }
-    book = [graph.labels(row) for row in graph.recipes.tolist()]
-    text = cosines(torch.randn(graph.num_entities, 5, generator=torch.Generator().manual_seed(0)))
     fold = OUTSIDE if what == "a test recipe changed" else 1
-    a, b, result = book.pop(next(row for row, recipe in enumerate(book) if fold_of[recipe] == fold))
-    del fold_of[a, b, result]
-    if what != "removed":
-        made = next(
-            label for label in graph.entities if (a, b, label) not in book and label != result
-        )
-        book.append((a, b, made))
-        fold_of[a, b, made] = fold
-    other = RecipeGraph.from_recipes(book, base=[])
-    assert other.entities == graph.entities
-    changed = folds_of(other, fold_of)
-    for left_out in ((), (0,), (1,)):
-        before, after = (
-            fitted(fit_recipe_scorer(each, text, left_out=left_out)) for each in (folds, changed)
-        )
-        assert same_tensors(before, after) == (fold == OUTSIDE or left_out == (1,))
+    rows = graph.recipes.copy()
+    row = int(np.flatnonzero(folds.of_recipe == fold)[0])
+    known = {tuple(recipe) for recipe in rows.tolist()}
+    a, b, _ = rows[row].tolist()
+    rows[row, 2] = next(result for result in range(12) if (a, b, result) not in known)
+    of_rows = folds.of_recipe
+    if what == "removed":
+        rows = np.delete(rows, row, axis=0)
+        of_rows = np.delete(of_rows, row)
+    changed = RecipeGraph(graph.entities, rows, [], name="changed")
+    place = {tuple(recipe): number for number, recipe in enumerate(rows.tolist())}
+    order = [place[tuple(recipe)] for recipe in changed.recipes.tolist()]
+    of_recipe = of_rows[order]
+    parts = np.where(of_recipe == OUTSIDE, 2, 0).astype(np.int8)
+    other = Folds(Split(changed, SplitConfig(), Draw(parts)), 3, 0, of_recipe)
+    vectors = np.random.default_rng(0).normal(size=(12, 5))
+    wanted = [(), (0,), (1,)]
+    before, after = (fitted(each, vectors, wanted) for each in (folds, other))
+    for left_out in wanted:
+        is_same = same_tensors(before[left_out], after[left_out])
+        assert is_same == (fold == OUTSIDE or left_out == (1,))
+
+
+def test_the_folder_has_words_once_and_a_scorer_for_each_fold(small, book):
+    scorer, opened = load_scorer(small), open_graph(str(book))
+    assert isinstance(scorer, CrossFitted)
+    assert isinstance(scorer.whole, RecipeScorer)
+    assert isinstance(scorer, FactoredScorer)
+    np.testing.assert_array_equal(scorer.recipes, opened.split.recipes("train"))
+    folds = make_folds(opened.split, 3)
+    for fold in range(3):
+        np.testing.assert_array_equal(scorer.left_out(fold).recipes, folds.recipes([fold]))
+        scorer.trained_on(fold, opened.graph)
+    assert scorer.probability(0, "componentOf", 1) <= 1
+    assert scorer.result_probabilities(0, 1).sum() == pytest.approx(1, abs=1e-5)
+    everything = torch.arange(len(scorer.entities))
+    for relation in (0, 1):
+        table = scorer.table(relation)
+        grid = scorer.score(everything[:, None], relation, everything[None])
+        torch.testing.assert_close(grid, table, rtol=1e-5, atol=1e-5)
+        heads, tails = everything.flip(0), everything
+        scores = scorer.score(heads, relation, tails)
+        torch.testing.assert_close(scores, table[heads, tails], rtol=1e-5, atol=1e-5)
 
 
 def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, opened_kitchen):
@@ -212,41 +156,37 @@ def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, ope
         make_folds(opened_kitchen.split, 3),
     )
     assert isinstance(scorer, CrossFitted)
-    assert isinstance(scorer.whole, RecipeScores)
     np.testing.assert_array_equal(scorer.whole.recipes, opened_kitchen.split.recipes("train"))
     for fold in range(3):
         left_out = scorer.left_out(fold)
         assert isinstance(left_out, RecipeScorer)
         seen = opened_kitchen.graph.recipes[folds.seen([fold])]
         np.testing.assert_array_equal(left_out.recipes, seen)
-        supporting = {
-            tuple(recipe) for recipe in left_out.knowledge.supporting[0, :-1].flatten(0, 1).tolist()
-        }
-        assert supporting <= {tuple(recipe) for recipe in seen.tolist()}
+        supporting = left_out.knowledge.supporting_recipes(0, 1, 2, limit=100)
+        assert {one.recipe for one in supporting} <= {tuple(recipe) for recipe in seen.tolist()}
         np.testing.assert_array_equal(
             scorer.trained_on(fold, opened_kitchen.graph), folds.triples([fold])
         )
 
 
-def test_by_goal_known_recipes_score_highest(kitchen):
-    """By goal known recipes score highest and constant features have no weight."""
-    split, size = make_split(kitchen, SplitConfig("by-goal")), kitchen.num_entities
-    knowledge, _ = fit_recipe_scorer(make_folds(split, 3), torch.zeros(size, size))
+def test_by_goal_known_recipes_score_highest_and_constant_features_have_no_weight(kitchen):
+    split = make_split(kitchen, SplitConfig("by-goal"))
+    size = kitchen.num_entities
+    no_words = words_of(np.zeros((size, 0)))
+    ((_, knowledge),) = fit_recipe_scorers(make_folds(split, 3), no_words, [()])
     is_zero = (knowledge.first[0] == 0).all(1).tolist()
-    constant = {"made", "words_sum", "words_min", "words_pair", "words_evidence"}
-    assert {name for name, zero in zip(FEATURES, is_zero, strict=True) if zero} == constant
+    constant = {name for name, zero in zip(FEATURES, is_zero, strict=True) if zero}
+    assert {"goal_made", "combines_pair"} <= constant
+    assert "makes" not in constant
     a, b, goal = torch.from_numpy(split.recipes("train").copy()).T
-    everything, model = (
-        torch.arange(size).repeat(len(a)),
-        torch.zeros(len(a) * size, dtype=torch.int64),
-    )
-    table = torch.stack([a, b], dim=1).repeat_interleave(size, dim=0)
-    scores = knowledge(everything, table, model)[:, 0, 1].view(-1, size)
-    assert scores.abs().max() < 100
-    assert (scores.argmax(1) == goal).float().mean() > 0.9
-
-
-# --- spoilt folders --------------------------------------------------------------------------------------------------
+    every = torch.arange(size)
+    hits = []
+    for row in range(0, len(a), 7):
+        table = torch.stack([a[row], b[row]]).expand(size, 2)
+        scores = knowledge(every, table, torch.zeros_like(every))[:, 0, 1]
+        assert scores.abs().max() < 100
+        hits.append(int(scores.argmax()) == int(goal[row]))
+    assert np.mean(hits) > 0.9
 
 
 def swap(tensors):
@@ -269,11 +209,13 @@ def test_the_scorer_of_another_fold_is_a_leak(spoilt):
 @pytest.mark.parametrize(
     "change",
     [
-        lambda tensors: tensors.pop("fold1.parts"),
-        lambda tensors: tensors.__setitem__("fold1.pairs", torch.zeros(1, 2, 2, 3).half()),
+        lambda tensors: tensors.pop("fold1.recipes"),
         lambda tensors: tensors.__setitem__("fold1.first", torch.zeros(())),
+        lambda tensors: tensors["fold1.recipes"].fill_(9_999),
         lambda tensors: tensors.__setitem__("fold1.recipes", tensors["fold1.recipes"].long()),
-        lambda tensors: tensors["fold1.supporting"].fill_(9_999),
+        lambda tensors: tensors.__setitem__("fold1.seen", torch.ones(1, 2, dtype=torch.bool)),
+        lambda tensors: tensors.__setitem__("fold1.componentOf_first", torch.zeros(())),
+        lambda tensors: tensors.__setitem__("fold1.componentOf_table", torch.zeros(1, 2, 2).half()),
     ],
 )
 def test_a_missing_or_damaged_fold_is_named(spoilt, change):
@@ -281,6 +223,14 @@ def test_a_missing_or_damaged_fold_is_named(spoilt, change):
         ArtefactError, match=r"fold 1 of 3 is missing or damaged in .*folds\.safetensors"
     ):
         spoilt(change)
+
+
+def test_a_folder_of_the_earlier_format_says_to_train_again(recipes_folder, tmp_path):
+    def earlier(tensors):
+        tensors["parts"] = tensors.pop("vectors")
+
+    with pytest.raises(ArtefactError, match=r"does not contain a scorer.*Train again"):
+        load_scorer(rewritten(recipes_folder, tmp_path / "old", weights=earlier))
 
 
 def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
@@ -322,3 +272,73 @@ def test_the_link_report_of_a_recipe_scorer_is_written(recipes_folder):
     players = scorer_players(model.opened.graph, model.scorer, model.opened.split.partial)
     assert "w, best pair" in players
     assert {*players} <= {*PLAYERS}
+
+
+def test_w_and_p_score_tables_and_are_restored_from_their_constants(small, book):
+    from wordcraft_kg.models.policies.sources.registry import source_class
+
+    scorer = load_scorer(small)
+    world = World(str(book), WordCraftConfig(part="train", num_distractors=2))
+    nothing = len(scorer.entities)
+    goal = torch.tensor([3, 4])
+    table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])
+    attempts = Attempts(torch.tensor([2, 3]))
+    states = States(goal, torch.tensor([nothing, 1]), table, torch.tensor([0, 1]), attempts)
+    for full in make_sources(["w", "p"], scorer, tasks=world.tasks):
+        expected = full(states)
+        assert expected.isfinite().all()
+        restored = source_class(full.name).restored(full.num_entities, full.state_dict())
+        restored.load_state_dict(full.state_dict())
+        restored.bind(world.tasks)
+        assert torch.equal(restored(states), expected)
+        one = States(goal[:1], torch.tensor([nothing]), table[:1], torch.tensor([0]))
+        one = one._replace(attempts=Attempts(torch.tensor([2])))
+        assert len(full.evidence(one)) == 4
+
+
+def test_candidates_of_a_plan_begin_with_the_results_of_known_recipes(small):
+    knowledge = load_scorer(small).whole.knowledge
+    recipes = {(*sorted(row[:2]), row[2]) for row in knowledge.recipes.tolist()}
+    size = knowledge.num_entities
+    table = torch.tensor([[0, 1, 2, size]])
+    goal, model = torch.tensor([11]), torch.tensor([0])
+    for attempts in (2, 3):
+        (found,) = knowledge.intermediates(
+            goal, table, model, attempts=attempts, width=size, near=4
+        ).tolist()
+        entities = [entity for entity in found if entity < size]
+        assert not {0, 1, 2, 11} & {*entities}
+        assert len({*entities}) == len(entities)
+        at_hand = {(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)}
+        known = {c for a, b, c in recipes if (a, b) in at_hand} - {0, 1, 2, 11}
+        assert known
+        assert {*entities[: len(known)]} == known
+
+
+def test_new_entities_are_scored_by_words_and_old_scores_stay(kitchen, tmp_path):
+    settings = RecipeScorerConfig(kg="full", folds=2, features="glove")
+    folder = train_recipes(RecipesConfig("kitchen", settings), tmp_path / "model").folder
+    scorer = load_scorer(folder)
+    wider = with_words(folder, scorer, ["goulash", "lemonade"])
+    assert wider.entities == (*kitchen.entities, "goulash", "lemonade")
+    recipe = "flour", "water", "dough"
+    torch.testing.assert_close(
+        wider.score_recipes(*recipe), scorer.score_recipes(*recipe), rtol=1e-4, atol=1e-4
+    )
+    assert wider.score_recipes("flour", "milk", "goulash").isfinite()
+    assert wider.score("flour", "componentOf", "goulash").isfinite()
+    with pytest.raises(ConfigError, match="exists already"):
+        with_words(folder, scorer, ["flour"])
+
+
+def test_too_little_memory_and_too_large_outside_knowledge_are_refused_before_the_start(
+    book, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(memory, "memory", lambda: 2**20)
+    with pytest.raises(ConfigError, match=r"12 entities and \d+ recipes takes about .* GiB"):
+        train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")
+    monkeypatch.setattr(config, "TABLE_LIMIT", 2**8)
+    outside = RecipesConfig(str(book), replace(SMALL, with_=("everyday",)))
+    with pytest.raises(ConfigError, match=r"outside knowledge.*12 entities"):
+        train_recipes(outside, tmp_path / "model")
+    assert not (tmp_path / "model").exists()

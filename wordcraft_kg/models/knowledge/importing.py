@@ -27,7 +27,7 @@ from wordcraft_kg.models.knowledge.paths import hops, make_tables, with_descript
 from wordcraft_kg.models.knowledge.readers import HEADER, read_conceptnet, read_triples
 from wordcraft_kg.models.knowledge.surroundings import Reach, Surroundings, Triple, reach_of
 from wordcraft_kg.models.knowledge.wordnet import read_wordnet
-from wordcraft_kg.models.scorers.config import check_dense
+from wordcraft_kg.models.scorers.config import check_table
 
 COMMAND = "import-knowledge"
 """Name of the command in ``run.json``."""
@@ -116,7 +116,7 @@ def import_knowledge(
     """
     entities = opened.graph.entities
     recipes = opened.split.recipes("train")
-    check_dense("knowledge from outside the book", len(entities))
+    check_table("knowledge from outside the book", len(entities))
     chosen = {} if overrides is None else read_overrides(overrides)
     with stage(f"reading {path}"):
         network = READERS[kind](path)

@@ -27,19 +27,21 @@ class Schedule(NamedTuple):
         batch: queries of a step.
         epochs: passes over all queries.
         rate: largest step size.
+        steps: fewest steps: more passes over the queries of a small book.
     """
 
     members: int
     batch: int
     epochs: int
     rate: float
+    steps: int
 
 
-TABLES = Schedule(members=3, batch=256, epochs=6, rate=1e-2)
+TABLES = Schedule(members=3, batch=256, epochs=6, rate=1e-2, steps=60)
 """For tables: four networks are no better, nor are 10 epochs, with two draws of distractors for
 each recipe; half and twice the step size give the same success within .005."""
-LINKS = Schedule(members=1, batch=32, epochs=10, rate=5e-3)
-"""For links: three networks are no better, and larger batches are worse."""
+LINKS = Schedule(members=1, batch=64, epochs=5, rate=1e-2, steps=60)
+"""For links: three networks, 10 epochs or smaller batches are no better."""
 WEIGHT_DECAY = 1e-4
 _SMALL = 1e-6
 """Deviations and spans up to this number are rounding."""
@@ -86,13 +88,14 @@ def fit_committee(
         a ranker of all features, with the hidden units of all networks side by side. Features that
         are the same everywhere have weight 0.
     """
-    members, batch, epochs, rate = schedule
+    members, batch, _, rate, _ = schedule
     mean, scale = _moments(examples)
     size = len(mean)
     first = _drawn(members, size, HIDDEN, fan=size, generator=generator)
     first_bias = _drawn(members, 1, HIDDEN, fan=size, generator=generator)
     second = _drawn(members, HIDDEN, 1, fan=HIDDEN, generator=generator)
     batches = math.ceil(len(examples.features) / batch)
+    epochs = max(schedule.epochs, math.ceil(schedule.steps / batches))
     optimizer = torch.optim.AdamW(
         [first, first_bias, second],
         lr=rate,
@@ -101,7 +104,7 @@ def fit_committee(
     cycle = torch.optim.lr_scheduler.OneCycleLR(
         optimizer,
         rate,
-        total_steps=max(epochs * batches, 2),
+        total_steps=epochs * batches,
     )
     for rows in _batches(len(examples.features), batch, epochs, generator):
         features, competes, is_right = examples.part(rows)

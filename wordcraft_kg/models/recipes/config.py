@@ -31,7 +31,7 @@ class RecipeScorerConfig:
         allow_missing: use zeros for any number of entities without a vector.
         with_: knowledge from outside the train recipes: knowledge folders (elicit,
             import-knowledge), other books or graph folders of any size, and further word vectors.
-            For graphs with at most 4,000 entities.
+            For graphs with at most 5,792 entities.
         without: books or graph folders whose recipes are left out of the training, so that the
             scorer can be tested on these books; needs `kg` full.
         seed: root seed for rankers, `train_fraction` and `label_noise`.

@@ -1,496 +1,255 @@
-"""Fit a recipe scorer by stacking: rankers learn from features of held-out recipes.
+"""Fit recipe scorers by stacking, for all recipes and without each fold, with shared work.
 
-Rankers are small networks. Each fold's features come from the remaining folds, and a ranker learns
-feature weights. The final scorer applies the ranker to features from all recipes (Wolpert 1992; van
-der Laan, Polley and Hubbard 2007). For cross-fitting, a scorer without a fold is fitted in the same
-way on the remaining folds.
+Rankers are small networks. They learn from recipes of held-out folds, whose features come from the
+remaining folds, and so learn how far features can be trusted. The final scorer applies the rankers
+to features from all recipes (Wolpert 1992; van der Laan, Polley and Hubbard 2007). For
+cross-fitting, a scorer without a fold is fitted in the same way on the remaining folds.
+
+The ranker without fold i learns from fold j by lists without folds i and j; so does the ranker
+without fold j from fold i. These lists are made once, and 1 + K + K (K - 1) / 2 sets of lists serve
+K + 1 scorers.
 """
 
 import math
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.graphs.triples import (
-    COMBINES_WITH,
-    COMPONENT_OF,
-    RELATIONS,
-    is_in,
-    recipe_triples,
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in, recipe_triples
+from wordcraft_kg.models.recipes.committee import LINKS, Examples, fit_committee
+from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
+from wordcraft_kg.models.scorers.neighbours.knowledge import (
+    FEATURES,
+    NeighbourKnowledge,
+    component_inputs,
+    features_of_pairs,
 )
-from wordcraft_kg.models.recipes.base import NOTHING, Base, LinkTables, link_features
-from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of
+from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
+from wordcraft_kg.models.scorers.neighbours.lists import Lists, Numbers, make_lists, nearest_words
 from wordcraft_kg.models.scorers.pair_knowledge import pairs_of
 from wordcraft_kg.models.scorers.ranker import Ranker
 
-HIDDEN = 32
-"""Hidden units of a ranker."""
-WEIGHT_DECAY = 1e-4
-"""Weight decay of AdamW."""
-_SMALL = 1e-6
-"""Deviations and spans up to this number are rounding."""
-
-Batch = tuple[Tensor, Tensor, Tensor]
-"""B queries with N candidates: features (B, N, F), and masks (B, N) for competing and right
-ones."""
-
-
-def fit_ranker(
-    batches: Sequence[Batch],
-    mean: Tensor,
-    scale: Tensor,
-    *,
-    epochs: int,
-    learning_rate: float,
-    generator: torch.Generator,
-) -> Ranker:
-    """Fit a ranker that scores right candidates above competing candidates.
-
-    The loss per query is ``-log Σ_right softmax(scores)``, minimised with AdamW and one cycle of
-    the learning rate.
-
-    Args:
-        batches: queries; each has a right candidate.
-        mean: feature means, shape (F,).
-        scale: standard deviations of features, shape (F,); infinity for constant features, which
-            get weight 0.
-        epochs: passes over all batches.
-        learning_rate: the largest in the cycle.
-        generator: draws initial weights, then the order of batches.
-
-    Returns:
-        a ranker of features that are not standardised.
-    """
-    size = len(mean)
-
-    def drawn(*shape: int, fan: int) -> Tensor:
-        weights = torch.rand(*shape, generator=generator) * 2 - 1
-        return weights / math.sqrt(fan)
-
-    # Weights are drawn in this order: another order gives other models for the same seed.
-    first = drawn(size, HIDDEN, fan=size)
-    first_bias = drawn(HIDDEN, fan=size)
-    second = drawn(HIDDEN, fan=HIDDEN)
-    bias = torch.zeros(())
-    parameters = [each.requires_grad_() for each in (first, first_bias, second, bias)]
-    optimizer = torch.optim.AdamW(parameters, lr=learning_rate, weight_decay=WEIGHT_DECAY)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimizer,
-        learning_rate,
-        total_steps=max(epochs * len(batches), 2),
-    )
-
-    def standardised() -> Ranker:
-        # Standardise the weights instead of the features: far fewer numbers.
-        scaled = first / scale[:, None]
-        return Ranker(scaled, first_bias - mean @ scaled, second, bias)
-
-    for _ in range(epochs):
-        for number in torch.randperm(len(batches), generator=generator).tolist():
-            features, competes, is_right = batches[number]
-            scores = standardised()(features)
-            log_shares = scores.masked_fill(~competes, -torch.inf).log_softmax(-1)
-            of_right = log_shares.masked_fill(~is_right, -torch.inf)
-            loss = -of_right.logsumexp(-1).mean()
-            optimizer.zero_grad()
-            loss.backward()
-            optimizer.step()
-            schedule.step()
-    return Ranker(*(weights.detach() for weights in standardised().weights().values()))
-
-
-def feature_scale(deviation: Tensor, span: Tensor) -> Tensor:
-    """Return the numbers by which features are divided, shape (F,), from deviations and spans.
-
-    A feature that the sample misses is divided by its span, a constant by infinity: weight 0.
-    """
-    scale = torch.where(deviation > _SMALL, deviation, span)
-    return scale.masked_fill(span <= _SMALL, torch.inf)
-
-
-LinkRankers = tuple[Ranker, Ranker]
-"""A ranker for combinesWith links and a ranker for componentOf links."""
-LINK_QUERIES = 300
-"""Largest number of queries per fold, relation and side (head or tail)."""
-LINK_BATCH = 32
-"""Queries of a step of a link ranker, about."""
-LINK_EPOCHS = 10
-"""Passes of a link ranker over all queries."""
-LINK_RATE = 5e-3
-"""Largest learning rate of a link ranker."""
-UNKNOWN = 0.1
-"""Share of entities to hold out, so that rankers learn from words alone."""
 TABLES = (8, 2)
 """Distractors (entities outside the recipe) on each of the tables for a held-out recipe."""
-PAIR_BATCH = 256
-"""Tables of a step of the recipe ranker."""
-PAIR_EPOCHS = 30
-"""Passes of the recipe ranker over all tables."""
-PAIR_RATE = 1e-2
-"""Largest learning rate of the recipe ranker."""
-_MAKES = FEATURES.index("makes")
-_SAMPLE = 2**20
-"""Links of a table, about, from which means and deviations of features are taken."""
-_EVERY = 7
-"""Smallest step of this sample, for small tables too."""
-_LINK_ROWS = 64
-"""Heads whose links are scored at once."""
-_TABLE_ROWS = 512
-"""Tables whose features are computed at once."""
+EXAMPLES = 6_000
+"""Most held-out recipes from which a ranker learns, over all folds."""
+DRAWS = 2
+"""Tables of each size for a held-out recipe, with different distractors."""
+LINK_QUERIES = 1_000
+"""Most links of a held-out fold that are asked for on each side; 300 cost .01 of the MRR."""
+CANDIDATES = 64
+"""Entities that compete for a link; 256 gain nothing."""
+KNOWN = 10_000
+"""Most known recipes whose scores are lifted if held-out goals have none."""
+LeftOut = tuple[int, ...]
+"""Folds that a scorer has not seen: none, or one."""
 
 
-def fit_recipe_scorer(
+class LinkTables(NamedTuple):
+    """Features from outside the recipes, tables of shape (E, E).
+
+    Attributes:
+        pairs: features of combinesWith links, symmetric.
+        parts: features of componentOf links, row = ingredient.
+    """
+
+    pairs: Sequence[Tensor] = ()
+    parts: Sequence[Tensor] = ()
+
+
+NOTHING = LinkTables()
+"""No features from outside the recipes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Words:
+    """What all fits share: word vectors and the nearest words.
+
+    Attributes:
+        vectors: shape (E, D), half: unit vectors as stored in a model; D is 0 without words.
+        near: shape (E, K_w), from
+            :func:`~wordcraft_kg.models.scorers.neighbours.lists.nearest_words`.
+    """
+
+    vectors: NDArray[np.float16]
+    near: Numbers
+
+    @classmethod
+    def of(cls, features: EntityFeatures) -> "Words":
+        """Round unit vectors as a model stores them, and find the nearest words."""
+        rounded = features.unit_vectors.astype(np.float16)
+        return cls(rounded, nearest_words(rounded.astype(np.float32)))
+
+    def lists(self, recipes: Ids) -> Lists:
+        """Return the lists of recipes, ids (n, 3)."""
+        return make_lists(recipes, self.vectors.astype(np.float32), self.near)
+
+
+def word_features(
+    spec: str,
+    labels: Sequence[str],
+    *,
+    allow_missing: bool = False,
+) -> EntityFeatures:
+    """Return the word vectors of labels, of length 0 for one-hot.
+
+    One-hot vectors are no words: E x E numbers would say nothing, at the cost of all pairs.
+
+    Args:
+        spec: word vectors, as for :func:`~wordcraft_kg.models.scorers.features.make_features`.
+        labels: the E labels.
+        allow_missing: use zeros for labels without a vector.
+
+    Raises:
+        ConfigError: if the vectors do not fit the labels.
+    """
+    if spec != "one-hot":
+        return make_features(spec, labels, allow_missing=allow_missing)
+    nothing = np.zeros((len(labels), 0), dtype=np.float32)
+    known = np.ones(len(labels), dtype=bool)
+    return EntityFeatures("one-hot", nothing, known, (), (), is_one_hot=True)
+
+
+def fit_recipe_scorers(
     folds: Folds,
-    text: Tensor,
+    words: Words,
+    wanted: Sequence[LeftOut],
     *,
     outside: LinkTables = NOTHING,
-    left_out: Collection[int] = (),
     seed: int = 0,
+    workers: int = 1,
     after: Callable[[], None] = lambda: None,
-) -> tuple[RecipeKnowledge, LinkRankers]:
-    """Fit a recipe scorer: link rankers, then a recipe ranker that uses their scores.
+) -> Iterator[tuple[LeftOut, NeighbourKnowledge]]:
+    """Fit a scorer for each entry of ``wanted``, in this order.
 
-    Link rankers are networks that score triples. The folds are held out in turn.
+    The result does not depend on the other entries, nor on ``workers``: each set of examples has
+    its own seed.
 
     Args:
         folds: folds of the train recipes.
-        text: cosines between word vectors of entities, shape (E, E); zeros without words.
-        outside: link features that are the same in all folds.
-        left_out: numbers of folds that the scorer must not see.
-        seed: for initial weights and the sampled tables with distractors.
-        after: called after each fold and each link ranker; may raise to end the fit.
+        words: word vectors.
+        wanted: the folds to leave out, () for none.
+        outside: features of links that are the same in all folds.
+        seed: seed of tables and initial weights.
+        workers: threads; the compiled loops run beside each other.
+        after: called after each set of lists, in the caller's thread; may raise to end the fits.
 
-    Returns:
-        the feature arrays with the recipe ranker's weights, and the link rankers.
+    Yields:
+        an entry of ``wanted``, and the knowledge fitted without these folds.
     """
-    turns = _turns(folds, left_out)
-    rng = np.random.default_rng([seed, *sorted(left_out)])
-    # The first draw of `rng`, so that networks and tables follow from one seed.
-    torch_seed = int(rng.integers(2**31))
-    generator = torch.Generator().manual_seed(torch_seed)
-    bases, rankers = fit_link_rankers(
-        folds,
-        text,
-        outside=outside,
-        left_out=left_out,
-        rng=rng,
-        generator=generator,
-        after=after,
-    )
-    whole = Base.of(folds.recipes(left_out), text)
-    examples = []
-    for fold, base in zip(turns, bases, strict=True):
-        # Features of a held-out recipe come from the other folds, as those of an unseen recipe.
-        # Their knowledge gets no name: two of them would take twice the memory.
-        held_out = folds.recipes_of(fold)
-        of_fold = pair_examples(
-            knowledge_from(base, rankers, outside),
-            held_out,
-            whole.recipes,
-            rng,
-        )
-        examples.append(of_fold)
-    features, competes, is_right = (torch.cat(parts) for parts in zip(*examples, strict=True))
-    flat = features[competes]
-    order = torch.randperm(len(features), generator=generator)
-    batches = []
-    for rows in order.split(PAIR_BATCH):
-        batches.append((features[rows], competes[rows], is_right[rows]))
-    mean = flat.mean(0)
-    span = flat.amax(0) - flat.amin(0)
-    scale = feature_scale(flat.std(0), span)
-    ranker = fit_ranker(
-        batches,
-        mean,
-        scale,
-        epochs=PAIR_EPOCHS,
-        learning_rate=PAIR_RATE,
-        generator=generator,
-    )
-    knowledge = knowledge_from(whole, rankers, outside)
-    # By-goal folds: no held-out goal has a known recipe.
-    if scale[_MAKES].isinf():
-        a, b, goal = torch.from_numpy(whole.recipes.copy()).T
-        table = torch.stack([a, b], dim=1)
-        # A table of two slots has the pairs (a, a), (a, b) and (b, b): the recipe is number 1.
-        of_pairs = knowledge.features(goal.contiguous(), table, torch.zeros_like(goal))
-        of_known = of_pairs[:, :, 1].T
-        ranker = with_known(ranker, of_known, _MAKES, ranker(flat).amax())
-    return knowledge.with_ranker(ranker), rankers
+    # By the folds left out and the fold held out.
+    lessons: dict[tuple[LeftOut, int], _Lesson] = {}
+    missing = set(wanted)
+    for left_out in wanted:
+        turns = [fold for fold in range(folds.count) if fold not in left_out]
+        new = [turn for turn in turns if (left_out, turn) not in lessons]
+
+        # The default keeps this turn of the loop's value for the threads.
+        def made(
+            turn: int,
+            left_out: LeftOut = left_out,
+        ) -> list[tuple[tuple[LeftOut, int], _Lesson]]:
+            without = {*left_out, turn}
+            lists = words.lists(folds.recipes(without))
+            of_lists = []
+            # Each fold left out is held out for the ranker that leaves out the others.
+            for held_out in without:
+                other = tuple(sorted(without - {held_out}))
+                if other in missing:
+                    lesson = _lesson(folds, lists, outside, other, held_out, seed)
+                    of_lists.append(((other, held_out), lesson))
+            return of_lists
+
+        pool = ThreadPoolExecutor(workers)
+        try:
+            for found in pool.map(made, new):
+                lessons.update(found)
+                after()
+        finally:
+            # After Ctrl-C, sets that are not begun are never made.
+            pool.shutdown(cancel_futures=True)
+        of_turns = [lessons.pop((left_out, turn)) for turn in turns]
+        missing.remove(left_out)
+        yield left_out, _fitted(folds, words, outside, left_out, of_turns, seed)
 
 
-def knowledge_from(
-    base: Base,
-    rankers: LinkRankers,
-    outside: LinkTables = NOTHING,
-) -> RecipeKnowledge:
-    """Compute the arrays for recipe features from pair tables and link rankers.
+class _Lesson(NamedTuple):
+    """What the rankers of a scorer learn from a held-out fold.
 
-    Args:
-        base: pair tables.
-        rankers: score the links.
-        outside: further link features, as in the rankers' training.
-
-    Returns:
-        knowledge with weights of 0 in place of a recipe ranker's.
+    Attributes:
+        combines: queries for combinesWith links.
+        components: queries for componentOf links.
+        slots: features of the tables' slots, shape (N, A, 16), without the score by the link
+            ranker, which learns first.
+        outside: further features of their links to the goal, shape (N, A, F).
+        pair_links: features of combinesWith links between slots, shape (N, P, F), where outside
+            knowledge tells of them; else (N, P, 0).
+        tables: queries for pairs on tables; their features are those of pairs alone.
     """
-    # A generator: the features of one relation at a time, by far the largest arrays, and none of
-    # them when the knowledge is made.
-    by_relation = zip(rankers, link_features(base, outside), strict=True)
-    pairs, parts = (_link_scores(ranker, features) for ranker, features in by_relation)
-    return knowledge_of(
-        base.recipes,
-        base.kernel,
-        base.text,
-        (base.pairs, base.parts),
-        (pairs, parts),
-    )
+
+    combines: Examples
+    components: Examples
+    slots: Tensor
+    outside: Tensor
+    pair_links: Tensor
+    tables: Examples
 
 
-def _link_scores(ranker: Ranker, features: Tensor) -> Tensor:
-    """Return the scores of all links, shape (E, E), from features (E, E, F)."""
-    return torch.cat([ranker(rows) for rows in features.split(_LINK_ROWS)])
-
-
-def scorer_tensors(
-    knowledge: RecipeKnowledge,
-    rankers: LinkRankers,
-    recipes: Ids,
-) -> dict[str, Tensor]:
-    """Return a recipe scorer's tensors by name, as they are saved.
-
-    Args:
-        knowledge: feature arrays and the recipe ranker's weights.
-        rankers: link rankers, whose weights get the prefix of a relation.
-        recipes: training recipes, ids (n, 3).
-    """
-    tensors = dict(knowledge.constants())
-    for relation, ranker in zip(RELATIONS, rankers, strict=True):
-        for name, weights in ranker.weights().items():
-            tensors[f"{relation}.{name}"] = weights
-    tensors["recipes"] = torch.from_numpy(recipes.astype("int32"))
-    return tensors
-
-
-# --- links ----------------------------------------------------------------------------------------
-
-
-def fit_link_rankers(
+def _fitted(
     folds: Folds,
-    text: Tensor,
-    *,
-    outside: LinkTables = NOTHING,
-    left_out: Collection[int] = (),
-    rng: np.random.Generator,
-    generator: torch.Generator,
-    after: Callable[[], None] = lambda: None,
-) -> tuple[list[Base], LinkRankers]:
-    """Fit a ranker for each relation.
-
-    Rankers learn from links of held-out folds, and from links to held-out (unknown) entities.
+    words: Words,
+    outside: LinkTables,
+    left_out: LeftOut,
+    lessons: Sequence[_Lesson],
+    seed: int,
+) -> NeighbourKnowledge:
+    """Fit the rankers of a scorer: those of links, then that of recipes, which uses their scores.
 
     Args:
         folds: folds of the train recipes.
-        text: cosines between word vectors of entities, shape (E, E); zeros without words.
-        outside: link features that are the same in all folds.
-        left_out: numbers of folds that the rankers must not see.
-        rng: draws unknown entities and queries.
-        generator: draws initial weights and the order of batches.
-        after: called after each fold and each ranker; may raise to end the fit.
-
-    Returns:
-        for each fold the pair tables computed without the fold, and the two rankers.
+        words: word vectors.
+        outside: features of links that are the same in all folds.
+        left_out: folds that the scorer has not seen.
+        lessons: the queries of each held-out fold.
+        seed: seed of the initial weights and the order of queries.
     """
-    size = folds.split.graph.num_entities
-    turns = _turns(folds, left_out)
-    bases = [Base.of(folds.recipes([*left_out, fold]), text) for fold in turns]
-    known = torch.zeros(2, size, size, dtype=torch.bool)
-    heads, relations, tails = torch.from_numpy(folds.triples(left_out).copy()).T
-    known[relations, heads, tails] = True
-
-    nobody = torch.zeros(size, dtype=torch.bool)
-    queries = []
-    for fold, base in zip(turns, bases, strict=True):
-        new = _new_triples(folds.recipes_of(fold), base.recipes, size)
-        queries.append((base, new, nobody))
-    queries.append(_unknown_entities(folds.recipes(left_out), text, rng))
-
-    # Lists by relation: batches, samples of features, and spans of features.
-    batches: tuple[list[Batch], list[Batch]] = ([], [])
-    samples: tuple[list[Tensor], list[Tensor]] = ([], [])
-    spans: tuple[list[Tensor], list[Tensor]] = ([], [])
-    for base, new, unknown in queries:
-        by_relation = zip((COMBINES_WITH, COMPONENT_OF), link_features(base, outside), strict=True)
-        for relation, features in by_relation:
-            cells = features.flatten(0, 1)
-            step = max(_EVERY, len(cells) // _SAMPLE)
-            # A view would keep the whole tensor.
-            samples[relation].append(cells[::step].clone())
-            spans[relation].append(cells.amax(0) - cells.amin(0))
-            # combinesWith is symmetric, so head queries equal tail queries.
-            sides = ("tail",) if relation == COMBINES_WITH else ("tail", "head")
-            triples = new[new[:, 1] == relation]
-            for side in sides:
-                for part in _drawn_parts(triples, rng):
-                    batch = _link_batch(features, known[relation], unknown, part, side)
-                    batches[relation].append(batch)
-        after()
-
-    fitted = []
-    for of_relation, sample, span in zip(batches, samples, spans, strict=True):
-        together = torch.cat(sample)
-        mean = together.mean(0)
-        scale = feature_scale(together.std(0), torch.stack(span).amax(0))
-        ranker = fit_ranker(
-            of_relation,
-            mean,
-            scale,
-            epochs=LINK_EPOCHS,
-            learning_rate=LINK_RATE,
-            generator=generator,
-        )
-        fitted.append(ranker)
-        after()
-    return bases, (fitted[0], fitted[1])
-
-
-def _drawn_parts(triples: Ids, rng: np.random.Generator) -> list[Ids]:
-    """Draw at most :data:`LINK_QUERIES` triples, and split them into batches, none empty."""
-    # Sorted, then shuffled: other draws would give other models for the same seed.
-    rows = np.sort(rng.permutation(len(triples))[:LINK_QUERIES])
-    chosen = triples[rows]
-    rng.shuffle(chosen)
-    parts = np.array_split(chosen, max(1, round(len(chosen) / LINK_BATCH)))
-    return [part for part in parts if len(part)]
-
-
-def _turns(folds: Folds, left_out: Collection[int]) -> list[int]:
-    """Return the numbers of the folds that are held out in turn."""
-    return [fold for fold in range(folds.count) if fold not in left_out]
-
-
-def _new_triples(held_out: Ids, seen: Ids, size: int) -> Ids:
-    """Return the triples of held-out recipes that no seen recipe has: ids (n, 3)."""
-    new = recipe_triples(held_out)
-    return new[~is_in(new, recipe_triples(seen), size)]
-
-
-def _unknown_entities(
-    recipes: Ids,
-    text: Tensor,
-    rng: np.random.Generator,
-) -> tuple[Base, Ids, Tensor]:
-    """Hold out entities with all their recipes, so that the rankers learn to use words alone.
-
-    Args:
-        recipes: ids, shape (n, 3).
-        text: word cosines, shape (E, E).
-        rng: draws the entities.
-
-    Returns:
-        pair tables of the other recipes; triples (n, 3) between a held-out entity and another one;
-        and whether each entity is held out, shape (E,).
-    """
-    entities = np.unique(recipes)
-    taken = rng.permutation(entities)[: round(UNKNOWN * len(entities))]
-    is_left = ~np.isin(recipes, taken).any(axis=1)
-    triples = recipe_triples(recipes[~is_left])
-    head_taken = np.isin(triples[:, 0], taken)
-    tail_taken = np.isin(triples[:, 2], taken)
-    unknown = torch.zeros(len(text), dtype=torch.bool)
-    unknown[torch.from_numpy(taken)] = True
-    return Base.of(recipes[is_left], text), triples[head_taken != tail_taken], unknown
-
-
-def _link_batch(features: Tensor, known: Tensor, unknown: Tensor, triples: Ids, side: str) -> Batch:
-    """Return queries for a side of triples.
-
-    Other known links do not compete, nor do known entities with an unknown one: a link to an entity
-    with recipes is far more probable than one to an entity without.
-
-    Args:
-        features: shape (E, E, F), row = head.
-        known: shape (E, E), bool: known links of the relation.
-        unknown: shape (E,), bool: held-out entities.
-        triples: ids, shape (B, 3).
-        side: the side to predict, "tail" or "head".
-    """
-    heads = torch.from_numpy(triples[:, 0].copy())
-    tails = torch.from_numpy(triples[:, 2].copy())
-    if side == "tail":
-        rows = features[heads]
-        is_known = known[heads]
-        target = tails
-    else:
-        # (E, B, F) to (B, E, F), copied once: the ranker reads each batch in every epoch.
-        rows = features[:, tails].transpose(0, 1).contiguous()
-        is_known = known[:, tails].T
-        target = heads
-    excluded = is_known | (unknown[target][:, None] & ~unknown)
-    is_right = torch.zeros_like(excluded).scatter(1, target[:, None], True)
-    return rows, ~excluded | is_right, is_right
-
-
-# --- pairs ----------------------------------------------------------------------------------------
-
-
-def pair_examples(
-    knowledge: RecipeKnowledge,
-    held_out: Ids,
-    known: Ids,
-    rng: np.random.Generator,
-) -> Batch:
-    """Make queries from recipes on tables with distractors.
-
-    Args:
-        knowledge: computes the features.
-        held_out: recipes that ``knowledge`` has not seen, ids (n, 3).
-        known: all recipes that may be known, ids (m, 3): every pair that makes the goal by one of
-            them is right.
-        rng: draws distractors.
-
-    Returns:
-        a query for each recipe and each entry of :data:`TABLES`, whose candidates are pairs of
-        slots.
-    """
-    size = knowledge.num_entities
-    # Distractors are drawn as environments draw them: by 1 + the number of recipes with the entity,
-    # in which an entity that is combined with itself counts once.
-    differ = known[:, 0] != known[:, 1]
-    users = np.concatenate([known[:, 0], known[differ, 1]])
-    weights = 1.0 + np.bincount(users, minlength=size)
-    slots = 2 + max(TABLES)
-    drawn = [_tables(held_out, distractors, slots, weights, rng) for distractors in TABLES]
-    tables = torch.from_numpy(np.concatenate(drawn))
-    goal = torch.from_numpy(np.tile(held_out[:, 2], len(TABLES)))
-    model = torch.zeros_like(goal)
-
-    features = []
-    for rows in torch.arange(len(goal)).split(_TABLE_ROWS):
-        of_rows = knowledge.features(goal[rows], tables[rows], model[rows])
-        # (F, B, P) to (B, P, F): the ranker multiplies the last axis.
-        features.append(of_rows.permute(1, 2, 0))
-
-    one, other = pairs_of(slots, tables.device)
-    a = tables[:, one]
-    b = tables[:, other]
-    competes = (a < size) & (b < size)
-    keys = torch.unique(_keys(torch.from_numpy(known.copy()), size))
-    goals = goal[:, None].expand_as(a)
-    # Known recipes have the smaller ingredient first.
-    smaller = torch.minimum(a, b)
-    larger = torch.maximum(a, b)
-    pair = torch.stack([smaller, larger, goals], dim=-1)
-    pair_keys = _keys(pair, size)
-    # A key beyond the last one is compared with the last one, and differs.
-    place = torch.searchsorted(keys, pair_keys).clamp(max=len(keys) - 1)
-    is_right = (keys[place] == pair_keys) & competes
-    return torch.cat(features), competes, is_right
+    generator = torch.Generator().manual_seed(_seed_of(seed, left_out))
+    link_rankers = {}
+    of_relations = {
+        COMBINES_WITH: [lesson.combines for lesson in lessons],
+        COMPONENT_OF: [lesson.components for lesson in lessons],
+    }
+    for relation, of_folds in of_relations.items():
+        queries = _together(of_folds)
+        if len(queries.features):
+            link_rankers[relation] = fit_committee(queries, generator, LINKS)
+    examples = _together([_with_link_scores(lesson, link_rankers) for lesson in lessons])
+    ranker = fit_committee(examples, generator)
+    recipes = folds.recipes(left_out)
+    knowledge = NeighbourKnowledge.of_recipes(recipes, words.vectors, words.near, link_rankers)
+    if outside.pairs or outside.parts:
+        knowledge = _with_tables(words, recipes, outside, link_rankers)
+    makes = FEATURES.index("makes")
+    # By-goal folds: no held-out goal has a known recipe.
+    # A feature that is the same in all examples has weight 0.
+    if not ranker.first[makes].any():
+        chosen = recipes[:: max(1, len(recipes) // KNOWN)]
+        a, b, goal = torch.from_numpy(chosen.copy()).T
+        table = torch.stack([a, b], dim=1)
+        # The recipe's two slots, not the pairs of a slot with itself.
+        pair = (torch.tensor([0]), torch.tensor([1]))
+        of_known = knowledge.features(goal, table, torch.zeros_like(goal), pair)
+        highest = ranker(examples.features[examples.competes]).amax()
+        ranker = with_known(ranker, of_known[:, :, 0].T, makes, highest)
+    return knowledge.with_ranker(ranker)
 
 
 def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> Ranker:
@@ -520,41 +279,284 @@ def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> R
     return replace(ranker, first=first)
 
 
-def _keys(recipes: Tensor, size: int) -> Tensor:
-    """Return a number for each recipe, ids (..., 3) from 0 to E: different for different ones."""
-    one, other, result = recipes.unbind(-1)
-    return (one * (size + 1) + other) * (size + 1) + result
+def _with_link_scores(lesson: _Lesson, link_rankers: Mapping[int, Ranker]) -> Examples:
+    """Return queries for tables with all features of pairs.
+
+    Args:
+        lesson: the queries of a fold.
+        link_rankers: by relation; none where there was nothing to learn from.
+    """
+    slots = lesson.slots
+    pairs = lesson.tables.features
+    component = torch.zeros(slots.shape[:2])
+    if ranker := link_rankers.get(COMPONENT_OF):
+        of_recipes = component_inputs(slots, pairs)
+        component = ranker(torch.cat([of_recipes, lesson.outside], dim=-1))
+    combines = torch.zeros(pairs.shape[:2])
+    ranker = link_rankers.get(COMBINES_WITH)
+    if ranker and lesson.pair_links.shape[2]:
+        combines = ranker(lesson.pair_links)
+    one, other = pairs_of(slots.shape[1], torch.device("cpu"))
+    features = features_of_pairs(slots, pairs, component, combines, one, other)
+    return lesson.tables._replace(features=features)
+
+
+def _with_tables(
+    words: Words,
+    recipes: Ids,
+    outside: LinkTables,
+    link_rankers: Mapping[int, Ranker],
+) -> NeighbourKnowledge:
+    """Return the knowledge of recipes with tables of all link scores, without a recipe ranker.
+
+    Args:
+        words: word vectors.
+        recipes: training recipes, ids (n, 3).
+        outside: features of links from outside the recipes.
+        link_rankers: by relation, for features of recipes and of outside knowledge.
+    """
+    knowledge = NeighbourKnowledge.of_recipes(recipes, words.vectors, words.near)
+    size = knowledge.num_entities
+    rows = knowledge.link_rows()
+    every = torch.arange(size)
+    tables = {}
+    for relation in (COMBINES_WITH, COMPONENT_OF):
+        ranker = link_rankers.get(relation)
+        if ranker is None:
+            tables[relation] = torch.zeros(size, size)
+            continue
+        scores = []
+        for some in every.split(max(1, CELLS // size)):
+            features = rows.of_relation(relation, some.numpy())
+            from_outside = _outside(outside, relation, some[:, None], every)
+            scores.append(ranker(torch.cat([features, from_outside], dim=-1)))
+        tables[relation] = torch.cat(scores)
+    return knowledge.with_link_tables(tables)
+
+
+def _outside(outside: LinkTables, relation: int, heads: Tensor, tails: Tensor) -> Tensor:
+    """Return the features of links from outside the recipes, (..., F); ids broadcast."""
+    tables = outside.pairs if relation == COMBINES_WITH else outside.parts
+    features = [table[heads, tails] for table in tables]
+    shape = torch.broadcast_shapes(heads.shape, tails.shape)
+    # Without tables there is nothing to stack.
+    return torch.stack(features, dim=-1) if features else torch.zeros(*shape, 0)
+
+
+def _together(parts: Sequence[Examples]) -> Examples:
+    return Examples(*(torch.cat(part) for part in zip(*parts, strict=True)))
+
+
+def _lesson(
+    folds: Folds,
+    lists: Lists,
+    outside: LinkTables,
+    left_out: LeftOut,
+    held_out: int,
+    seed: int,
+) -> _Lesson:
+    """Make queries from a fold's recipes: for their links, and for tables with distractors.
+
+    Args:
+        folds: folds of the train recipes.
+        lists: made without ``left_out`` and without ``held_out``.
+        outside: features of links that are the same in all folds.
+        left_out: folds that the scorer has not seen; every pair in a recipe of the others is right.
+        held_out: the fold whose recipes are asked for.
+        seed: seed of links and tables.
+    """
+    rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
+    rows = LinkRows(lists)
+    combines, components = (
+        _link_examples(folds, rows, outside, left_out, held_out, relation, rng)
+        for relation in (COMBINES_WITH, COMPONENT_OF)
+    )
+    recipes = folds.recipes_of(held_out)
+    # An equal share of the examples for each fold, rounded up.
+    most = math.ceil(EXAMPLES / (folds.count - len(left_out)))
+    chosen = recipes[np.sort(rng.permutation(len(recipes))[:most])]
+    ids, slots, tables = table_examples(lists, chosen, folds.recipes(left_out), rng)
+    # Empty slots have no row; their pairs do not compete.
+    heads = ids[:, :-1].clamp(min=0)
+    from_outside = _outside(outside, COMPONENT_OF, heads, ids[:, -1:])
+    one, other = pairs_of(heads.shape[1], heads.device)
+    pair_links = torch.zeros(len(heads), len(one), 0)
+    if outside.pairs:
+        every = rows.combines(np.arange(len(lists.norms)))
+        a = heads[:, one]
+        b = heads[:, other]
+        pair_links = torch.cat([every[a, b], _outside(outside, COMBINES_WITH, a, b)], dim=-1)
+    return _Lesson(combines, components, slots, from_outside, pair_links, tables)
+
+
+def _link_examples(
+    folds: Folds,
+    rows: LinkRows,
+    outside: LinkTables,
+    left_out: LeftOut,
+    held_out: int,
+    relation: int,
+    rng: np.random.Generator,
+) -> Examples:
+    """Make queries from links that a fold's recipes alone have.
+
+    Args:
+        folds: folds of the train recipes.
+        rows: computes features without ``left_out`` and without ``held_out``.
+        outside: features of links that are the same in all folds.
+        left_out: folds that the scorer has not seen; known links of the others do not compete.
+        held_out: the fold whose links are asked for.
+        relation: relation id.
+        rng: draws links and candidates.
+    """
+    size = folds.split.graph.num_entities
+    every = folds.triples(left_out)
+    of_fold = recipe_triples(folds.recipes_of(held_out))
+    seen = folds.triples([*left_out, held_out])
+    new = of_fold[(of_fold[:, 1] == relation) & ~is_in(of_fold, seen, size)]
+    chosen = new[np.sort(rng.permutation(len(new))[:LINK_QUERIES])]
+    parts = []
+    # combinesWith is symmetric, so head queries equal tail queries.
+    for heads in (False,) if relation == COMBINES_WITH else (False, True):
+        known, asked = (chosen[:, 2], chosen[:, 0]) if heads else (chosen[:, 0], chosen[:, 2])
+        candidates = rng.integers(size, size=(len(chosen), CANDIDATES))
+        # The right candidate comes first, and once.
+        candidates[:, 0] = asked
+        is_right = np.zeros(candidates.shape, dtype=bool)
+        is_right[:, 0] = True
+        links = _triples(known[:, None], relation, candidates, heads=heads)
+        is_known = is_in(links.reshape(-1, 3), every, size).reshape(candidates.shape)
+        features = rows.of_relation(relation, known, candidates, heads=heads)
+        from_outside = _outside(outside, relation, _tensor(links[..., 0]), _tensor(links[..., 2]))
+        features = torch.cat([features, from_outside], dim=-1)
+        parts.append(Examples(features, _tensor(~is_known | is_right), _tensor(is_right)))
+    return _together(parts)
+
+
+def _triples(known: Ids, relation: int, others: Ids, *, heads: bool) -> Ids:
+    """Return the triples of known entities (B, 1) and others (B, N), shape (B, N, 3).
+
+    Args:
+        known: entities on one side.
+        relation: relation id.
+        others: entities on the other side.
+        heads: whether ``others`` are the heads.
+    """
+    known = np.broadcast_to(known, others.shape)
+    relations = np.full(others.shape, relation)
+    sides = (others, relations, known) if heads else (known, relations, others)
+    return np.stack(sides, axis=-1)
+
+
+def table_examples(
+    lists: Lists,
+    recipes: Ids,
+    known: Ids,
+    rng: np.random.Generator,
+) -> tuple[Tensor, Tensor, Examples]:
+    """Make queries from recipes on tables with distractors.
+
+    Args:
+        lists: compute the features.
+        recipes: recipes to ask for, ids (n, 3).
+        known: all recipes that may be known, ids (m, 3): every pair that makes the goal by one of
+            them is right, and distractors are drawn by them.
+        rng: draws tables.
+
+    Returns:
+        ids of a table's slots and of its goal, shape (N, A + 1), -1 for empty slots; features of
+        slots, shape (N, A, 16); and queries with features of pairs, (N, P, 16).
+    """
+    # Numba is imported for a fit alone: it takes a second.
+    from wordcraft_kg.models.scorers.neighbours import feature_loops
+
+    goals = np.tile(recipes[:, 2], DRAWS * len(TABLES))
+    size = len(lists.norms)
+    drawn = [_tables(recipes, known, size, number, rng) for number in TABLES * DRAWS]
+    tables = np.concatenate(drawn)
+    first_slots, second_slots = pairs_of(tables.shape[1], torch.device("cpu"))
+    one = first_slots.numpy()
+    other = second_slots.numpy()
+    # The compiled loops write into arrays.
+    of_slots = np.zeros((*tables.shape, feature_loops.OF_SLOTS), dtype=np.float32)
+    of_pairs = np.zeros((len(goals), len(one), feature_loops.OF_PAIRS), dtype=np.float32)
+    feature_loops.table_features(lists, goals, tables, one, other, of_slots, of_pairs)
+    a = tables[:, one]
+    b = tables[:, other]
+    competes = (a >= 0) & (b >= 0)
+    first, second, results = known.T
+    of_known = _codes(first, second, results, size)
+    codes = _codes(a, b, goals[:, None], size)
+    # The code of a pair with an empty slot may be that of another recipe.
+    is_right = np.isin(codes, of_known) & competes
+    queries = Examples(_tensor(of_pairs), _tensor(competes), _tensor(is_right))
+    ids = np.column_stack([tables, goals])
+    return _tensor(ids), _tensor(of_slots), queries
 
 
 def _tables(
     recipes: Ids,
+    known: Ids,
+    size: int,
     distractors: int,
-    slots: int,
-    weights: np.ndarray,
     rng: np.random.Generator,
 ) -> Ids:
-    """Return tables with the ingredients of recipes and drawn entities.
+    """Return tables with a recipe's ingredients and drawn entities.
+
+    Distractors are drawn by 1 + their number of recipes, as environments draw them, without the
+    recipe's entities.
 
     Args:
         recipes: ids, shape (n, 3).
+        known: recipes that are counted, ids (m, 3).
+        size: E.
         distractors: number of drawn entities, fewer in a small graph.
-        slots: A.
-        weights: how likely each entity is drawn, shape (E,).
         rng: draws the entities.
 
     Returns:
-        ids, shape (n, A); E for empty slots.
+        ids, shape (n, 2 + most distractors); -1 is an empty slot.
     """
-    size = len(weights)
-    # The smallest of exponential variables divided by weights: draws without replacement.
-    keys = rng.exponential(size=(len(recipes), size)) / weights
-    np.put_along_axis(keys, recipes, np.inf, axis=1)
-    amount = max(min(distractors, size - 3), 0)
-    drawn = np.argsort(keys, axis=1)[:, :amount]
-    table = np.full((len(recipes), slots), size)
-    table[:, :2] = recipes[:, :2]
+    # In a recipe a + a, the entity counts once.
+    self_pairs = known[:, 0] == known[:, 1]
+    second = known[~self_pairs, 1]
+    users = np.concatenate([known[:, 0], second])
+    weights = 1.0 + np.bincount(users, minlength=size)
+    ends = np.cumsum(weights)
+    slots = 2 + max(TABLES)
+    tables = np.full((len(recipes), slots), -1, dtype=np.int64)
+    tables[:, :2] = recipes[:, :2]
     # An entity is on a table once, also if the recipe combines it with itself.
     is_twice = recipes[:, 0] == recipes[:, 1]
-    table[is_twice, 1] = size
-    table[:, 2 : 2 + amount] = drawn
-    return table
+    tables[is_twice, 1] = -1
+    amount = max(min(distractors, size - 3), 0)
+    # Some are drawn twice; the first draws of different entities count.
+    draws = 4 * amount + 16
+    shares = rng.random((len(recipes), draws)) * ends[-1]
+    drawn = np.searchsorted(ends, shares, "right")
+    by_recipe = zip(recipes.tolist(), drawn.tolist(), strict=True)
+    for row, (recipe, entities) in enumerate(by_recipe):
+        others = [entity for entity in dict.fromkeys(entities) if entity not in recipe]
+        if len(others) < amount:
+            # In a small book, nearly all draws may repeat a few entities.
+            rest = [each for each in rng.permutation(size).tolist() if each not in recipe]
+            others = list(dict.fromkeys([*others, *rest]))
+        chosen = others[:amount]
+        tables[row, 2 : 2 + len(chosen)] = chosen
+    return tables
+
+
+def _codes(a: Ids, b: Ids, result: Ids, size: int) -> Ids:
+    """Return a number for each recipe, whatever the order of its ingredients."""
+    smaller = np.minimum(a, b)
+    larger = np.maximum(a, b)
+    return (smaller * size + larger) * size + result
+
+
+def _seed_of(seed: int, left_out: Collection[int]) -> int:
+    """Return a seed for the scorer without these folds."""
+    rng = np.random.default_rng([seed, *sorted(left_out)])
+    return int(rng.integers(2**31))
+
+
+def _tensor(array: NDArray[np.generic]) -> Tensor:
+    return torch.from_numpy(array)

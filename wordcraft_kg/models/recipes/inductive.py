@@ -13,109 +13,68 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, UnknownEntityError
 from wordcraft_kg.base.feature_spec import FeatureSpec
 from wordcraft_kg.base.labels import LabelIndex
 from wordcraft_kg.base.settings import nearest
 from wordcraft_kg.graphs.recipes import check_label
-from wordcraft_kg.models.recipes.base import Base
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import knowledge_from, scorer_tensors
-from wordcraft_kg.models.scorers.config import check_dense
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.features import ENCODE, EntityFeatures, make_features, named
-from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
-from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
-from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.models.scorers.scorer import Scorer
 from wordcraft_kg.runs.config_file import CONFIG_FILE
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.record import read_finished_run
 
-
-def extended(scorer: Scorer, labels: Sequence[str], text: Tensor) -> RecipeScorer:
-    """Return a copy of a recipe scorer that scores n more entities, described by words alone.
-
-    Recipes and rankers stay, and old entities keep the same scores, up to rounding in 16-bit
-    tables.
-
-    Args:
-        scorer: scores E entities; of a cross-fitted scorer, the main scorer is extended.
-        labels: the new entities, which get ids from E on.
-        text: word vector cosines by id, shape (E + n, E + n).
-
-    Raises:
-        ConfigError: if the scorer has another kind, a label is invalid or known, or there are too
-            many entities.
-        ArtefactError: if the link rankers do not fit the link features.
-    """
-    whole = whole_of(scorer)
-    if not isinstance(whole, RecipeScorer):
-        raise _other_kind(scorer)
-    entities = _with_labels(whole, labels)
-    if text.shape != (len(entities), len(entities)):
-        raise ConfigError(
-            f"text has shape {tuple(text.shape)}; expected word cosines for all {len(entities)} "
-            "entities."
-        )
-    check_dense("a recipe scorer", len(entities))
-    combines, component = (Ranker(**weights) for weights in whole.link_rankers.values())
-    rankers = (combines, component)
-    recipes = whole.recipes.numpy().astype("int64")
-    try:
-        knowledge = knowledge_from(Base.of(recipes, text), rankers)
-    except RuntimeError:  # matrix shapes do not match
-        raise ArtefactError(
-            f"the link rankers in {scorer.name} are damaged. Train the model again."
-        ) from None
-    constants = whole.knowledge.constants()
-    # The first axis is that of the models, and the main scorer has one.
-    weights = {name: constants[name][0].cpu() for name in constants if name in RANKER}
-    knowledge = knowledge.with_ranker(Ranker(**weights))
-    return RecipeScorer(
-        scorer_tensors(knowledge, rankers, recipes),
-        entities,
-        f"{whole.graph_hash} and {len(labels)} more",
-        device=whole.device,
-        name=scorer.name,
-    )
+_NEAREST = 8
+"""Labels whose sentence vectors stand for that of a new label."""
+_POWER = 4
+"""Power of their GloVe cosines: the nearest ones count."""
 
 
-def extended_lists(
-    scorer: NeighbourRecipeScorer,
+def extended(
+    scorer: Scorer,
     labels: Sequence[str],
     vectors: NDArray[np.floating],
-) -> NeighbourRecipeScorer:
-    """Return a copy of a scorer by neighbour lists that scores n more entities.
+) -> RecipeScorer:
+    """Return a copy of a recipe scorer that scores n more entities, described by words alone.
 
     Old entities keep their lists, and so their scores up to rounding; the lists of new entities
     name old and new ones.
 
     Args:
-        scorer: scores E entities.
+        scorer: scores E entities; of a cross-fitted scorer, the main scorer is extended.
         labels: the new entities, which get ids from E on.
         vectors: their unit word vectors, shape (n, D).
 
     Raises:
-        ConfigError: if a label is invalid or known.
+        ConfigError: if the scorer has another kind, or a label is invalid or known.
     """
-    constants = scorer.knowledge.constants()
+    whole = whole_of(scorer)
+    if not isinstance(whole, RecipeScorer):
+        raise _other_kind(scorer)
+    entities = _with_labels(whole, labels)
+    constants = whole.knowledge.constants()
+    old = constants["vectors"].cpu()
+    if vectors.shape != (len(labels), old.shape[1]):
+        raise ConfigError(
+            f"`vectors` have shape {vectors.shape}; expected ({len(labels)}, {old.shape[1]}), a "
+            "vector for each new entity, of the length of the model's vectors."
+        )
     # Half precision, as the vectors of old entities are stored.
-    new = torch.from_numpy(vectors.astype(np.float16))
-    every = torch.cat([constants["vectors"].cpu(), new])
-    size = len(scorer.entities)
+    every = torch.cat([old, torch.from_numpy(vectors.astype(np.float16))])
+    size = len(whole.entities)
     near = constants["near_words"].cpu()
     of_new = nearest_words(every.float().numpy(), near.shape[1], first=size)
     near_words = torch.cat([near, torch.from_numpy(of_new)])
-    return NeighbourRecipeScorer(
+    return RecipeScorer(
         constants | {"vectors": every, "near_words": near_words},
-        _with_labels(scorer, labels),
-        f"{scorer.graph_hash} and {len(labels)} more",
-        device=scorer.device,
+        entities,
+        f"{whole.graph_hash} and {len(labels)} more",
+        device=whole.device,
         name=scorer.name,
     )
 
@@ -196,8 +155,8 @@ def with_words(
 ) -> RecipeScorer:
     """Return a copy of a model's scorer that scores new entities by the words in the labels.
 
-    For a model with the built-in ``minilm`` vectors, a label outside the built-in books is compared
-    by GloVe.
+    For a model with the built-in ``minilm`` vectors, a label outside the built-in books gets the
+    mean vector of the labels that GloVe finds most similar.
 
     Args:
         folder: the model's folder, written by ``train-recipes``.
@@ -261,20 +220,16 @@ def with_words(
             f"`features` {words} have changed since '{folder}' was trained, so new words cannot be "
             "compared with the entities. Restore the vector file, or train again."
         )
-    whole = whole_of(scorer)
-    text = torch.empty(0)
+    vectors = features.unit_vectors
     known = features.known
-    # Neighbour lists are found from vectors: cosines of all pairs of a large book have no room.
-    if not isinstance(whole, NeighbourRecipeScorer):
-        text, known = _compared(features, words, every)
+    if words == "minilm":
+        vectors, known = _completed(features, every)
     why = _why_unknown(words)
     # The error names the first label without a vector.
     for label, is_known in zip(labels, known[size:], strict=True):
         if not (is_known or allow_missing):
             raise unknown(label, why)
-    if isinstance(whole, NeighbourRecipeScorer):
-        return extended_lists(whole, labels, features.unit_vectors[size:])
-    return extended(scorer, labels, text)
+    return extended(scorer, labels, vectors[size:])
 
 
 def _why_unknown(words: str) -> str:
@@ -290,24 +245,30 @@ def _why_unknown(words: str) -> str:
     return f"No word in this label has a vector in {words}."
 
 
-def _compared(
+def _completed(
     features: EntityFeatures,
-    words: str,
     labels: Sequence[str],
-) -> tuple[Tensor, NDArray[np.bool_]]:
-    """Return word cosines of all pairs, (N, N), and whether each label has a vector, (N,).
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return unit vectors (N, D), and whether each label has one, (N,).
 
-    Labels without built-in sentence vectors, which only the built-in books' labels have, are
-    compared by GloVe.
+    Labels without built-in sentence vectors, which only the built-in books' labels have, get the
+    mean vector of the labels that GloVe finds most similar, weighted by these cosines to the power
+    :data:`_POWER`.
+
+    Args:
+        features: the built-in sentence vectors.
+        labels: the N labels.
     """
-    text = cosines(torch.tensor(features.vectors))
-    known = features.known
-    if words != "minilm":
-        return text, known
     glove = make_features("glove", labels, allow_missing=True)
-    alike = cosines(torch.tensor(glove.vectors))
-    new = torch.from_numpy(~known).nonzero()[:, 0]
-    # Rows and columns: also a pair with an old label is compared by one kind of vectors.
-    text[new] = alike[new]
-    text[:, new] = alike[:, new]
-    return text, known | glove.known
+    known = features.known
+    vectors = features.unit_vectors.copy()
+    new = np.flatnonzero(~known & glove.known)
+    cosines = glove.unit_vectors[new] @ glove.unit_vectors[known].T
+    weights = np.maximum(cosines, 0) ** _POWER
+    # All but the largest weights of a row are 0.
+    number = min(_NEAREST, weights.shape[1])
+    least = np.partition(weights, -number, axis=1)[:, -number, None]
+    mean = (weights * (weights >= least)) @ vectors[known]
+    norms = np.linalg.norm(mean, axis=1, keepdims=True)
+    vectors[new] = mean / np.maximum(norms, np.finfo(np.float32).tiny)
+    return vectors, known | glove.known

@@ -33,13 +33,11 @@ from wordcraft_kg.models.knowledge.folder import (
     knowledge_files,
     read_knowledge,
 )
-from wordcraft_kg.models.recipes.base import Base, LinkTables, features_of_pairs, features_of_parts
-from wordcraft_kg.models.recipes.method import check_lists, uses_lists
-from wordcraft_kg.models.scorers.config import check_dense
+from wordcraft_kg.models.recipes.fitting import LinkTables, Words, word_features
+from wordcraft_kg.models.recipes.memory import check_lists
 from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
 from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
-from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 
 _OF_A_BOOK = ("graph", "split", "overrides")
 """Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the
@@ -256,32 +254,8 @@ def _of_book(
     size = opened.graph.num_entities
     book = open_other_book(spec, opened)
     book, vectors = with_words_of(book, opened, features, allow_missing=allow_missing)
-    if uses_lists(len(book.labels)):
-        return _by_lists(book, vectors, size), book.source
-    base = Base.of(book.recipes, text_of(vectors))
-
-    def own(tables: Sequence[Tensor]) -> list[Tensor]:
-        # The graph's entities come first. A view would keep the tables of all entities.
-        return [table[:size, :size].contiguous() for table in tables]
-
-    tables = LinkTables(own(features_of_pairs(base)), own(features_of_parts(base)))
-    return tables, book.source
-
-
-def _by_lists(book: OtherBook, vectors: EntityFeatures, size: int) -> LinkTables:
-    """Return link features from a book that is too large for tables of all its pairs.
-
-    Its neighbour lists are made with all entities; the tables are of the graph's entities alone.
-
-    Args:
-        book: recipes over the graph's entities, which come first, and those of the book alone.
-        vectors: word vectors of all of them.
-        size: the graph's entities E.
-    """
-    words = np.zeros((len(book.labels), 0), dtype=np.float32)
-    if not vectors.is_one_hot:
-        words = vectors.unit_vectors.astype(np.float32)
-    rows = LinkRows(make_lists(book.recipes, words, nearest_words(words)))
+    # The book's lists are made with all entities; the tables are of the graph's entities alone.
+    rows = LinkRows(Words.of(vectors).lists(book.recipes))
     pairs: list[Tensor] = []
     parts: list[Tensor] = []
     # A block has the links of its entities with all entities of both books.
@@ -291,7 +265,8 @@ def _by_lists(book: OtherBook, vectors: EntityFeatures, size: int) -> LinkTables
     # combinesWith is symmetric, and its features are so but for rounding.
     both = torch.cat(pairs)
     of_pairs = (both + both.transpose(0, 1)) / 2
-    return LinkTables(_by_feature(of_pairs), _by_feature(torch.cat(parts)))
+    tables = LinkTables(_by_feature(of_pairs), _by_feature(torch.cat(parts)))
+    return tables, book.source
 
 
 def _by_feature(features: Tensor) -> tuple[Tensor, ...]:
@@ -328,10 +303,7 @@ def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False)
     own = {label: index.find(label) for label in other.entities}
     rest = [label for label, entity in own.items() if entity is None]
     labels = (*graph.entities, *rest)
-    if uses_lists(len(labels)):
-        check_lists(len(labels), other.num_recipes, _DIM, 1)
-    else:
-        check_dense("a recipe scorer with another book", len(labels))
+    check_lists(len(labels), other.num_recipes, _DIM, 1)
     new = {label: graph.num_entities + row for row, label in enumerate(rest)}
     places = [new[label] if entity is None else entity for label, entity in own.items()]
     ids = np.array(places, dtype=np.int64)
@@ -376,7 +348,7 @@ def with_words_of(
         features: word vectors.
         allow_missing: use zeros for labels without a vector.
     """
-    vectors = make_features(features, book.labels, allow_missing=allow_missing)
+    vectors = word_features(features, book.labels, allow_missing=allow_missing)
     held_out = opened.graph.recipes[~opened.split.is_in("train")]
     reworded = _reworded(book.recipes, held_out, vectors)
     return book._replace(source=replace(book.source, reworded=reworded)), vectors

@@ -4,7 +4,6 @@ One is fitted on all train recipes, and for cross-fitting one without each fold 
 parallel if there are enough CPU cores. A resumed run makes only fits that were not finished.
 """
 
-import hashlib
 import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,7 +19,6 @@ from torch import Tensor
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.base.settings import memory
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
@@ -33,38 +31,36 @@ from wordcraft_kg.graphs.train_samples import (
     is_subsample,
 )
 from wordcraft_kg.graphs.triples import triples_hash
-from wordcraft_kg.models.recipes.base import LinkTables
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
-from wordcraft_kg.models.recipes.fitting import fit_recipe_scorer, scorer_tensors
-from wordcraft_kg.models.recipes.method import MOST_WITH_TABLES, check_lists, uses_lists
-from wordcraft_kg.models.recipes.neighbour_fitting import LeftOut, Words, fit_by_neighbours
+from wordcraft_kg.models.recipes.fitting import (
+    LeftOut,
+    Words,
+    fit_recipe_scorers,
+    word_features,
+)
+from wordcraft_kg.models.recipes.memory import check_lists
 from wordcraft_kg.models.recipes.outside import (
     describe_source,
     is_book,
     open_outside,
     shared_recipes,
-    text_of,
 )
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
-from wordcraft_kg.models.scorers.config import check_dense, fit_bytes
-from wordcraft_kg.models.scorers.features import make_features, named
+from wordcraft_kg.models.scorers.config import check_table
+from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
-from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
+from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
-from wordcraft_kg.runs.parallel import cores, not_done, train_jobs
+from wordcraft_kg.runs.parallel import cores
 from wordcraft_kg.runs.trackers import Log
 from wordcraft_kg.runs.training import Training, train
 
 OUTPUTS = ("model.safetensors", "vocabulary.json", "config.toml", "metrics.json")
-ALONE = 1_000
-"""Largest number of recipes for a single process: starting another one takes as long as a fit."""
-_STEPS = 3
-"""Steps of a fit besides those for its folds: the unknown entities, and two link rankers."""
 
 
 @dataclass(frozen=True)
@@ -107,27 +103,6 @@ def train_recipes(
         torch.Size([])
     """
     return train(RecipesTraining, config, out, force=force, progress=progress)
-
-
-def _fit_bytes(opened: OpenedGraph, settings: RecipeScorerConfig) -> int:
-    """Return the bytes of memory that a fit by tables takes."""
-    graph = opened.graph
-    return fit_bytes(graph.num_entities, graph.num_recipes, settings.folds)
-
-
-def _check_fit(opened: OpenedGraph, settings: RecipeScorerConfig) -> None:
-    """Raise ConfigError if a fit by tables does not fit into memory."""
-    check_dense("a recipe scorer", opened.graph.num_entities, _fit_bytes(opened, settings))
-
-
-def _check_outside(opened: OpenedGraph, settings: RecipeScorerConfig) -> None:
-    """Raise ConfigError for outside knowledge, whose tables would be too large for a large book."""
-    size = opened.graph.num_entities
-    if settings.with_ or settings.kg == "none":
-        raise ConfigError(
-            f"`with` {', '.join(settings.with_)} is compared with all pairs of {size:,} entities; "
-            f"expected at most {MOST_WITH_TABLES:,}. Leave out `with`, or use a smaller graph."
-        )
 
 
 def _folds(
@@ -209,70 +184,6 @@ def _threads(number: int) -> Iterator[None]:
         yield
 
 
-@dataclass(frozen=True)
-class _Job:
-    """A fit by tables, in this process or another one.
-
-    Attributes:
-        folder: model folder.
-        fold: number of the fit: 0 with all recipes, k + 1 without fold k.
-        folds: folds of the training recipes.
-        text: word cosines, shape (E, E).
-        outside: features from outside knowledge.
-        own: entities of a zero-shot scorer, shape (n,): those of the graph in a joint graph. None
-            for other scorers.
-        settings: settings of the scorer.
-    """
-
-    folder: Path
-    fold: int
-    folds: Folds
-    text: Tensor
-    outside: LinkTables
-    own: Tensor | None
-    settings: RecipeScorerConfig
-
-    @property
-    def left_out(self) -> tuple[int, ...]:
-        """The fold that is left out, if any."""
-        return (self.fold - 1,) if self.fold else ()
-
-    @property
-    def done(self) -> FitDone:
-        """The record of the finished fit."""
-        return FitDone(trained_on=triples_hash(self.folds.triples(self.left_out)))
-
-    def train(self, after: Callable[[int], None]) -> None:
-        """Fit and save; ``after`` is called with the number of steps done."""
-        steps = 0
-
-        def step() -> None:
-            nonlocal steps
-            steps += 1
-            after(steps)
-
-        recipes = self.folds.recipes(self.left_out)
-        with _threads(self.settings.threads):
-            if len(recipes):
-                knowledge, rankers = fit_recipe_scorer(
-                    self.folds,
-                    self.text,
-                    outside=self.outside,
-                    left_out=self.left_out,
-                    seed=self.settings.seed,
-                    after=step,
-                )
-            else:
-                knowledge, rankers = tables_alone(self.outside, self.text)
-        # A zero-shot scorer is fitted on a joint graph, and saved for the graph alone.
-        if self.own is not None:
-            knowledge = knowledge.of_entities(self.own)
-            # Ids of other books' recipes mean nothing in the graph.
-            recipes = recipes[:0]
-        tensors = scorer_tensors(knowledge, rankers, recipes)
-        _kept(self.folder).save(self.fold, tensors, self.done)
-
-
 def _kept(folder: Path) -> Checkpoints[FitDone]:
     """Return the saved fits of a run: all are kept until it ends."""
     return Checkpoints(folder, "fit", FitDone, kept=None)
@@ -283,15 +194,12 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
 
     Attributes:
         kind: the kind of run.
-        uses_lists: whether fits are by neighbour lists, not by tables.
         without: books whose recipes are left out.
         own: the graph's entities in a joint graph, shape (E,); None unless ``kg`` is none.
         folds: folds of the training recipes.
         outside: outside knowledge.
-        words: word vectors; minilm or glove if the setting is auto.
-        features: hash of the vectors.
-        text: word cosines, shape (E, E); for tables only.
-        vectors: unit word vectors, shape (E, D); for neighbour lists only.
+        words: name of the word vectors; minilm or glove if the setting is auto.
+        features: the word vectors.
     """
 
     kind: ClassVar[RunKind[Any]] = RunKind(
@@ -315,12 +223,9 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         super().__init__(config, opened)
         settings = config.settings
         sources = (settings.with_, opened, settings.features)
-        self.uses_lists = uses_lists(opened.graph.num_entities)
-        # Limits of memory first: files are read and folds drawn only for a fit that can be made.
-        if self.uses_lists:
-            _check_outside(opened, settings)
-        else:
-            _check_fit(opened, settings)
+        # Outside knowledge is tables of all pairs: said before files are read and folds drawn.
+        if settings.with_:
+            check_table("outside knowledge (`with`)", opened.graph.num_entities)
         self.without = [open_graph(book).graph for book in settings.without]
         self.own: Tensor | None = None
         with _threads(settings.threads):
@@ -331,39 +236,17 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                     allow_missing=settings.allow_missing,
                 )
                 opened, self.own, self.folds, self.outside = joint
-                # Again, with the entities of the other books.
-                _check_fit(opened, settings)
             else:
                 self.folds = _folds(opened, settings, self.without)
                 self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
-            self.words = named(settings.features, opened.graph.entities)
-            if self.uses_lists:
-                self._read_words(opened.graph)
-                return
-            features = make_features(
-                self.words,
-                opened.graph.entities,
-                allow_missing=settings.allow_missing,
-            )
-            self._bytes = _fit_bytes(opened, settings)
-            self.text = text_of(features)
-            self.features = features.sha256
-
-    def _read_words(self, graph: RecipeGraph) -> None:
-        """Set the unit vectors for neighbour lists; ConfigError if memory does not suffice."""
-        if self.words == "one-hot":
-            # No words: E x E vectors would say the same, at the cost of all pairs.
-            self.vectors = np.zeros((graph.num_entities, 0), dtype=np.float32)
-            self.features = hashlib.sha256(f"one-hot {graph.num_entities}".encode()).hexdigest()
-        else:
-            features = make_features(
-                self.words,
-                graph.entities,
-                allow_missing=self.config.settings.allow_missing,
-            )
-            self.vectors = features.unit_vectors
-            self.features = features.sha256
-        dim = self.vectors.shape[1]
+        graph = opened.graph
+        self.words = named(settings.features, graph.entities)
+        self.features = word_features(
+            self.words,
+            graph.entities,
+            allow_missing=settings.allow_missing,
+        )
+        dim = self.features.vectors.shape[1]
         check_lists(graph.num_entities, len(self.folds.recipes()), dim, cores())
 
     def begin(  # noqa: D102 - inherited
@@ -372,7 +255,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         report: Progress | None,
     ) -> Mapping[str, Any]:
         settings = self.config.settings
-        inputs = {"features": self.features, **self._outside_hashes()}
+        inputs = {"features": self.features.sha256, **self._outside_hashes()}
         # The inputs are in the run's record: a resumed run compares those that files may change.
         inputs |= {f"without {other.name}": other.hash for other in self.without}
         if settings.kg == "partial":
@@ -400,7 +283,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     ) -> TrainedRecipes:
         settings = self.config.settings
         if not run.is_live:
-            inputs = {"features": self.features, **self._outside_hashes()}
+            inputs = {"features": self.features.sha256, **self._outside_hashes()}
             for name, sha256 in inputs.items():
                 if sha256 != run.record.inputs.get(name):
                     raise ArtefactError(
@@ -410,18 +293,17 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             run.resume(self.config)
         began = time.perf_counter()
         kept = _kept(run.path)
-        fit = self._fit_lists if self.uses_lists else self._fit_tables
-        fit(run, report, kept)
+        self._fit_all(run, report, kept)
         with _threads(settings.threads):
             return self._finish(run, kept, time.perf_counter() - began)
 
-    def _fit_lists(
+    def _fit_all(
         self,
         run: RunFolder[FitDone],
         report: Progress | None,
         kept: Checkpoints[FitDone],
     ) -> None:
-        """Make and save all fits that are not saved yet, by neighbour lists."""
+        """Make and save all fits that are not saved yet."""
         settings = self.config.settings
         folds = self.folds
         number = folds.count if settings.kg == "partial" else 0
@@ -443,20 +325,12 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
 
         try:
             with _threads(settings.threads):
-                words = Words.of(self.vectors)
-                fitted = fit_by_neighbours(
-                    folds,
-                    words,
-                    wanted,
-                    seed=settings.seed,
-                    workers=cores(),
-                    after=after,
-                )
-                for left_out, knowledge in fitted:
+                words = Words.of(self.features)
+                for left_out, knowledge in self._fitted(words, wanted, after):
                     tensors = dict(knowledge.constants())
                     if left_out:
                         # The main model has the words for all folds.
-                        for name in NeighbourRecipeScorer.shared:
+                        for name in RecipeScorer.shared:
                             tensors.pop(name, None)
                     trained_on = triples_hash(folds.triples(left_out))
                     done = FitDone(trained_on=trained_on)
@@ -466,50 +340,40 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         if report:
             report(total, total, {})
 
+    def _fitted(
+        self,
+        words: Words,
+        wanted: Sequence[LeftOut],
+        after: Callable[[], None],
+    ) -> Iterator[tuple[LeftOut, NeighbourKnowledge]]:
+        """Yield the folds left out and the knowledge fitted without them, for each wanted fit.
+
+        Args:
+            words: word vectors of all entities.
+            wanted: folds to leave out, () for none.
+            after: called after each set of lists.
+        """
+        if not len(self.folds.recipes()):
+            yield (), tables_alone(self.outside.tables, words)
+            return
+        settings = self.config.settings
+        fitted = fit_recipe_scorers(
+            self.folds,
+            words,
+            wanted,
+            outside=self.outside.tables,
+            seed=settings.seed,
+            workers=cores(),
+            after=after,
+        )
+        for left_out, knowledge in fitted:
+            # A zero-shot scorer is fitted on a joint graph, and saved for the graph alone.
+            yield left_out, knowledge if self.own is None else knowledge.of_entities(self.own)
+
     def _interrupted(self, run: RunFolder[FitDone], saved: int, number: int) -> KeyboardInterrupt:
         """Return the exception that ends a run: ``saved`` of ``number`` fits are saved."""
         done = f"interrupted; {saved} of {number} fits are saved in '{run.path}'."
         return KeyboardInterrupt(f"{done} Repeat the command to make the rest.")
-
-    def _fit_tables(
-        self,
-        run: RunFolder[FitDone],
-        report: Progress | None,
-        kept: Checkpoints[FitDone],
-    ) -> None:
-        """Make and save all fits that are not saved yet, by tables of all pairs."""
-        settings = self.config.settings
-        folds = self.folds
-        number = folds.count if settings.kg == "partial" else 0
-        tables = self.outside.tables
-        jobs = [
-            _Job(run.path, fold, folds, self.text, tables, self.own, settings)
-            for fold in range(1 + number)
-        ]
-        waiting = not_done(jobs, kept)
-        steps_of_fit = settings.folds + _STEPS
-        total = len(jobs) * steps_of_fit
-        # Steps by fit; a saved fit has all.
-        so_far = {job.fold: steps_of_fit for job in jobs if job not in waiting}
-
-        def note(fold: int | None = None, steps: int = 0) -> None:
-            if run.interrupted.is_set():
-                raise KeyboardInterrupt
-            if fold is not None:
-                so_far[fold] = steps
-                if report:
-                    report(sum(so_far.values()), total, {})
-
-        # Parallel fits only if all have memory and each takes longer than a process's start.
-        at_once = min(len(waiting), max(cores() // settings.threads, 1))
-        fits_memory = at_once * self._bytes <= memory()
-        is_long = len(folds.recipes()) > ALONE and fits_memory
-        try:
-            train_jobs(waiting, settings.threads, note, is_long=is_long)
-        except KeyboardInterrupt:
-            raise self._interrupted(run, len(kept.records()), len(jobs)) from None
-        if report:
-            report(total, total, {})
 
     def _finish(
         self,
@@ -522,20 +386,19 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         settings = self.config.settings
         folds = self.folds
         tensors = kept.read(0).tensors
-        scorer: type[RecipeScorer] = NeighbourRecipeScorer if self.uses_lists else RecipeScorer
-        write_scorer(run.path, scorer.kind, tensors, graph)
+        write_scorer(run.path, RecipeScorer.kind, tensors, graph)
         outputs: tuple[str, ...] = OUTPUTS
         record = None
         if settings.kg == "partial":
             # Tensors that are the same in all fits are saved with the main model alone.
-            shared = {name: tensors[name] for name in scorer.shared}
+            shared = {name: tensors[name] for name in RecipeScorer.shared}
 
             def part(fold: int) -> tuple[str, dict[str, Tensor]]:
                 fit = kept.read(fold + 1)
                 return fit.progress.trained_on, shared | fit.tensors
 
-            whole = scorer(tensors, graph.entities, graph.hash)
-            record = write_folds(run.path, folds, whole, scorer.kind, part)
+            whole = RecipeScorer(tensors, graph.entities, graph.hash)
+            record = write_folds(run.path, folds, whole, RecipeScorer.kind, part)
             outputs += FOLD_OUTPUTS
         # Scores of link prediction are measured only where there are models without each fold.
         metrics = RecipeMetrics(

@@ -18,9 +18,9 @@ from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.graphs.train_samples import TrainSample
+from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.knowledge.folder import KNOWLEDGE, check_same_split
-from wordcraft_kg.models.recipes.base import LinkTables
-from wordcraft_kg.models.recipes.fitting import LinkRankers
+from wordcraft_kg.models.recipes.fitting import LinkTables, Words
 from wordcraft_kg.models.recipes.outside import (
     OtherBook,
     OutsideKnowledge,
@@ -29,7 +29,7 @@ from wordcraft_kg.models.recipes.outside import (
     open_outside,
     with_words_of,
 )
-from wordcraft_kg.models.scorers.pair_features import FEATURES, RecipeKnowledge, knowledge_of
+from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, NeighbourKnowledge
 from wordcraft_kg.models.scorers.ranker import Ranker
 
 
@@ -126,14 +126,14 @@ def _joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGrap
     return OpenedGraph(graph, split, opened.source), place
 
 
-def tables_alone(outside: LinkTables, text: Tensor) -> tuple[RecipeKnowledge, LinkRankers]:
+def tables_alone(outside: LinkTables, words: Words) -> NeighbourKnowledge:
     """Return a scorer of mean standardised tables: ``parts[a, c] + parts[b, c] + pairs[a, b]``.
 
     Args:
         outside: the tables, shape (E, E) each.
-        text: word cosines, shape (E, E); they are kept, and have weight 0.
+        words: word vectors; they are kept, and have weight 0.
     """
-    size = len(text)
+    size = len(words.vectors)
 
     def mean(tables: Sequence[Tensor]) -> Tensor:
         if not tables:
@@ -141,23 +141,14 @@ def tables_alone(outside: LinkTables, text: Tensor) -> tuple[RecipeKnowledge, Li
         scaled = [torch.from_numpy(standardised(table.numpy(), None)).float() for table in tables]
         return torch.stack(scaled).mean(0)
 
-    links = (mean(outside.pairs), mean(outside.parts))
+    pairs = mean(outside.pairs)
+    parts = mean(outside.parts)
     no_recipes = np.empty((0, 3), dtype=np.int64)
-    no_kernel = torch.zeros(size, size)
-    knowledge = knowledge_of(no_recipes, no_kernel, text, links, links)
+    knowledge = NeighbourKnowledge.of_recipes(no_recipes, words.vectors, words.near)
+    tables = {COMBINES_WITH: pairs, COMPONENT_OF: parts}
     # A ranker that adds two features with two hidden units: relu(x) - relu(-x) is x.
     signs = torch.tensor([1.0, -1.0])
     first = torch.zeros(len(FEATURES), 2)
-    first[[FEATURES.index("link_sum"), FEATURES.index("pair_link")]] = signs
+    first[[FEATURES.index("component_sum"), FEATURES.index("combines_pair")]] = signs
     ranker = Ranker(first, torch.zeros(2), signs.clone(), torch.zeros(()))
-    return knowledge.with_ranker(ranker), (_unused_ranker(), _unused_ranker())
-
-
-def _unused_ranker() -> Ranker:
-    """Return a ranker of one feature, with weights 0: a model file has one for each relation."""
-    return Ranker(
-        torch.zeros(1, 1),
-        torch.zeros(1),
-        torch.zeros(1),
-        torch.zeros(()),
-    )
+    return knowledge.with_link_tables(tables).with_ranker(ranker)

@@ -2,14 +2,14 @@
 
 Read ``protocol`` first (the interface), then ``scorer`` (the base class: labels to ids). The kinds
 are ``factors`` (score tables, and ComplEx embeddings), ``baselines`` (facts, counts, neighbours and
-votes, nothing learned), ``kernel`` (closed form) and ``recipes`` (scores for whole recipes). Their
-features follow the interface of ``pair_knowledge``: ``pair_features`` from tables of all pairs, the
-room ``neighbours`` from lists, for large books; a ``ranker`` makes scores of them, and
-``recipe_curve`` probabilities. ``cross_fitting`` joins models of all folds, ``folder``
-loads and writes trained scorers, ``scales`` maps scores to a common scale, ``calibration`` to
-probabilities, ``ranking`` evaluates test triples, ``roles`` and ``link_evidence`` explain scores by
-similar entities and links, ``features`` provides entity vectors, and ``near_synonyms`` finds test
-recipes that reword a train recipe. ``config`` holds limits and settings, without torch.
+votes, nothing learned), ``kernel`` (closed form) and ``recipes`` (scores for whole recipes). The
+features of recipes come from the neighbour lists of the room ``neighbours``; a ``ranker`` makes
+scores of them (``pair_knowledge``), and ``recipe_curve`` probabilities. ``cross_fitting`` joins
+models of all folds, ``folder`` loads and writes trained scorers, ``scales`` maps scores to a common
+scale, ``calibration`` to probabilities, ``ranking`` evaluates test triples, ``roles`` and
+``link_evidence`` explain scores by similar entities and links, ``features`` provides entity
+vectors, and ``near_synonyms`` finds test recipes that reword a train recipe. ``config`` holds
+limits and settings, without torch.
 
 A new scorer is a subclass of ``Scorer`` with ``_score``; it needs no line elsewhere. Change
 anything inside a file freely, but not the formats that ``folder`` and the records write (old

@@ -46,6 +46,8 @@ SEGMENTS = (3.0, 6.0)
 """Log-odds at which the slope may change: the best 5 % and the best .25 % of all pairs."""
 MAX_CELLS = 2**20
 """Pairs of different entities scored per relation; more pairs are sampled uniformly."""
+_HEADS = 4_096
+"""Entities whose pairs are sampled in a larger book."""
 _MIN_TRUE = 10
 """Fewest true and fewest false triples for a curve; below, only the base rate is fitted."""
 _MIN_GAIN = 3.0
@@ -521,26 +523,37 @@ def _bin(log_odds: _Floats) -> Ids:
 
 def _cells(size: int, relation: int, seed: int) -> tuple[Ids, _Floats]:
     """Return sampled triples with all self pairs, and weights: how many triples each represents."""
-    everything = np.arange(size)
+    rng = np.random.default_rng([seed, relation])
     pairs = size * (size - 1)
+    entities = np.arange(size)
     if pairs <= MAX_CELLS:
         number = np.arange(pairs)
+    elif size <= _HEADS:
+        number = _distinct(rng.integers(pairs, size=MAX_CELLS))
     else:
-        rng = np.random.default_rng([seed, relation])
-        # numpy's `unique` hashes, which takes eight times as long as to sort a million numbers.
-        drawn = np.sort(rng.integers(pairs, size=MAX_CELLS))
-        number = drawn[np.append(True, drawn[1:] > drawn[:-1])]
+        # Scores of an entity with many others cost little more than with one.
+        entities = np.sort(rng.choice(size, _HEADS, replace=False))
+        columns = rng.integers(size - 1, size=(_HEADS, MAX_CELLS // _HEADS))
+        number = _distinct((entities[:, None] * (size - 1) + columns).ravel())
     # Pair numbers count through a table without its diagonal, E - 1 columns wide.
     heads, column = np.divmod(number, max(size - 1, 1))
     tails = column + (column >= heads)
-    heads = np.concatenate([heads, everything])
-    tails = np.concatenate([tails, everything])
-    # A sampled pair stands for several pairs, a self pair for itself.
-    weight = pairs / max(len(number), 1)
-    of_pairs = np.full(len(number), weight)
-    weights = np.concatenate([of_pairs, np.ones(size)])
+    heads = np.concatenate([heads, entities])
+    tails = np.concatenate([tails, entities])
+    # A sampled pair, or self pair, stands for several ones.
+    of_pairs = np.full(len(number), pairs / max(len(number), 1))
+    of_entities = np.full(len(entities), size / max(len(entities), 1))
+    weights = np.concatenate([of_pairs, of_entities])
     relations = np.full(len(heads), relation)
     return np.column_stack([heads, relations, tails]), weights
+
+
+def _distinct(numbers: Ids) -> Ids:
+    """Return distinct numbers, ascending."""
+    # numpy's `unique` hashes, which takes eight times as long as to sort a million numbers.
+    drawn = np.sort(numbers)
+    is_new: Ids = drawn[np.append(True, drawn[1:] > drawn[:-1])]
+    return is_new
 
 
 def _scores(scorer: TripleScorer, triples: Ids) -> _Floats:

@@ -12,9 +12,6 @@ from torch import Tensor
 from wordcraft_kg.graphs.triples import RELATIONS
 from wordcraft_kg.models.scorers.scorer import Scorer, StoredScorer, check_shapes
 
-_PAIRS = 2**16
-"""Pairs whose factors are in memory at once."""
-
 
 class TableScorer(StoredScorer):
     """A scorer with a score table, shape (R, E, E): by relation, head and tail, for E entities.
@@ -115,7 +112,7 @@ class ComplExScorer(StoredScorer):
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
         # Grids of queries and candidates are one matrix product; the plain formula would build a
         # (B, E, d) tensor.
-        is_grid, is_turned = _grids(heads, relations, tails)
+        is_grid, is_turned = grids(heads, relations, tails)
         if is_grid:
             known = self.entity[heads[:, 0]] * self.relation[relations.reshape(-1)]
             return real_dot(known, self.entity[tails[0]])
@@ -158,46 +155,7 @@ class ComplExScorer(StoredScorer):
         }
 
 
-_TABLE_CELLS = 16
-"""Cells of a table, for each wanted pair, up to which one product of all pairs costs less."""
-
-
-def product_scores(
-    left: Tensor,
-    right: Tensor,
-    heads: Tensor,
-    relations: Tensor,
-    tails: Tensor,
-) -> Tensor:
-    """Return ``left[head] · right[tail]``; a grid of queries and candidates is one matrix product.
-
-    Args:
-        left: factors of heads, shape (E, m).
-        right: factors of tails, shape (E, m).
-        heads: ids; the three arguments broadcast against each other.
-        relations: only their shape counts.
-        tails: ids.
-
-    Returns:
-        float, the broadcast shape.
-    """
-    is_grid, is_turned = _grids(heads, relations, tails)
-    if is_grid:
-        return left[heads[:, 0]] @ right[tails[0]].T
-    if is_turned:
-        return right[tails[:, 0]] @ left[heads[0]].T
-    heads, tails, _ = torch.broadcast_tensors(heads, tails, relations)
-    if len(left) * len(right) <= _TABLE_CELLS * heads.numel():
-        return (left @ right.T)[heads, tails]
-    # In blocks, because the factors of all pairs would take (pairs, m) numbers.
-    head_blocks = heads.reshape(-1).split(_PAIRS)
-    tail_blocks = tails.reshape(-1).split(_PAIRS)
-    pairs = zip(head_blocks, tail_blocks, strict=True)
-    scores = [(left[head] * right[tail]).sum(-1) for head, tail in pairs]
-    return torch.cat(scores).view(heads.shape)
-
-
-def _grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:
+def grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:
     """Return whether (B, 1) heads meet (1, N) tails, and whether (1, N) heads meet (B, 1) tails."""
     is_column = relations.ndim == 2 and relations.shape[1] == 1
     if heads.ndim != 2 or tails.ndim != 2 or not (is_column or relations.ndim == 0):

@@ -26,7 +26,6 @@ from wordcraft_kg.models.scorers.calibration import Probabilities, predictions
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
-from wordcraft_kg.models.scorers.neighbours.scorer import NeighbourRecipeScorer
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer, check_scorer
 from wordcraft_kg.models.scorers.ranking import (
     mean_reciprocal_rank,
@@ -49,6 +48,8 @@ FOLD_OUTPUTS = (FOLDS_RECORD, FOLDS_TENSORS, CALIBRATION)
 """Further files of a cross-fitted model."""
 FOLD_TRIPLES = 5_000
 """Most triples of a fold that are ranked, by two models: enough to see that it was left out."""
+FOLD_SCORES = 2**24
+"""Most scores for tails of these triples, but for the first 500: less time in large books."""
 OF_RECIPE = "of_recipe"
 """Name of the tensor with each recipe's fold."""
 TRAIN_RESULTS = "train_results"
@@ -57,7 +58,7 @@ MODEL = "a model folder from train-complex, train-links or train-recipes"
 
 SCORERS: Registry[type[StoredScorer]] = Registry(
     "wordcraft_kg.models",
-    {kind.kind: kind for kind in (ComplExScorer, TableScorer, RecipeScorer, NeighbourRecipeScorer)},
+    {kind.kind: kind for kind in (ComplExScorer, TableScorer, RecipeScorer)},
 )
 """Stored scorers by kind, the key in ``vocabulary.json``."""
 
@@ -328,7 +329,8 @@ def write_folds(
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
         own = recipe_triples(folds.recipes_of(number))
         new = own[~is_in(own, seen, graph.num_entities)]
-        queries = sampled(sampled_for(graph, new), FOLD_TRIPLES)
+        affordable = max(500, FOLD_SCORES // graph.num_entities)
+        queries = sampled(sampled_for(graph, new), min(FOLD_TRIPLES, affordable))
         left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
         histograms.append(predictions(left_out, folds, number))
         # Filtered by all train triples: test recipes must not leak into a model folder.

@@ -7,26 +7,29 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base.records import Record, Share
-from wordcraft_kg.base.tensors import with_prefix
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
-from wordcraft_kg.models.scorers.pair_features import (
+from wordcraft_kg.models.scorers.factors import grids
+from wordcraft_kg.models.scorers.neighbours.knowledge import (
     BUFFERS,
-    EVIDENCE,
     FEATURES,
-    RecipeKnowledge,
+    LINK_FEATURES,
+    LINK_TABLES,
+    NeighbourKnowledge,
 )
-from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, Support
+from wordcraft_kg.models.scorers.pair_knowledge import Support
 from wordcraft_kg.models.scorers.protocol import TripleScorer
-from wordcraft_kg.models.scorers.ranker import RANKER
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
 _ROWS = 4_096
 """Recipes scored at once."""
+_MANY = 8
+"""With more links than a share of 1 / 8, all links are scored: that is faster."""
 _DTYPES = {
-    **dict.fromkeys(("parts", "pairs", "alike", "words"), torch.half),
-    **dict.fromkeys(("numbers", "results", "recipes"), torch.int32),
-    "supporting": torch.int16,
+    "vectors": torch.half,
+    **dict.fromkeys(("near_words", "recipes"), torch.int32),
+    "seen": torch.bool,
+    **dict.fromkeys(LINK_TABLES, torch.half),
 }
 """Stored tensor types, where not float32."""
 
@@ -115,13 +118,14 @@ class RecipeScorer(StoredScorer):
 
     Attributes:
         kind: ``recipes``, the scorer kind in ``vocabulary.json``.
-        knowledge: feature arrays and the recipe ranker.
-        recipes: shape (n, 3), training recipes.
-        link_rankers: link ranker weights by relation, for entities outside the graph.
+        shared: tensors that the models of all folds have in common, stored once.
+        knowledge: recipes, words and rankers.
+        recipes: shape (n, 3), training recipes; none if the scorer learned from other books alone.
     """
 
     kind: ClassVar[str] = "recipes"
-    knowledge: PairKnowledge
+    shared: ClassVar[tuple[str, ...]] = ("vectors", "near_words")
+    knowledge: NeighbourKnowledge
 
     def __init__(
         self,
@@ -145,45 +149,56 @@ class RecipeScorer(StoredScorer):
         """
         super().__init__(entities, graph_hash, **kwargs)
         self.check(tensors, len(self.entities))
-        self.knowledge = self.knowledge_of(tensors).to(self.device).requires_grad_(False)
-        self.recipes = tensors["recipes"]
-        self.link_rankers = {
-            relation: with_prefix(tensors, f"{relation}.") for relation in RELATIONS
-        }
+        knowledge = NeighbourKnowledge(tensors, len(self.entities))
+        self.knowledge = knowledge.to(self.device).requires_grad_(False)
+        # Recipes of other books, whose entities have further ids, are no recipes of the graph.
+        has_others = len(tensors["vectors"]) > len(self.entities)
+        self.recipes = tensors["recipes"][: 0 if has_others else None]
 
-    @staticmethod
-    def knowledge_of(tensors: Mapping[str, Tensor]) -> PairKnowledge:
-        """Return the knowledge in checked tensors."""
-        return RecipeKnowledge(tensors)
+    def tensors(self) -> dict[str, Tensor]:  # noqa: D102 - inherited
+        return self.knowledge.constants()
 
-    def tensors(self) -> dict[str, Tensor]:
-        """Return the tensors, by name, from which :meth:`restored` makes the scorer."""
-        links = {}
-        for relation, ranker in self.link_rankers.items():
-            for name, weights in ranker.items():
-                links[f"{relation}.{name}"] = weights
-        return {**self.knowledge.constants(), **links, "recipes": self.recipes}
+    def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:
+        """Return matrices whose products stand for scores where a table of them has no room.
+
+        They are the kernel regression, one of the link ranker's features.
+
+        Args:
+            relation: relation id or label.
+
+        Returns:
+            ``left`` and ``right``, shape (E, m), float32: a pair scores their product.
+        """
+        lists = self.knowledge.lists()
+        is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
+        size = len(self.entities)
+        left = torch.from_numpy(lists.pair_left if is_pair else lists.left)[:size]
+        right = torch.from_numpy(lists.right)[:size]
+        return left.to(self.device), right.to(self.device)
 
     def _score(self, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
-        of_pairs, of_parts = self._link_tables()
-        is_pair = relations == COMBINES_WITH
-        return torch.where(is_pair, of_pairs[heads, tails], of_parts[heads, tails]).float()
+        # Grids of queries and candidates, as rankings ask for, are whole rows.
+        is_grid, is_turned = grids(heads, relations, tails)
+        if (is_grid or is_turned) and len(relations.unique()) == 1:
+            relation = int(relations.flatten()[0])
+            key, others = (heads[:, 0], tails[0]) if is_grid else (tails[:, 0], heads[0])
+            return self.knowledge.link_scores(relation, key, heads=is_turned)[:, others]
+        heads, relations, tails = torch.broadcast_tensors(heads, relations, tails)
+        scores = torch.zeros(heads.shape, device=self.device)
+        for relation in relations.unique().tolist():
+            is_own = relations == relation
+            own_heads = heads[is_own]
+            own_tails = tails[is_own]
+            # A share of all links that costs as much as all of them.
+            if _MANY * len(own_heads) > len(self.entities) ** 2:
+                scores[is_own] = self.table(relation)[own_heads, own_tails]
+            else:
+                scores[is_own] = self.knowledge.scores_of_links(relation, own_heads, own_tails)
+        return scores
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
-        is_pair = int(self.relation_ids(relation)) == COMBINES_WITH
-        of_pairs, of_parts = self._link_tables()
-        table = of_pairs if is_pair else of_parts
-        # Without the empty slot, which is the last row and column.
-        return table[:-1, :-1].float()
-
-    def _link_tables(self) -> tuple[Tensor, Tensor]:
-        """Return the link ranker's scores of combinesWith and componentOf, (E + 1, E + 1) each."""
-        # A scorer by neighbour lists has no tables, and overrides each method that needs them.
-        assert isinstance(self.knowledge, RecipeKnowledge)
-        pairs = self.knowledge.pairs[0]
-        parts = self.knowledge.parts[0]
-        # The last axis holds the scores of the recipe kernel and of the link ranker.
-        return pairs[..., 1], parts[..., 1]
+        every = torch.arange(len(self.entities), device=self.device)
+        return self.knowledge.link_scores(int(self.relation_ids(relation)), every)
 
     def score_recipes(
         self,
@@ -213,8 +228,9 @@ class RecipeScorer(StoredScorer):
         blocks = zip(result.split(_ROWS), a.split(_ROWS), b.split(_ROWS), strict=True)
         scores = []
         for goal, one, other in blocks:
-            # A recipe is scored as a table of two slots, whose only pair is slot 0 with slot 1.
-            table = torch.stack([one, other], dim=1)
+            # A recipe is scored as a table of two slots, whose only pair is slot 0 with slot 1. In
+            # one order: rounding would differ between a + b and b + a.
+            table = torch.stack([torch.minimum(one, other), torch.maximum(one, other)], dim=1)
             main_model = torch.zeros_like(goal)
             scores.append(self.knowledge(goal, table, main_model)[:, 0, 1])
         return torch.cat(scores).view(ids[0].shape)
@@ -245,49 +261,40 @@ class RecipeScorer(StoredScorer):
 
     @staticmethod
     def check(tensors: Mapping[str, Tensor], size: int) -> None:  # noqa: D102 - inherited
-        # Sizes that only the tensors know. A tensor with a wrong number of axes must not end in an
-        # IndexError here: it gets some size, and is refused by its shape below.
-        first = tensors["first"]
-        results = tensors["results"]
-        words = tensors["words"]
-        hidden = first.shape[-1] if first.ndim else 0
-        known = tuple(results.shape[1:]) if results.ndim == 3 else (1, 1)
-        word_columns = words.shape[-1] if words.ndim else 0
-        columns = max(size + 1, word_columns)
-        square = (size + 1, size + 1)
+        hidden = tensors["first"].shape[-1] if tensors["first"].ndim else 0
+        num_recipes = len(tensors["recipes"])
+        # Entities of other books come after the scorer's own.
+        every = max(size, len(tensors["vectors"]))
         shapes: dict[str, tuple[int, ...]] = {
-            "parts": (1, *square, 2),
-            "pairs": (1, *square, 2),
-            "numbers": (1, *square),
-            "results": (1, *known),
-            "alike": (1, size + 1, columns),
-            "words": (size + 1, columns),
-            "counts": (1, size + 1, 2),
-            "supporting": (1, size + 1, EVIDENCE, 3),
+            "vectors": (every, tensors["vectors"].shape[-1]),
+            "near_words": (every, tensors["near_words"].shape[-1]),
+            "recipes": (num_recipes, 3),
+            "seen": (1, num_recipes),
             "first": (1, len(FEATURES), hidden),
             "first_bias": (1, hidden),
             "second": (1, hidden),
             "bias": (1,),
-            "recipes": (len(tensors["recipes"]), 3),
         }
-        assert {*shapes} == {*BUFFERS, "recipes"}
-        for relation in RELATIONS:
-            links, width = tensors[f"{relation}.first"].shape
-            ranker = {
-                "first": (links, width),
-                "first_bias": (width,),
-                "second": (width,),
-                "bias": (),
+        for number, relation in enumerate(RELATIONS):
+            first = tensors[f"{relation}_first"]
+            width = first.shape[-1] if first.ndim else 0
+            shapes |= {
+                f"{relation}_first": (1, len(LINK_FEATURES[number]), width),
+                f"{relation}_first_bias": (1, width),
+                f"{relation}_second": (1, width),
+                f"{relation}_bias": (1,),
             }
-            shapes |= {f"{relation}.{name}": ranker[name] for name in RANKER}
+            # A table of link scores, or none.
+            has_table = tensors[f"{relation}_table"].numel() > 0
+            side = size if has_table else 0
+            shapes[f"{relation}_table"] = (1, side, side)
+        assert {*shapes} == {*BUFFERS}
         check_shapes(tensors, shapes, _DTYPES)
         for name in shapes:
             tensor = tensors[name]
             if tensor.dtype.is_floating_point and not bool(torch.isfinite(tensor).all()):
                 raise ValueError(f"{name} contains numbers that are not finite")
-        # Ids index without checks later. Results and supporting recipes may hold the empty slot;
-        # supporting recipes also hold entities of other books.
-        check_ids("supporting", tensors["supporting"], columns - 1)
-        check_ids("recipes", tensors["recipes"], size - 1)
-        check_ids("results", results, size)
-        check_ids("numbers", tensors["numbers"], known[0] - 1)
+        # Compiled loops index by ids without checks.
+        check_ids("recipes", tensors["recipes"], every - 1)
+        # -1 ends a list.
+        check_ids("near_words", tensors["near_words"] + 1, every)

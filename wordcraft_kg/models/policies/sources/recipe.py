@@ -18,36 +18,37 @@ from wordcraft_kg.models.policies.sources.source import (
 )
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
-from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
-from wordcraft_kg.models.scorers.pair_features import RecipeKnowledge
-from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge
-from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
+from wordcraft_kg.models.scorers.neighbours.knowledge import (
+    BUFFERS,
+    FEATURES,
+    LINK_TABLES,
+    NeighbourKnowledge,
+)
+from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMBINES, OF_COMPONENTS
+from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
-# Axis names and types of the buffers, for `check_constants`; N is E + 1.
-_RANKER = {
-    "first": "models F hidden float32",
-    "first_bias": "models hidden float32",
-    "second": "models hidden float32",
-    "bias": "models float32",
-}
-_OF_TABLES = {
-    "parts": "models N N two float16",
-    "pairs": "models N N two float16",
-    "numbers": "models N N int32",
-    "results": "models known most int32",
-    "alike": "models N W float16",
-    "words": "N W float16",
-    "counts": "models N two float32",
-    "supporting": "models N evidence three int16",
-    **_RANKER,
-}
-_OF_NEIGHBOURS = {
-    "vectors": "E D float16",
-    "near_words": "E K int32",
+
+def _of_ranker(prefix: str, features: str) -> dict[str, str]:
+    """Return axis names and types of a ranker's weights, whose names begin with ``prefix``."""
+    return {
+        f"{prefix}first": f"models {features} {prefix}hidden float32",
+        f"{prefix}first_bias": f"models {prefix}hidden float32",
+        f"{prefix}second": f"models {prefix}hidden float32",
+        f"{prefix}bias": "models float32",
+    }
+
+
+# Axis names and types of the buffers, for `check_constants`.
+_LAYOUTS = {
+    "vectors": "T D float16",
+    "near_words": "T K int32",
     "recipes": "recipes three int32",
     "seen": "models recipes bool",
-    **_RANKER,
+    **_of_ranker("", "F"),
+    **_of_ranker("combinesWith_", "pairs"),
+    **_of_ranker("componentOf_", "parts"),
+    **dict.fromkeys(LINK_TABLES, "models side side float16"),
 }
 
 KEPT = 2**24
@@ -77,7 +78,7 @@ class BestRecipe(FoldedSource):
     def __init__(
         self,
         num_entities: int,
-        knowledge: PairKnowledge,
+        knowledge: NeighbourKnowledge,
         fold_of_recipe: Tensor | None = None,
     ):
         """Take the knowledge of one model or more, and each recipe's fold if there are folds."""
@@ -124,19 +125,17 @@ class BestRecipe(FoldedSource):
     ) -> Source:
         knowledge = with_prefix(constants, "knowledge.")
         models = (cls.num_folds(constants) or 0) + 1
-        kind: type[PairKnowledge] = NeighbourKnowledge if "seen" in knowledge else RecipeKnowledge
         check_constants(
             knowledge,
-            _OF_NEIGHBOURS if kind is NeighbourKnowledge else _OF_TABLES,
-            E=num_entities,
-            N=num_entities + 1,
+            _LAYOUTS,
             models=models,
-            F=len(kind.feature_names),
-            two=2,
+            F=len(FEATURES),
+            pairs=len(OF_COMBINES),
+            parts=len(OF_COMPONENTS),
             three=3,
         )
-        zeros = {name: lazily_zero(knowledge[name]) for name in kind.buffer_names}
-        empty = kind.of_constants(zeros, num_entities)
+        zeros = {name: lazily_zero(knowledge[name]) for name in BUFFERS}
+        empty = NeighbourKnowledge.of_constants(zeros, num_entities)
         of_recipe = constants.get("fold_of_recipe")
         if of_recipe is not None:
             of_recipe = lazily_zero(of_recipe)
@@ -144,10 +143,7 @@ class BestRecipe(FoldedSource):
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
-        if isinstance(scorer, FactoredScorer):
-            return 0  # no table of pairs
-        # `parts`, `pairs`, `numbers` and `alike` have about 16 bytes for each pair of entities.
-        return 16 * (len(scorer.entities) + 1) ** 2
+        return 0  # no table of pairs
 
     def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
         goal, selection, table, task, _ = states

@@ -95,9 +95,7 @@ def pairs_need_factors(
     """
     size = len(scorer.entities)
     needed = sum(source_class(name).num_bytes(scorer) for name in names)
-    # A recipe scorer with tables has no limit here: its training needed more memory.
-    has_tables = BestRecipe.serves(scorer) and not isinstance(scorer, FactoredScorer)
-    if needed <= TABLE_LIMIT or has_tables:
+    if needed <= TABLE_LIMIT:
         folded = folds_of(scorer)
         if folded is not None:
             # A table each: trained on all folds, without each fold, and the empty model's.

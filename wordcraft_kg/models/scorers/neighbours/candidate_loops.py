@@ -149,8 +149,9 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
         # Neither the goal nor an entity on the table is made before the goal.
         makes[goal] = -1
         for entity in range(size):
-            if makes[entity] >= 0 and (makes[entity] > 0 or needs[entity] > 0):
-                # The floor keeps entities that only one side speaks for, far behind the others.
+            if makes[entity] >= 0:
+                # The floor keeps entities that one side or none speaks for, far behind the others:
+                # with room for all entities, the search leaves out no plan.
                 makes[entity] = (makes[entity] + FLOOR) * (needs[entity] + FLOOR)
             else:
                 makes[entity] = 0

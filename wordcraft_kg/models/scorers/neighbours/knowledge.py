@@ -61,6 +61,7 @@ OF_PAIRS = (
     "goal_made",
     "goal_uses",
     "pair_regression",
+    "combines_pair",
 )
 """Features of a pair (a, b) and a goal c.
 
@@ -75,6 +76,7 @@ OF_PAIRS = (
 | pair_words, pair_kernel, itself | word cosine and similarity of a and b; a equals b |
 | goal_made, goal_uses | log(1 + recipes that make c, that use c) |
 | pair_regression | combinesWith(a, b) by kernel regression |
+| combines_pair | score of combinesWith(a, b), where outside knowledge tells of pairs; else 0 |
 """
 FEATURES = (
     *(f"{name}_sum" for name in OF_SLOTS),
@@ -90,7 +92,13 @@ LINK_FEATURES = {COMBINES_WITH: OF_COMBINES, COMPONENT_OF: OF_COMPONENTS}
 """Features of links by relation."""
 LINK_RANKERS = tuple(f"{relation}_{name}" for relation in RELATIONS for name in RANKER)
 """Names of the link rankers' weights."""
-BUFFERS = ("vectors", "near_words", "recipes", "seen", *RANKER, *LINK_RANKERS)
+LINK_TABLES = tuple(f"{relation}_table" for relation in RELATIONS)
+"""Names of the tables of link scores."""
+_TOGETHER = 256
+"""Entities whose links are scored together."""
+_FEW = 4
+"""With more links of an entity than a share of 1 / 4, all its links are scored: that is faster."""
+BUFFERS = ("vectors", "near_words", "recipes", "seen", *RANKER, *LINK_RANKERS, *LINK_TABLES)
 """Names of the stored tensors."""
 
 
@@ -103,33 +111,40 @@ class NeighbourKnowledge(PairKnowledge):
     Attributes:
         feature_names: :data:`FEATURES`.
         made_name: ``goal_made``.
-        sampled_results: as in :class:`PairKnowledge`; fewer than with tables, whose look-ups take
-            less time.
+        sampled_results: as in :class:`PairKnowledge`.
         buffer_names: :data:`BUFFERS`.
-        vectors: shape (E, D), half: unit word vectors; D is 0 without words.
-        near_words: shape (E, K_w), int32: neighbours by words, -1 at the end.
+        vectors: shape (T, D), half: unit word vectors; D is 0 without words. Entities from E on are
+            those of other books, which are neither on tables nor goals.
+        near_words: shape (T, K_w), int32: neighbours by words, -1 at the end.
         recipes: shape (n, 3), int32: training recipes of all models together.
         seen: shape (M, n), bool: training recipes of each model.
 
     The link rankers' weights are buffers with the names in :data:`LINK_RANKERS` and the shapes of
-    the rankers' weights in :class:`PairKnowledge`.
+    the rankers' weights in :class:`PairKnowledge`. Where links have features from outside the
+    recipes, tables of their scores stand for the rankers: buffers with the names in
+    :data:`LINK_TABLES`, shape (M, E, E), half, row = head; (M, 0, 0) elsewhere.
     """
 
     feature_names: ClassVar[tuple[str, ...]] = FEATURES
     made_name: ClassVar[str] = "goal_made"
-    sampled_results: ClassVar[int] = 6_000
+    sampled_results: ClassVar[int] = 2_500
     buffer_names: ClassVar[tuple[str, ...]] = BUFFERS
     vectors: Tensor
     near_words: Tensor
     recipes: Tensor
     seen: Tensor
 
-    def __init__(self, constants: Mapping[str, Tensor]):
-        """Take the tensors in :data:`BUFFERS` by name."""
+    def __init__(self, constants: Mapping[str, Tensor], num_entities: int | None = None):
+        """Take the tensors in :data:`BUFFERS` by name.
+
+        Args:
+            constants: the tensors.
+            num_entities: E; None for all T.
+        """
         super().__init__()
         for name in BUFFERS:
             self.register_buffer(name, constants[name])
-        self.num_entities = len(self.vectors)
+        self.num_entities = len(self.vectors) if num_entities is None else num_entities
         self._lists: dict[int, Lists] = {}
         self._link_rows: dict[int, LinkRows] = {}
         self.register_load_state_dict_post_hook(_forget)
@@ -162,11 +177,12 @@ class NeighbourKnowledge(PairKnowledge):
             ranker = link_rankers.get(number) or Ranker.empty(len(LINK_FEATURES[number]))
             for name, weights in _of_one_model(ranker).items():
                 constants[f"{relation}_{name}"] = weights
+            constants[f"{relation}_table"] = torch.zeros(1, 0, 0, dtype=torch.half)
         return cls(constants)
 
     @classmethod
     def of_constants(cls, constants: Mapping[str, Tensor], num_entities: int) -> Self:  # noqa: D102 - inherited
-        return cls(constants)
+        return cls(constants, num_entities)
 
     @classmethod
     def stacked(cls, models: Sequence[PairKnowledge]) -> Self:  # noqa: D102 - inherited
@@ -186,10 +202,11 @@ class NeighbourKnowledge(PairKnowledge):
             place += len(model.recipes)
         rankers = {
             name: torch.cat([getattr(model, name) for model in known])
-            for name in (*RANKER, *LINK_RANKERS)
+            for name in (*RANKER, *LINK_RANKERS, *LINK_TABLES)
         }
         shared = {"vectors": known[0].vectors, "near_words": known[0].near_words}
-        stack = cls({**shared, "recipes": every, "seen": seen, **rankers})
+        constants = {**shared, "recipes": every, "seen": seen, **rankers}
+        stack = cls(constants, known[0].num_entities)
         # Lists that are made already serve the stack, too.
         first = 0
         for model in known:
@@ -199,6 +216,40 @@ class NeighbourKnowledge(PairKnowledge):
                 stack._link_rows[first + number] = rows
             first += model.num_models
         return stack
+
+    def with_link_tables(self, tables: Mapping[int, Tensor]) -> Self:
+        """Return a copy whose links are scored by tables; only for a single model, M = 1.
+
+        Args:
+            tables: scores by relation, shape (E, E) each, row = head.
+        """
+        named = {f"{RELATIONS[number]}_table": each.half()[None] for number, each in tables.items()}
+        return self.of_constants(self.constants() | named, self.num_entities)
+
+    def of_entities(self, own: Tensor) -> Self:
+        """Return the knowledge about the entities ``own``, ids (n,), which get the ids from 0.
+
+        All other entities come last, and are no more than a source of knowledge.
+        """
+        is_other = torch.ones(self.num_entities, dtype=torch.bool).index_fill(0, own, False)
+        order = torch.cat([own, is_other.nonzero()[:, 0]])
+        place = torch.argsort(order)
+        near = self.near_words[order].long()
+        # -1, the end of a list, stays.
+        renumbered = torch.where(near < 0, near, place[near.clamp(min=0)])
+        recipes = place[self.recipes.long()]
+        # As in a graph, the smaller ingredient comes first.
+        recipes[:, :2] = recipes[:, :2].sort(1).values
+        changed = {
+            "vectors": self.vectors[order],
+            "near_words": renumbered.int(),
+            "recipes": recipes.int(),
+        }
+        for name in LINK_TABLES:
+            table = getattr(self, name)
+            if table.numel():
+                changed[name] = table[:, own][:, :, own]
+        return self.of_constants(self.constants() | changed, len(own))
 
     def lists(self, model: int = 0) -> Lists:
         """Return a model's lists; made at the first call by one thread, so that none differ."""
@@ -258,15 +309,37 @@ class NeighbourKnowledge(PairKnowledge):
                 list(pool.map(write, blocks))
         slots = torch.from_numpy(of_slots).to(goal.device)
         pairs_only = torch.from_numpy(of_pairs).to(goal.device)
-        # Features first, as rankers of several models need them.
-        links = component_inputs(slots, pairs_only).permute(2, 0, 1)
-        component = self._link_ranker(COMPONENT_OF).of_models(links, model)
-        return joined(slots, pairs_only, component, first, second).permute(2, 0, 1)
+        if self._link_table(COMPONENT_OF).numel():
+            component = self._from_table(COMPONENT_OF, model, table, goal[:, None])
+            a, b = (table.index_select(1, slot) for slot in (first, second))
+            combines = self._from_table(COMBINES_WITH, model, a, b)
+        elif len(one):
+            # Features first, as rankers of several models need them.
+            links = component_inputs(slots, pairs_only).permute(2, 0, 1)
+            component = self._link_ranker(COMPONENT_OF).of_models(links, model)
+            combines = torch.zeros(pairs_only.shape[:2], device=goal.device)
+        else:
+            # No pairs, and so no scores: all slots of a batch are empty.
+            return torch.zeros(len(FEATURES), *pairs_only.shape[:2], device=goal.device)
+        return features_of_pairs(slots, pairs_only, component, combines, first, second).permute(
+            2, 0, 1
+        )
+
+    def _from_table(self, relation: int, model: Tensor, heads: Tensor, tails: Tensor) -> Tensor:
+        """Return link scores of heads and tails, ids that broadcast to (B, N), as float32."""
+        # Empty slots have no row; their pairs have no score either.
+        last = self.num_entities - 1
+        table = self._link_table(relation)
+        return table[model[:, None], heads.clamp(max=last), tails.clamp(max=last)].float()
 
     def _link_ranker(self, relation: int) -> Ranker:
         """Return a relation's link rankers, of all models."""
         prefix = RELATIONS[relation]
         return Ranker(*(getattr(self, f"{prefix}_{name}") for name in RANKER))
+
+    def _link_table(self, relation: int) -> Tensor:
+        table: Tensor = getattr(self, f"{RELATIONS[relation]}_table")
+        return table
 
     def link_rows(self, model: int = 0) -> LinkRows:
         """Return what computes the features of a model's links."""
@@ -278,36 +351,85 @@ class NeighbourKnowledge(PairKnowledge):
         self,
         relation: int,
         entities: Tensor,
+        candidates: Tensor | None = None,
         *,
         heads: bool = False,
         model: int = 0,
     ) -> Tensor:
-        """Score the links of some entities with all others by a link ranker.
+        """Score the links of some entities by a link ranker.
 
         Args:
             relation: relation id.
             entities: ids on one side of the links, shape (B,).
-            heads: whether all others are the heads, not the tails.
+            candidates: ids on the other side, shape (B, N); None for all entities.
+            heads: whether candidates are the heads, not the tails.
             model: number of the model.
 
         Returns:
-            shape (B, E), float32.
+            shape (B, N), or (B, E), float32.
         """
+        size = self.num_entities
+        table = self._link_table(relation)
+        if table.numel():
+            of_entities = table[model][:, entities].T if heads else table[model][entities]
+            return (
+                of_entities if candidates is None else of_entities.gather(1, candidates)
+            ).float()
         rows = self.link_rows(model)
         weights = self._link_ranker(relation).weights()
         ranker = Ranker(**{name: weights[name][model].cpu() for name in RANKER})
-        size = self.num_entities
-        scores = torch.zeros(len(entities), size)
-        step = max(1, CELLS // size)
+        width = size if candidates is None else candidates.shape[1]
+        scores = torch.zeros(len(entities), width)
+        step = max(1, CELLS // len(self.vectors))
+        # Few and small products: further threads would mostly wait.
         with torch_threads(1):
             for start in range(0, len(entities), step):
-                some = entities[start : start + step].cpu().numpy()
-                if relation == COMBINES_WITH:
-                    features = rows.combines(some)
-                else:
-                    features = rows.components(some, heads=heads)
-                scores[start : start + step] = ranker(features)[:, :size]
+                block = slice(start, start + step)
+                some = entities[block].cpu().numpy()
+                others = None if candidates is None else candidates[block].cpu().numpy()
+                features = rows.of_relation(relation, some, others, heads=heads)
+                scores[block] = ranker(features)[:, :width]
         return scores.to(entities.device)
+
+    def scores_of_links(self, relation: int, heads: Tensor, tails: Tensor) -> Tensor:
+        """Score links by the first model's link ranker.
+
+        Links with the same head, or the same tail if these are fewer, are scored together.
+
+        Args:
+            relation: relation id.
+            heads: ids, shape (n,).
+            tails: ids, shape (n,).
+
+        Returns:
+            shape (n,), float32.
+        """
+        by_tail = len(tails.unique()) < len(heads.unique())
+        key, other = (tails, heads) if by_tail else (heads, tails)
+        order = key.argsort(stable=True)
+        entities, counts = key[order].unique_consecutive(return_counts=True)
+        starts = counts.cumsum(0) - counts
+        # Entities with about as many links are scored together, so that little is computed twice.
+        by_count = counts.argsort(stable=True)
+        scores = torch.zeros(len(heads), device=heads.device)
+        for some in by_count.split(_TOGETHER):
+            width = int(counts[some].max())
+            places = torch.arange(width, device=heads.device)
+            # Entities with fewer links repeat their last one.
+            last = (counts[some] - 1)[:, None]
+            links = order[starts[some, None] + torch.minimum(places, last)]
+            if _FEW * width > self.num_entities:
+                of_all = self.link_scores(relation, entities[some], heads=by_tail)
+                scores[links] = of_all.gather(1, other[links])
+            else:
+                candidates = other[links]
+                scores[links] = self.link_scores(
+                    relation,
+                    entities[some],
+                    candidates,
+                    heads=by_tail,
+                )
+        return scores
 
     def support_of(  # noqa: D102 - inherited
         self,
@@ -333,8 +455,7 @@ class NeighbourKnowledge(PairKnowledge):
         return self.link_scores(COMPONENT_OF, entities)
 
     def word_cosines(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
-        vectors = self.vectors.float()
-        return vectors[others] @ vectors[entity]
+        return self.vectors[others].float() @ self.vectors[entity].float()
 
     def have_recipes(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
         lists = self.lists()
@@ -344,10 +465,11 @@ class NeighbourKnowledge(PairKnowledge):
         return torch.isin(others, partners)
 
     def log_uses(self) -> Tensor:  # noqa: D102 - inherited
-        return torch.from_numpy(self.lists().num_uses).float().log1p()
+        uses = self.lists().num_uses[: self.num_entities]
+        return torch.from_numpy(uses).float().log1p()
 
     def knows(self, recipes: Tensor, model: int) -> Tensor:  # noqa: D102 - inherited
-        size = self.num_entities
+        size = len(self.vectors)
         known = _codes(self.recipes[self.seen[model]].long(), size)
         return torch.isin(_codes(recipes.long(), size), known)
 
@@ -401,7 +523,9 @@ class NeighbourKnowledge(PairKnowledge):
             )
             found[rows] = of_rows
         ids = torch.from_numpy(found.astype(np.int64)).to(goal.device)
-        return ids.masked_fill(ids < 0, self.num_entities)
+        # Entities of other books cannot be made.
+        is_own = (ids >= 0) & (ids < self.num_entities)
+        return ids.masked_fill(~is_own, self.num_entities)
 
 
 def component_inputs(slots: Tensor, pairs: Tensor) -> Tensor:
@@ -422,13 +546,21 @@ def component_inputs(slots: Tensor, pairs: Tensor) -> Tensor:
     return torch.cat([slots[..., :of_links], of_goals], dim=-1)
 
 
-def joined(slots: Tensor, pairs: Tensor, component: Tensor, one: Tensor, other: Tensor) -> Tensor:
+def features_of_pairs(
+    slots: Tensor,
+    pairs: Tensor,
+    component: Tensor,
+    combines: Tensor,
+    one: Tensor,
+    other: Tensor,
+) -> Tensor:
     """Return the features of pairs, in the order of :data:`FEATURES`.
 
     Args:
         slots: features of slots, as loops write them, shape (B, A, 16).
         pairs: features of pairs, shape (B, P, 16).
         component: link scores of slots and goals, shape (B, A).
+        combines: link scores of pairs, shape (B, P).
         one: first slot of each pair, shape (P,).
         other: second slot of each pair, shape (P,).
 
@@ -438,7 +570,8 @@ def joined(slots: Tensor, pairs: Tensor, component: Tensor, one: Tensor, other: 
     of_slots = torch.cat([slots, component[..., None]], dim=-1)
     of_one = of_slots.index_select(1, one)
     of_other = of_slots.index_select(1, other)
-    return torch.cat([of_one + of_other, torch.minimum(of_one, of_other), pairs], dim=-1)
+    least = torch.minimum(of_one, of_other)
+    return torch.cat([of_one + of_other, least, pairs, combines[..., None]], dim=-1)
 
 
 def _of_one_model(ranker: Ranker) -> dict[str, Tensor]:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.triples import COMBINES_WITH
 from wordcraft_kg.models.scorers.kernel import TEXT, completion_parts
 from wordcraft_kg.models.scorers.neighbours.lists import Floats, Lists, Numbers
 
@@ -138,6 +139,31 @@ class LinkRows:
         partners = np.concatenate([second, first[is_other]])
         self._pairs = _links(ones_and_others, partners, size)
         self._partners = self._pairs._replace(counts=np.ones_like(self._pairs.counts))
+
+    def of_relation(
+        self,
+        relation: int,
+        entities: Ids,
+        candidates: Ids | None = None,
+        *,
+        heads: bool = False,
+    ) -> Tensor:
+        """Return the features of a relation's links: :meth:`combines` or :meth:`components`.
+
+        combinesWith is symmetric, so ``heads`` counts for componentOf alone.
+
+        Args:
+            relation: relation id.
+            entities: ids on one side, shape (B,).
+            candidates: ids on the other side, shape (B, N); None for all entities.
+            heads: whether candidates are the heads.
+
+        Returns:
+            shape (B, N, F), float32.
+        """
+        if relation == COMBINES_WITH:
+            return self.combines(entities, candidates)
+        return self.components(entities, candidates, heads=heads)
 
     def components(
         self,

@@ -1,14 +1,8 @@
-"""How a recipe scorer computes its features: from tables of all pairs, or from neighbour lists.
-
-This is the only place that decides by a book's size. Both methods fit rankers in the same way, and
-their scorers answer the same questions.
-"""
+"""How much memory a fit of recipe scorers takes, said before it begins."""
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import memory
 
-MOST_WITH_TABLES = 4_000
-"""Most entities for tables: a fit with tables takes 4 GiB for 4,000 entities and 200 for 30,000."""
 _PROGRAM = 600 * 2**20
 """Memory for Python, torch, SciPy and compiled loops."""
 _BY_ENTITY = 100 * 8 + (32 + 40 + 64) * 12 + 128 * 4 + 6 * 256 * 8
@@ -18,11 +12,6 @@ _BY_RECIPE = 450
 """Bytes of a set of lists by recipe: profiles while neighbours are searched, and hash tables."""
 _EXAMPLES = 4 * 12_000 * 55 * 46 * 4
 """Bytes of the features from which rankers learn."""
-
-
-def uses_lists(num_entities: int) -> bool:
-    """Return whether the scorer of a book with so many entities works by neighbour lists."""
-    return num_entities > MOST_WITH_TABLES
 
 
 def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> int:

@@ -38,8 +38,8 @@ class Schedule(NamedTuple):
 
 
 TABLES = Schedule(members=3, batch=256, epochs=6, rate=1e-2, steps=60)
-"""For tables: four networks are no better, nor are 10 epochs, with two draws of distractors for
-each recipe; half and twice the step size give the same success within .005."""
+"""For tables: four networks are no better, nor are 10 epochs, with several draws of distractors
+for each recipe; half and twice the step size give the same success within .005."""
 LINKS = Schedule(members=1, batch=64, epochs=5, rate=1e-2, steps=60)
 """For links: three networks, 10 epochs or smaller batches are no better."""
 WEIGHT_DECAY = 1e-4

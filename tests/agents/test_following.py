@@ -244,7 +244,7 @@ def test_constants_of_another_type_or_shape_are_damage(recipes_folder, tmp_path)
     )
     read_policy(tmp_path, save(constants), parameters)
     names = [name for name in constants if name.startswith("sources.")]
-    assert len(names) == 23  # u, v and w with their folds
+    assert len(names) == 24  # u, v and w with their folds
     for name in names:
         others = [torch.ones(2, 2, dtype=torch.bool), constants[name].to(torch.int8)]
         if "fold" not in name:  # the number of recipes is that of the tasks

@@ -70,8 +70,9 @@ def extended(
     near = constants["near_words"].cpu()
     of_new = nearest_words(every.float().numpy(), near.shape[1], first=size)
     near_words = torch.cat([near, torch.from_numpy(of_new)])
+    num_own = torch.tensor([len(entities)], dtype=torch.int32)
     return RecipeScorer(
-        constants | {"vectors": every, "near_words": near_words},
+        constants | {"num_own": num_own, "vectors": every, "near_words": near_words},
         entities,
         f"{whole.graph_hash} and {len(labels)} more",
         device=whole.device,

@@ -27,7 +27,7 @@ _MANY = 8
 """With more links than a share of 1 / 8, all links are scored: that is faster."""
 _DTYPES = {
     "vectors": torch.half,
-    **dict.fromkeys(("near_words", "recipes"), torch.int32),
+    **dict.fromkeys(("num_own", "near_words", "recipes"), torch.int32),
     "seen": torch.bool,
     **dict.fromkeys(LINK_TABLES, torch.half),
 }
@@ -124,7 +124,7 @@ class RecipeScorer(StoredScorer):
     """
 
     kind: ClassVar[str] = "recipes"
-    shared: ClassVar[tuple[str, ...]] = ("vectors", "near_words")
+    shared: ClassVar[tuple[str, ...]] = ("num_own", "vectors", "near_words")
     knowledge: NeighbourKnowledge
 
     def __init__(
@@ -266,6 +266,7 @@ class RecipeScorer(StoredScorer):
         # Entities of other books come after the scorer's own.
         every = max(size, len(tensors["vectors"]))
         shapes: dict[str, tuple[int, ...]] = {
+            "num_own": (1,),
             "vectors": (every, tensors["vectors"].shape[-1]),
             "near_words": (every, tensors["near_words"].shape[-1]),
             "recipes": (num_recipes, 3),
@@ -294,6 +295,8 @@ class RecipeScorer(StoredScorer):
             tensor = tensors[name]
             if tensor.dtype.is_floating_point and not bool(torch.isfinite(tensor).all()):
                 raise ValueError(f"{name} contains numbers that are not finite")
+        if int(tensors["num_own"]) != size:
+            raise ValueError(f"num_own is {int(tensors['num_own'])}, the vocabulary has {size}")
         # Compiled loops index by ids without checks.
         check_ids("recipes", tensors["recipes"], every - 1)
         # -1 ends a list.

@@ -41,6 +41,7 @@ def _of_ranker(prefix: str, features: str) -> dict[str, str]:
 
 # Axis names and types of the buffers, for `check_constants`.
 _LAYOUTS = {
+    "num_own": "one int32",
     "vectors": "T D float16",
     "near_words": "T K int32",
     "recipes": "recipes three int32",
@@ -132,6 +133,7 @@ class BestRecipe(FoldedSource):
             F=len(FEATURES),
             pairs=len(OF_COMBINES),
             parts=len(OF_COMPONENTS),
+            one=1,
             three=3,
         )
         zeros = {name: lazily_zero(knowledge[name]) for name in BUFFERS}

@@ -98,7 +98,16 @@ _TOGETHER = 256
 """Entities whose links are scored together."""
 _FEW = 4
 """With more links of an entity than a share of 1 / 4, all its links are scored: that is faster."""
-BUFFERS = ("vectors", "near_words", "recipes", "seen", *RANKER, *LINK_RANKERS, *LINK_TABLES)
+BUFFERS = (
+    "num_own",
+    "vectors",
+    "near_words",
+    "recipes",
+    "seen",
+    *RANKER,
+    *LINK_RANKERS,
+    *LINK_TABLES,
+)
 """Names of the stored tensors."""
 
 
@@ -113,6 +122,7 @@ class NeighbourKnowledge(PairKnowledge):
         made_name: ``goal_made``.
         sampled_results: as in :class:`PairKnowledge`.
         buffer_names: :data:`BUFFERS`.
+        num_own: shape (1,), int32: E, so that a file tells which entities are its own.
         vectors: shape (T, D), half: unit word vectors; D is 0 without words. Entities from E on are
             those of other books, which are neither on tables nor goals.
         near_words: shape (T, K_w), int32: neighbours by words, -1 at the end.
@@ -129,6 +139,7 @@ class NeighbourKnowledge(PairKnowledge):
     made_name: ClassVar[str] = "goal_made"
     sampled_results: ClassVar[int] = 2_500
     buffer_names: ClassVar[tuple[str, ...]] = BUFFERS
+    num_own: Tensor
     vectors: Tensor
     near_words: Tensor
     recipes: Tensor
@@ -167,6 +178,7 @@ class NeighbourKnowledge(PairKnowledge):
         """
         rows = torch.from_numpy(recipes.astype(np.int32))
         constants = {
+            "num_own": torch.tensor([len(vectors)], dtype=torch.int32),
             "vectors": torch.from_numpy(vectors),
             "near_words": torch.from_numpy(near_words),
             "recipes": rows,
@@ -204,7 +216,7 @@ class NeighbourKnowledge(PairKnowledge):
             name: torch.cat([getattr(model, name) for model in known])
             for name in (*RANKER, *LINK_RANKERS, *LINK_TABLES)
         }
-        shared = {"vectors": known[0].vectors, "near_words": known[0].near_words}
+        shared = {name: getattr(known[0], name) for name in ("num_own", "vectors", "near_words")}
         constants = {**shared, "recipes": every, "seen": seen, **rankers}
         stack = cls(constants, known[0].num_entities)
         # Lists that are made already serve the stack, too.
@@ -241,6 +253,7 @@ class NeighbourKnowledge(PairKnowledge):
         # As in a graph, the smaller ingredient comes first.
         recipes[:, :2] = recipes[:, :2].sort(1).values
         changed = {
+            "num_own": torch.tensor([len(own)], dtype=torch.int32),
             "vectors": self.vectors[order],
             "near_words": renumbered.int(),
             "recipes": recipes.int(),

@@ -47,7 +47,7 @@ from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers, word_
 from wordcraft_kg.models.recipes.outside import open_other_book, open_outside
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.recipes.zero_shot import join_books
-from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -58,7 +58,7 @@ FEW = 2
 ZERO_SHOT = "zero-shot"
 
 
-def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> NeighbourKnowledge:
+def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> RecipeKnowledge:
     """Fit a scorer on the train recipes; a row that starts with "zero-shot" learns from other books
     only."""
     if not name.startswith(ZERO_SHOT):
@@ -76,7 +76,7 @@ def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> 
 
 def played(
     opened: OpenedGraph,
-    knowledge: NeighbourKnowledge,
+    knowledge: RecipeKnowledge,
     distractors: int,
     part: str,
     made: frozenset[str] | None,

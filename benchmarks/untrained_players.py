@@ -46,8 +46,11 @@ from wordcraft_kg.models.recipes.config import RecipesConfig
 from wordcraft_kg.models.recipes.fitting import table_examples
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
-from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, features_of_pairs
-from wordcraft_kg.models.scorers.pair_knowledge import pairs_of
+from wordcraft_kg.models.scorers.neighbours.pair_features import (
+    FEATURES,
+    features_of_pairs,
+    pairs_of,
+)
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 

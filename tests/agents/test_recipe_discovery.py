@@ -66,7 +66,10 @@ class Slow:
         return self.scorer.score_recipes(a, b, range(self.own)).tolist()
 
     def _uses(self, entity):
-        return math.log(1 + sum(recipe[:2].count(entity) for recipe in self.recipes))
+        """log(1 + recipes that use an entity); a + a is one recipe."""
+        if entity >= self.own:
+            return 0
+        return math.log1p(sum(entity in recipe[:2] for recipe in self.recipes))
 
     def features_and_worth(self, pair, known):
         a, b = (int(self.rows[entity]) for entity in pair)

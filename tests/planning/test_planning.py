@@ -28,8 +28,9 @@ from wordcraft_kg.graphs.splits import Draw, Split
 from wordcraft_kg.graphs.train_samples import draw_train_sample
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.factors import TableScorer
-from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
+from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
 from wordcraft_kg.planning.search import FURTHER, INTERMEDIATE, NO_PLAN, PlanSearch
@@ -47,7 +48,7 @@ def random_search(seed, width=SIZE, recipes=6):
     known = np.unique(np.sort(rng.integers(SIZE, size=(recipes, 3)), axis=1), axis=0)
     vectors = rng.normal(size=(SIZE, 5)).astype(np.float32)
     vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
-    knowledge = NeighbourKnowledge.of_recipes(
+    knowledge = RecipeKnowledge.of_recipes(
         known, vectors.astype(np.float16), nearest_words(vectors)
     )
     knowledge.lists()

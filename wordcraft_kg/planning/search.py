@@ -28,7 +28,7 @@ import torch
 from torch import Tensor
 
 from wordcraft_kg.base.settings import check_memory
-from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve
 
 MAX_ATTEMPTS = 4
@@ -54,7 +54,7 @@ _BYTES = 200
 class PlanSearch:
     """Values of pairs by the most probable plan."""
 
-    def __init__(self, knowledge: NeighbourKnowledge, curve: RecipeCurve, *, width: int = 0):
+    def __init__(self, knowledge: RecipeKnowledge, curve: RecipeCurve, *, width: int = 0):
         """Prepare a search.
 
         Args:

@@ -14,7 +14,7 @@ from wordcraft_kg.models.policies.sources.recipe import BestRecipe
 from wordcraft_kg.models.policies.sources.source import Evidence, ScoreView, check_constants
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
-from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipe_curve import KINDS, RecipeCurve
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -51,7 +51,7 @@ class BestPlan(BestRecipe):
     def __init__(
         self,
         num_entities: int,
-        knowledge: NeighbourKnowledge,
+        knowledge: RecipeKnowledge,
         fold_of_recipe: Tensor | None = None,
     ):
         super().__init__(num_entities, knowledge, fold_of_recipe)
@@ -203,11 +203,11 @@ class BestPlan(BestRecipe):
         return tuple(best and planned(entity, best) for entity, best in by_slot)
 
 
-def _without_words(size: int, recipes: Ids) -> NeighbourKnowledge:
+def _without_words(size: int, recipes: Ids) -> RecipeKnowledge:
     """Return the knowledge of recipes, ids (n, 3), and nothing else, for ``size`` entities."""
     no_vectors = np.zeros((size, 0), dtype=np.float16)
     no_neighbours = np.zeros((size, 0), dtype=np.int32)
-    return NeighbourKnowledge.of_recipes(recipes, no_vectors, no_neighbours)
+    return RecipeKnowledge.of_recipes(recipes, no_vectors, no_neighbours)
 
 
 def _forget(source: nn.Module, _: object) -> None:

@@ -25,7 +25,7 @@ from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.folder import load_scorer
-from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES
+from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 

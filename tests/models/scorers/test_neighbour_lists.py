@@ -9,6 +9,7 @@ import pytest
 import torch
 from link_helpers import random_graph
 
+from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.models.scorers.kernel import (
     TEXT,
@@ -20,14 +21,14 @@ from wordcraft_kg.models.scorers.kernel import (
 from wordcraft_kg.models.scorers.neighbours import knowledge
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
 from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST, table_features
-from wordcraft_kg.models.scorers.neighbours.knowledge import (
-    FEATURES,
-    OF_PAIRS,
-    NeighbourKnowledge,
-    component_inputs,
-)
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMBINES, OF_COMPONENTS, LinkRows
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
+from wordcraft_kg.models.scorers.neighbours.pair_features import (
+    FEATURES,
+    OF_PAIRS,
+    component_inputs,
+)
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
 SIZE = 12
@@ -304,9 +305,7 @@ def test_structural_neighbours_have_the_largest_cosines_of_profiles():
 def random_knowledge(seed, num_recipes=70):
     vectors = unit_vectors()
     recipes = distinct(random_graph(seed, SIZE, num_recipes).recipes)
-    found = NeighbourKnowledge.of_recipes(
-        recipes, vectors.astype(np.float16), nearest_words(vectors)
-    )
+    found = RecipeKnowledge.of_recipes(recipes, vectors.astype(np.float16), nearest_words(vectors))
     draws = torch.Generator().manual_seed(seed)
     shapes = ((len(FEATURES), 8), (8,), (8,), ())
     weights = [torch.randn(shape, generator=draws) for shape in shapes]
@@ -341,8 +340,8 @@ def test_scores_of_a_batch_are_those_of_single_tables_in_any_order_of_slots():
 def test_two_threads_compute_the_same_features_as_one(monkeypatch):
     parts = [random_knowledge(0), random_knowledge(1), random_knowledge(2)]
     shared = {"vectors": parts[0].vectors, "near_words": parts[0].near_words}
-    alike = [NeighbourKnowledge(part.constants() | shared) for part in parts]
-    known = NeighbourKnowledge.stacked(alike)
+    alike = [RecipeKnowledge(part.constants() | shared) for part in parts]
+    known = RecipeKnowledge.stacked(alike)
     goal, table = random_tables(rows=300)
     # As in training with folds: no model has enough rows for a thread of its own.
     model = torch.arange(300) % 7 % 3
@@ -376,10 +375,20 @@ def test_ids_outside_the_book_are_refused_and_a_missing_goal_has_no_features():
             known.features(torch.tensor([0]), torch.tensor([[0, wrong]]), model)
 
 
+@pytest.mark.parametrize("name", ["recipes", "near_words"])
+def test_stored_ids_outside_the_book_are_damage(name):
+    known = random_knowledge(0)
+    spoilt = known.constants()[name].clone()
+    spoilt[0, 0] = SIZE
+    changed = RecipeKnowledge(known.constants() | {name: spoilt})
+    with pytest.raises(ArtefactError, match=r"outside 0 \.\. 11"):
+        changed(*random_tables(), torch.zeros(30, dtype=torch.int64))
+
+
 def test_a_stack_answers_as_each_of_its_models_and_is_restored_from_its_constants():
     models = [random_knowledge(seed) for seed in range(3)]
-    stack = NeighbourKnowledge.stacked(models)
-    again = NeighbourKnowledge.of_constants(stack.constants(), SIZE)
+    stack = RecipeKnowledge.stacked(models)
+    again = RecipeKnowledge.of_constants(stack.constants(), SIZE)
     goal, table = random_tables()
     for number, one in enumerate(models):
         alone = one(goal, table, torch.zeros_like(goal))

@@ -26,15 +26,15 @@ from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in, recipe_triples
 from wordcraft_kg.models.recipes.committee import LINKS, Examples, fit_committee
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
-from wordcraft_kg.models.scorers.neighbours.knowledge import (
-    FEATURES,
-    NeighbourKnowledge,
-    component_inputs,
-    features_of_pairs,
-)
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, Numbers, make_lists, nearest_words
-from wordcraft_kg.models.scorers.pair_knowledge import pairs_of
+from wordcraft_kg.models.scorers.neighbours.pair_features import (
+    FEATURES,
+    component_inputs,
+    features_of_pairs,
+    pairs_of,
+)
 from wordcraft_kg.models.scorers.ranker import Ranker
 
 TABLES = (8, 2)
@@ -130,7 +130,7 @@ def fit_recipe_scorers(
     seed: int = 0,
     workers: int = 1,
     after: Callable[[], None] = lambda: None,
-) -> Iterator[tuple[LeftOut, NeighbourKnowledge]]:
+) -> Iterator[tuple[LeftOut, RecipeKnowledge]]:
     """Fit a scorer for each entry of ``wanted``, in this order.
 
     The result does not depend on the other entries, nor on ``workers``: each set of examples has
@@ -213,7 +213,7 @@ def _fitted(
     left_out: LeftOut,
     lessons: Sequence[_Lesson],
     seed: int,
-) -> NeighbourKnowledge:
+) -> RecipeKnowledge:
     """Fit the rankers of a scorer: those of links, then that of recipes, which uses their scores.
 
     Args:
@@ -237,7 +237,7 @@ def _fitted(
     examples = _together([_with_link_scores(lesson, link_rankers) for lesson in lessons])
     ranker = fit_committee(examples, generator)
     recipes = folds.recipes(left_out)
-    knowledge = NeighbourKnowledge.of_recipes(recipes, words.vectors, words.near, link_rankers)
+    knowledge = RecipeKnowledge.of_recipes(recipes, words.vectors, words.near, link_rankers)
     if outside.pairs or outside.parts:
         knowledge = _with_tables(words, recipes, outside, link_rankers)
     makes = FEATURES.index("makes")
@@ -309,7 +309,7 @@ def _with_tables(
     recipes: Ids,
     outside: LinkTables,
     link_rankers: Mapping[int, Ranker],
-) -> NeighbourKnowledge:
+) -> RecipeKnowledge:
     """Return the knowledge of recipes with tables of all link scores, without a recipe ranker.
 
     Args:
@@ -318,7 +318,7 @@ def _with_tables(
         outside: features of links from outside the recipes.
         link_rankers: by relation, for features of recipes and of outside knowledge.
     """
-    knowledge = NeighbourKnowledge.of_recipes(recipes, words.vectors, words.near)
+    knowledge = RecipeKnowledge.of_recipes(recipes, words.vectors, words.near)
     size = knowledge.num_entities
     rows = knowledge.link_rows()
     every = torch.arange(size)

@@ -50,7 +50,7 @@ from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
 from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
-from wordcraft_kg.models.scorers.neighbours.knowledge import NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
@@ -345,7 +345,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         words: Words,
         wanted: Sequence[LeftOut],
         after: Callable[[], None],
-    ) -> Iterator[tuple[LeftOut, NeighbourKnowledge]]:
+    ) -> Iterator[tuple[LeftOut, RecipeKnowledge]]:
         """Yield the folds left out and the knowledge fitted without them, for each wanted fit.
 
         Args:

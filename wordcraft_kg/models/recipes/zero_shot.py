@@ -29,7 +29,8 @@ from wordcraft_kg.models.recipes.outside import (
     open_outside,
     with_words_of,
 )
-from wordcraft_kg.models.scorers.neighbours.knowledge import FEATURES, NeighbourKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
+from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.ranker import Ranker
 
 
@@ -126,7 +127,7 @@ def _joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGrap
     return OpenedGraph(graph, split, opened.source), place
 
 
-def tables_alone(outside: LinkTables, words: Words) -> NeighbourKnowledge:
+def tables_alone(outside: LinkTables, words: Words) -> RecipeKnowledge:
     """Return a scorer of mean standardised tables: ``parts[a, c] + parts[b, c] + pairs[a, b]``.
 
     Args:
@@ -144,7 +145,7 @@ def tables_alone(outside: LinkTables, words: Words) -> NeighbourKnowledge:
     pairs = mean(outside.pairs)
     parts = mean(outside.parts)
     no_recipes = np.empty((0, 3), dtype=np.int64)
-    knowledge = NeighbourKnowledge.of_recipes(no_recipes, words.vectors, words.near)
+    knowledge = RecipeKnowledge.of_recipes(no_recipes, words.vectors, words.near)
     tables = {COMBINES_WITH: pairs, COMPONENT_OF: parts}
     # A ranker that adds two features with two hidden units: relu(x) - relu(-x) is x.
     signs = torch.tensor([1.0, -1.0])

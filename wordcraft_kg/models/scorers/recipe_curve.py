@@ -23,7 +23,8 @@ from torch import Tensor, nn
 from wordcraft_kg.base.records import Record
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
-from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, pairs_of
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
+from wordcraft_kg.models.scorers.neighbours.pair_features import pairs_of
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 KINDS = 4
@@ -33,6 +34,8 @@ _CENTRES = np.arange(-20, 30.01, 0.05)
 """Centres of the histogram's bins, in nats; scores beyond the ends count in the last bins."""
 _FEWEST_TABLES = 4
 """Fewest sampled tables of a fold; in a large book, results are sampled instead."""
+SAMPLED = 2_500
+"""Results of a fold that are scored on random tables, about."""
 _SLOTS = 12
 """Entities on a sampled table."""
 _RIDGE = 1e-3
@@ -57,7 +60,7 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
 
     def log_probabilities(
         self,
-        knowledge: PairKnowledge,
+        knowledge: RecipeKnowledge,
         goal: Tensor,
         table: Tensor,
         model: Tensor,
@@ -91,10 +94,10 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
         return nn.functional.logsigmoid(log_odds).masked_fill(is_known, 0)
 
 
-def kinds_of(knowledge: PairKnowledge, features: Tensor) -> Tensor:
+def kinds_of(knowledge: RecipeKnowledge, features: Tensor) -> Tensor:
     """Return each recipe's kind, see :data:`KINDS`, from its features (F, ...)."""
     is_known = knowledge.feature(features, "known") > 0
-    is_made = knowledge.feature(features, knowledge.made_name) > 0
+    is_made = knowledge.feature(features, "goal_made") > 0
     return 2 * is_known.long() + is_made.long()
 
 
@@ -169,9 +172,9 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
 
         slots = min(_SLOTS, size)
         entities = torch.arange(size)
-        tables = max(knowledge.sampled_results // size, _FEWEST_TABLES)
+        tables = max(SAMPLED // size, _FEWEST_TABLES)
         rng = np.random.default_rng([seed, fold])
-        most = knowledge.sampled_results // _FEWEST_TABLES
+        most = SAMPLED // _FEWEST_TABLES
         if size > most:
             entities = torch.from_numpy(rng.permutation(size)[:most])
         weights = _weights(slots, size, tables * len(entities) / size)

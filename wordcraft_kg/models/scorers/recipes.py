@@ -12,12 +12,12 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
 from wordcraft_kg.models.scorers.factors import grids
 from wordcraft_kg.models.scorers.neighbours.knowledge import (
     BUFFERS,
-    FEATURES,
     LINK_FEATURES,
     LINK_TABLES,
-    NeighbourKnowledge,
+    RecipeKnowledge,
+    Support,
 )
-from wordcraft_kg.models.scorers.pair_knowledge import Support
+from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
@@ -125,7 +125,7 @@ class RecipeScorer(StoredScorer):
 
     kind: ClassVar[str] = "recipes"
     shared: ClassVar[tuple[str, ...]] = ("num_own", "vectors", "near_words")
-    knowledge: NeighbourKnowledge
+    knowledge: RecipeKnowledge
 
     def __init__(
         self,
@@ -149,7 +149,7 @@ class RecipeScorer(StoredScorer):
         """
         super().__init__(entities, graph_hash, **kwargs)
         self.check(tensors, len(self.entities))
-        knowledge = NeighbourKnowledge(tensors, len(self.entities))
+        knowledge = RecipeKnowledge(tensors, len(self.entities))
         self.knowledge = knowledge.to(self.device).requires_grad_(False)
         # Recipes of other books, whose entities have further ids, are no recipes of the graph.
         has_others = len(tensors["vectors"]) > len(self.entities)

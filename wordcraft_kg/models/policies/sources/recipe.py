@@ -20,11 +20,11 @@ from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import (
     BUFFERS,
-    FEATURES,
     LINK_TABLES,
-    NeighbourKnowledge,
+    RecipeKnowledge,
 )
 from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMBINES, OF_COMPONENTS
+from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -79,7 +79,7 @@ class BestRecipe(FoldedSource):
     def __init__(
         self,
         num_entities: int,
-        knowledge: NeighbourKnowledge,
+        knowledge: RecipeKnowledge,
         fold_of_recipe: Tensor | None = None,
     ):
         """Take the knowledge of one model or more, and each recipe's fold if there are folds."""
@@ -137,7 +137,7 @@ class BestRecipe(FoldedSource):
             three=3,
         )
         zeros = {name: lazily_zero(knowledge[name]) for name in BUFFERS}
-        empty = NeighbourKnowledge.of_constants(zeros, num_entities)
+        empty = RecipeKnowledge.of_constants(zeros, num_entities)
         of_recipe = constants.get("fold_of_recipe")
         if of_recipe is not None:
             of_recipe = lazily_zero(of_recipe)

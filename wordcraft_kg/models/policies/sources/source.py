@@ -16,7 +16,7 @@ from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
-from wordcraft_kg.models.scorers.pair_knowledge import Support
+from wordcraft_kg.models.scorers.neighbours.knowledge import Support
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 
 

@@ -48,9 +48,9 @@ and follows the known ones from it, see :mod:`.link_rows`.
 With lists as long as the book nothing is approximate but the pruning: tests compare features with
 full tables.
 
-Read :mod:`.feature_loops` for the features of tables, :mod:`.link_rows` for those of links,
-:mod:`.similar` for k. Loops that make lists and hash tables are in :mod:`.list_loops` and
-:mod:`.hash_loops`, those that propose what a plan may make first in :mod:`.candidate_loops`. The
-loops are compiled by numba: lists end at different places, and searches stop early, which
-vectorised operations would pad to the longest.
+Read :mod:`.pair_features` and :mod:`.feature_loops` for the features of tables, :mod:`.link_rows`
+for those of links, :mod:`.similar` for k. Loops that make lists and hash tables are in
+:mod:`.list_loops` and :mod:`.hash_loops`, those that propose what a plan may make first in
+:mod:`.candidate_loops`. The loops are compiled by numba: lists end at different places, and
+searches stop early, which vectorised operations would pad to the longest.
 """

@@ -1,10 +1,10 @@
-"""Recipe knowledge by neighbour lists: features and scores of pairs at any size of a book."""
+"""Recipe knowledge by neighbour lists: scores of pairs and links, and what supports them."""
 
 import math
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
-from typing import Any, ClassVar, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import torch
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 from torch import Tensor, nn
 
+from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
@@ -22,68 +23,15 @@ from wordcraft_kg.models.scorers.neighbours.link_rows import (
     LinkRows,
 )
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, make_lists
-from wordcraft_kg.models.scorers.pair_knowledge import PairKnowledge, pairs_of
+from wordcraft_kg.models.scorers.neighbours.pair_features import (
+    FEATURES,
+    component_inputs,
+    features_of_pairs,
+    pairs_of,
+    square_of,
+)
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 
-OF_SLOTS = (
-    *OF_COMPONENTS[:-2],
-    "count",
-    "evidence",
-    "best_evidence",
-    "words_evidence",
-    "component",
-)
-"""Features of an ingredient x and a goal c; the sum and the minimum over both ingredients count.
-
-Those of componentOf links, without ``goal_uses`` and ``goal_made``, come first.
-
-| feature | meaning |
-|---|---|
-| count | log(1 + recipes that make c with x) |
-| evidence | log of a sum over recipes that make c's neighbours, by likeness of c and of x |
-| best_evidence, words_evidence | the largest term; the sum by words |
-| component | score of componentOf(x, c) by the link ranker |
-"""
-OF_PAIRS = (
-    "pair_evidence",
-    "pair_words_evidence",
-    "pair_best_evidence",
-    "makes_anything",
-    "makes_alike",
-    "makes_best",
-    "makes_anything_words",
-    "makes_alike_words",
-    "known",
-    "makes",
-    "pair_words",
-    "pair_kernel",
-    "itself",
-    "goal_made",
-    "goal_uses",
-    "pair_regression",
-    "combines_pair",
-)
-"""Features of a pair (a, b) and a goal c.
-
-| feature | meaning |
-|---|---|
-| pair_evidence | log of the recipe-to-recipe kernel over recipes that make c's neighbours |
-| pair_words_evidence, pair_best_evidence | the same by words; its largest term |
-| makes_anything | log of known pairs (a', b') of neighbours, by likeness |
-| makes_alike, makes_best | the same times the likeness of their results and c: sum, largest term |
-| makes_anything_words, makes_alike_words | both sums by words |
-| known, makes | a + b has known results; c is a known result |
-| pair_words, pair_kernel, itself | word cosine and similarity of a and b; a equals b |
-| goal_made, goal_uses | log(1 + recipes that make c, that use c) |
-| pair_regression | combinesWith(a, b) by kernel regression |
-| combines_pair | score of combinesWith(a, b), where outside knowledge tells of pairs; else 0 |
-"""
-FEATURES = (
-    *(f"{name}_sum" for name in OF_SLOTS),
-    *(f"{name}_min" for name in OF_SLOTS),
-    *OF_PAIRS,
-)
-"""All features, in the order of the ranker's weights."""
 _ROWS = 64
 """Fewest tables for a thread: starting it takes as long as a few tables."""
 _BLOCK = 32
@@ -109,36 +57,53 @@ BUFFERS = (
     *LINK_TABLES,
 )
 """Names of the stored tensors."""
+LEAST_SHARE = 0.01
+"""Smallest evidence share of a supporting recipe that counts as a reason."""
 
 
-class NeighbourKnowledge(PairKnowledge):
+class Support(NamedTuple):
+    """A known recipe that supports another recipe, by ids, and its weight.
+
+    The weight is the recipe similarity, 1 for equality: the product of entity similarities for both
+    ingredients (in the better order) and the result. ``share`` is relative to the sum over all
+    supporting recipes.
+    """
+
+    recipe: tuple[int, int, int]
+    weight: float
+    share: float
+
+
+class RecipeKnowledge(nn.Module):
     """Recipes, words and rankers, from which neighbour lists follow, for M models.
 
     The lists of a model are made when they are first needed, on the CPU, and are not stored: see
     the package for their mathematics and cost.
 
     Attributes:
-        feature_names: :data:`FEATURES`.
-        made_name: ``goal_made``.
-        sampled_results: as in :class:`PairKnowledge`.
-        buffer_names: :data:`BUFFERS`.
         num_own: shape (1,), int32: E, so that a file tells which entities are its own.
         vectors: shape (T, D), half: unit word vectors; D is 0 without words. Entities from E on are
             those of other books, which are neither on tables nor goals.
         near_words: shape (T, K_w), int32: neighbours by words, -1 at the end.
         recipes: shape (n, 3), int32: training recipes of all models together.
         seen: shape (M, n), bool: training recipes of each model.
+        num_entities: E, also the id of an empty slot.
+        first: the recipe rankers' weights, with H hidden units: shape (M, F, H).
+        first_bias: shape (M, H).
+        second: shape (M, H).
+        bias: shape (M,).
 
-    The link rankers' weights are buffers with the names in :data:`LINK_RANKERS` and the shapes of
-    the rankers' weights in :class:`PairKnowledge`. Where links have features from outside the
-    recipes, tables of their scores stand for the rankers: buffers with the names in
-    :data:`LINK_TABLES`, shape (M, E, E), half, row = head; (M, 0, 0) elsewhere.
+    The link rankers' weights are buffers with the names in :data:`LINK_RANKERS`, shaped as those of
+    the recipe rankers. Where links have features from outside the recipes, tables of their scores
+    stand for the rankers: buffers with the names in :data:`LINK_TABLES`, shape (M, E, E), half, row
+    = head; (M, 0, 0) elsewhere.
     """
 
-    feature_names: ClassVar[tuple[str, ...]] = FEATURES
-    made_name: ClassVar[str] = "goal_made"
-    sampled_results: ClassVar[int] = 2_500
-    buffer_names: ClassVar[tuple[str, ...]] = BUFFERS
+    num_entities: int
+    first: Tensor
+    first_bias: Tensor
+    second: Tensor
+    bias: Tensor
     num_own: Tensor
     vectors: Tensor
     near_words: Tensor
@@ -193,12 +158,14 @@ class NeighbourKnowledge(PairKnowledge):
         return cls(constants)
 
     @classmethod
-    def of_constants(cls, constants: Mapping[str, Tensor], num_entities: int) -> Self:  # noqa: D102 - inherited
+    def of_constants(cls, constants: Mapping[str, Tensor], num_entities: int) -> Self:
+        """Return the knowledge with the given :meth:`constants`."""
         return cls(constants, num_entities)
 
     @classmethod
-    def stacked(cls, models: Sequence[PairKnowledge]) -> Self:  # noqa: D102 - inherited
-        known = [model for model in models if isinstance(model, NeighbourKnowledge)]
+    def stacked(cls, models: Sequence[Self]) -> Self:
+        """Combine several models' knowledge, with the same entities, along axis M."""
+        known = [model for model in models if isinstance(model, RecipeKnowledge)]
         # Models of folds share most recipes: each is stored once, with a mask for each model.
         of_all = torch.cat([model.recipes for model in known])
         every, number = of_all.unique(dim=0, return_inverse=True)
@@ -269,6 +236,14 @@ class NeighbourKnowledge(PairKnowledge):
         if model not in self._lists:
             recipes = self.recipes[self.seen[model]].cpu().numpy().astype(np.int64)
             near_words = self.near_words.cpu().numpy()
+            # An agent's folder may come from anywhere, and compiled loops check no bounds.
+            size = len(self.vectors)
+            are_ids = recipes.min(initial=0) >= 0 and recipes.max(initial=0) < size
+            if not are_ids or near_words.min(initial=-1) < -1 or near_words.max(initial=-1) >= size:
+                raise ArtefactError(
+                    f"the stored knowledge names entities outside 0 .. {size - 1}. Train again, or "
+                    "restore a copy."
+                )
             others = list(self._lists.values())
             # All models have the same words: their lists share one copy.
             vectors = others[0].vectors if others else self.vectors.float().cpu().numpy()
@@ -276,13 +251,25 @@ class NeighbourKnowledge(PairKnowledge):
                 self._lists[model] = make_lists(recipes, vectors, near_words)
         return self._lists[model]
 
-    def features(  # noqa: D102 - inherited
+    def features(
         self,
         goal: Tensor,
         table: Tensor,
         model: Tensor,
         pairs: tuple[Tensor, Tensor] | None = None,
     ) -> Tensor:
+        """Return the features of slot pairs.
+
+        Args:
+            goal: ids, shape (B,), int64.
+            table: entity ids in the slots, shape (B, A), int64; E for empty slots.
+            model: which of the M stacked models to use, shape (B,), int64.
+            pairs: first and second slot of P pairs, shape (P,) each; None for all pairs in
+                :func:`pairs_of`.
+
+        Returns:
+            shape (F, B, P), float32, in the order of :data:`~.pair_features.FEATURES`.
+        """
         # Compiled loops are imported late: numba takes as long to import as all the rest.
         from wordcraft_kg.models.scorers.neighbours import feature_loops
 
@@ -444,13 +431,25 @@ class NeighbourKnowledge(PairKnowledge):
                 )
         return scores
 
-    def support_of(  # noqa: D102 - inherited
+    def support_of(
         self,
         a: int,
         b: int,
         goal: int,
         model: int,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+        """Return the recipes that may support ``a + b -> goal``, and their similarities.
+
+        Args:
+            a: id of an ingredient.
+            b: id of the other ingredient.
+            goal: id of the result.
+            model: number of the model whose recipes are listed.
+
+        Returns:
+            recipes, ids (R, 3); similarity of their results to the goal, shape (R,); and of their
+            ingredients to a and b in both orders, shape (R,) each.
+        """
         from wordcraft_kg.models.scorers.neighbours.feature_loops import support_terms
 
         lists = self.lists(model)
@@ -464,24 +463,29 @@ class NeighbourKnowledge(PairKnowledge):
         like_goal = torch.from_numpy(lists.support_alike[goal, : len(numbers)].copy())
         return torch.from_numpy(recipes.astype(np.int64)), like_goal, straight, crossed
 
-    def component_scores(self, entities: Tensor) -> Tensor:  # noqa: D102 - inherited
+    def component_scores(self, entities: Tensor) -> Tensor:
+        """Return componentOf scores with all results by the first model, shape (n, E)."""
         return self.link_scores(COMPONENT_OF, entities)
 
-    def word_cosines(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
+    def word_cosines(self, entity: int, others: Tensor) -> Tensor:
+        """Return word cosines of an entity and n others, shape (n,)."""
         return self.vectors[others].float() @ self.vectors[entity].float()
 
-    def have_recipes(self, entity: int, others: Tensor) -> Tensor:  # noqa: D102 - inherited
+    def have_recipes(self, entity: int, others: Tensor) -> Tensor:
+        """Return whether the first model has a recipe of an entity with each other, shape (n,)."""
         lists = self.lists()
         first = torch.from_numpy(lists.first)
         second = torch.from_numpy(lists.second)
         partners = torch.cat([second[first == entity], first[second == entity]])
         return torch.isin(others, partners)
 
-    def log_uses(self) -> Tensor:  # noqa: D102 - inherited
+    def log_uses(self) -> Tensor:
+        """Return log(1 + recipes of the first model that use an entity), shape (E,)."""
         uses = self.lists().num_uses[: self.num_entities]
         return torch.from_numpy(uses).float().log1p()
 
-    def knows(self, recipes: Tensor, model: int) -> Tensor:  # noqa: D102 - inherited
+    def knows(self, recipes: Tensor, model: int) -> Tensor:
+        """Return a mask of the recipes, ids (n, 3), in a model's training data, shape (n,)."""
         size = len(self.vectors)
         known = _codes(self.recipes[self.seen[model]].long(), size)
         return torch.isin(_codes(recipes.long(), size), known)
@@ -540,51 +544,93 @@ class NeighbourKnowledge(PairKnowledge):
         is_own = (ids >= 0) & (ids < self.num_entities)
         return ids.masked_fill(~is_own, self.num_entities)
 
+    @property
+    def num_models(self) -> int:
+        """Number of models M."""
+        return len(self.bias)
 
-def component_inputs(slots: Tensor, pairs: Tensor) -> Tensor:
-    """Return the features of componentOf links between slots and goals, for the link ranker.
+    def constants(self) -> dict[str, Tensor]:
+        """Return the stored tensors by name."""
+        return {name: getattr(self, name) for name in BUFFERS}
 
-    Args:
-        slots: features of slots, as loops write them, shape (B, A, 16).
-        pairs: features of pairs, shape (B, P, 16): they tell the goals' numbers of recipes.
+    def with_ranker(self, ranker: Ranker) -> Self:
+        """Return a copy with a single ranker; only for a single model, M = 1."""
+        weights = ranker.weights()
+        rankers = {name: weights[name][None] for name in RANKER}
+        return self.of_constants(self.constants() | rankers, self.num_entities)
 
-    Returns:
-        shape (B, A, 14), in the order of :data:`~.link_rows.OF_COMPONENTS`.
-    """
-    of_links = len(OF_COMPONENTS) - 2
-    numbers = [OF_PAIRS.index(name) for name in OF_COMPONENTS[of_links:]]
-    # Pairs with an empty slot are zeros, others have the goal's numbers.
-    of_goal = pairs[..., numbers].amax(1)
-    of_goals = of_goal[:, None].expand(-1, slots.shape[1], -1)
-    return torch.cat([slots[..., :of_links], of_goals], dim=-1)
+    def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
+        """Score all slot pairs for the goal.
 
+        Args:
+            goal: ids, shape (B,), int64.
+            table: entity ids in the slots, shape (B, A), int64; E for empty slots.
+            model: which of the M stacked models to use, shape (B,), int64.
 
-def features_of_pairs(
-    slots: Tensor,
-    pairs: Tensor,
-    component: Tensor,
-    combines: Tensor,
-    one: Tensor,
-    other: Tensor,
-) -> Tensor:
-    """Return the features of pairs, in the order of :data:`FEATURES`.
+        Returns:
+            shape (B, A, A), in nats, symmetric; -inf for pairs with an empty slot.
+        """
+        # A pair is scored once and looked up for both orders of its slots.
+        scores = self.scores(self.features(goal, table, model), model)
+        scores = scores.index_select(1, square_of(table.shape[1], table.device))
+        is_empty = table == self.num_entities
+        scores = scores.view(*table.shape, table.shape[1])
+        has_empty = is_empty[:, :, None] | is_empty[:, None]
+        return scores.masked_fill(has_empty, -torch.inf)
 
-    Args:
-        slots: features of slots, as loops write them, shape (B, A, 16).
-        pairs: features of pairs, shape (B, P, 16).
-        component: link scores of slots and goals, shape (B, A).
-        combines: link scores of pairs, shape (B, P).
-        one: first slot of each pair, shape (P,).
-        other: second slot of each pair, shape (P,).
+    def scores(self, features: Tensor, model: Tensor) -> Tensor:
+        """Score P slot pairs, (B, P), in nats, from their :meth:`features`, (F, B, P)."""
+        ranker = Ranker(self.first, self.first_bias, self.second, self.bias)
+        return ranker.of_models(features, model)
 
-    Returns:
-        shape (B, P, F).
-    """
-    of_slots = torch.cat([slots, component[..., None]], dim=-1)
-    of_one = of_slots.index_select(1, one)
-    of_other = of_slots.index_select(1, other)
-    least = torch.minimum(of_one, of_other)
-    return torch.cat([of_one + of_other, least, pairs, combines[..., None]], dim=-1)
+    def feature(self, features: Tensor, name: str) -> Tensor:
+        """Return a feature by name, shape (B, P), from :meth:`features`."""
+        return features[FEATURES.index(name)]
+
+    def supporting_recipes(
+        self,
+        a: int,
+        b: int,
+        goal: int,
+        *,
+        model: int = 0,
+        limit: int = 5,
+    ) -> list[Support]:
+        """Return up to ``limit`` of a model's recipes that support ``a + b -> goal``.
+
+        Recipes that make the goal itself come first, if their share is at least
+        :data:`LEAST_SHARE`, then the others; both by share.
+
+        Args:
+            a: id of an ingredient.
+            b: id of the other ingredient.
+            goal: id of the result.
+            model: number of the model.
+            limit: maximum number of recipes.
+        """
+        supporting, like_goal, straight, crossed = self.support_of(a, b, goal, model)
+        orders = torch.stack([straight, crossed])
+        # Both orders count as evidence, as in the feature; a weight is the better order's alone.
+        evidence = like_goal * orders.sum(0)
+        weights = (like_goal * orders.amax(0)).clamp(max=1)
+        # Without evidence all shares are 0, not NaN.
+        least = torch.finfo(evidence.dtype).tiny
+        shares = evidence / evidence.sum().clamp(min=least)
+        rows = torch.sort(evidence, descending=True, stable=True).indices.tolist()
+        is_other = ((supporting[:, 2] != goal) | (shares < LEAST_SHARE)).tolist()
+        # A stable sort, so each part stays in the order of shares.
+        rows.sort(key=lambda row: is_other[row])
+        recipes = supporting.tolist()
+        best = []
+        for row in rows:
+            one, other, result = recipes[row]
+            # The padding of short lists, and recipes of other books, have no label here.
+            has_labels = max(one, other, result) < self.num_entities
+            if weights[row] > 0 and has_labels:
+                weight = float(weights[row])
+                share = float(shares[row])
+                best.append(Support((one, other, result), weight, share))
+        return best[:limit]
 
 
 def _of_one_model(ranker: Ranker) -> dict[str, Tensor]:
@@ -601,6 +647,6 @@ def _codes(recipes: Tensor, size: int) -> Tensor:
 
 def _forget(knowledge: nn.Module, _: object) -> None:
     """Drop lists that were made from other recipes."""
-    assert isinstance(knowledge, NeighbourKnowledge)
+    assert isinstance(knowledge, RecipeKnowledge)
     knowledge._lists = {}
     knowledge._link_rows = {}

@@ -93,7 +93,7 @@ class Near(NamedTuple):
     words: Floats
 
 
-class Links(NamedTuple):
+class Linked(NamedTuple):
     """Entities that are linked with each of T entities.
 
     Attributes:
@@ -265,7 +265,7 @@ class LinkRows:
         self,
         entities: Ids,
         near: Near,
-        links: Links,
+        links: Linked,
         back: Near,
         least: np.float32,
     ) -> tuple[Floats, Floats]:
@@ -339,13 +339,13 @@ def _both_ways(ids: Numbers, alike: Floats, words: Floats) -> _BothWays:
     return _BothWays(near, back)
 
 
-def _links(heads: Numbers, tails: Numbers, size: int) -> Links:
+def _links(heads: Numbers, tails: Numbers, size: int) -> Linked:
     """Return the distinct links by head, with the number of times that each is given."""
     codes = heads.astype(np.int64) * size + tails
     distinct, counts = np.unique(codes, return_counts=True)
     rows, columns = np.divmod(distinct, size)
     starts = _starts(rows, size)
-    return Links(starts, columns.astype(np.int32), counts.astype(np.float32))
+    return Linked(starts, columns.astype(np.int32), counts.astype(np.float32))
 
 
 def _starts(rows: NDArray[np.integer], size: int) -> Ids:

@@ -13,7 +13,7 @@ def follow(entities, near, links, back, least, sums, sums_by_words):  # type: ig
     Args:
         entities: ids, shape (B,).
         near: neighbours x' of each x, as in ``link_rows.Near``.
-        links: entities y' linked with each x', as in ``link_rows.Links``.
+        links: entities y' linked with each x', as in ``link_rows.Linked``.
         back: for each y', the entities y that list it as a neighbour, the most similar first.
         least: products of two similarities below this number are skipped.
         sums: zeros, shape (B, T).

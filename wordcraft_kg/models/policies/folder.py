@@ -75,6 +75,7 @@ def make_policy(
         GraphMismatchError: if the scorer belongs to another graph.
         LeakError: if a model has seen all recipes of a task's plan.
     """
+    config = config.closed()
     features = None
     if config.features != LEARNED:
         features = make_features(

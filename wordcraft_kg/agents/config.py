@@ -257,6 +257,9 @@ KNOWLEDGE_SETTINGS = (
 class AgentConfig(RunConfig):
     """All settings for training an agent, as ``config.toml`` keeps them.
 
+    Settings of the policy and the trainer that are left open get their values here, from the
+    preset and the tasks. For other tasks, begin with a new policy and trainer.
+
     Attributes:
         graph: graph folder, recipe book's file or built-in book's name.
         commands: names of the commands that write such a run.

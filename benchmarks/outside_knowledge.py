@@ -172,7 +172,7 @@ def agent_metrics(
     if not (home / "run/evaluation.json").exists():
         use, trainer = (
             PolicyConfig(use="combines,component,recipe"),
-            ImpalaConfig(steps=steps, eval_every=0),
+            ImpalaConfig("paper", steps=steps, eval_every=0),
         )
         train_agent(AgentConfig(graph, model, policy=use, trainer=trainer), run)
     agent, alone = open_agent(run), open_model(model, graph)

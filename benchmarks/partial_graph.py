@@ -156,7 +156,11 @@ def train(cell: Cell) -> float:
             TaskConfig(distractors=cell.distractors),
             PolicyConfig(**settings),  # type: ignore[arg-type]
             ImpalaConfig(
-                steps=cell.steps, seed=cell.seed, eval_every=0, checkpoint_every=cell.steps
+                preset="paper",
+                steps=cell.steps,
+                seed=cell.seed,
+                eval_every=0,
+                checkpoint_every=cell.steps,
             ),
         )
         trained = train_agent(config, cell.folder, force=True)

@@ -82,7 +82,7 @@ class Look(BaseCallback):
 
 
 def ours(policy: Policy, train: World, clock: Clock, seed: int, steps: int, every: int) -> None:
-    config = ImpalaConfig(steps=steps, seed=seed)
+    config = ImpalaConfig("paper", steps=steps, seed=seed)
     learner = Impala(policy, BatchEngine(train, config.batch_size).reset(seed), config)
     clock.since = time.process_time()
     clock.look(policy, 0)

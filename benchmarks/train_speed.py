@@ -209,7 +209,9 @@ def main() -> None:
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
     opened = open_world_graph(options.book)
-    config = ImpalaConfig(policy_lag=options.lag, device=options.device, compile=options.compile)
+    config = ImpalaConfig(
+        "paper", policy_lag=options.lag, device=options.device, compile=options.compile
+    )
     print(
         f"{opened.graph.name}, {options.distractors} distractors, batch {config.batch_size}, "
         f"unroll {config.unroll}, lag {config.policy_lag}, {options.threads} "

@@ -27,7 +27,7 @@ from wordcraft_kg.models.scorers.features import make_features
 
 BATCH, UNROLL = 128, 2  # environments side by side, and steps of each in an update
 DISCOUNT, ENTROPY_COST, BASELINE_COST, CLIP = 0.99, 0.01, 0.5, 40.0
-LEARNING_RATE, RMS_DECAY, RMS_EPSILON = 0.001, 0.99, 0.01
+LEARNING_RATE, RMS_DECAY, RMS_EPSILON = 0.003, 0.99, 0.01
 UPDATES_PER_ROW = 10
 GOAL = 1  # outcome of an episode that made the goal
 DISTRACTOR_SEEDS = 5  # tables with other distractors, for each test task

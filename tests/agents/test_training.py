@@ -149,7 +149,10 @@ def test_a_run_stopped_by_ctrl_c_and_resumed_ends_with_the_same_bits(
     config, made_once, interrupted, update, lag
 ):
     trainer = replace(config.trainer, policy_lag=lag, unroll=3, steps=2_400)
-    config = replace(config, tasks=TaskConfig(depth=2, distractors=2), trainer=trainer)
+    tasks = TaskConfig(depth=2, distractors=2)
+    # The policy is new, because the fixture's was completed for one attempt.
+    config = replace(config, tasks=tasks, policy=PolicyConfig(), trainer=trainer)
+    assert config.policy.sees_attempts
     whole = made_once(f"kitchen-agent-lag-{lag}", lambda out: train_agent(config, out))
     folder = interrupted(update, config=config)
     assert open_agent(folder).checkpoint == f"step {update * 24:,}"
@@ -370,8 +373,8 @@ def test_the_ends_of_the_ranges_are_allowed(setting, value):
     assert getattr(ImpalaConfig(**{setting: value}), setting) == value
 
 
-def test_the_defaults_are_the_papers():
-    config = ImpalaConfig()
+def test_the_preset_paper_has_the_papers_values():
+    config = ImpalaConfig(preset="paper")
     assert (config.steps, config.batch_size, config.unroll, config.discount) == (
         3_000_000,
         128,
@@ -387,6 +390,100 @@ def test_the_defaults_are_the_papers():
         0.5,
     )
     assert config.policy_lag == 0
+    agent = AgentConfig("kitchen", "models/x", TaskConfig(depth=2), trainer=config)
+    assert (agent.trainer.unroll, agent.policy.scale) == (2, "ranks")
+    assert agent.policy.sees_attempts is False
+    agent.check_preset()
+
+
+@pytest.mark.parametrize(
+    ("tasks", "unroll", "sees_attempts", "scale"),
+    [
+        (TaskConfig(), 2, False, "ranks"),
+        (TaskConfig(max_attempts=2), 4, True, "none"),
+        (TaskConfig(depth=3), 6, True, "none"),
+    ],
+)
+def test_the_recommended_preset_follows_the_number_of_attempts(tasks, unroll, sees_attempts, scale):
+    config = AgentConfig("kitchen", "models/x", tasks)
+    assert (config.trainer.preset, config.trainer.unroll) == ("recommended", unroll)
+    assert (config.policy.sees_attempts, config.policy.scale) == (sees_attempts, scale)
+    assert "scale" not in AgentConfig("kitchen", "models/x", tasks).differing()
+    without = AgentConfig("kitchen", tasks=tasks)
+    assert (without.policy.sees_attempts, without.policy.scale) == (sees_attempts, "ranks")
+    mlp = AgentConfig("kitchen", tasks=tasks, policy=PolicyConfig("mlp"))
+    assert mlp.policy.sees_attempts is False
+    assert mlp.differing().keys() == {"graph", "policy", *without.differing()}
+
+
+def test_a_setting_that_is_given_is_kept_whatever_the_preset():
+    for preset in ("recommended", "paper"):
+        trainer = ImpalaConfig(preset, unroll=5, learning_rate=0.5)
+        policy = PolicyConfig(scale="standardise", sees_attempts=True)
+        config = AgentConfig("kitchen", "models/x", TaskConfig(depth=2), policy, trainer)
+        assert (config.trainer.unroll, config.trainer.learning_rate) == (5, 0.5)
+        assert (config.policy.scale, config.policy.sees_attempts) == ("standardise", True)
+        assert {"unroll", "learning_rate", "scale"} <= config.differing().keys()
+
+
+@pytest.mark.parametrize(
+    ("policy", "trainer", "name"),
+    [
+        ({}, {"unroll": 4}, "unroll"),
+        ({}, {"learning_rate": 0.003}, "learning_rate"),
+        ({"scale": "none"}, {}, "scale"),
+        ({"sees_attempts": True}, {}, "sees_attempts"),
+    ],
+)
+def test_a_setting_that_contradicts_the_papers_preset_is_refused(policy, trainer, name, tmp_path):
+    def config(preset):
+        return AgentConfig(
+            "kitchen",
+            "models/x",
+            TaskConfig(depth=2),
+            PolicyConfig(**policy),
+            ImpalaConfig(preset, **trainer),
+        )
+
+    config("recommended").check_preset()
+    with pytest.raises(ConfigError, match=rf"`{name}` .* contradicts `preset` paper"):
+        train_agent(config("paper"), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_preset_or_attempts_that_do_not_exist_are_refused():
+    with pytest.raises(ConfigError, match="`preset` 'papers': expected"):
+        ImpalaConfig("papers")
+    with pytest.raises(ConfigError, match="`sees_attempts` 'yes': expected true or false"):
+        PolicyConfig(sees_attempts="yes")
+    with pytest.raises(ConfigError, match="`sees_attempts` needs `policy` attention"):
+        PolicyConfig("mlp", sees_attempts=True)
+    with pytest.raises(ConfigError, match="`unroll` depends on the tasks"):
+        _ = ImpalaConfig().updates
+
+
+def test_an_unroll_shorter_than_an_episode_is_warned_of(tmp_path, caplog):
+    def warned(**settings):
+        caplog.clear()
+        trainer = ImpalaConfig(steps=8, batch_size=4, eval_every=0, **settings)
+        config = AgentConfig("kitchen", None, TaskConfig(2, 2), PolicyConfig(), trainer)
+        train_agent(config, tmp_path / "run", force=True)
+        return "`unroll` 2 is shorter than an episode of 4 actions" in caplog.text
+
+    assert warned(unroll=2)
+    assert not warned()
+    assert warned(preset="paper")
+
+
+def test_a_file_from_before_there_were_presets_is_the_papers_preset(tmp_path):
+    config = AgentConfig("kitchen", None, TaskConfig(2), trainer=ImpalaConfig("paper"))
+    config.write(tmp_path)
+    path = tmp_path / "config.toml"
+    lines = path.read_text().splitlines(keepends=True)
+    new = ("preset", "sees_attempts")
+    path.write_text("".join(line for line in lines if not line.startswith(new)))
+    assert "preset" not in path.read_text()
+    assert AgentConfig.read(tmp_path) == config
 
 
 @pytest.mark.parametrize(("steps", "updates"), [(1, 1), (24, 1), (25, 2), (240, 10), (241, 11)])

@@ -66,6 +66,19 @@ def test_the_figures_of_a_training_are_those_of_its_evaluation(printed, world, p
     assert values["outcomes"]["2"] == recorded["outcomes"][part]
 
 
+def test_train_agent_says_its_preset_and_refuses_options_that_contradict_it(
+    run, printed, refused, world, tmp_path
+):
+    command = ("train-agent", world / "graph", *MOMENT, "--out", tmp_path / "run")
+    for option in (("--unroll", 8), ("--learning-rate", 0.5), ("--sees-attempts",)):
+        said = "contradicts --preset paper"
+        refused(*command, "--preset", "paper", *option, says=[option[0], said])
+    assert not (tmp_path / "run").exists()
+    outcome = run(*command, "--preset", "paper", "--depth", 2, "--distractors", 1)
+    assert "preset       paper: unroll 2, learning rate 0.001" in outcome.out
+    assert printed(*command, "--force")["preset"] == "recommended"
+
+
 def test_the_oracle_makes_every_goal_and_chance_few(printed, world):
     """The oracle makes every goal chance few and the scorer alone plays too."""
     players = (("plain/seed-0", "oracle"), ("plain/seed-0", "random"), ("guided", "kg-only"))

@@ -123,6 +123,27 @@ def test_what_a_study_leaves_out_has_the_default_of_the_command():
     assert costs == [0, None, 0, 0]  # the penalty is for agents with w at depth 1 only
 
 
+def test_a_study_trains_with_the_papers_preset_unless_it_names_another():
+    text = 'title = "x"\nseeds = 1\n[settings]\ndepth = 2\n[scorers.facts]\ncommand = "facts"\n'
+    same = '\nscorer = "facts"\nunroll = 2\nscale = "ranks"'
+    text += f"[variants.old]{same}\n"
+    text += f'[variants.ours]{same}\npreset = "recommended"\n'
+    text += '[variants.all]\nscorer = "facts"\npreset = "recommended"'
+    plan = small_plan(text=text)
+    old, ours, every = plan.runs
+    assert len({old, ours, every}) == 3
+    settings = [plan.tasks[run].settings["settings"] for run in (old, ours, every)]
+    assert "unroll" not in settings[0]
+    with pytest.raises(ConfigError, match="'old' and 'named' are the same trainings"):
+        small_plan(text=f'{text}\n[variants.named]{same}\npreset = "paper"')
+    found = [agent_config(each, "", "") for each in settings]
+    assert [each.trainer.preset for each in found] == ["paper", "recommended", "recommended"]
+    assert [each.trainer.unroll for each in found] == [2, 2, 4]
+    assert [each.trainer.learning_rate for each in found] == [0.001, 0.003, 0.003]
+    assert [each.policy.scale for each in found] == ["ranks", "ranks", "none"]
+    assert [each.policy.sees_attempts for each in found] == [False, True, True]
+
+
 def test_defaults_are_those_that_addresses_stand_for():
     """An address leaves out what is at its default: where one changes, VERSIONS has
     to change too."""
@@ -144,6 +165,7 @@ def test_defaults_are_those_that_addresses_stand_for():
         "observed",
     )
     trainer = (
+        "paper",
         3_000_000,
         128,
         2,
@@ -164,7 +186,7 @@ def test_defaults_are_those_that_addresses_stand_for():
     )
     expected = {
         TaskConfig: (1, 8, None, "sparse", "use", "any", "task", "all"),
-        PolicyConfig: (*policy, False, "softmax"),
+        PolicyConfig: (*policy, False, "softmax", False),
         ImpalaConfig: (*trainer, 10_000, 100_000, 100_000),
         SplitConfig: ("by-recipe", 0.8, 0.0, 0),
     }

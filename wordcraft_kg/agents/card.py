@@ -44,8 +44,8 @@ Success of the greedy policy by split (95 % interval over tasks, for this seed):
 {rows}
 
 Trained for {summary.steps:,} steps in {summary.seconds:.0f} s, seed {config.trainer.seed}, \
-{summary.parameters:,} parameters. `config.toml` reproduces the run; `run.json` lists software \
-versions.
+{summary.parameters:,} parameters, preset {config.trainer.preset}. `config.toml` reproduces the \
+run; `run.json` lists software versions.
 
 {usage(opened.graph.entities)}
 """

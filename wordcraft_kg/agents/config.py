@@ -4,10 +4,10 @@ Imports no torch, so that commands show these settings in ``--help`` at once. Th
 are the help texts, and defaults live here only.
 """
 
-from collections.abc import Collection
-from dataclasses import dataclass, fields
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import (
@@ -15,6 +15,7 @@ from wordcraft_kg.base.settings import (
     MAX_THREADS,
     SMALLEST,
     number_in,
+    one_of,
     require,
     whole,
 )
@@ -25,10 +26,24 @@ from wordcraft_kg.envs.config import (
     WordCraftConfig,
 )
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
-from wordcraft_kg.models.policies.config import PolicyConfig
+from wordcraft_kg.models.policies.config import OPEN, PolicyConfig
 from wordcraft_kg.runs.config_file import RunConfig
 
 _LARGE = 1e9
+Preset = Literal["recommended", "paper"]
+"""Names of the presets of trainer and policy."""
+RECOMMENDED_RATE = 0.003
+"""Learning rate of the recommended preset."""
+PAPER: Mapping[str, Any] = {
+    "unroll": 2,
+    "learning_rate": 0.001,
+    "sees_attempts": False,
+    "scale": "ranks",
+}
+"""Settings that the two presets do not share, and the paper's preset's values.
+
+The scale is no setting in the paper: it is that of our reproduction, see ``docs/agents.md``.
+"""
 
 
 @dataclass(frozen=True)
@@ -66,6 +81,11 @@ class TaskConfig:
     def __post_init__(self) -> None:
         self.environment("train")  # checks all values
 
+    @property
+    def episode(self) -> int:
+        """Actions in the longest episode: two for each attempt."""
+        return 2 * (self.max_attempts or self.depth)
+
     def environment(self, part: TaskPart, distractors: int | None = None) -> WordCraftConfig:
         """Return the environment settings for a part of the split.
 
@@ -88,17 +108,21 @@ class TaskConfig:
 
 @dataclass(frozen=True)
 class ImpalaConfig:
-    """IMPALA with the paper's settings.
+    """IMPALA, with recommended settings or the paper's.
 
     Attributes:
+        preset: recommended (chosen on validation tasks), or paper for the paper's values in every
+            setting that is not given.
         steps: environment steps (actions) for training, rounded up to whole updates; 3,000,000 in
             the paper.
         batch_size: parallel environments, each with one unroll per update; 128 in the paper.
-        unroll: steps per environment and update; 2 in the paper.
+        unroll: steps per environment and update. Default: an episode's actions (two for each
+            attempt); 2 in the paper.
         policy_lag: delay between acting and learning policy, in updates; 0 makes all importance
             ratios 1.
         discount: γ; 0.99 in the paper.
-        learning_rate: initial RMSProp learning rate, decayed linearly to 0; 0.001 in the paper.
+        learning_rate: initial RMSProp learning rate, decayed linearly to 0. Default: 0.003; 0.001
+            in the paper.
         rms_decay: RMSProp decay rate for squared gradients; 0.99 in the paper's released code.
         rms_epsilon: RMSProp ε; 0.01 in the paper.
         momentum: RMSProp momentum.
@@ -119,16 +143,19 @@ class ImpalaConfig:
         checkpoint_every: environment steps between two checkpoints.
 
     Example:
-        >>> ImpalaConfig(steps=1_000).updates
+        >>> ImpalaConfig(steps=1_000, preset="paper").updates
         4
+        >>> ImpalaConfig(steps=1_000).for_episodes(4).updates
+        2
     """
 
+    preset: Preset = "recommended"
     steps: int = 3_000_000
     batch_size: int = 128
-    unroll: int = 2
+    unroll: int = OPEN
     policy_lag: int = 0
     discount: float = 0.99
-    learning_rate: float = 0.001
+    learning_rate: float = OPEN
     rms_decay: float = 0.99
     rms_epsilon: float = 0.01
     momentum: float = 0.0
@@ -145,10 +172,17 @@ class ImpalaConfig:
     checkpoint_every: int = 100_000
 
     def __post_init__(self) -> None:
+        one_of("preset", self.preset, get_args(Preset))
+        if self.learning_rate is OPEN:
+            rate = PAPER["learning_rate"] if self.preset == "paper" else RECOMMENDED_RATE
+            object.__setattr__(self, "learning_rate", rate)
+        if self.unroll is OPEN and self.preset == "paper":
+            object.__setattr__(self, "unroll", PAPER["unroll"])
         for name in ("steps", "log_every", "checkpoint_every"):
             whole(name, getattr(self, name), 1)
-        for name in ("batch_size", "unroll"):
-            whole(name, getattr(self, name), 1, MAX_SIZE)
+        whole("batch_size", self.batch_size, 1, MAX_SIZE)
+        if self.unroll is not OPEN:
+            whole("unroll", self.unroll, 1, MAX_SIZE)
         whole("threads", self.threads, 1, MAX_THREADS)
         whole("policy_lag", self.policy_lag, 0, MAX_SIZE)
         for name in ("eval_every", "seed"):
@@ -175,6 +209,13 @@ class ImpalaConfig:
         is_known = is_text and (self.device == "cpu" or self.device.startswith("cuda"))
         require(self, "device", is_known, "cpu or cuda")
 
+    def for_episodes(self, actions: int) -> "ImpalaConfig":
+        """Return the settings with unrolls as long as episodes with so many actions, if open.
+
+        In a shorter unroll, actions before the last attempt learn from the value alone.
+        """
+        return replace(self, unroll=actions) if self.unroll is OPEN else self
+
     @staticmethod
     def has_scorer_cost(sources: Collection[str], depth: int) -> bool:
         """Return whether agents with these sources and tasks of this depth have the penalty.
@@ -185,7 +226,13 @@ class ImpalaConfig:
 
     @property
     def steps_per_update(self) -> int:
-        """Environment steps per update, in all environments together."""
+        """Environment steps per update, in all environments together.
+
+        Raises:
+            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
+        """
+        if self.unroll is OPEN:
+            raise ConfigError("`unroll` depends on the tasks: call `for_episodes`, or set it.")
         return self.batch_size * self.unroll
 
     @property
@@ -210,9 +257,13 @@ KNOWLEDGE_SETTINGS = (
 class AgentConfig(RunConfig):
     """All settings for training an agent, as ``config.toml`` keeps them.
 
+    Settings of the policy and the trainer that are left open get their values here, from the
+    preset and the tasks. For other tasks, begin with a new policy and trainer.
+
     Attributes:
         graph: graph folder, recipe book's file or built-in book's name.
         commands: names of the commands that write such a run.
+        unwritten: values for files from before there were presets, which have all others.
         scorer: model folder, or None.
         tasks: training and evaluation tasks.
         policy: network and knowledge sources.
@@ -224,6 +275,7 @@ class AgentConfig(RunConfig):
     """
 
     commands: ClassVar[tuple[str, ...]] = ("train-agent",)
+    unwritten: ClassVar[Mapping[str, Any]] = {"preset": "paper", "sees_attempts": False}
 
     scorer: str | None = None
     tasks: TaskConfig = TaskConfig()
@@ -231,18 +283,54 @@ class AgentConfig(RunConfig):
     trainer: ImpalaConfig = ImpalaConfig()
 
     def __post_init__(self) -> None:
+        trainer = self.trainer.for_episodes(self.tasks.episode)
+        is_recommended = trainer.preset == "recommended"
+        # In a single attempt, the number of attempts left is constant.
+        sees = is_recommended and self.policy.policy == "attention" and self.tasks.episode > 2
+        policy = self.policy.closed(sees_attempts=sees, has_scorer=self.scorer is not None)
+        # A run's file has all values, so that another version with other presets repeats the run.
+        object.__setattr__(self, "trainer", trainer)
+        object.__setattr__(self, "policy", policy)
         if self.scorer is not None:
             return
-        default = PolicyConfig()
+        default = PolicyConfig().closed(has_scorer=False)
         for name in KNOWLEDGE_SETTINGS:
-            if getattr(self.policy, name) != getattr(default, name):
+            if getattr(policy, name) != getattr(default, name):
                 raise ConfigError(f"`{name}` configures the use of a scorer: give a `scorer` too.")
+
+    def check_preset(self) -> None:
+        """Check that the settings are the preset's, for a preset that is to be kept to the letter.
+
+        Raises:
+            ConfigError: for the preset paper and a setting with another value.
+        """
+        if self.trainer.preset != "paper":
+            return
+        values = self.values()
+        for name, expected in PAPER.items():
+            if values[name] != expected:
+                raise ConfigError(
+                    f"`{name}` {values[name]!r} contradicts `preset` paper, where it is "
+                    f"{expected!r}. Leave out `{name}`, or leave out `preset` and set each value."
+                )
 
     def default_folder(self, graph_name: str) -> Path:  # noqa: D102 - inherited
         guide = Path(self.scorer).name if self.scorer else "no-kg"
         return Path("runs") / f"{graph_name}-{guide}"
 
+    def describe_preset(self) -> str:
+        """Return the preset and the values that it decides, in a line."""
+        values = self.values()
+        shown = ", ".join(f"{name.replace('_', ' ')} {values[name]}" for name in PAPER)
+        return f"{self.trainer.preset}: {shown}"
+
     def differing(self) -> dict[str, Any]:
-        """Return the settings that differ from the defaults, by name."""
+        """Return the settings that differ from the defaults and the preset's values, by name."""
         default = AgentConfig("").values()
+        # Values that follow from others, as they would be if none of them were given.
+        preset = ImpalaConfig(preset=self.trainer.preset)
+        is_mlp = self.policy.policy == "mlp"
+        policy = PolicyConfig(policy="mlp") if is_mlp else PolicyConfig()
+        followed = AgentConfig("", self.scorer, self.tasks, policy, preset).values()
+        default |= {name: followed[name] for name in PAPER}
         return {name: value for name, value in self.values().items() if default.get(name) != value}

@@ -32,7 +32,7 @@ from wordcraft_kg.base.tensors import as_tensor, copied
 from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 from wordcraft_kg.models.policies.sources import W
-from wordcraft_kg.models.policies.states import States
+from wordcraft_kg.models.policies.states import Attempts, States
 
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
 """Names of the losses (summed over the batch) and of the gradient norm before clipping."""
@@ -49,7 +49,7 @@ class _Unroll(NamedTuple):
     """T steps in B environments, and the states after the last step.
 
     Attributes:
-        states: goal and selection, shape (T + 1, B), and table, shape (T + 1, B, A).
+        states: goal, selection and attempts left, shape (T + 1, B), and table, shape (T + 1, B, A).
         external_scores: shape (T + 1, B, S, A): source scores, cached for the learner; None without
             sources.
         actions: shape (T, B), int64: chosen slots.
@@ -118,6 +118,8 @@ class Impala:
             ConfigError: if ``config.compile`` is set and torch cannot compile here, or if
                 ``config.policy_lag`` policies do not fit into memory.
         """
+        tasks = envs.world.config
+        config = config.for_episodes(2 * (tasks.max_attempts or tasks.depth))
         self.policy = policy
         self.envs = envs
         self.config = config
@@ -199,6 +201,7 @@ class Impala:
                 goal=self._empty(time + 1, batch, dtype=torch.int64),
                 selection=self._empty(time + 1, batch, dtype=torch.int64),
                 table=self._empty(time + 1, batch, slots, dtype=torch.int64),
+                attempts=Attempts(self._empty(time + 1, batch, dtype=torch.int64)),
             ),
             external_scores=external_scores,
             actions=self._empty(time, batch, dtype=torch.int64),
@@ -392,7 +395,9 @@ class Impala:
                 scores = unroll.external_scores[t]
             # Compiled code expects the same tensors in each update: the unroll's, not the engine's.
             kept = unroll.states
-            same = States(kept.goal[t], kept.selection[t], kept.table[t])
+            assert kept.attempts is not None
+            left = Attempts(kept.attempts.left[t])
+            same = States(kept.goal[t], kept.selection[t], kept.table[t], attempts=left)
             actions, log_probs = self._act(weights, same, scores, noise[t])
             unroll.actions[t] = actions
             unroll.log_probs[t] = log_probs
@@ -415,6 +420,9 @@ class Impala:
         unroll.goal[t] = states.goal
         unroll.selection[t] = states.selection
         unroll.table[t] = states.table
+        assert unroll.attempts is not None
+        assert states.attempts is not None
+        unroll.attempts.left[t] = states.attempts.left
         return states
 
     def _choose(
@@ -460,10 +468,12 @@ class Impala:
 
         # One call of the policy for all states: time and environments become one batch axis.
         seen = unroll.states
+        assert seen.attempts is not None
         states = States(
             goal=seen.goal[:num_states].flatten(0, 1),
             selection=seen.selection[:num_states].flatten(0, 1),
             table=seen.table[:num_states].flatten(0, 1),
+            attempts=Attempts(seen.attempts.left[:num_states].flatten(0, 1)),
         )
         external_scores = unroll.external_scores
         if external_scores is not None:

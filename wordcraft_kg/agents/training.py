@@ -115,8 +115,8 @@ def train_agent(
     Raises:
         OutputExistsError: if the folder holds other files or a finished run, and ``force`` is
             False.
-        ConfigError: if an unfinished run has other settings or data, or the settings do not fit the
-            graph or machine.
+        ConfigError: if a setting contradicts the preset, an unfinished run has other settings or
+            data, or the settings do not fit the graph or machine.
         MissingExtraError: if a tracker's library is not installed.
         GraphMismatchError: if the scorer belongs to another graph or split.
         ArtefactError: if an interrupted run is damaged, or another process is training in the
@@ -130,6 +130,7 @@ def train_agent(
         >>> trained.step
         512
     """
+    config.check_preset()
     return train(
         AgentTraining,
         config,
@@ -209,6 +210,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             LeakError: if a model of the scorer has seen all recipes of a train task's plan.
         """
         config = self.config
+        _warn_of_short_unrolls(config)
         scorer = None
         observed = None
         self.facts: dict[str, Any] = {}
@@ -392,6 +394,18 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         write_atomically(run.path / EPISODES_FILE, _episode_lines(world, results))
         run.finish(OUTPUTS, agent_card(self.opened, self.config, run.record, summary))
         return TrainedAgent(run.path, self.step, summary)
+
+
+def _warn_of_short_unrolls(config: AgentConfig) -> None:
+    """Warn that the first actions of an episode will hardly learn from its reward."""
+    if config.trainer.unroll < config.tasks.episode:
+        logging.getLogger(__name__).warning(
+            "`unroll` %d is shorter than an episode of %d actions: actions before the last unroll "
+            "learn from estimated values alone. Set `unroll` to %d or more.",
+            config.trainer.unroll,
+            config.tasks.episode,
+            config.tasks.episode,
+        )
 
 
 def _warn_of_in_sample_scores(config: AgentConfig) -> None:

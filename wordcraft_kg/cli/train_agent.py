@@ -19,6 +19,7 @@ EXAMPLES = (
 
 # What most trainings need; a configuration file takes all options.
 SHOWN = [
+    "--preset",
     "--scorer",
     "--use",
     "--steps",
@@ -32,7 +33,6 @@ SHOWN = [
     "--policy",
     "--features",
     "--learning-rate",
-    "--unroll",
     "--scorer-cost",
     "--device",
 ]
@@ -66,6 +66,7 @@ def train_agent(  # noqa: PLR0913 - parameters are the command's options
         out: run folder to write. Default: runs/<graph name>-<scorer folder or no-kg>.
     """
     config = AgentConfig(graph, None if scorer is None else str(scorer), tasks, policy, trainer)
+    config.check_preset()
     return train(
         AGENTS, config, out, force, output, seeds=seeds, trackers=split_labels(track or ())
     )

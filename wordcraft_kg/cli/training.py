@@ -11,6 +11,7 @@ from pathlib import Path
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any
 
+from wordcraft_kg.agents.config import AgentConfig
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
 from wordcraft_kg.base.wording import counted
@@ -26,7 +27,6 @@ from wordcraft_kg.runs.interruption import interruption_message
 from wordcraft_kg.runs.record import RUN_FILE
 
 if TYPE_CHECKING:
-    from wordcraft_kg.agents.config import AgentConfig
     from wordcraft_kg.agents.training import TrainedAgent
     from wordcraft_kg.models.links.records import LinkMetrics
     from wordcraft_kg.models.links.training import TrainedLinks
@@ -290,7 +290,7 @@ def _recipe_rows(trained: "TrainedRecipes") -> Rows:
     return rows
 
 
-def _write_agent_report(trained: "TrainedAgent", config: "AgentConfig") -> None:
+def _write_agent_report(trained: "TrainedAgent", config: AgentConfig) -> None:
     from wordcraft_kg.agents.agent_folder import open_agent
     from wordcraft_kg.evaluation.agents import group_agents, view_agents
     from wordcraft_kg.reports.agent_report import make_agent_report
@@ -309,6 +309,7 @@ def _agent_values(trained: "TrainedAgent") -> Values:
     return {
         "out": str(trained.folder),
         "report": str(trained.folder / "report" / "index.html"),
+        "preset": AgentConfig.read(trained.folder).trainer.preset,
         **as_values(trained.summary),
         # Flat, for scripts: the record has an object for each part.
         "success": {name: rate.mean for name, rate in success.items()},
@@ -320,7 +321,9 @@ def _agent_rows(trained: "TrainedAgent") -> Rows:
     summary = trained.summary
     assert summary is not None
     evaluation = f"{summary.curves_share:.1%} of the time spent on the curves"
+    config = AgentConfig.read(trained.folder)
     rows = [
+        ("preset", config.describe_preset()),
         ("trained", f"{summary.steps:,} steps in {summary.seconds:.1f} s"),
         ("speed", f"{summary.steps_per_second:,} steps/s; {evaluation}"),
     ]

@@ -34,10 +34,13 @@ class RunConfig:
 
     Attributes:
         commands: commands that accept the settings.
+        unwritten: values of settings that files of earlier versions do not have, where these are
+            not the defaults.
         graph: graph folder, recipe book file or known book name.
     """
 
     commands: ClassVar[tuple[str, ...]]
+    unwritten: ClassVar[Mapping[str, Any]] = {}
 
     graph: str
 
@@ -73,6 +76,7 @@ class RunConfig:
             raise ArtefactError(
                 f"{path} is damaged: expected the table [{expected}], found [{command}]."
             )
+        settings = {**cls.unwritten, **settings}
         config = _taken(cls, settings, command, path)
         # Each dataclass has taken its own settings; anything left is unknown to all of them.
         if settings:

@@ -8,7 +8,13 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from wordcraft_kg.agents.config import KNOWLEDGE_SETTINGS, AgentConfig, ImpalaConfig, TaskConfig
+from wordcraft_kg.agents.config import (
+    KNOWLEDGE_SETTINGS,
+    PAPER,
+    AgentConfig,
+    ImpalaConfig,
+    TaskConfig,
+)
 from wordcraft_kg.base.artefacts import sha256_of
 from wordcraft_kg.base.errors import ConfigError, SplitError
 from wordcraft_kg.base.feature_spec import LEARNED, NAMES, SHUFFLED, VECTORS, FeatureSpec
@@ -48,11 +54,12 @@ _CURVE_POINTS = 20
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 _IN_STUDIES: dict[type, dict[str, Any]] = {
     RecipeScorerConfig: {"features": "glove"},
-    ImpalaConfig: {"scorer_cost": 0.0},
+    PolicyConfig: {"scale": PAPER["scale"], "sees_attempts": PAPER["sees_attempts"]},
+    ImpalaConfig: {"preset": "paper", "scorer_cost": 0.0},
 }
 """Values that addresses leave out where the command's default is another value.
 
-So earlier results keep their addresses.
+So earlier results keep their addresses: without a preset, a study trains with the paper's.
 """
 _PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": ImpalaConfig}
 
@@ -60,9 +67,8 @@ _PART_OF_AGENT = {"tasks": TaskConfig, "policy": PolicyConfig, "trainer": Impala
 def defaults_of(kind: type) -> dict[str, Any]:
     """Return a dataclass's settings that addresses leave out."""
     # Of an object and not of the class: a configuration may store a default in another form.
-    default = kind()
-    values = {field.name: getattr(default, field.name) for field in fields(kind)}
-    return values | _IN_STUDIES.get(kind, {})
+    default = kind(**_IN_STUDIES.get(kind, {}))
+    return {field.name: getattr(default, field.name) for field in fields(kind)}
 
 
 def scorer_config(command: str, settings: Mapping[str, Any]) -> Any:
@@ -291,6 +297,9 @@ class _Planner:
         settings: dict[str, Any] = {}
         for kind in _PART_OF_AGENT.values():
             settings |= _not_default(given, kind)
+        if config.trainer.preset != "paper":
+            # The paper's values, left out above, are not those of another preset.
+            settings |= {name: given[name] for name in PAPER if name in given}
         described = {"graph": graph, "scorer": scorer, "settings": settings}
         described |= self._content(settings.get("features"))
         title = f"{cell.variant}{_values(cell.values)}, seed {cell.seed}"
@@ -337,6 +346,8 @@ def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) ->
         ConfigError: if a setting is out of range, or does not fit another.
     """
     settings = {**_IN_STUDIES[ImpalaConfig], **settings}
+    if settings["preset"] == "paper":
+        settings = {**_IN_STUDIES[PolicyConfig], **settings}
     parts: dict[str, Any] = {}
     for part, kind in _PART_OF_AGENT.items():
         names = [field.name for field in fields(kind) if field.name in settings]

@@ -24,7 +24,7 @@ from wordcraft_kg.models.policies.attention import (
 )
 from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, log_policy
-from wordcraft_kg.models.policies.states import States
+from wordcraft_kg.models.policies.states import Attempts, States
 
 SIZE = 7
 NOTHING = SIZE
@@ -209,6 +209,39 @@ def test_the_value_is_an_mlp_of_the_attention_weighted_table(kind):
     ]
     close(policy(States(*state)).value, expected)
     assert max(expected) - min(expected) > 0.01
+
+
+@pytest.mark.parametrize("left", [1, 2, 5, 9])
+@pytest.mark.parametrize("features", FEATURES)
+def test_a_policy_that_sees_attempts_adds_the_terms_of_the_phase(features, left):
+    """The phase has its own terms in the attention logits, the value and the mixing weights."""
+    policy, state = attention(features, knows=True, sees_attempts=True), states()
+    slow = Slow(policy)
+    attempts = Attempts(torch.full((len(state[0]),), left))
+    output = policy(States(*state, attempts=attempts))
+    for i, (goal, selection, real, row) in enumerate(one_by_one(state)):
+        phase = 2 * (min(left, 5) - 1) + int(selection != NOTHING)
+        added = [dot(slow.p["phases.rows"][phase], slow.x[entity]) for entity in row]
+        alpha = [a + b for a, b in zip(slow.alpha(goal, selection, row), added, strict=True)]
+        close(output.sources[i, 0, real], alpha)
+        close(output.value[i], slow.head("value", alpha, row)[0] + slow.p["phases.value"][phase])
+        lambdas = slow.head("mixture", alpha, row)
+        terms = slow.p["phases.lambdas"][phase]
+        close(output.lambdas[i], [a + b for a, b in zip(lambdas, terms, strict=True)])
+
+
+def test_a_policy_that_sees_attempts_needs_them_and_starts_as_one_that_does_not():
+    seeing = AttentionPolicy(PolicyConfig(**SIZES, sees_attempts=True), FEATURES["dense"]())
+    other = AttentionPolicy(PolicyConfig(**SIZES), FEATURES["dense"]())
+    seeing.load_state_dict(other.state_dict(), strict=False)
+    state = states()
+    attempts = Attempts(torch.arange(1, 1 + len(state[0])))
+    found = seeing(States(*state, attempts=attempts))
+    expected = other(States(*state))
+    assert torch.equal(found.logits, expected.logits)
+    assert torch.equal(found.value, expected.value)
+    with pytest.raises(ConfigError, match="needs the attempts left"):
+        seeing(States(*state))
 
 
 @pytest.mark.parametrize("kind", KNOWING)
@@ -398,7 +431,7 @@ REFUSED = {
     "policy": ("attentoin", "MLP"),
     "pooling": ("maxx",),
     "mixing": ("sofmax", 3),
-    "scale": ("standardize", "rank", None),
+    "scale": ("standardize", "rank", 1),
     "self_edges": ("dropp",),
     "value_readout": ("logit",),
     **dict.fromkeys(SIZES_OF, (0, -1, 2.5)),

@@ -239,6 +239,13 @@ def test_a_policy_is_the_same_bit_by_bit_after_reading_it(make, kind, tmp_path):
     assert trainable == {name for name, _ in policy.named_parameters()}
 
 
+def test_sources_that_share_a_tensor_are_written_with_a_copy_each(make, tmp_path):
+    policy = make("u and v")
+    policy.sources["v"].scores = policy.sources["u"].scores
+    written(tmp_path, policy)
+    assert_equal_bits(read(tmp_path), policy.eval())
+
+
 @any_kind
 def test_training_changes_the_parameters_and_not_the_constants(make, kind, tmp_path):
     policy = make(kind)

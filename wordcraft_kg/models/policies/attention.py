@@ -35,6 +35,10 @@ AHEAD = 10.0
 
 With 1 or 5, agents explore so much at first that they forget their planner.
 """
+MOST_ATTEMPTS = 5
+"""Attempts that a policy tells apart, the deepest tasks' number; more count as this many."""
+NUM_PHASES = 2 * MOST_ATTEMPTS
+"""Phases of an episode: each attempt, without and with a selection."""
 
 
 class AttentionPolicy(Policy):
@@ -44,7 +48,8 @@ class AttentionPolicy(Policy):
     ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α), and with sources
     ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with separate weights. Logits are β, or α
     without sources. An MLP is a linear map W with bias, a rectifier and a linear map; W is applied
-    after the sum over slots.
+    after the sum over slots. With ``config.sees_attempts``, learned terms for the phase of the
+    episode (:class:`Phases`) are added to ``Kᵀ Q([x_g; x_s]) / √d``, to V and to λ.
 
     Permuting the slots permutes the logits and leaves the value as it is, so the policy takes any
     table size.
@@ -78,6 +83,9 @@ class AttentionPolicy(Policy):
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
             if config.mixing == "free":
                 self._set_first_lambdas()
+        if config.sees_attempts:
+            # Zeros, so that a policy starts like one that does not see attempts.
+            self.phases = Phases(vectors.dim, len(self.labels))
 
     @torch.no_grad()
     def _set_first_lambdas(self) -> None:
@@ -97,11 +105,13 @@ class AttentionPolicy(Policy):
 
     def weights(self) -> Weights:  # noqa: D102 - inherited
         mixture = _head_weights("mixture", self.mixture) if self.sources else {}
+        phases = self.phases.weights() if self.config.sees_attempts else {}
         return {
             **self.vectors.weights(),
             **_head_weights("value", self.value),
             **mixture,
             **self.attention.weights(),
+            **phases,
         }
 
     def output(  # noqa: D102 - inherited
@@ -115,22 +125,74 @@ class AttentionPolicy(Policy):
         slots = Slots(weights.get("vectors"), table)
         # Attention logits, shape (B, A). Empty slots have zero vectors, so their α is 0 until
         # masked.
-        alpha = slots.dot(self.attention.rows(weights, states.goal, states.selection))
+        rows = self.attention.rows(weights, states.goal, states.selection)
+        phases = None
+        if self.config.sees_attempts:
+            phases = phases_of(states, self.num_entities)
+            rows = rows + weights["phases.rows"].index_select(0, phases)
+        alpha = slots.dot(rows)
         is_softmax = self.config.value_readout == "softmax"
         readout = masked_softmax(alpha, mask) if is_softmax else alpha.masked_fill(~mask, 0)
         # The state's encoding before W, shape (B, F): the readout pools the slots' vectors. The
         # value and the mixing weights see the table only through it.
         encoding = slots.sum(readout, self.num_entities)
         value = _mlp(encoding, weights, "value")[:, 0]
+        if phases is not None:
+            value = value + weights["phases.value"].index_select(0, phases)
         if external_scores is None:
             return PolicyOutput(alpha.masked_fill(~mask, -torch.inf), value)
         sources = external_scores
         if not self.config.kg_only:
             sources = torch.cat([alpha[:, None], external_scores], dim=1)
         lambdas = _mlp(encoding, weights, "mixture")
+        if phases is not None:
+            lambdas = lambdas + weights["phases.lambdas"].index_select(0, phases)
         if self.config.mixing == "softmax":
             lambdas = torch.softmax(lambdas, dim=1)
         return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)
+
+
+class Phases(nn.Module):
+    """Learned terms for each phase of an episode: attempts left, and whether a slot is selected.
+
+    An entity that makes the goal is the right choice in the last attempt, and one that makes an
+    intermediate in an earlier attempt: without the phase, one λ serves both.
+
+    Attributes:
+        rows: shape (:data:`NUM_PHASES`, F): added to the query after the keys are folded in.
+        value: shape (:data:`NUM_PHASES`,): added to V.
+        lambdas: shape (:data:`NUM_PHASES`, S): added to λ, before a softmax; only with sources.
+    """
+
+    def __init__(self, dim: int, num_lambdas: int):
+        """Start with zeros, for vectors of length ``dim`` (F) and ``num_lambdas`` (S) scores."""
+        super().__init__()
+        self.rows = nn.Parameter(torch.zeros(NUM_PHASES, dim))
+        self.value = nn.Parameter(torch.zeros(NUM_PHASES))
+        if num_lambdas:
+            self.lambdas = nn.Parameter(torch.zeros(NUM_PHASES, num_lambdas))
+
+    def weights(self) -> Weights:
+        """Return all terms by name."""
+        return {f"phases.{name}": parameter for name, parameter in self.named_parameters()}
+
+
+def phases_of(states: States, nothing: int) -> Tensor:
+    """Return each state's phase, shape (B,), int64, from 0 to :data:`NUM_PHASES` - 1.
+
+    A state in attempt n from the end has the phase ``2 (n - 1)``, or 1 more with a selection.
+
+    Args:
+        states: states of B episodes, with ``attempts``.
+        nothing: E, the id without a selection.
+
+    Raises:
+        ConfigError: if the attempts left are unknown.
+    """
+    if states.attempts is None:
+        raise ConfigError("a policy with `sees_attempts` needs the attempts left in its states.")
+    left = states.attempts.left.clamp(1, MOST_ATTEMPTS)
+    return 2 * (left - 1) + (states.selection != nothing)
 
 
 def mix_logits(

@@ -4,9 +4,10 @@ Imports no torch, so that commands show these settings in ``--help`` at once. Th
 the help text of each option.
 """
 
-from dataclasses import dataclass
-from typing import Literal, get_args
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
 
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import (
     MAX_DIM,
     nearest,
@@ -27,6 +28,8 @@ from wordcraft_kg.models.scorers.features import Pooling
 PolicyKind = Literal["attention", "mlp"]
 Mixing = Literal["softmax", "free"]
 _ValueReadout = Literal["softmax", "logits"]
+OPEN: Any = None
+"""Default of a setting whose value follows from other settings, see :meth:`PolicyConfig.closed`."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,7 @@ class PolicyConfig:
         mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This
             and the next three defaults were chosen on validation tasks, see docs/agents.md.
         scale: common scale for scores before mixing: standardise, ranks, log-softmax or none.
+            Default: none where the policy sees attempts, else ranks.
         self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges
             observed in the scorer's training triples, or drop; a dropped score becomes the mean
             over all pairs.
@@ -62,6 +66,8 @@ class PolicyConfig:
             if the scorer has out-of-sample models.
         value_readout: slot weights in the encodings for value and λ: softmax of α, or the raw
             logits α, as in the paper's released code.
+        sees_attempts: let the query, the value and λ depend on the number of attempts left; for
+            attention. Default: with several attempts, except in the paper's preset.
 
     Example:
         >>> PolicyConfig(use="component,plan").sources
@@ -80,10 +86,11 @@ class PolicyConfig:
     plan_width: int = 0
     kg_only: bool = False
     mixing: Mixing = "free"
-    scale: Scale = "ranks"
+    scale: Scale = OPEN
     self_edges: SelfEdges = "observed"
     in_sample: bool = False
     value_readout: _ValueReadout = "softmax"
+    sees_attempts: bool = OPEN
 
     def __post_init__(self) -> None:
         for name in (
@@ -94,6 +101,8 @@ class PolicyConfig:
             "self_edges",
             "value_readout",
         ):
+            if name == "scale" and self.scale is OPEN:
+                continue
             one_of(
                 name,
                 getattr(self, name),
@@ -102,14 +111,31 @@ class PolicyConfig:
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
         whole("plan_width", self.plan_width, 0, MAX_DIM)
-        for name in ("allow_missing", "kg_only", "in_sample"):
+        for name in ("allow_missing", "kg_only", "in_sample", "sees_attempts"):
             # A text such as "false" from a configuration file would count as true.
-            require(self, name, isinstance(getattr(self, name), bool), "true or false")
+            value = getattr(self, name)
+            is_open = name == "sees_attempts" and value is OPEN
+            require(self, name, is_open or isinstance(value, bool), "true or false")
+        if self.sees_attempts and self.policy == "mlp":
+            raise ConfigError("`sees_attempts` needs `policy` attention.")
         # Files of runs and addresses of studies know the short names alone.
         short = ",".join(map(short_name, self._named))
         if short != ",".join(self._named):
             object.__setattr__(self, "use", short)
         _ = self.sources  # raises ConfigError for an unknown name
+
+    def closed(self, *, sees_attempts: bool = False, has_scorer: bool = True) -> "PolicyConfig":
+        """Return the settings with a value for each that was left open.
+
+        Args:
+            sees_attempts: value of ``sees_attempts`` if it was left open.
+            has_scorer: whether there are scores; without, the scale changes nothing.
+        """
+        sees = sees_attempts if self.sees_attempts is OPEN else self.sees_attempts
+        scale = self.scale
+        if scale is OPEN:
+            scale = "none" if sees and has_scorer else "ranks"
+        return replace(self, sees_attempts=sees, scale=scale)
 
     @property
     def _named(self) -> list[str]:

@@ -75,6 +75,7 @@ def make_policy(
         GraphMismatchError: if the scorer belongs to another graph.
         LeakError: if a model has seen all recipes of a task's plan.
     """
+    config = config.closed()
     features = None
     if config.features != LEARNED:
         features = make_features(
@@ -136,6 +137,11 @@ def write_constants(folder: Path, policy: Policy) -> None:
     constants = {name: tensor.cpu().contiguous() for name, tensor in policy.state_dict().items()}
     for name, _ in policy.named_parameters():
         del constants[name]
+    # Sources of one scorer may share tensors, such as w and p the words; the file has a copy each.
+    owners: dict[int, str] = {}
+    for name, tensor in constants.items():
+        if owners.setdefault(tensor.data_ptr(), name) != name:
+            constants[name] = tensor.clone()
     write_atomically(folder / "constants.safetensors", safetensors.torch.save(constants))
     write_atomically(folder / "policy.json", dump_json(description))
 

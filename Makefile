@@ -16,7 +16,7 @@ INSTALL_TORCH := -m pip install --quiet $(or $(TORCH),--constraint constraints.t
 
 help:
 	@echo "make demo     set up, then book -> graph -> scorers -> agents -> a table and reports, on the book everyday"
-	@echo "make test     set up, then the tests, in minutes: of the core (make test-core) and of the apps (make test-apps)"
+	@echo "make test     set up, then the tests, in minutes, the core first; a part with make test-core, make test-apps"
 	@echo "make install  set up .venv with the tools of tests; CPU build of torch with TORCH='--index-url URL', see docs/installation.md"
 	@echo "make slow     thorough and long tests; of some rooms with ROOMS='tests/runs tests/models'"
 	@echo "make browser  the tests of pages in Chromium"
@@ -50,10 +50,12 @@ install: .venv/installed
 demo: .venv/package
 	$(BIN)/python examples/demo.py --out $(DEMO)
 
-# The core first: a fault there shows before the apps are tested.
-test: test-core test-apps
+# In the order of tests/conftest.py, not by the number of tests.
+FAST := -m "not slow and not browser" --numprocesses auto --dist loadfile --no-loadscope-reorder
+# The core first, in the same session: libraries are imported and models of the tests trained once.
+test: install
+	$(BIN)/python -m pytest $(FAST)
 
-FAST := -m "not slow and not browser" --numprocesses auto --dist loadfile
 test-core: install
 	$(BIN)/python -m pytest $(FAST) --ignore tests/apps
 

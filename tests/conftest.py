@@ -48,10 +48,19 @@ class Outcome:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest selects by marker
 def pytest_collection_modifyitems(items):
-    """Mark the tests that use the fixture `chromium`."""
+    """Mark the tests that use the fixture `chromium`; put the apps after the core."""
     for item in items:
         if "chromium" in getattr(item, "fixturenames", ()):
             item.add_marker("browser")
+    items.sort(key=_room)
+
+
+def _room(item):
+    """A fault in the core shows before the apps are tested."""
+    if not item.nodeid.startswith("tests/apps/"):
+        return 0
+    # These tests wait for deadlines: at the end, one core would wait for the other.
+    return 1 if item.nodeid.startswith("tests/apps/web/") else 2
 
 
 @pytest.fixture(scope="session", autouse=True)

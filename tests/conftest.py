@@ -80,6 +80,34 @@ def one_core():
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def no_power_failure():
+    """Leave files to the system: waiting for the disk costs 4 ms a file, and no test pulls the
+    plug. A wrong descriptor is still an error."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", os.fstat)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def vocabulary_of_glove():
+    """Search the words of each book once: 400,000 words are read from the file each time."""
+    from wordcraft_kg.models.scorers import features
+
+    search = features._glove_rows
+    found = {}
+
+    def rows_of(words):
+        key = tuple(words)
+        if key not in found:
+            found[key] = search(words)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(features, "_glove_rows", rows_of)
+        yield
+
+
 @pytest.fixture
 def run(capsys, monkeypatch):
     """Run a command of the command line in this process."""

@@ -2,8 +2,6 @@
 PYTHON ?= python3
 BIN := .venv/bin
 DEMO := demo
-# A third of the paper's steps: the curves are nearly flat by then.
-AGENT := --steps 1000000
 # The studies of `make results`, with their options, and its time limit.
 STUDY := all
 MINUTES := 30
@@ -17,8 +15,8 @@ INSTALL_TORCH := -m pip install --quiet $(or $(TORCH),--constraint constraints.t
 .PHONY: help install demo test test-core test-apps slow browser lint format docs notebooks results site check-site pictures dist lock release clean
 
 help:
-	@echo "make demo     set up, then book -> graph -> scorers -> agents -> reports, on the book everyday"
-	@echo "make test     set up, then the tests, in minutes: of the core (make test-core) and of the apps (make test-apps)"
+	@echo "make demo     set up, then book -> graph -> scorers -> agents -> a table and reports, on the book everyday"
+	@echo "make test     set up, then the tests, in minutes, the core first; a part with make test-core, make test-apps"
 	@echo "make install  set up .venv with the tools of tests; CPU build of torch with TORCH='--index-url URL', see docs/installation.md"
 	@echo "make slow     thorough and long tests; of some rooms with ROOMS='tests/runs tests/models'"
 	@echo "make browser  the tests of pages in Chromium"
@@ -49,27 +47,15 @@ install: .venv/installed
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev]"
 	touch $@
 
-# ComplEx with 3 folds instead of 5: two thirds of the time.
 demo: .venv/package
-	$(BIN)/wordcraft-kg build-graph everyday --out $(DEMO)/graphs/everyday --force
-	$(BIN)/wordcraft-kg train-complex $(DEMO)/graphs/everyday --folds 3 --out $(DEMO)/models/everyday-partial --force
-	$(BIN)/wordcraft-kg train-recipes $(DEMO)/graphs/everyday --out $(DEMO)/models/everyday-recipes --force
-	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-partial
-	$(BIN)/wordcraft-kg evaluate-links $(DEMO)/models/everyday-recipes
-	$(BIN)/wordcraft-kg score $(DEMO)/models/everyday-recipes flour + water
-	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --out $(DEMO)/runs/no-kg --force
-	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-partial \
-		--out $(DEMO)/runs/partial --force
-	$(BIN)/wordcraft-kg train-agent $(DEMO)/graphs/everyday $(AGENT) --scorer $(DEMO)/models/everyday-recipes \
-		--use combines,component,recipe --out $(DEMO)/runs/recipes --force
-	$(BIN)/wordcraft-kg compare $(DEMO)/runs/no-kg $(DEMO)/runs/partial $(DEMO)/runs/recipes \
-		--out $(DEMO)/reports/agents --force
-	$(BIN)/wordcraft-kg explain $(DEMO)/runs/recipes --episodes 1
+	$(BIN)/python examples/demo.py --out $(DEMO)
 
-# The core first: a fault there shows before the apps are tested.
-test: test-core test-apps
+# In the order of tests/conftest.py, not by the number of tests.
+FAST := -m "not slow and not browser" --numprocesses auto --dist loadfile --no-loadscope-reorder
+# The core first, in the same session: libraries are imported and models of the tests trained once.
+test: install
+	$(BIN)/python -m pytest $(FAST)
 
-FAST := -m "not slow and not browser" --numprocesses auto --dist loadfile
 test-core: install
 	$(BIN)/python -m pytest $(FAST) --ignore tests/apps
 

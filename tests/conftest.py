@@ -48,10 +48,19 @@ class Outcome:
 
 @pytest.hookimpl(tryfirst=True)  # before pytest selects by marker
 def pytest_collection_modifyitems(items):
-    """Mark the tests that use the fixture `chromium`."""
+    """Mark the tests that use the fixture `chromium`; put the apps after the core."""
     for item in items:
         if "chromium" in getattr(item, "fixturenames", ()):
             item.add_marker("browser")
+    items.sort(key=_room)
+
+
+def _room(item):
+    """A fault in the core shows before the apps are tested."""
+    if not item.nodeid.startswith("tests/apps/"):
+        return 0
+    # These tests wait for deadlines: at the end, one core would wait for the other.
+    return 1 if item.nodeid.startswith("tests/apps/web/") else 2
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -68,6 +77,34 @@ def one_core():
     with pytest.MonkeyPatch.context() as patch:
         for name in (CORES_VARIABLE, *THREADS_VARIABLES):  # of the processes that tests start
             patch.setenv(name, "1")
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_power_failure():
+    """Leave files to the system: waiting for the disk costs 4 ms a file, and no test pulls the
+    plug. A wrong descriptor is still an error."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", os.fstat)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def vocabulary_of_glove():
+    """Search the words of each book once: 400,000 words are read from the file each time."""
+    from wordcraft_kg.models.scorers import features
+
+    search = features._glove_rows
+    found = {}
+
+    def rows_of(words):
+        key = tuple(words)
+        if key not in found:
+            found[key] = search(words)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(features, "_glove_rows", rows_of)
         yield
 
 

@@ -14,6 +14,7 @@ import pytest
 import yaml
 
 from wordcraft_kg.cli import main
+from wordcraft_kg.graphs import open_graph
 
 ROOT = Path(__file__).parents[1]
 PAGES = [
@@ -23,7 +24,7 @@ PAGES = [
         for name in ("agents", "environment", "language-models", "link-prediction", "text-agents")
     ),
 ]
-ELSEWHERE = {"chat_player", "line_player", "impala_single_file", "transformers_player"}
+ELSEWHERE = {"chat_player", "demo", "line_player", "impala_single_file", "transformers_player"}
 """Examples with tests of their own."""
 EXAMPLES = sorted({path.stem for path in (ROOT / "examples").glob("*.py")} - ELSEWHERE)
 LONG = (
@@ -127,6 +128,31 @@ def test_an_example_runs(name, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("wordcraft_kg.agents.players.PLAYERS", {})
     runpy.run_path(str(ROOT / "examples" / f"{name}.py"), run_name="__main__")
     assert capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_demo_ends_in_a_table_and_a_solved_unseen_task(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["demo.py", "--book", "kitchen", "--steps", "2000"])
+    runpy.run_path(str(ROOT / "examples" / "demo.py"), run_name="__main__")
+    shown = capsys.readouterr()
+    stages, table, about, explained, *steps, following = shown.out.rstrip().split("\n\n")
+    assert all(re.fullmatch(r" +\d+\.\d s  \S.*", line) for line in stages.splitlines())
+    assert len(table.splitlines()) == 10
+    # Chance comes first, then words, and the oracle last.
+    rates = [float(re.search(r"\d\.\d{3}", line)[0]) for line in table.splitlines()[1:]]
+    assert rates[0] == min(rates)
+    assert rates[-1] == max(rates) == 1
+    assert "8 distractors" in about
+    assert "no scorer and no agent has learned this recipe" in explained
+    (solved,) = re.findall(r"Episode 1: make .*\((.* -> .*)\)", "\n".join(steps))
+    assert steps[-1].endswith("made it")
+    opened = open_graph("demo/graphs/kitchen")
+    unseen = opened.graph.recipe_labels(opened.split.recipes("test"))
+    assert solved in {f"{a} + {b} -> {result}" for a, b, result in unseen}
+    assert "reports/agents/index.html" in following
+    assert "$ wordcraft-kg explain" in Path("demo/commands.txt").read_text()
+    assert shown.err == ""
 
 
 def test_the_citation_has_the_fields_of_a_release_and_those_of_the_package():

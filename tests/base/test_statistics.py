@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from wordcraft_kg.base import statistics
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.statistics import (
+    bootstrap,
     correlation,
     crossed_difference,
     holm,
@@ -48,6 +49,25 @@ def test_intervals_follow_the_seed_without_global_randomness():
     assert bounds(1) != first
     np.random.seed(3)  # noqa: NPY002
     assert np.random.random() == after  # noqa: NPY002
+
+
+@pytest.mark.parametrize("number", [1, 3, 40, 300])
+def test_the_cluster_bootstrap_draws_each_resample_alone(number, monkeypatch):
+    """Bit for bit, also at the end of the draws that are made together."""
+    monkeypatch.setattr(statistics, "_DRAWN_AT_ONCE", 250)
+    rng = np.random.default_rng(1)
+    clusters = rng.integers(number, size=5 * number)
+    values = 1 / rng.integers(1, 80, size=5 * number)
+    names = np.unique(clusters).tolist()
+    sums = np.bincount(np.searchsorted(names, clusters), weights=values)
+    sizes = np.array([(clusters == name).sum() for name in names])
+    rng = np.random.default_rng(7)
+    expected = []
+    for _ in range(20):
+        places = rng.integers(len(names), size=len(names)).tolist()
+        drawn = np.array([float(places.count(place)) for place in range(len(names))])
+        expected.append((drawn @ sums) / (drawn @ sizes))
+    assert bootstrap(values, clusters, resamples=20, seed=7).tolist() == expected
 
 
 def test_the_task_bootstrap_has_the_quantiles_of_all_resamples_of_tasks(monkeypatch):

@@ -42,6 +42,8 @@ def world(made_once):
                 8,
                 "--epochs",
                 5,
+                "--n3",
+                0.1,
                 "--out",
                 root / "scorer",
                 "--quiet",

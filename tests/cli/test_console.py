@@ -691,7 +691,7 @@ def each_write():
 @pytest.mark.parametrize(
     "number", [errno.ENOSPC, pytest.param(errno.EROFS, marks=pytest.mark.slow)]
 )
-@pytest.mark.parametrize(("command", "write"), each_write())
+@pytest.mark.parametrize(("command", "write"), list(each_write()))
 def test_a_full_disk_is_one_line_and_the_command_goes_on(
     run, refused, home, monkeypatch, command, write, number
 ):
@@ -782,7 +782,7 @@ def test_help_ends_at_any_width_of_the_terminal():
     script = """
 import os
 from wordcraft_kg.cli import main
-for width in (0, 1, 2, 3, 7, 19, 20, 21, 40, 300):
+for width in (0, 1, 7, 19, 20):
     os.environ["COLUMNS"] = str(width)
     for words in (["--help"], ["describe", "--help"], ["train-agent", "--help"]):
         assert main(words) == 0
@@ -801,25 +801,33 @@ def test_stdout_in_any_encoding_has_the_whole_result(tmp_path, encoding):
     text = f"ingredient_a,ingredient_b,result\n{SIGNS}"
     book.write_text(text, encoding="utf-8")
 
-    def printed(*words):
-        # A process of its own: the encoding of stdout is set at its start.
-        command = [sys.executable, "-m", "wordcraft_kg", "describe", *words]
-        variables = os.environ | {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"}
-        done = subprocess.run(command, capture_output=True, env=variables, timeout=60)
-        assert b"Traceback" not in done.stderr
-        return done.returncode, done.stdout.decode(encoding)
-
-    code, out = printed(str(book), "--entity", "steam")
+    commands = (
+        (str(book), "--entity", "steam", "--json"),
+        ("\u03bb.csv", "--json"),
+        (str(book), "--entity", "steam"),
+    )
+    code = """
+import json, sys
+from wordcraft_kg.cli import main
+for words in json.loads(sys.argv[1]):
+    print(main(["describe", *words]))
+"""
+    # A process of its own: the encoding of stdout is set at its start.
+    done = subprocess.run(
+        [sys.executable, "-c", code, json.dumps(commands)],
+        capture_output=True,
+        env=os.environ | {"PYTHONIOENCODING": encoding, "PYTHONUTF8": "0"},
+        timeout=60,
+    )
+    assert b"Traceback" not in done.stderr
+    result, code, error, wrong, *text = done.stdout.decode(encoding).splitlines()
+    assert (code, wrong, text.pop()) == ("0", "1", "0")
+    assert {"\u03bb", "\U0001f525"} <= set(re.findall(r"[^ -~]", str(json.loads(result))))
+    assert "\u03bb.csv" in json.loads(error)["error"]["message"]
     is_unicode = encoding.startswith("utf")
-    assert code == 0
+    out = "\n".join(text)
     assert ("\u03bb" if is_unicode else "<U+03BB>") in out
     assert ("\U0001f525" if is_unicode else "<U+1F525>") in out
-    code, out = printed(str(book), "--entity", "steam", "--json")
-    assert code == 0
-    assert {"\u03bb", "\U0001f525"} <= set(re.findall(r"[^ -~]", str(json.loads(out))))
-    code, out = printed("\u03bb.csv", "--json")
-    assert code == 1
-    assert "\u03bb.csv" in json.loads(out)["error"]["message"]
 
 
 def test_lists_of_labels_quote_those_with_commas():

@@ -15,7 +15,6 @@ import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -23,8 +22,6 @@ from unittest.mock import patch
 
 from wordcraft_kg import cli
 
-_app = cache(cli.make_app)
-"""Making the application takes longer than most commands."""
 INTERRUPT_AFTER, TIME_LIMIT = (
     (4, 7),
     10,
@@ -160,7 +157,7 @@ def call(arguments: Sequence[str], folder: Path, typed: bytes = b"") -> Outcome:
         try:
             is_server = any(tuple(arguments[: len(words)]) == words for words in SERVERS)
             offline = patch("huggingface_hub.constants.HF_HUB_OFFLINE", True)
-            with limits(is_server=is_server), patch.object(cli, "make_app", _app), offline:
+            with limits(is_server=is_server), offline:
                 code = cli.main(list(arguments))
         except Hang as hang:
             problem = f"{hang}\n{traceback.format_exc(limit=-8)}"

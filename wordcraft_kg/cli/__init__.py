@@ -27,6 +27,7 @@ import re
 import sys
 import tomllib
 from collections.abc import Callable, Container, Iterator, Sequence
+from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from itertools import chain, pairwise
@@ -80,8 +81,12 @@ CONFIGURED = (
 )
 
 
+@cache
 def make_app() -> App:
-    """Build the command-line application with the commands of the package and the apps."""
+    """Build the command-line application with the commands of the package and the apps.
+
+    A program that runs several command lines builds it once.
+    """
     app = App(
         name=PROGRAM,
         help=ABOUT,

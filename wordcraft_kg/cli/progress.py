@@ -25,7 +25,7 @@ class Progress:
         what: name of the work.
         unit: unit of its steps, such as epoch.
         hidden: whether nothing is shown.
-        is_stage: whether the bar disappears at the end, and a short piece of work prints no line.
+        is_stage: whether a short piece of work prints no line.
     """
 
     INTERVAL = 5.0  # seconds between plain lines
@@ -114,7 +114,9 @@ class Progress:
         options: dict[str, Any] = {
             "redirect_stdout": False,  # a command's result may be piped
             "refresh_per_second": 4,
-            "transient": self.is_stage,
+            # The result, which follows, says how the work ended: bars of several trainings would
+            # only push it away.
+            "transient": True,
         }
         return Progress(*columns, console=console, expand=True, **options)
 

@@ -72,7 +72,7 @@ OF_COMBINES = (
 | near_pairs | log of known pairs of neighbours, by likeness, each with the number of its results |
 | regression | combinesWith(a, b) by kernel regression |
 """
-CELLS = 2**20
+CELLS = 2**19
 """Links whose features are in memory at once, about."""
 _NO_LEAST = np.float32(0)
 
@@ -161,9 +161,21 @@ class LinkRows:
         Returns:
             shape (B, N, F), float32.
         """
-        if relation == COMBINES_WITH:
-            return self.combines(entities, candidates)
-        return self.components(entities, candidates, heads=heads)
+        features = []
+        # Sums of a block have a cell for each of its entities and all others.
+        step = max(1, CELLS // len(self._uses))
+        for start in range(0, len(entities), step):
+            block = slice(start, start + step)
+            some = entities[block]
+            others = None if candidates is None else candidates[block]
+            if relation == COMBINES_WITH:
+                features.append(self.combines(some, others))
+            else:
+                features.append(self.components(some, others, heads=heads))
+        if not features:
+            width = len(OF_COMBINES if relation == COMBINES_WITH else OF_COMPONENTS)
+            return torch.zeros(0, 0 if candidates is None else candidates.shape[1], width)
+        return torch.cat(features)
 
     def components(
         self,
@@ -195,11 +207,12 @@ class LinkRows:
             (used, partners, itself, partners, _NO_LEAST),
         )
         sums = []
-        for of_head, links, of_tail, reverse, least in paths:
+        for number, (of_head, links, of_tail, reverse, least) in enumerate(paths):
+            path = (of_head.near, links, of_tail.back)
             if heads:
-                found = self._follow(entities, of_tail.near, reverse, of_head.back, least)
-            else:
-                found = self._follow(entities, of_head.near, links, of_tail.back, least)
+                path = (of_tail.near, reverse, of_head.back)
+            # Words count on the first path alone.
+            found = self._follow(entities, *path, least, by_words=number == 0)
             sums.append(found)
         link, exact, to_goal, with_result, with_goal = sums
         lists = self.lists
@@ -268,15 +281,30 @@ class LinkRows:
         links: Linked,
         back: Near,
         least: np.float32,
+        *,
+        by_words: bool = False,
     ) -> tuple[Floats, Floats]:
-        """Return the sums of ``row_loops.follow``, by similarity and by words, (B, T) each."""
+        """Return the sums of ``row_loops.follow``, (B, T), and those by words, else (B, 0).
+
+        Args:
+            entities: ids, shape (B,).
+            near: neighbours of entities.
+            links: what these are linked with.
+            back: who lists these as neighbours.
+            least: products of two similarities below this number are skipped.
+            by_words: whether to add up by words, too.
+        """
         # Compiled loops are imported late: numba takes as long to import as all the rest.
         from wordcraft_kg.models.scorers.neighbours.row_loops import follow
 
-        sums = np.zeros((len(entities), len(self._uses)), dtype=np.float32)
-        by_words = np.zeros_like(sums)
-        follow(entities, near, links, back, least, sums, by_words)
-        return sums, by_words
+        size = len(self._uses)
+        sums = np.zeros((len(entities), size), dtype=np.float32)
+        sums_by_words = np.zeros((len(entities), size if by_words else 0), dtype=np.float32)
+        # Plain tuples: machine code on the disk names the types of its arguments, and could not be
+        # read any more if one of these classes had another name.
+        arrays = (tuple(near), tuple(links), tuple(back))
+        follow(entities, *arrays, least, sums, sums_by_words)
+        return sums, sums_by_words
 
     def _alike(self, entities: Ids, candidates: Ids | None) -> tuple[Floats, Floats]:
         """Return word cosines and similarities k, as ``similar.similarity``, (B, N) each."""

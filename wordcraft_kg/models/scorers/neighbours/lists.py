@@ -42,7 +42,8 @@ BLOCK = 512
 class Lists(NamedTuple):
     """Arrays for the features of T entities and n recipes; -1 is the end of a list.
 
-    A NamedTuple, because compiled loops take it as a whole.
+    A NamedTuple, because compiled loops take it as a whole. Its name and module must stay: machine
+    code on the disk names them, and could not be read any more.
 
     Attributes:
         vectors: shape (T, D), unit word vectors; D is 0 without words.

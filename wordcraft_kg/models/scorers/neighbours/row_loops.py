@@ -12,24 +12,29 @@ def follow(entities, near, links, back, least, sums, sums_by_words):  # type: ig
 
     Args:
         entities: ids, shape (B,).
-        near: neighbours x' of each x, as in ``link_rows.Near``.
-        links: entities y' linked with each x', as in ``link_rows.Linked``.
+        near: neighbours x' of each x, the arrays of a ``link_rows.Near``.
+        links: entities y' linked with each x', the arrays of a ``link_rows.Linked``.
         back: for each y', the entities y that list it as a neighbour, the most similar first.
         least: products of two similarities below this number are skipped.
         sums: zeros, shape (B, T).
-        sums_by_words: zeros, shape (B, T).
+        sums_by_words: zeros, shape (B, T), or (B, 0) if they are not wanted.
     """
+    near_starts, near_ids, near_alike, near_words = near
+    link_starts, link_ids, link_counts = links
+    back_starts, back_ids, back_alike, back_words = back
+    has_words = sums_by_words.shape[1] > 0
     for row in range(len(entities)):
         entity = entities[row]
-        for place in range(near.starts[entity], near.starts[entity + 1]):
-            other = near.ids[place]
-            for link in range(links.starts[other], links.starts[other + 1]):
-                linked = links.ids[link]
-                number = links.counts[link]
-                for end in range(back.starts[linked], back.starts[linked + 1]):
-                    weight = near.alike[place] * back.alike[end]
+        for place in range(near_starts[entity], near_starts[entity + 1]):
+            other = near_ids[place]
+            for link in range(link_starts[other], link_starts[other + 1]):
+                linked = link_ids[link]
+                number = link_counts[link]
+                for end in range(back_starts[linked], back_starts[linked + 1]):
+                    weight = near_alike[place] * back_alike[end]
                     if weight < least:
                         break
-                    sums[row, back.ids[end]] += number * weight
-                    by_words = near.words[place] * back.words[end]
-                    sums_by_words[row, back.ids[end]] += number * by_words
+                    sums[row, back_ids[end]] += number * weight
+                    if has_words:
+                        by_words = near_words[place] * back_words[end]
+                        sums_by_words[row, back_ids[end]] += number * by_words

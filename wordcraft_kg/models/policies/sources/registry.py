@@ -108,7 +108,7 @@ def pairs_need_factors(
     )
     if not isinstance(scorer, FactoredScorer):
         raise ConfigError(
-            f"{cost}; only ComplEx and DistMult work without tables. Use such a scorer."
+            f"{cost}; only ComplEx, DistMult and recipe scorers work without tables. Use one."
         )
     if scale not in FACTORED_SCALES:
         raise ConfigError(

@@ -115,7 +115,7 @@ def test_an_explained_episode_is_that_of_the_evaluation(opened, made, kind, part
     outcomes = set()
     for distractor_seed in range(2):
         posed = engine.pose(np.arange(len(world.tasks)), distractor_seed, seed=EVALUATION_SEED)
-        for task in range(0, len(world.tasks), 9):
+        for task in range(0, len(world.tasks), 4):
             found = explainer.task(task, distractor_seed)
             table = [entity for entity in posed.table[task].tolist() if entity != engine.nothing]
             assert found.table == opened.graph.labels(table)
@@ -436,7 +436,7 @@ def test_tables_are_explained_whatever_the_split(opened, kind):
         PolicyConfig(**SMALL), graph, world.num_slots, scorer=guide, tasks=world.tasks
     )[0]
     explainer = Explainer(policy, world)
-    for task in range(0, len(world.tasks), 9):
+    for task in range(0, len(world.tasks), 4):
         found = explainer.task(task)
         assert found.model == ("train_recipes" if kind == "none" else "without_a_fold")
         assert bool(found.in_sample) == (kind == "none") or len(found.ways) > 1

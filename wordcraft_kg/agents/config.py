@@ -26,7 +26,7 @@ from wordcraft_kg.envs.config import (
     WordCraftConfig,
 )
 from wordcraft_kg.graphs.tasks import TaskPart, TaskWeighting
-from wordcraft_kg.models.policies.config import OPEN, PolicyConfig
+from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.runs.config_file import RunConfig
 
 _LARGE = 1e9
@@ -152,10 +152,10 @@ class ImpalaConfig:
     preset: Preset = "recommended"
     steps: int = 3_000_000
     batch_size: int = 128
-    unroll: int = OPEN
+    unroll: int | None = None
     policy_lag: int = 0
     discount: float = 0.99
-    learning_rate: float = OPEN
+    learning_rate: float | None = None
     rms_decay: float = 0.99
     rms_epsilon: float = 0.01
     momentum: float = 0.0
@@ -173,15 +173,15 @@ class ImpalaConfig:
 
     def __post_init__(self) -> None:
         one_of("preset", self.preset, get_args(Preset))
-        if self.learning_rate is OPEN:
+        if self.learning_rate is None:
             rate = PAPER["learning_rate"] if self.preset == "paper" else RECOMMENDED_RATE
             object.__setattr__(self, "learning_rate", rate)
-        if self.unroll is OPEN and self.preset == "paper":
+        if self.unroll is None and self.preset == "paper":
             object.__setattr__(self, "unroll", PAPER["unroll"])
         for name in ("steps", "log_every", "checkpoint_every"):
             whole(name, getattr(self, name), 1)
         whole("batch_size", self.batch_size, 1, MAX_SIZE)
-        if self.unroll is not OPEN:
+        if self.unroll is not None:
             whole("unroll", self.unroll, 1, MAX_SIZE)
         whole("threads", self.threads, 1, MAX_THREADS)
         whole("policy_lag", self.policy_lag, 0, MAX_SIZE)
@@ -214,7 +214,7 @@ class ImpalaConfig:
 
         In a shorter unroll, actions before the last attempt learn from the value alone.
         """
-        return replace(self, unroll=actions) if self.unroll is OPEN else self
+        return replace(self, unroll=actions) if self.unroll is None else self
 
     @staticmethod
     def has_scorer_cost(sources: Collection[str], depth: int) -> bool:
@@ -225,15 +225,30 @@ class ImpalaConfig:
         return "w" in sources and depth == 1
 
     @property
+    def unroll_steps(self) -> int:
+        """Steps per environment and update.
+
+        Raises:
+            ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
+        """
+        if self.unroll is None:
+            raise ConfigError("`unroll` depends on the tasks: call `for_episodes`, or set it.")
+        return self.unroll
+
+    @property
+    def first_rate(self) -> float:
+        """The initial learning rate, given or the preset's."""
+        assert self.learning_rate is not None  # set by `__post_init__`
+        return self.learning_rate
+
+    @property
     def steps_per_update(self) -> int:
         """Environment steps per update, in all environments together.
 
         Raises:
             ConfigError: if ``unroll`` is left to the tasks, see :meth:`for_episodes`.
         """
-        if self.unroll is OPEN:
-            raise ConfigError("`unroll` depends on the tasks: call `for_episodes`, or set it.")
-        return self.batch_size * self.unroll
+        return self.batch_size * self.unroll_steps
 
     @property
     def updates(self) -> int:

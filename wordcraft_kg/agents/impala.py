@@ -133,7 +133,7 @@ class Impala:
         self._flat = self._flattened()
         self.optimizer = torch.optim.RMSprop(
             [self._flat],
-            lr=config.learning_rate,
+            lr=config.first_rate,
             alpha=config.rms_decay,
             eps=config.rms_epsilon,
             momentum=config.momentum,
@@ -187,7 +187,7 @@ class Impala:
 
     def _empty_unroll(self) -> _Unroll:
         """Allocate the tensors of an unroll, which every update overwrites."""
-        time = self.config.unroll
+        time = self.config.unroll_steps
         batch = self.config.batch_size
         slots = self.envs.engine.num_slots
         external_scores = None
@@ -244,7 +244,7 @@ class Impala:
         # The learning rate decays linearly to 0 at the end of training.
         remaining = max(0, 1 - self.update_number / self.config.updates)
         for group in self.optimizer.param_groups:
-            group["lr"] = self.config.learning_rate * remaining
+            group["lr"] = self.config.first_rate * remaining
         self.optimizer.step()
         self.update_number += 1
         self._count(losses, norm)
@@ -380,12 +380,12 @@ class Impala:
         engine = self.envs.engine
         # All random numbers of the unroll in one call.
         noise = torch.rand(
-            self.config.unroll,
+            self.config.unroll_steps,
             engine.num_envs,
             generator=self._generator,
             device=self.device,
         )
-        for t in range(self.config.unroll):
+        for t in range(self.config.unroll_steps):
             states = self._observe(t)
             scores = self.policy.external_scores(states)
             if scores is not None:
@@ -407,7 +407,7 @@ class Impala:
             unroll.over[t] = as_tensor(step.over)
             unroll.won[t] = as_tensor(step.outcome == GOAL)
         # The states after the last step, whose values bootstrap the returns.
-        self._observe(self.config.unroll)
+        self._observe(self.config.unroll_steps)
         torch.mul(~unroll.over, self.config.discount, out=unroll.discounts)
         # Where every episode ends with the unroll, bootstrap values are 0, and the learner saves a
         # share of 1 / (T + 1) of its work. On a device, asking would wait for pending work.
@@ -461,7 +461,7 @@ class Impala:
                 states are needed.
         """
         config = self.config
-        time = config.unroll
+        time = config.unroll_steps
         num_states = time + 1 if is_cut else time
         # T · B; rows from here on are the states after the last step.
         acted = unroll.actions.numel()

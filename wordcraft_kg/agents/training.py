@@ -176,7 +176,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
         slots = config.tasks.distractors + config.tasks.depth + 1
         needed = trainer.steps_per_update * (8 * slots + 4 * config.policy.value_size)
         # The error names the larger setting, which is the one to reduce.
-        name = "batch_size" if trainer.batch_size >= trainer.unroll else "unroll"
+        name = "batch_size" if trainer.batch_size >= trainer.unroll_steps else "unroll"
         update = f"an update of {trainer.steps_per_update:,} steps"
         check_memory(name, getattr(trainer, name), update, needed)
         world = World(self.opened, config.tasks.environment("train"))
@@ -220,7 +220,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             observed = model.triples
             # Checked before the tasks are made, which takes long for a large graph.
             whole = whole_of(scorer) if config.policy.in_sample else scorer
-            pairs_need_factors(config.policy.sources, whole, config.policy.scale)
+            pairs_need_factors(config.policy.sources, whole, config.policy.score_scale)
             self.facts["kg"] = model.kg
             folds = folds_of(scorer)
             if folds is not None and not config.policy.in_sample:
@@ -398,11 +398,11 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
 
 def _warn_of_short_unrolls(config: AgentConfig) -> None:
     """Warn that the first actions of an episode will hardly learn from its reward."""
-    if config.trainer.unroll < config.tasks.episode:
+    if config.trainer.unroll_steps < config.tasks.episode:
         logging.getLogger(__name__).warning(
             "`unroll` %d is shorter than an episode of %d actions: actions before the last unroll "
             "learn from estimated values alone. Set `unroll` to %d or more.",
-            config.trainer.unroll,
+            config.trainer.unroll_steps,
             config.tasks.episode,
             config.tasks.episode,
         )

@@ -5,7 +5,7 @@ the help text of each option.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.settings import (
@@ -28,8 +28,6 @@ from wordcraft_kg.models.scorers.features import Pooling
 PolicyKind = Literal["attention", "mlp"]
 Mixing = Literal["softmax", "free"]
 _ValueReadout = Literal["softmax", "logits"]
-OPEN: Any = None
-"""Default of a setting whose value follows from other settings, see :meth:`PolicyConfig.closed`."""
 
 
 @dataclass(frozen=True)
@@ -86,35 +84,34 @@ class PolicyConfig:
     plan_width: int = 0
     kg_only: bool = False
     mixing: Mixing = "free"
-    scale: Scale = OPEN
+    scale: Scale | None = None
     self_edges: SelfEdges = "observed"
     in_sample: bool = False
     value_readout: _ValueReadout = "softmax"
-    sees_attempts: bool = OPEN
+    sees_attempts: bool | None = None
 
     def __post_init__(self) -> None:
         for name in (
             "policy",
             "pooling",
             "mixing",
-            "scale",
             "self_edges",
             "value_readout",
         ):
-            if name == "scale" and self.scale is OPEN:
-                continue
             one_of(
                 name,
                 getattr(self, name),
                 get_args(PolicyConfig.__annotations__[name]),
             )
+        if self.scale is not None:
+            one_of("scale", self.scale, get_args(Scale))
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
         whole("plan_width", self.plan_width, 0, MAX_DIM)
         for name in ("allow_missing", "kg_only", "in_sample", "sees_attempts"):
             # A text such as "false" from a configuration file would count as true.
             value = getattr(self, name)
-            is_open = name == "sees_attempts" and value is OPEN
+            is_open = name == "sees_attempts" and value is None
             require(self, name, is_open or isinstance(value, bool), "true or false")
         if self.sees_attempts and self.policy == "mlp":
             raise ConfigError("`sees_attempts` needs `policy` attention.")
@@ -131,11 +128,17 @@ class PolicyConfig:
             sees_attempts: value of ``sees_attempts`` if it was left open.
             has_scorer: whether there are scores; without, the scale changes nothing.
         """
-        sees = sees_attempts if self.sees_attempts is OPEN else self.sees_attempts
+        sees = sees_attempts if self.sees_attempts is None else self.sees_attempts
         scale = self.scale
-        if scale is OPEN:
+        if scale is None:
             scale = "none" if sees and has_scorer else "ranks"
         return replace(self, sees_attempts=sees, scale=scale)
+
+    @property
+    def score_scale(self) -> Scale:
+        """The scale of scores, which is known once the settings are :meth:`closed`."""
+        assert self.scale is not None
+        return self.scale
 
     @property
     def _named(self) -> list[str]:

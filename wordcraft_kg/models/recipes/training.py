@@ -224,7 +224,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         settings = config.settings
         sources = (settings.with_, opened, settings.features)
         # Outside knowledge is tables of all pairs: said before files are read and folds drawn.
-        if settings.with_:
+        if settings.with_ and not (settings.kg == "none" and all(map(is_book, settings.with_))):
             check_table("outside knowledge (`with`)", opened.graph.num_entities)
         self.without = [open_graph(book).graph for book in settings.without]
         self.own: Tensor | None = None

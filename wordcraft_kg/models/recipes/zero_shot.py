@@ -29,6 +29,7 @@ from wordcraft_kg.models.recipes.outside import (
     open_outside,
     with_words_of,
 )
+from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.ranker import Ranker
@@ -100,6 +101,8 @@ def join_books(
             check_same_split(spec, opened)
     joint, place = _joined(books, opened)
     no_books = [spec for spec in specs if not is_book(spec)]
+    if no_books:
+        check_table("outside knowledge of all books", joint.graph.num_entities)
     others = open_outside(no_books, joint, features, allow_missing=allow_missing)
     of_books = [book.source for book in books]
     outside = OutsideKnowledge(others.tables, (*of_books, *others.sources))

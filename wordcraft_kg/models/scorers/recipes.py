@@ -9,6 +9,7 @@ from torch import Tensor
 from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
+from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.factors import grids
 from wordcraft_kg.models.scorers.neighbours.knowledge import (
     BUFFERS,
@@ -24,7 +25,7 @@ from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_id
 _ROWS = 4_096
 """Recipes scored at once."""
 _MANY = 8
-"""With more links than a share of 1 / 8, all links are scored: that is faster."""
+"""With more links than a share of 1 / 8, all links are scored, which is faster, and kept."""
 _DTYPES = {
     "vectors": torch.half,
     **dict.fromkeys(("num_own", "near_words", "recipes"), torch.int32),
@@ -151,6 +152,7 @@ class RecipeScorer(StoredScorer):
         self.check(tensors, len(self.entities))
         knowledge = RecipeKnowledge(tensors, len(self.entities))
         self.knowledge = knowledge.to(self.device).requires_grad_(False)
+        self._tables: dict[int, Tensor] = {}
         # Recipes of other books, whose entities have further ids, are no recipes of the graph.
         has_others = len(tensors["vectors"]) > len(self.entities)
         self.recipes = tensors["recipes"][: 0 if has_others else None]
@@ -182,6 +184,9 @@ class RecipeScorer(StoredScorer):
         if (is_grid or is_turned) and len(relations.unique()) == 1:
             relation = int(relations.flatten()[0])
             key, others = (heads[:, 0], tails[0]) if is_grid else (tails[:, 0], heads[0])
+            if self._has_table(relation, len(key) * len(self.entities)):
+                table = self.table(relation)
+                return (table.T if is_turned else table)[key][:, others]
             return self.knowledge.link_scores(relation, key, heads=is_turned)[:, others]
         heads, relations, tails = torch.broadcast_tensors(heads, relations, tails)
         scores = torch.zeros(heads.shape, device=self.device)
@@ -189,16 +194,28 @@ class RecipeScorer(StoredScorer):
             is_own = relations == relation
             own_heads = heads[is_own]
             own_tails = tails[is_own]
-            # A share of all links that costs as much as all of them.
-            if _MANY * len(own_heads) > len(self.entities) ** 2:
+            if self._has_table(relation, len(own_heads)):
                 scores[is_own] = self.table(relation)[own_heads, own_tails]
             else:
                 scores[is_own] = self.knowledge.scores_of_links(relation, own_heads, own_tails)
         return scores
 
+    def _has_table(self, relation: int, wanted: int) -> bool:
+        """Return whether a look-up in a table of all scores is faster than so many scores."""
+        size = len(self.entities)
+        has_room = table_bytes(size) <= TABLE_LIMIT
+        return relation in self._tables or (has_room and _MANY * wanted > size**2)
+
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
+        number = int(self.relation_ids(relation))
+        if number in self._tables:
+            return self._tables[number]
         every = torch.arange(len(self.entities), device=self.device)
-        return self.knowledge.link_scores(int(self.relation_ids(relation)), every)
+        scores = self.knowledge.link_scores(number, every)
+        # Computed once: ranking and calibration ask for many parts of it.
+        if table_bytes(len(self.entities)) <= TABLE_LIMIT:
+            self._tables[number] = scores
+        return scores
 
     def score_recipes(
         self,

@@ -35,9 +35,9 @@ MAX_ATTEMPTS = 4
 """Largest number of attempts that the search looks ahead."""
 WIDTHS = (0, 0, 32, 64, 64)
 """Default number of candidates by attempts left: more change no success rate by more than .01."""
-INTERMEDIATE = 3.0
+INTERMEDIATE = 2.0
 """Log-odds added to P(x | a, b) for an intermediate x: given that the goal can be made, a result
-that leads on is more likely than any result. 2 to 4 give about the same success, see
+that leads on is more likely than any result. 2 and 2.5 give about the same success, see
 docs/planning.md."""
 FURTHER = 1e-4
 """Nats that each attempt of a plan after the first costs: just above rounding errors."""

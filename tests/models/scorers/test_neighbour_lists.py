@@ -388,7 +388,7 @@ def test_stored_ids_outside_the_book_are_damage(name):
 def test_a_stack_answers_as_each_of_its_models_and_is_restored_from_its_constants():
     models = [random_knowledge(seed) for seed in range(3)]
     stack = RecipeKnowledge.stacked(models)
-    again = RecipeKnowledge.of_constants(stack.constants(), SIZE)
+    again = RecipeKnowledge(stack.constants(), SIZE)
     goal, table = random_tables()
     for number, one in enumerate(models):
         alone = one(goal, table, torch.zeros_like(goal))

@@ -237,9 +237,10 @@ def _fitted(
     examples = _together([_with_link_scores(lesson, link_rankers) for lesson in lessons])
     ranker = fit_committee(examples, generator)
     recipes = folds.recipes(left_out)
-    knowledge = RecipeKnowledge.of_recipes(recipes, words.vectors, words.near, link_rankers)
     if outside.pairs or outside.parts:
         knowledge = _with_tables(words, recipes, outside, link_rankers)
+    else:
+        knowledge = RecipeKnowledge.of_recipes(recipes, words.vectors, words.near, link_rankers)
     makes = FEATURES.index("makes")
     # By-goal folds: no held-out goal has a known recipe.
     # A feature that is the same in all examples has weight 0.

@@ -102,7 +102,7 @@ class BestRecipe(FoldedSource):
         folded = folds_of(scorer)
         if folded is None:
             # A copy, because moving a module moves its tensors in place.
-            knowledge = whole.knowledge.of_constants(whole.knowledge.constants(), size)
+            knowledge = RecipeKnowledge(whole.knowledge.constants(), size)
             return cls(size, knowledge.cpu())
         models = [whole]
         of_recipe = cls.fold_numbers(folded, view)
@@ -137,7 +137,7 @@ class BestRecipe(FoldedSource):
             three=3,
         )
         zeros = {name: lazily_zero(knowledge[name]) for name in BUFFERS}
-        empty = RecipeKnowledge.of_constants(zeros, num_entities)
+        empty = RecipeKnowledge(zeros, num_entities)
         of_recipe = constants.get("fold_of_recipe")
         if of_recipe is not None:
             of_recipe = lazily_zero(of_recipe)

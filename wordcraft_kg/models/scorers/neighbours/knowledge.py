@@ -158,37 +158,31 @@ class RecipeKnowledge(nn.Module):
         return cls(constants)
 
     @classmethod
-    def of_constants(cls, constants: Mapping[str, Tensor], num_entities: int) -> Self:
-        """Return the knowledge with the given :meth:`constants`."""
-        return cls(constants, num_entities)
-
-    @classmethod
     def stacked(cls, models: Sequence[Self]) -> Self:
         """Combine several models' knowledge, with the same entities, along axis M."""
-        known = [model for model in models if isinstance(model, RecipeKnowledge)]
         # Models of folds share most recipes: each is stored once, with a mask for each model.
-        of_all = torch.cat([model.recipes for model in known])
+        of_all = torch.cat([model.recipes for model in models])
         every, number = of_all.unique(dim=0, return_inverse=True)
-        num_models = sum(model.num_models for model in known)
+        num_models = sum(model.num_models for model in models)
         seen = torch.zeros(num_models, len(every), dtype=torch.bool)
         row = 0
         place = 0
-        for model in known:
+        for model in models:
             # Where the model's recipes are in the common list.
             own = number[place : place + len(model.recipes)]
             seen[row : row + model.num_models, own] = model.seen
             row += model.num_models
             place += len(model.recipes)
         rankers = {
-            name: torch.cat([getattr(model, name) for model in known])
+            name: torch.cat([getattr(model, name) for model in models])
             for name in (*RANKER, *LINK_RANKERS, *LINK_TABLES)
         }
-        shared = {name: getattr(known[0], name) for name in ("num_own", "vectors", "near_words")}
+        shared = {name: getattr(models[0], name) for name in ("num_own", "vectors", "near_words")}
         constants = {**shared, "recipes": every, "seen": seen, **rankers}
-        stack = cls(constants, known[0].num_entities)
+        stack = cls(constants, models[0].num_entities)
         # Lists that are made already serve the stack, too.
         first = 0
-        for model in known:
+        for model in models:
             for number, lists in model._lists.items():
                 stack._lists[first + number] = lists
             for number, rows in model._link_rows.items():
@@ -203,7 +197,7 @@ class RecipeKnowledge(nn.Module):
             tables: scores by relation, shape (E, E) each, row = head.
         """
         named = {f"{RELATIONS[number]}_table": each.half()[None] for number, each in tables.items()}
-        return self.of_constants(self.constants() | named, self.num_entities)
+        return type(self)(self.constants() | named, self.num_entities)
 
     def of_entities(self, own: Tensor) -> Self:
         """Return the knowledge about the entities ``own``, ids (n,), which get the ids from 0.
@@ -229,7 +223,7 @@ class RecipeKnowledge(nn.Module):
             table = getattr(self, name)
             if table.numel():
                 changed[name] = table[:, own][:, :, own]
-        return self.of_constants(self.constants() | changed, len(own))
+        return type(self)(self.constants() | changed, len(own))
 
     def lists(self, model: int = 0) -> Lists:
         """Return a model's lists; made at the first call by one thread, so that none differ."""
@@ -321,9 +315,8 @@ class RecipeKnowledge(nn.Module):
         else:
             # No pairs, and so no scores: all slots of a batch are empty.
             return torch.zeros(len(FEATURES), *pairs_only.shape[:2], device=goal.device)
-        return features_of_pairs(slots, pairs_only, component, combines, first, second).permute(
-            2, 0, 1
-        )
+        features = features_of_pairs(slots, pairs_only, component, combines, first, second)
+        return features.permute(2, 0, 1)
 
     def _from_table(self, relation: int, model: Tensor, heads: Tensor, tails: Tensor) -> Tensor:
         """Return link scores of heads and tails, ids that broadcast to (B, N), as float32."""
@@ -371,10 +364,10 @@ class RecipeKnowledge(nn.Module):
         size = self.num_entities
         table = self._link_table(relation)
         if table.numel():
-            of_entities = table[model][:, entities].T if heads else table[model][entities]
-            return (
-                of_entities if candidates is None else of_entities.gather(1, candidates)
-            ).float()
+            scores = table[model][:, entities].T if heads else table[model][entities]
+            if candidates is not None:
+                scores = scores.gather(1, candidates)
+            return scores.float()
         rows = self.link_rows(model)
         weights = self._link_ranker(relation).weights()
         ranker = Ranker(**{name: weights[name][model].cpu() for name in RANKER})
@@ -557,7 +550,7 @@ class RecipeKnowledge(nn.Module):
         """Return a copy with a single ranker; only for a single model, M = 1."""
         weights = ranker.weights()
         rankers = {name: weights[name][None] for name in RANKER}
-        return self.of_constants(self.constants() | rankers, self.num_entities)
+        return type(self)(self.constants() | rankers, self.num_entities)
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Score all slot pairs for the goal.

@@ -49,7 +49,7 @@ from wordcraft_kg.models.policies.folder import (
     write_constants,
     write_parameters,
 )
-from wordcraft_kg.models.policies.sources.registry import pairs_need_factors
+from wordcraft_kg.models.policies.sources.registry import tables_are_too_large
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
 from wordcraft_kg.runs.checkpoints import Checkpoint
@@ -220,7 +220,7 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             observed = model.triples
             # Checked before the tasks are made, which takes long for a large graph.
             whole = whole_of(scorer) if config.policy.in_sample else scorer
-            pairs_need_factors(config.policy.sources, whole, config.policy.score_scale)
+            tables_are_too_large(config.policy.sources, whole, config.policy.score_scale)
             self.facts["kg"] = model.kg
             folds = folds_of(scorer)
             if folds is not None and not config.policy.in_sample:

@@ -106,16 +106,17 @@ def expected_scores(opened, scorer, view, state, folds):
 
 
 @pytest.mark.parametrize("scale", ["standardise", "ranks"])
-@pytest.mark.parametrize("by_factors", [False, True])
+@pytest.mark.parametrize("kind", ["tables", "factors", "lists"])
 @pytest.mark.parametrize(("part", "depth"), [("train", 1), ("train", 2), ("all", 1), ("test", 1)])
 def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
-    opened, folder, part, depth, by_factors, scale, monkeypatch
+    opened, folder, recipes_folder, part, depth, kind, scale, monkeypatch
 ):
     view = ScoreView(scale, "observed", opened.split.partial)
-    if by_factors:
+    if kind != "tables":
         monkeypatch.setattr(scorer_folder, "TABLE_LIMIT", 1)
         monkeypatch.setattr(registry, "TABLE_LIMIT", 1)
-    scorer = load_scorer(folder)
+    # The lists of a recipe scorer score links when they are asked for.
+    scorer = load_scorer(recipes_folder if kind == "lists" else folder)
     world = world_of(opened, part, depth, num_tasks=60)
     sources = make_sources(["u", "v"], scorer, view, tasks=None if part == "test" else world.tasks)
     folds = folds_of(world)
@@ -130,8 +131,8 @@ def test_every_task_is_scored_by_a_model_that_has_not_seen_its_recipes(
         state = states_of(held)
         found = torch.stack([source(state) for source in sources])
         expected = expected_scores(opened, scorer, view, state, folds)
-        # Ranks of factors are interpolated.
-        atol = 0.01 if by_factors and scale == "ranks" else 1e-4
+        # Ranks without a table are interpolated.
+        atol = 0.01 if kind != "tables" and scale == "ranks" else 1e-4
         torch.testing.assert_close(found, expected, rtol=1e-4, atol=atol)
     assert (part == "test") == (state.task is None)
 

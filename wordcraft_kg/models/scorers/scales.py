@@ -5,6 +5,7 @@ from typing import get_args
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from wordcraft_kg.base.errors import ConfigError
@@ -143,7 +144,7 @@ def scaled_factors(
         dropped[torch.from_numpy(rows)] = True
     zero = torch.zeros(())
     if scale == "ranks":
-        knots, heights = _rank_knots(left.float(), right.float())
+        knots, heights = _ranked_products(left.float(), right.float())
         # The mean of standardised ranks is 0.
         return ScaledFactors(left, right, zero, dropped, zero, knots, heights)
     # Differences of large sums follow, which 32 bits would round away.
@@ -162,6 +163,83 @@ def scaled_factors(
         return ScaledFactors(left, right, shift=zero, dropped=dropped, itself=mean.float())
     scaled = (x / deviation).float()
     return ScaledFactors(scaled, right, (mean / deviation).float(), dropped, itself=zero)
+
+
+SIDE = 1_024
+"""Heads, and tails, of the pairs whose scores stand for all where no factors give a mean."""
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """How raw scores of a relation become scaled: ``(score - shift) / deviation``, or ranks.
+
+    Attributes:
+        shift: mean of the scores, shape (); 0 if scores stay raw or become ranks.
+        deviation: their deviation, shape (); 1 likewise.
+        dropped: as in :class:`ScaledFactors`.
+        itself: as in :class:`ScaledFactors`.
+        knots: as in :class:`ScaledFactors`.
+        heights: as in :class:`ScaledFactors`.
+    """
+
+    shift: Tensor
+    deviation: Tensor
+    dropped: Tensor
+    itself: Tensor
+    knots: Tensor | None = None
+    heights: Tensor | None = None
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return the tensors by name, without those that are None."""
+        return {name: tensor for name, tensor in vars(self).items() if tensor is not None}
+
+
+def sampled_scaling(
+    scorer: TripleScorer,
+    relation: int,
+    scale: Scale = "standardise",
+    *,
+    self_edges: SelfEdges = "keep",
+    observed: Ids | None = None,
+) -> Scaling:
+    """Return the scaling of :func:`scaled_table`, from evenly spread pairs instead of all.
+
+    Args:
+        scorer: any scorer; :data:`SIDE` squared pairs are scored, or all pairs if there are fewer.
+        relation: relation id.
+        scale: one of :data:`FACTORED_SCALES`, as in :func:`scaled_table`.
+        self_edges: as in :func:`scaled_table`.
+        observed: as in :func:`scaled_table`.
+
+    Raises:
+        ConfigError: for a scale that needs a table, an unknown treatment of self edges, or if
+            ``observed`` is missing.
+    """
+    one_of("scale", scale, FACTORED_SCALES)
+    one_of("self_edges", self_edges, get_args(SelfEdges))
+    size = len(scorer.entities)
+    dropped = torch.zeros(size, dtype=torch.bool)
+    if self_edges != "keep":
+        rows = _dropped_self_edges(size, relation, self_edges, observed)
+        dropped[torch.from_numpy(rows)] = True
+    side = torch.arange(min(SIDE, size)) * size // min(SIDE, size)
+    heads, tails = torch.cartesian_prod(side, side).T
+    scores = scorer.score(heads, relation, tails).detach().cpu()
+    is_different = heads != tails
+    zero = torch.zeros(())
+    one = torch.ones(())
+    if scale == "ranks":
+        knots, heights = _rank_knots(scores.numpy(), is_different.numpy())
+        return Scaling(zero, one, dropped, zero, knots, heights)
+    # In 64 bits, because the mean over a million pairs would lose digits in 32.
+    of_different = scores[is_different].double()
+    mean = of_different.mean().float() if len(of_different) else zero
+    if scale == "none":
+        return Scaling(zero, one, dropped, itself=mean)
+    deviation = of_different.std(correction=0).float() if len(of_different) else zero
+    # Scores that are equal up to rounding must not be amplified.
+    has_spread = bool(deviation > 1e-6 * of_different.abs().amax()) if len(of_different) else False
+    return Scaling(mean, deviation if has_spread else one, dropped, itself=zero)
 
 
 def interpolated(scores: Tensor, knots: Tensor, heights: Tensor) -> Tensor:
@@ -184,8 +262,8 @@ def interpolated(scores: Tensor, knots: Tensor, heights: Tensor) -> Tensor:
     return torch.lerp(heights.gather(1, above - 1), heights.gather(1, above), share)
 
 
-def _rank_knots(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
-    """Return scores and their standardised ranks, shape (3 · KNOTS,) each, in ascending order."""
+def _ranked_products(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
+    """Return :func:`_rank_knots` of the products of factors."""
     heads, tails = _spread_pairs(len(left))
     scores = np.empty(len(heads), dtype=np.float32)
     block = 2**16  # pairs at once: factors of a million pairs would take gigabytes
@@ -193,11 +271,23 @@ def _rank_knots(left: Tensor, right: Tensor) -> tuple[Tensor, Tensor]:
         some = slice(start, start + block)
         products = left[heads[some]] * right[tails[some]]
         scores[some] = products.sum(1).numpy()
+    return _rank_knots(scores, heads != tails)
+
+
+def _rank_knots(
+    scores: NDArray[np.float32], is_different: NDArray[np.bool_]
+) -> tuple[Tensor, Tensor]:
+    """Return scores and their standardised ranks, shape (3 · KNOTS,) each, in ascending order.
+
+    Args:
+        scores: scores of pairs, shape (n,).
+        is_different: whether a pair has two entities, shape (n,): these have mean 0, deviation 1.
+    """
     values, group, counts = np.unique(scores, return_inverse=True, return_counts=True)
     # Equal scores share their mean rank.
     ends = np.cumsum(counts)
     ranks = ends - (counts - 1) / 2
-    of_different = ranks[group[heads != tails]]
+    of_different = ranks[group[is_different]]
     deviation = of_different.std() if len(of_different) else 0.0
     mean = of_different.mean() if len(of_different) else ranks.mean()
     standard = (ranks - mean) / (deviation if deviation > 0 else 1.0)

@@ -3,14 +3,15 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor
 
-from wordcraft_kg.base.tensors import lazily_zero
+from wordcraft_kg.base.tensors import lazily_zero, with_prefix
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF
 from wordcraft_kg.models.policies.sources import U, V
+from wordcraft_kg.models.policies.sources.knowledge import empty_knowledge, knowledge_of_models
 from wordcraft_kg.models.policies.sources.source import (
     FoldedSource,
     ScoreView,
@@ -18,9 +19,16 @@ from wordcraft_kg.models.policies.sources.source import (
 )
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.config import SelfEdges
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of
+from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, folds_of, whole_of
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
-from wordcraft_kg.models.scorers.scales import interpolated, scaled_factors, scaled_table
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+from wordcraft_kg.models.scorers.scales import (
+    interpolated,
+    sampled_scaling,
+    scaled_factors,
+    scaled_table,
+)
 
 # Axis names and types of the buffers, for `check_constants`; N is E + 1.
 _TABLE = {"scores": "N N float32"}
@@ -31,45 +39,66 @@ _FACTORS = {
     "dropped": "N bool",
     "itself": "float32",
 }
+_LINKS = {
+    "shift": "float32",
+    "deviation": "float32",
+    "dropped": "N bool",
+    "itself": "float32",
+}
 _RANKS = {"knots": "K float32", "heights": "K float32"}
+_KNOWLEDGE = "knowledge."
+"""Prefix of the tensors from which a recipe scorer's links are scored."""
 
 
 class PairSource(FoldedSource):
     """Scores each slot's entity with a key entity (the goal or the selection).
 
-    Scores come from a table of all pairs or, for graphs too large for a table, from matrix factors.
-    Only the buffers of one of the two kinds exist.
+    Scores come from a table of all pairs. For graphs too large for a table, they come from matrix
+    factors, or, with a recipe scorer, from its neighbour lists when they are asked for. Only the
+    buffers of one of the three kinds exist.
 
     For cross-fitted scorers (a model per left-out fold), each buffer has a first axis with K + 2
     models: one trained on all K folds, one without each fold, and an empty model that scores 0. The
     task selects the model, by default the first.
 
     Attributes:
+        relation: id of the relation.
         scores: buffer, shape (E + 1, E + 1): score table by key and slot's entity; 0 for empty
             slots and for the key E.
         left: buffer, shape (E + 1, m): factors by the slot's entity; like ``right``, with a row of
             zeros for E. See :class:`~wordcraft_kg.models.scorers.scales.ScaledFactors`.
         right: buffer, shape (E + 1, m): factors by the key.
-        shift: buffer, shape (): subtracted from each product.
+        knowledge: neighbour lists and link rankers, of K + 1 models with folds; None for tables
+            and factors.
+        shift: buffer, shape (): subtracted from each product or link score.
+        deviation: buffer, shape (): link scores are divided by it; factors are divided already.
         dropped: buffer, shape (E + 1,), bool: entities whose score with itself is replaced.
         itself: buffer, shape (): the score that replaces these.
-        knots: buffer, shape (K,): scores in ascending order, if factors' scores become ranks.
+        knots: buffer, shape (K,): scores in ascending order, if scores become ranks.
         heights: buffer, shape (K,): the ranks of these scores, standardised.
     """
 
+    relation: ClassVar[int]
     scores: Tensor
     left: Tensor
     right: Tensor
     shift: Tensor
+    deviation: Tensor
     dropped: Tensor
     itself: Tensor
     knots: Tensor
     heights: Tensor
 
-    def __init__(self, num_entities: int, constants: Mapping[str, Tensor]):
-        """Take the buffers: ``scores``, or those of factors; and ``fold_of_recipe`` with folds."""
+    def __init__(
+        self,
+        num_entities: int,
+        constants: Mapping[str, Tensor],
+        knowledge: RecipeKnowledge | None = None,
+    ):
+        """Take the buffers of one kind, ``fold_of_recipe`` with folds, and for links knowledge."""
         super().__init__(num_entities, constants.get("fold_of_recipe"))
         self.is_table = "scores" in constants
+        self.knowledge = knowledge
         for name in _layouts(constants):
             self.register_buffer(name, constants[name])
 
@@ -77,7 +106,6 @@ class PairSource(FoldedSource):
     def of_pairs(
         cls,
         scorer: TripleScorer,
-        relation: int,
         view: ScoreView,
         *,
         self_edges: SelfEdges = "keep",
@@ -86,7 +114,6 @@ class PairSource(FoldedSource):
 
         Args:
             scorer: any scorer of triples, cross-fitted or not.
-            relation: number of the relation.
             view: scale, and the tasks to score by cross-fitted scorers.
             self_edges: treatment of triples with equal head and tail, instead of the view's.
 
@@ -95,14 +122,17 @@ class PairSource(FoldedSource):
         """
         view = replace(view, self_edges=self_edges)
         size = len(scorer.entities)
-        constants = _constants(scorer, relation, view)
+        constants = _constants(scorer, cls.relation, view)
+        knowledge = None
+        if view.without_tables and isinstance(whole_of(scorer), RecipeScorer):
+            knowledge = knowledge_of_models(scorer, view)
         folded = folds_of(scorer)
-        if folded is None:
-            return cls(size, constants)
-        of_recipe = cls.fold_numbers(folded, view)
-        if view.tasks is not None:
-            constants = _stacked(constants, _without_each_fold(folded, relation, view))
-        return cls(size, {**constants, "fold_of_recipe": of_recipe}).bound(view)
+        of_recipe = cls.fold_numbers(scorer, view)
+        if folded is not None and view.tasks is not None:
+            constants = _stacked(constants, _without_each_fold(folded, cls.relation, view))
+        if of_recipe is not None:
+            constants = {**constants, "fold_of_recipe": of_recipe}
+        return cls(size, constants, knowledge).bound(view)
 
     @classmethod
     def restored(  # noqa: D102 - inherited
@@ -113,10 +143,12 @@ class PairSource(FoldedSource):
         if folds is not None:
             layouts = {name: f"models {layout}" for name, layout in layouts.items()}
         check_constants(constants, layouts, N=num_entities + 1, models=(folds or 0) + 2)
-        return cls(
-            num_entities,
-            {name: lazily_zero(tensor) for name, tensor in constants.items()},
-        )
+        of_links = with_prefix(constants, _KNOWLEDGE)
+        knowledge = None
+        if of_links:
+            knowledge = empty_knowledge(of_links, num_entities, (folds or 0) + 1)
+        zeros = {name: lazily_zero(tensor) for name, tensor in constants.items()}
+        return cls(num_entities, zeros, knowledge)
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited
@@ -127,11 +159,16 @@ class PairSource(FoldedSource):
         """Return the entity to score slots with (goal or selection), shape (B,)."""
 
     def forward(self, states: States) -> Tensor:  # noqa: D102 - inherited
+        table = states.table
         key = self.key(states)
         model = self.model_of(states.task)
         if self.is_table:
-            return self._from_table(states.table, key, model)
-        return self._from_factors(states.table, key, model)
+            return self._from_table(table, key, model)
+        # With folds, buffers have an axis of models.
+        if self.shift.ndim and model is None:
+            model = torch.zeros_like(key)
+        raw = self._from_links if self.knowledge is not None else self._from_factors
+        return self._scaled(raw(table, key, model), table, key, model)
 
     def _from_table(
         self,
@@ -146,33 +183,59 @@ class PairSource(FoldedSource):
         cells = torch.add(table, rows[:, None], alpha=width)
         return self.scores.view(-1).index_select(0, cells.reshape(-1)).view(cells.shape)
 
+    def _from_links(
+        self,
+        table: Tensor,
+        key: Tensor,
+        model: Tensor | None,
+    ) -> Tensor:
+        assert self.knowledge is not None
+        # The empty model has the last number, and no lists: another model computes scores, which
+        # the next step sets to 0.
+        last = self.knowledge.num_models - 1
+        used = torch.zeros_like(key) if model is None else model.clamp(max=last)
+        return self.knowledge.slot_scores(self.relation, key, table, used)
+
     def _from_factors(
         self,
         table: Tensor,
         key: Tensor,
         model: Tensor | None,
     ) -> Tensor:
-        nothing = self.num_entities
-        shift = self.shift
-        itself = self.itself
         slot_rows = table
         key_rows = key
-        first_knots = torch.zeros_like(key)
-        if self.left.ndim == 3:  # with folds: rows of all models one below the other, as above
-            model = torch.zeros_like(key) if model is None else model
-            first_row = (nothing + 1) * model
-            first_knots = model
-            shift = shift[model][:, None]
-            itself = itself[model][:, None]
+        if model is not None:  # rows of all models one below the other, as above
+            first_row = (self.num_entities + 1) * model
             slot_rows = table + first_row[:, None]
             key_rows = key + first_row
         left = self.left.flatten(0, -2).index_select(0, slot_rows.reshape(-1))
         right = self.right.flatten(0, -2)[key_rows]
         # One small product for each state: (A, m) by (m, 1).
-        products = torch.bmm(left.view(*table.shape, -1), right[:, :, None])[:, :, 0]
-        scores = products - shift
+        return torch.bmm(left.view(*table.shape, -1), right[:, :, None])[:, :, 0]
+
+    def _scaled(
+        self,
+        scores: Tensor,
+        table: Tensor,
+        key: Tensor,
+        model: Tensor | None,
+    ) -> Tensor:
+        """Return raw scores (B, A) of slots and keys on the common scale, 0 where one is empty."""
+        nothing = self.num_entities
+        shift = self.shift
+        itself = self.itself
+        slot_rows = table
+        if model is not None:
+            shift = shift[model][:, None]
+            itself = itself[model][:, None]
+            slot_rows = table + ((nothing + 1) * model)[:, None]
+        scores = scores - shift
+        if "deviation" in self._buffers:
+            deviation = self.deviation
+            scores = scores / (deviation if model is None else deviation[model][:, None])
         if "knots" in self._buffers:
             # As above, the knots of all models one below the other.
+            first_knots = torch.zeros_like(key) if model is None else model
             knots, heights = (
                 part.view(-1, part.shape[-1])[first_knots] for part in (self.knots, self.heights)
             )
@@ -180,7 +243,11 @@ class PairSource(FoldedSource):
         is_dropped = (table == key[:, None]) & self.dropped.view(-1)[slot_rows]
         scores = torch.where(is_dropped, itself, scores)
         # The zero rows give -shift, not 0, so scores of E are set here.
-        return scores.masked_fill((table == nothing) | (key == nothing)[:, None], 0)
+        is_empty = (table == nothing) | (key == nothing)[:, None]
+        if self.knowledge is not None and model is not None:
+            # Factors of the empty model are zeros; links were scored by another model.
+            is_empty = is_empty | (model == self.knowledge.num_models)[:, None]
+        return scores.masked_fill(is_empty, 0)
 
 
 class CombinesWith(PairSource):
@@ -190,12 +257,13 @@ class CombinesWith(PairSource):
     """
 
     label = U
+    relation = COMBINES_WITH
 
     @classmethod
     def of_scorer(  # noqa: D102 - inherited
         cls, scorer: TripleScorer, view: ScoreView
     ) -> "CombinesWith":
-        return cls.of_pairs(scorer, COMBINES_WITH, view, self_edges=view.self_edges)
+        return cls.of_pairs(scorer, view, self_edges=view.self_edges)
 
     def key(self, states: States) -> Tensor:  # noqa: D102 - inherited
         return states.selection
@@ -208,13 +276,14 @@ class ComponentOf(PairSource):
     """
 
     label = V
+    relation = COMPONENT_OF
 
     @classmethod
     def of_scorer(  # noqa: D102 - inherited
         cls, scorer: TripleScorer, view: ScoreView
     ) -> "ComponentOf":
         # The setting `self_edges` is about combinesWith alone; here all scores are kept.
-        return cls.of_pairs(scorer, COMPONENT_OF, view)
+        return cls.of_pairs(scorer, view)
 
     def key(self, states: States) -> Tensor:  # noqa: D102 - inherited
         return states.goal
@@ -224,7 +293,8 @@ def _layouts(constants: Mapping[str, Tensor]) -> dict[str, str]:
     """Return axis names and types of the buffers of one model, whose kind their names tell."""
     if "scores" in constants:
         return _TABLE
-    return _FACTORS | _RANKS if "knots" in constants else _FACTORS
+    of_kind = _FACTORS if "left" in constants else _LINKS
+    return of_kind | _RANKS if "knots" in constants else of_kind
 
 
 def _without_each_fold(
@@ -263,15 +333,18 @@ def _constants(
         "self_edges": view.self_edges,
         "observed": view.observed,
     }
-    if not view.by_factors:
+    if not view.without_tables:
         table = torch.zeros(size + 1, size + 1)
         scores = scaled_table(scorer, relation, view.scale, **settings)
         # Heads are slots and tails are keys; transposed, a state's slots share a row in memory.
         table[:-1, :-1] = scores.detach().cpu().T
         return {"scores": table}
-    assert isinstance(scorer, FactoredScorer)
-    constants = scaled_factors(scorer, relation, view.scale, **settings).tensors()
-    for name in ("left", "right", "dropped"):
+    if isinstance(whole_of(scorer), RecipeScorer):
+        constants = sampled_scaling(scorer, relation, view.scale, **settings).tensors()
+    else:
+        assert isinstance(scorer, FactoredScorer)
+        constants = scaled_factors(scorer, relation, view.scale, **settings).tensors()
+    for name in {"left", "right", "dropped"} & {*constants}:
         # A row for E; zeros, so that the factors' product is finite there.
         constants[name] = torch.cat([constants[name], torch.zeros_like(constants[name][:1])])
     return constants

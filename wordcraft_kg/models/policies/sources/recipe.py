@@ -9,48 +9,13 @@ from torch import Tensor, nn
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import lazily_zero, with_prefix
 from wordcraft_kg.models.policies.sources import W
-from wordcraft_kg.models.policies.sources.source import (
-    Evidence,
-    FoldedSource,
-    ScoreView,
-    Source,
-    check_constants,
-)
+from wordcraft_kg.models.policies.sources.knowledge import empty_knowledge, knowledge_of_models
+from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView, Source
 from wordcraft_kg.models.policies.states import States
-from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
-from wordcraft_kg.models.scorers.neighbours.knowledge import (
-    BUFFERS,
-    LINK_TABLES,
-    RecipeKnowledge,
-)
-from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMBINES, OF_COMPONENTS
-from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
+from wordcraft_kg.models.scorers.cross_fitting import whole_of
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-
-
-def _of_ranker(prefix: str, features: str) -> dict[str, str]:
-    """Return axis names and types of a ranker's weights, whose names begin with ``prefix``."""
-    return {
-        f"{prefix}first": f"models {features} {prefix}hidden float32",
-        f"{prefix}first_bias": f"models {prefix}hidden float32",
-        f"{prefix}second": f"models {prefix}hidden float32",
-        f"{prefix}bias": "models float32",
-    }
-
-
-# Axis names and types of the buffers, for `check_constants`.
-_LAYOUTS = {
-    "num_own": "one int32",
-    "vectors": "T D float16",
-    "near_words": "T K int32",
-    "recipes": "recipes three int32",
-    "seen": "models recipes bool",
-    **_of_ranker("", "F"),
-    **_of_ranker("combinesWith_", "pairs"),
-    **_of_ranker("componentOf_", "parts"),
-    **dict.fromkeys(LINK_TABLES, "models side side float16"),
-}
 
 KEPT = 2**24
 """Most scores that a source keeps, in all batches together: 64 MiB of float32."""
@@ -99,21 +64,8 @@ class BestRecipe(FoldedSource):
                 "scorer from `wordcraft-kg train-recipes`, or leave out recipe."
             )
         size = len(scorer.entities)
-        folded = folds_of(scorer)
-        if folded is None:
-            # A copy, because moving a module moves its tensors in place.
-            knowledge = RecipeKnowledge(whole.knowledge.constants(), size)
-            return cls(size, knowledge.cpu())
-        models = [whole]
-        of_recipe = cls.fold_numbers(folded, view)
-        if view.tasks is not None:
-            for fold in range(folded.count):
-                folded.trained_on(fold, view.tasks.graph)  # raises LeakError
-                left_out = folded.left_out(fold)
-                assert isinstance(left_out, RecipeScorer)
-                models.append(left_out)
-        knowledge = whole.knowledge.stacked([model.knowledge for model in models])
-        return cls(size, knowledge.cpu(), of_recipe).bound(view)
+        of_recipe = cls.fold_numbers(scorer, view)
+        return cls(size, knowledge_of_models(scorer, view), of_recipe).bound(view)
 
     @staticmethod
     def serves(scorer: TripleScorer) -> bool:
@@ -124,24 +76,12 @@ class BestRecipe(FoldedSource):
     def restored(  # noqa: D102 - inherited
         cls, num_entities: int, constants: Mapping[str, Tensor]
     ) -> Source:
-        knowledge = with_prefix(constants, "knowledge.")
         models = (cls.num_folds(constants) or 0) + 1
-        check_constants(
-            knowledge,
-            _LAYOUTS,
-            models=models,
-            F=len(FEATURES),
-            pairs=len(OF_COMBINES),
-            parts=len(OF_COMPONENTS),
-            one=1,
-            three=3,
-        )
-        zeros = {name: lazily_zero(knowledge[name]) for name in BUFFERS}
-        empty = RecipeKnowledge(zeros, num_entities)
+        knowledge = empty_knowledge(with_prefix(constants, "knowledge."), num_entities, models)
         of_recipe = constants.get("fold_of_recipe")
         if of_recipe is not None:
             of_recipe = lazily_zero(of_recipe)
-        return cls(num_entities, empty, of_recipe)
+        return cls(num_entities, knowledge, of_recipe)
 
     @classmethod
     def num_bytes(cls, scorer: TripleScorer) -> int:  # noqa: D102 - inherited

@@ -75,12 +75,12 @@ def source_class(name: str) -> type[Source]:
     return _CLASSES[name]
 
 
-def pairs_need_factors(
+def tables_are_too_large(
     names: Iterable[str],
     scorer: TripleScorer,
     scale: Scale,
 ) -> bool:
-    """Return whether score tables would be too large, so that sources must score by factors.
+    """Return whether score tables would be too large, so that sources must score without them.
 
     Checked before any table is computed.
 
@@ -150,8 +150,8 @@ def make_sources(
     if tasks is not None:
         view = replace(view, tasks=tasks)
     # Before any table is computed, which may take the memory of the machine.
-    if pairs_need_factors(names, scorer, view.scale):
-        view = replace(view, by_factors=True)
+    if tables_are_too_large(names, scorer, view.scale):
+        view = replace(view, without_tables=True)
     sources = [source_class(name).of_scorer(scorer, view) for name in names]
     # Not in `of_scorer`, so that no subclass can forget it.
     for source in sources:

@@ -15,7 +15,7 @@ from wordcraft_kg.graphs.tasks import TaskSet
 from wordcraft_kg.models.policies.sources import Label
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.config import Scale, SelfEdges
-from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, models_of_tasks
+from wordcraft_kg.models.scorers.cross_fitting import folds_of, models_of_tasks
 from wordcraft_kg.models.scorers.neighbours.knowledge import Support
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
 
@@ -29,7 +29,7 @@ class ScoreView:
         self_edges: keep or drop scores of an entity with itself, or keep only ``observed`` triples.
         observed: ids of the scorer's training triples, shape (T, 3); None unless ``self_edges`` is
             ``observed``.
-        by_factors: use the scorer's matrix factors, for graphs too large for a score table.
+        without_tables: score by factors or by lists, for graphs too large for a score table.
         width: most intermediates per search for a plan; 0 for the default.
         tasks: tasks to score, required by scorers with a model per left-out fold, see
             :meth:`Source.bind`. None for tasks without train recipes.
@@ -38,7 +38,7 @@ class ScoreView:
     scale: Scale = "none"
     self_edges: SelfEdges = "keep"
     observed: Ids | None = None
-    by_factors: bool = False
+    without_tables: bool = False
     width: int = 0
     tasks: TaskSet | None = None
 
@@ -232,13 +232,19 @@ class FoldedSource(Source):
         return int(of_recipe.max()) + 1 if len(of_recipe) else None
 
     @staticmethod
-    def fold_numbers(scorer: CrossFitted, view: ScoreView) -> Tensor:
-        """Return each recipe's fold in a cross-fitted scorer; empty if ``view`` has no tasks."""
+    def fold_numbers(scorer: TripleScorer, view: ScoreView) -> Tensor | None:
+        """Return each recipe's fold in a cross-fitted scorer; empty if ``view`` has no tasks.
+
+        None for a single model.
+        """
+        folded = folds_of(scorer)
+        if folded is None:
+            return None
         if view.tasks is None:
             return torch.empty(0, dtype=torch.int64)
-        check_scorer(scorer, view.tasks.graph)
+        check_scorer(folded, view.tasks.graph)
         # Copied, because a buffer on a shared array would change with it.
-        return torch.from_numpy(scorer.of_recipe.copy())
+        return torch.from_numpy(folded.of_recipe.copy())
 
     def bound(self, view: ScoreView) -> Self:
         """Choose each task's model by :meth:`bind` if ``view`` has tasks; return this object."""

@@ -31,8 +31,8 @@ recipes, and how many recipes make c with x.
 **Links** are scored by networks (rankers) of such features: for componentOf(x, c) those of the link
 side, for combinesWith(a, b) those of the pair side without c; both with kernel regression at low
 rank m, see :mod:`.regression`. The score of componentOf is a feature of pairs on tables, too. A
-table needs few links, which are looked up one by one; link prediction needs all links of an entity,
-and follows the known ones from it, see :mod:`.link_rows`.
+table needs few links, which are looked up one by one, see :mod:`.link_loops`; link prediction needs
+all links of an entity, and follows the known ones from it, see :mod:`.link_rows`.
 
 | step | cost |
 |---|---|

@@ -109,7 +109,7 @@ def needed_entities(lists, goal, needed, place_of, places):  # type: ignore[no-u
 
 
 @compiled
-def _alike(lists, entity, other, structure):  # type: ignore[no-untyped-def]
+def alike_of(lists, entity, other, structure):  # type: ignore[no-untyped-def]
     """Return k and the word cosine of two entities; ``structure`` is spread from the first."""
     if entity == other:
         return np.float32(1), np.float32(1)
@@ -149,23 +149,25 @@ def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes,
     out[13] = log(FLOOR + total)
     out[14] = log(FLOOR + best)
     out[15] = log(FLOOR + by_words)
-    out[0] = cosine
-    out[1] = kernel
-    out[2] = log1p(lists.num_uses[entity])
-    out[3] = log1p(lists.num_makers[entity])
-    _of_link(lists, entity, goal, out)
+    of_link(lists, entity, goal, cosine, kernel, out)
 
 
 @compiled
-def _of_link(lists, entity, goal, out):  # type: ignore[no-untyped-def]
-    """Write the features of a componentOf link that follow from known links: ``out[4:12]``.
+def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untyped-def]
+    """Write the features of a componentOf link, without the goal's numbers: ``out[:12]``.
 
     Args:
         lists: the lists.
         entity: the ingredient.
         goal: the result.
+        cosine: their word cosine.
+        kernel: their similarity k.
         out: shape (12,) or longer.
     """
+    out[0] = cosine
+    out[1] = kernel
+    out[2] = log1p(lists.num_uses[entity])
+    out[3] = log1p(lists.num_makers[entity])
     soft = np.float32(0)
     soft_words = np.float32(0)
     with_goal = np.float32(0)
@@ -347,10 +349,10 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 words[slot, number] = fourth(cosine)
             for place in range(slots):
                 if tables[row, place] >= 0:
-                    value, cosine = _alike(lists, entity, tables[row, place], structure)
+                    value, cosine = alike_of(lists, entity, tables[row, place], structure)
                     cosines[slot, place] = cosine
                     kernels[slot, place] = value
-            value, cosine = _alike(lists, entity, goal, structure)
+            value, cosine = alike_of(lists, entity, goal, structure)
             clear(lists, entity, structure)
             _of_slot(
                 lists,
@@ -433,7 +435,7 @@ def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
             entity = lists.second[recipe] if part else lists.first[recipe]
             for side in range(2):
                 own = b if side else a
-                value, _ = _alike(lists, own, entity, structure[side])
+                value, _ = alike_of(lists, own, entity, structure[side])
                 squares[side, part] = value * value
         terms[row, 0] = squares[0, 0] * squares[1, 1]
         terms[row, 1] = squares[0, 1] * squares[1, 0]

@@ -1,7 +1,7 @@
 """Recipe knowledge by neighbour lists: scores of pairs and links, and what supports them."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
@@ -272,35 +272,19 @@ class RecipeKnowledge(nn.Module):
         other = second.cpu().numpy()
         goals = self._ids(goal)
         tables = self._ids(table)
-        models = model.cpu().numpy()
         of_slots = np.zeros((*tables.shape, feature_loops.OF_SLOTS), dtype=np.float32)
         shape = (len(goals), len(one), feature_loops.OF_PAIRS)
         of_pairs = np.zeros(shape, dtype=np.float32)
-        blocks: list[tuple[Lists, Ids]] = []
-        for number in np.unique(models).tolist():
-            rows = np.flatnonzero(models == number)
-            num_blocks = math.ceil(len(rows) / _BLOCK)
-            parts = np.array_split(rows, num_blocks)
-            blocks += [(self.lists(number), part) for part in parts]
 
-        def write(block: tuple[Lists, Ids]) -> None:
-            """Write the features of a block's rows, which no other block has."""
-            lists, rows = block
+        def write(number: int, rows: Ids) -> None:
             slots = np.zeros((len(rows), *of_slots.shape[1:]), dtype=np.float32)
             pairs = np.zeros((len(rows), *of_pairs.shape[1:]), dtype=np.float32)
+            lists = self.lists(number)
             feature_loops.table_features(lists, goals[rows], tables[rows], one, other, slots, pairs)
             of_slots[rows] = slots
             of_pairs[rows] = pairs
 
-        # Blocks of all models together: a batch of a cross-fitted scorer has few rows for each.
-        workers = min(torch.get_num_threads(), len(goals) // _ROWS)
-        if workers <= 1:
-            for block in blocks:
-                write(block)
-        else:
-            # Rows do not depend on each other, and compiled loops run without Python's lock.
-            with ThreadPoolExecutor(workers) as pool:
-                list(pool.map(write, blocks))
+        self._for_each_block(model, write)
         slots = torch.from_numpy(of_slots).to(goal.device)
         pairs_only = torch.from_numpy(of_pairs).to(goal.device)
         if self._link_table(COMPONENT_OF).numel():
@@ -317,6 +301,73 @@ class RecipeKnowledge(nn.Module):
             return torch.zeros(len(FEATURES), *pairs_only.shape[:2], device=goal.device)
         features = features_of_pairs(slots, pairs_only, component, combines, first, second)
         return features.permute(2, 0, 1)
+
+    def slot_scores(self, relation: int, key: Tensor, table: Tensor, model: Tensor) -> Tensor:
+        """Score the links (slot's entity, relation, key) of tables by the link rankers.
+
+        Args:
+            relation: relation id.
+            key: ids, shape (B,), int64; E for no entity.
+            table: entity ids in the slots, shape (B, A), int64; E for empty slots.
+            model: which of the M stacked models to use, shape (B,), int64.
+
+        Returns:
+            shape (B, A), float32. Scores of empty slots, and of tables without a key, mean nothing.
+        """
+        if self._link_table(relation).numel():
+            return self._from_table(relation, model, table, key[:, None])
+        from wordcraft_kg.models.scorers.neighbours import link_loops
+
+        keys = self._ids(key)
+        tables = self._ids(table)
+        features = np.zeros((*tables.shape, len(LINK_FEATURES[relation])), dtype=np.float32)
+        paths: dict[int, tuple[Any, ...]] = {}
+        if relation == COMBINES_WITH:
+            # Made before threads begin, and as plain tuples: machine code on the disk names the
+            # types of its arguments.
+            for number in model.unique().tolist():
+                paths[number] = tuple(tuple(rows) for rows in self.link_rows(number).halves)
+
+        def write(number: int, rows: Ids) -> None:
+            some = np.zeros((len(rows), *features.shape[1:]), dtype=np.float32)
+            lists = self.lists(number)
+            if relation == COMPONENT_OF:
+                link_loops.component_features(lists, keys[rows], tables[rows], some)
+            else:
+                halves, pairs = paths[number]
+                link_loops.combines_features(lists, halves, pairs, keys[rows], tables[rows], some)
+            features[rows] = some
+
+        self._for_each_block(model, write)
+        links = torch.from_numpy(features).to(key.device).permute(2, 0, 1)
+        return self._link_ranker(relation).of_models(links, model)
+
+    def _for_each_block(self, model: Tensor, write: Callable[[int, Ids], None]) -> None:
+        """Call ``write`` with a model and some of its rows, until it has had all rows once.
+
+        Rows do not depend on each other, and compiled loops run without Python's lock, so threads
+        share the blocks of a large batch.
+
+        Args:
+            model: model of each row, shape (B,).
+            write: computes and keeps what belongs to the rows.
+        """
+        models = model.cpu().numpy()
+        blocks: list[tuple[int, Ids]] = []
+        for number in np.unique(models).tolist():
+            rows = np.flatnonzero(models == number)
+            num_blocks = math.ceil(len(rows) / _BLOCK)
+            blocks += [(number, part) for part in np.array_split(rows, num_blocks)]
+            # Made by this thread alone, once.
+            self.lists(number)
+        # Blocks of all models together: a batch of a cross-fitted scorer has few rows for each.
+        workers = min(torch.get_num_threads(), len(models) // _ROWS)
+        if workers <= 1:
+            for block in blocks:
+                write(*block)
+            return
+        with ThreadPoolExecutor(workers) as pool:
+            list(pool.map(lambda block: write(*block), blocks))
 
     def _from_table(self, relation: int, model: Tensor, heads: Tensor, tails: Tensor) -> Tensor:
         """Return link scores of heads and tails, ids that broadcast to (B, N), as float32."""

@@ -107,6 +107,29 @@ class Linked(NamedTuple):
     counts: Floats
 
 
+class SparseRows(NamedTuple):
+    """A sparse matrix with T rows.
+
+    Attributes:
+        starts: where each row begins and the last one ends, shape (T + 1,).
+        columns: columns of the numbers that are not 0, row by row.
+        values: these numbers.
+    """
+
+    starts: Ids
+    columns: Numbers
+    values: Floats
+
+    @classmethod
+    def of(cls, matrix: Any) -> "SparseRows":
+        """Return the arrays of a SciPy matrix by rows, in the types that loops are compiled for."""
+        return cls(
+            matrix.indptr.astype(np.int64),
+            matrix.indices.astype(np.int32),
+            matrix.data.astype(np.float32),
+        )
+
+
 class _BothWays(NamedTuple):
     """Neighbour lists by entity, and by neighbour: who lists an entity as a neighbour."""
 
@@ -331,6 +354,16 @@ class LinkRows:
         nodes, pairs = self._nodes_and_pairs
         rows = nodes.T.tocsr()[entities]
         return np.asarray((rows @ pairs @ pairs @ pairs @ nodes).toarray(), dtype=np.float32)
+
+    @cached_property
+    def halves(self) -> "tuple[SparseRows, SparseRows]":
+        """The matrices H, shape (T, nodes), and R, shape (nodes, nodes): completion is H R Hᵀ.
+
+        With the matrices of :func:`~wordcraft_kg.models.scorers.kernel.completion_parts`, H is
+        nodesᵀ R.
+        """
+        nodes, pairs = self._nodes_and_pairs
+        return SparseRows.of((nodes.T @ pairs).tocsr()), SparseRows.of(pairs)
 
     @cached_property
     def _nodes_and_pairs(self) -> tuple[Any, Any]:

@@ -1,0 +1,98 @@
+"""The knowledge of recipe scorers in sources: of one model, or of all folds' models together."""
+
+from collections.abc import Mapping
+
+from torch import Tensor
+
+from wordcraft_kg.base.tensors import lazily_zero
+from wordcraft_kg.models.policies.sources.source import ScoreView, check_constants
+from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
+from wordcraft_kg.models.scorers.neighbours.knowledge import (
+    BUFFERS,
+    LINK_TABLES,
+    RecipeKnowledge,
+)
+from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMBINES, OF_COMPONENTS
+from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
+from wordcraft_kg.models.scorers.protocol import TripleScorer
+from wordcraft_kg.models.scorers.recipes import RecipeScorer
+
+
+def _of_ranker(prefix: str, features: str) -> dict[str, str]:
+    """Return axis names and types of a ranker's weights, whose names begin with ``prefix``."""
+    return {
+        f"{prefix}first": f"models {features} {prefix}hidden float32",
+        f"{prefix}first_bias": f"models {prefix}hidden float32",
+        f"{prefix}second": f"models {prefix}hidden float32",
+        f"{prefix}bias": "models float32",
+    }
+
+
+# Axis names and types of the buffers, for `check_constants`.
+_LAYOUTS = {
+    "num_own": "one int32",
+    "vectors": "T D float16",
+    "near_words": "T K int32",
+    "recipes": "recipes three int32",
+    "seen": "models recipes bool",
+    **_of_ranker("", "F"),
+    **_of_ranker("combinesWith_", "pairs"),
+    **_of_ranker("componentOf_", "parts"),
+    **dict.fromkeys(LINK_TABLES, "models side side float16"),
+}
+
+
+def knowledge_of_models(scorer: TripleScorer, view: ScoreView) -> RecipeKnowledge:
+    """Return the knowledge of a recipe scorer, on the CPU, which shares its tensors.
+
+    Of a cross-fitted scorer, if ``view`` has tasks to score: K + 1 models, on all folds and without
+    each fold.
+
+    Args:
+        scorer: a recipe scorer, cross-fitted or not.
+        view: the tasks to score.
+
+    Raises:
+        LeakError: if a left-out model was trained on other recipes than its folds say.
+    """
+    whole = whole_of(scorer)
+    assert isinstance(whole, RecipeScorer)
+    folded = folds_of(scorer)
+    models = [whole.knowledge]
+    if folded is not None and view.tasks is not None:
+        for fold in range(folded.count):
+            folded.trained_on(fold, view.tasks.graph)  # raises LeakError
+            left_out = folded.left_out(fold)
+            assert isinstance(left_out, RecipeScorer)
+            models.append(left_out.knowledge)
+    # Stacked even if alone, because moving a module moves its tensors in place.
+    return RecipeKnowledge.stacked(models).cpu()
+
+
+def empty_knowledge(
+    constants: Mapping[str, Tensor],
+    num_entities: int,
+    models: int,
+) -> RecipeKnowledge:
+    """Return knowledge whose tensors have the saved shapes, before values are loaded.
+
+    Args:
+        constants: the saved tensors by name, as found, perhaps damaged.
+        num_entities: E.
+        models: number of models M.
+
+    Raises:
+        KeyError: if a tensor is missing.
+        ValueError: if a tensor has an unexpected type or shape.
+    """
+    check_constants(
+        constants,
+        _LAYOUTS,
+        models=models,
+        F=len(FEATURES),
+        pairs=len(OF_COMBINES),
+        parts=len(OF_COMPONENTS),
+        one=1,
+        three=3,
+    )
+    return RecipeKnowledge({name: lazily_zero(constants[name]) for name in BUFFERS}, num_entities)

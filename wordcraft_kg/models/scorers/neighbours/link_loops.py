@@ -1,0 +1,122 @@
+"""Loops that compute the features of links between slots and one entity, for agents.
+
+An agent asks for ten links of an entity at a time. :mod:`.link_rows` follows an entity's known
+links to all others, which is faster for more than some hundred.
+"""
+
+from math import log, log1p
+
+import numpy as np
+
+from wordcraft_kg.models.scorers.neighbours.compiled import compiled
+from wordcraft_kg.models.scorers.neighbours.feature_loops import (
+    FLOOR,
+    alike_of,
+    neighbour_pairs,
+    of_link,
+)
+from wordcraft_kg.models.scorers.neighbours.hash_loops import pair_place
+from wordcraft_kg.models.scorers.neighbours.similar import clear, product, spread
+
+
+@compiled
+def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-def]
+    """Write the features of componentOf links from each slot to the goal.
+
+    Args:
+        lists: the lists.
+        goals: shape (B,); negative for no goal.
+        tables: shape (B, A); negative for empty slots.
+        out: zeros, shape (B, A, 14), in the order of ``link_rows.OF_COMPONENTS``; an empty slot,
+            or one without goal, keeps its zeros.
+    """
+    structure = np.zeros(len(lists.norms), dtype=np.float32)
+    for row in range(len(goals)):
+        goal = goals[row]
+        if goal < 0:
+            continue
+        # k is symmetric, so the goal's profile serves all slots.
+        spread(lists, goal, structure)
+        for slot in range(tables.shape[1]):
+            entity = tables[row, slot]
+            if entity < 0:
+                continue
+            kernel, cosine = alike_of(lists, goal, entity, structure)
+            features = out[row, slot]
+            of_link(lists, entity, goal, cosine, kernel, features)
+            features[12] = log1p(lists.num_uses[goal])
+            features[13] = log1p(lists.num_makers[goal])
+        clear(lists, goal, structure)
+
+
+@compiled
+def combines_features(lists, halves, pairs, keys, tables, out):  # type: ignore[no-untyped-def]
+    """Write the features of combinesWith links between each slot and one entity.
+
+    Args:
+        lists: the lists.
+        halves: sparse rows of the matrix H, shape (T, nodes), of ``LinkRows.halves``: where each
+            row begins and ends, columns, values.
+        pairs: sparse rows of R, shape (nodes, nodes), likewise; completion is ``H R Hᵀ``.
+        keys: shape (B,); negative for no entity.
+        tables: shape (B, A); negative for empty slots.
+        out: zeros, shape (B, A, 10), in the order of ``link_rows.OF_COMBINES``; an empty slot, or
+            one without key, keeps its zeros.
+    """
+    half_starts, half_nodes, half_values = halves
+    pair_starts, pair_nodes, pair_values = pairs
+    neighbours = lists.used.shape[1]
+    structure = np.zeros(len(lists.norms), dtype=np.float32)
+    reached = np.zeros(len(pair_starts) - 1, dtype=np.float32)
+    places = np.empty(neighbours * neighbours, dtype=np.int64)
+    weights = np.empty(neighbours * neighbours, dtype=np.float32)
+    words = np.empty(neighbours * neighbours, dtype=np.float32)
+    for row in range(len(keys)):
+        key = keys[row]
+        if key < 0:
+            continue
+        spread(lists, key, structure)
+        # The key's row of H R, in an array of all nodes.
+        for place in range(half_starts[key], half_starts[key + 1]):
+            node = half_nodes[place]
+            for end in range(pair_starts[node], pair_starts[node + 1]):
+                reached[pair_nodes[end]] += half_values[place] * pair_values[end]
+        for slot in range(tables.shape[1]):
+            entity = tables[row, slot]
+            if entity < 0:
+                continue
+            completion = np.float32(0)
+            for place in range(half_starts[entity], half_starts[entity + 1]):
+                completion += half_values[place] * reached[half_nodes[place]]
+            # Known pairs of one of both and a neighbour of the other.
+            exact = np.float32(0)
+            for number in range(neighbours):
+                other = lists.used[key, number]
+                if other >= 0 and pair_place(lists, other, entity) >= 0:
+                    exact += lists.used_alike[key, number]
+                other = lists.used[entity, number]
+                if other >= 0 and pair_place(lists, other, key) >= 0:
+                    exact += lists.used_alike[entity, number]
+            near = np.float32(0)
+            count, _ = neighbour_pairs(lists, key, entity, places, weights, words)
+            for number in range(count):
+                near += weights[number] * lists.pair_counts[places[number]]
+            kernel, cosine = alike_of(lists, key, entity, structure)
+            uses = log1p(lists.num_uses[key])
+            other_uses = log1p(lists.num_uses[entity])
+            features = out[row, slot]
+            features[0] = cosine
+            features[1] = kernel
+            features[2] = uses + other_uses
+            features[3] = abs(uses - other_uses)
+            features[4] = log1p(lists.num_makers[key]) + log1p(lists.num_makers[entity])
+            features[5] = 1 if key == entity else 0
+            features[6] = log(FLOOR + completion)
+            features[7] = log(FLOOR + exact)
+            features[8] = log(FLOOR + near)
+            features[9] = product(lists.pair_left, lists.right, key, entity)
+        for place in range(half_starts[key], half_starts[key + 1]):
+            node = half_nodes[place]
+            for end in range(pair_starts[node], pair_starts[node + 1]):
+                reached[pair_nodes[end]] = 0
+        clear(lists, key, structure)

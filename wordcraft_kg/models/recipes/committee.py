@@ -7,7 +7,6 @@ network .450 and .769.
 """
 
 import math
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import torch
@@ -88,48 +87,75 @@ def fit_committee(
         a ranker of all features, with the hidden units of all networks side by side. Features that
         are the same everywhere have weight 0.
     """
-    members, batch, _, rate, _ = schedule
+    members, size, _, rate, _ = schedule
     mean, scale = _moments(examples)
-    size = len(mean)
-    first = _drawn(members, size, HIDDEN, fan=size, generator=generator)
-    first_bias = _drawn(members, 1, HIDDEN, fan=size, generator=generator)
+    features = len(mean)
+    first = _drawn(members, features, HIDDEN, fan=features, generator=generator)
+    first_bias = _drawn(members, 1, HIDDEN, fan=features, generator=generator)
     second = _drawn(members, HIDDEN, 1, fan=HIDDEN, generator=generator)
-    batches = math.ceil(len(examples.features) / batch)
-    epochs = max(schedule.epochs, math.ceil(schedule.steps / batches))
+    number = len(examples.features)
+    # The same queries are together in all epochs, so that they are prepared once.
+    parts = torch.randperm(number, generator=generator).split(size)
+    batches = [_Batch.of(examples.part(rows), mean, scale) for rows in parts]
+    epochs = max(schedule.epochs, math.ceil(schedule.steps / len(batches)))
     optimizer = torch.optim.AdamW(
         [first, first_bias, second],
         lr=rate,
         weight_decay=WEIGHT_DECAY,
+        # One loop over all weights: the networks are small, and many calls would cost more.
+        fused=True,
     )
     cycle = torch.optim.lr_scheduler.OneCycleLR(
         optimizer,
         rate,
-        total_steps=epochs * batches,
+        total_steps=epochs * len(batches),
     )
-    for rows in _batches(len(examples.features), batch, epochs, generator):
-        features, competes, is_right = examples.part(rows)
-        # Most tables have fewer pairs than the widest one: empty ones are never computed.
-        known = (features[competes] - mean) / scale
-        units = torch.baddbmm(first_bias, known.expand(members, -1, -1), first).relu()
-        scores = torch.full((members, *competes.shape), -torch.inf)
-        scores[:, competes] = torch.bmm(units, second)[..., 0]
-        of_right = scores.log_softmax(-1).masked_fill(~is_right, -torch.inf)
-        # The networks do not meet: the gradient of a sum is each network's own.
-        loss = -of_right.logsumexp(-1).mean(1).sum()
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        cycle.step()
+    for _ in range(epochs):
+        for place in torch.randperm(len(batches), generator=generator).tolist():
+            features_of_pairs, pairs, is_right = batches[place]
+            # Networks first, (members, pairs, units): a product by network reads memory in order.
+            of_members = features_of_pairs.expand(members, -1, -1)
+            units = torch.baddbmm(first_bias, of_members, first).relu()
+            known = torch.bmm(units, second)[..., 0]
+            empty = torch.full((members, is_right.numel()), -torch.inf)
+            scores = empty.index_copy(1, pairs, known).view(members, *is_right.shape)
+            of_right = scores.log_softmax(-1).masked_fill(~is_right, -torch.inf)
+            # The networks do not meet: the gradient of a sum is each network's own.
+            loss = -of_right.logsumexp(-1).mean(1).sum()
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
+            cycle.step()
     # Standardise the weights instead of the features: far fewer numbers when the ranker is used.
     scaled = first.detach() / scale[:, None]
     bias = first_bias.detach()[:, 0] - mean @ scaled
     return Ranker(
         # (members, features, units) to (features, members * units): networks side by side.
-        scaled.permute(1, 0, 2).reshape(size, members * HIDDEN),
+        scaled.permute(1, 0, 2).reshape(features, members * HIDDEN),
         bias.reshape(-1),
         second.detach().reshape(-1) / members,
         torch.zeros(()),
     )
+
+
+class _Batch(NamedTuple):
+    """Queries of a step. Most tables have fewer pairs than the widest: empty ones have no row.
+
+    Attributes:
+        features: standardised features of the competing candidates, shape (n, F).
+        places: where they are among all candidates, query by query, shape (n,).
+        is_right: shape (queries, P).
+    """
+
+    features: Tensor
+    places: Tensor
+    is_right: Tensor
+
+    @classmethod
+    def of(cls, queries: Examples, mean: Tensor, scale: Tensor) -> "_Batch":
+        """Prepare queries; mean and deviation of the features have the shape (F,)."""
+        features = (queries.features[queries.competes] - mean) / scale
+        return cls(features, queries.competes.view(-1).nonzero()[:, 0], queries.is_right)
 
 
 def _moments(examples: Examples) -> tuple[Tensor, Tensor]:
@@ -146,16 +172,3 @@ def _drawn(*shape: int, fan: int, generator: torch.Generator) -> Tensor:
     """Draw initial weights, uniform up to ``1 / √fan``."""
     weights = torch.rand(*shape, generator=generator) * 2 - 1
     return (weights / math.sqrt(fan)).requires_grad_()
-
-
-def _batches(
-    queries: int,
-    batch: int,
-    epochs: int,
-    generator: torch.Generator,
-) -> Iterator[Tensor]:
-    """Yield the queries' numbers in batches, the batches in another order in each epoch."""
-    batches = torch.randperm(queries, generator=generator).split(batch)
-    for _ in range(epochs):
-        for number in torch.randperm(len(batches), generator=generator).tolist():
-            yield batches[number]

@@ -11,9 +11,11 @@ K + 1 scorers.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -142,8 +144,9 @@ def fit_recipe_scorers(
         wanted: the folds to leave out, () for none.
         outside: features of links that are the same in all folds.
         seed: seed of tables and initial weights.
-        workers: threads; the compiled loops run beside each other.
-        after: called after each set of lists, in the caller's thread; may raise to end the fits.
+        workers: threads; compiled loops and fits run beside each other.
+        after: called after each set of lists and each fit, in the caller's thread; may raise to end
+            the fits.
 
     Yields:
         an entry of ``wanted``, and the knowledge fitted without these folds.
@@ -151,37 +154,52 @@ def fit_recipe_scorers(
     # By the folds left out and the fold held out.
     lessons: dict[tuple[LeftOut, int], _Lesson] = {}
     missing = set(wanted)
-    for left_out in wanted:
-        turns = [fold for fold in range(folds.count) if fold not in left_out]
-        new = [turn for turn in turns if (left_out, turn) not in lessons]
 
-        # The default keeps this turn of the loop's value for the threads.
-        def made(
-            turn: int,
-            left_out: LeftOut = left_out,
-        ) -> list[tuple[tuple[LeftOut, int], _Lesson]]:
-            without = {*left_out, turn}
-            lists = words.lists(folds.recipes(without))
-            of_lists = []
-            # Each fold left out is held out for the ranker that leaves out the others.
-            for held_out in without:
-                other = tuple(sorted(without - {held_out}))
-                if other in missing:
-                    lesson = _lesson(folds, lists, outside, other, held_out, seed)
-                    of_lists.append(((other, held_out), lesson))
-            return of_lists
+    def made(left_out: LeftOut, turn: int) -> list[tuple[tuple[LeftOut, int], _Lesson]]:
+        without = {*left_out, turn}
+        lists = words.lists(folds.recipes(without))
+        of_lists = []
+        # Each fold left out is held out for the ranker that leaves out the others.
+        for held_out in without:
+            other = tuple(sorted(without - {held_out}))
+            if other in missing:
+                lesson = _lesson(folds, lists, outside, other, held_out, seed)
+                of_lists.append(((other, held_out), lesson))
+        return of_lists
 
-        pool = ThreadPoolExecutor(workers)
-        try:
-            for found in pool.map(made, new):
+    pool = ThreadPoolExecutor(workers)
+    # Rankers are fitted beside each other, and beside the lists of the next ones.
+    fits: deque[tuple[LeftOut, Future[RecipeKnowledge]]] = deque()
+    try:
+        for left_out in wanted:
+            turns = [fold for fold in range(folds.count) if fold not in left_out]
+            new = [turn for turn in turns if (left_out, turn) not in lessons]
+            for found in pool.map(partial(made, left_out), new):
                 lessons.update(found)
                 after()
-        finally:
-            # After Ctrl-C, sets that are not begun are never made.
-            pool.shutdown(cancel_futures=True)
-        of_turns = [lessons.pop((left_out, turn)) for turn in turns]
-        missing.remove(left_out)
-        yield left_out, _fitted(folds, words, outside, left_out, of_turns, seed)
+            of_turns = [lessons.pop((left_out, turn)) for turn in turns]
+            missing.remove(left_out)
+            fit = pool.submit(_fitted, folds, words, outside, left_out, of_turns, seed)
+            fits.append((left_out, fit))
+            # Further ones would only keep what they learn from in memory.
+            if len(fits) == workers:
+                yield _ended(fits, after)
+        while fits:
+            yield _ended(fits, after)
+    finally:
+        # After Ctrl-C, what is not begun is never made.
+        pool.shutdown(cancel_futures=True)
+
+
+def _ended(
+    fits: "deque[tuple[LeftOut, Future[RecipeKnowledge]]]",
+    after: Callable[[], None],
+) -> tuple[LeftOut, RecipeKnowledge]:
+    """Wait for the first fit, remove it from the line, and return its folds and its result."""
+    left_out, fit = fits.popleft()
+    knowledge = fit.result()
+    after()
+    return left_out, knowledge
 
 
 class _Lesson(NamedTuple):

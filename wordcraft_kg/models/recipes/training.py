@@ -311,8 +311,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         # A resumed run makes only the fits that are missing.
         saved = set(kept.records())
         wanted = [left_out for fit, left_out in enumerate(every) if fit not in saved]
-        # Sets of lists: without each fold, and without each two folds.
-        total = folds.count + number * (folds.count - 1) // 2
+        # Sets of lists, without each fold and without each two folds, and fits.
+        total = folds.count + number * (folds.count - 1) // 2 + len(every)
         steps = 0
 
         def after() -> None:
@@ -351,7 +351,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         Args:
             words: word vectors of all entities.
             wanted: folds to leave out, () for none.
-            after: called after each set of lists.
+            after: called after each set of lists and each fit.
         """
         if not len(self.folds.recipes()):
             yield (), tables_alone(self.outside.tables, words)
@@ -398,7 +398,14 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 return fit.progress.trained_on, shared | fit.tensors
 
             whole = RecipeScorer(tensors, graph.entities, graph.hash)
-            record = write_folds(run.path, folds, whole, RecipeScorer.kind, part)
+            record = write_folds(
+                run.path,
+                folds,
+                whole,
+                RecipeScorer.kind,
+                part,
+                workers=cores(),
+            )
             outputs += FOLD_OUTPUTS
         # Scores of link prediction are measured only where there are models without each fold.
         metrics = RecipeMetrics(

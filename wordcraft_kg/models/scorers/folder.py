@@ -6,6 +6,7 @@ answer.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -22,7 +23,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import RELATIONS, is_in, recipe_triples
-from wordcraft_kg.models.scorers.calibration import Probabilities, predictions
+from wordcraft_kg.models.scorers.calibration import Probabilities, Seen, predictions
 from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted, Fold, FoldsRecord, whole_of
 from wordcraft_kg.models.scorers.factors import ComplExScorer, TableScorer
@@ -300,6 +301,8 @@ def write_folds(
     whole: Scorer,
     kind: str,
     part: Callable[[int], tuple[str, Tensors]],
+    *,
+    workers: int = 1,
 ) -> FoldsRecord:
     """Write the models trained without each fold, and return the fold record.
 
@@ -310,41 +313,56 @@ def write_folds(
         kind: kind of the fold scorers, a key in :data:`SCORERS`.
         part: returns, for a fold's number, the hash of the training triples and the tensors of the
             model trained without this fold.
+        workers: threads that evaluate models beside each other.
     """
     graph = folds.split.graph
     tensors = {OF_RECIPE: torch.from_numpy(folds.of_recipe.copy())}
     if folds.is_subsample:
         tensors[TRAIN_RESULTS] = torch.from_numpy(folds.train_sample.results.copy())
-    records = []
-    histograms = []
-    for number in range(folds.count):
-        trained_on, own_tensors = part(number)
-        shared = SCORERS[kind].shared
-        tensors |= {
-            f"fold{number}.{name}": tensor
-            for name, tensor in own_tensors.items()
-            if name not in shared
-        }
+    # Filtered by all train triples: test recipes must not leak into a model folder.
+    known = folds.triples()
+
+    def queries_of(number: int) -> Ids:
         seen = folds.triples([number])
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
         own = recipe_triples(folds.recipes_of(number))
         new = own[~is_in(own, seen, graph.num_entities)]
         affordable = max(500, FOLD_SCORES // graph.num_entities)
-        queries = sampled(sampled_for(graph, new), min(FOLD_TRIPLES, affordable))
+        return sampled(sampled_for(graph, new), min(FOLD_TRIPLES, affordable))
+
+    def evaluated(number: int) -> tuple[str, Tensors, float | None, Seen]:
+        trained_on, own_tensors = part(number)
         left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
-        histograms.append(predictions(left_out, folds, number))
-        # Filtered by all train triples: test recipes must not leak into a model folder.
-        known = folds.triples()
-        fold = Fold(
-            trained_on=trained_on,
-            triples=len(seen),
-            queries=2 * len(queries),
-            mrr=_mrr(left_out, queries, known),
-            in_sample_mrr=_mrr(whole, queries, known),
-        )
-        records.append(fold)
+        mrr = _mrr(left_out, queries_of(number), known)
+        return trained_on, own_tensors, mrr, predictions(left_out, folds, number)
+
+    def in_sample() -> list[float | None]:
+        return [_mrr(whole, queries_of(number), known) for number in range(folds.count)]
+
+    records = []
+    predicted = []
+    shared = SCORERS[kind].shared
+    with ThreadPoolExecutor(workers) as pool:
+        # In one thread: what the whole model keeps, such as its lists, is made once.
+        of_whole = pool.submit(in_sample)
+        evaluations = pool.map(evaluated, range(folds.count))
+        for number, (trained_on, own_tensors, mrr, seen) in enumerate(evaluations):
+            tensors |= {
+                f"fold{number}.{name}": tensor
+                for name, tensor in own_tensors.items()
+                if name not in shared
+            }
+            fold = Fold(
+                trained_on=trained_on,
+                triples=len(folds.triples([number])),
+                queries=2 * len(queries_of(number)),
+                mrr=mrr,
+                in_sample_mrr=of_whole.result()[number],
+            )
+            records.append(fold)
+            predicted.append(seen)
     record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(records))
-    probabilities = Probabilities.fit(whole, folds, histograms)
+    probabilities = Probabilities.fit(whole, folds, predicted)
     write_atomically(folder / CALIBRATION, dump_json(as_values(probabilities)))
     write_atomically(folder / FOLDS_TENSORS, safetensors.torch.save(tensors))
     write_atomically(folder / FOLDS_RECORD, dump_json(as_values(record)))

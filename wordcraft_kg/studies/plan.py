@@ -48,6 +48,11 @@ VERSIONS: dict[Kind, int] = {"graphs": 1, "scorers": 1, "runs": 1}
 A part of every address: raise the number when results change, so that earlier results no longer
 count. A test repeats some trainings and compares their results to the bit.
 """
+SCORER_VERSIONS = {RecipeScorerConfig.command: 2}
+"""Versions of scorers by command, in place of that in :data:`VERSIONS`.
+
+2: recipe scorers compute features by neighbour lists, before by tables of all pairs.
+"""
 BOOK = "everyday"
 _CURVE_POINTS = 20
 """Points in a learning curve; each takes about as long as 10,000 steps."""
@@ -270,6 +275,8 @@ class _Planner:
             settings = _not_default(settings, CONFIG_OF[command])
         described = {"graph": graph, "command": command, "settings": settings}
         described |= self._content(settings.get("features"))
+        if command in SCORER_VERSIONS:
+            described["version"] = SCORER_VERSIONS[command]
         title = f"{command}{_values(settings)} on {self.tasks[graph].title}"
         return self._add("scorers", described, title, (graph,), threads, device)
 

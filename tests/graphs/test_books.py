@@ -65,6 +65,7 @@ def server(monkeypatch):
 
 
 BUILT_IN = dict.fromkeys(["everyday", "everyday-1", "kitchen", "paper-examples"], "built in")
+TO_FETCH = dict.fromkeys(FETCHABLE, "to fetch")
 
 
 def origins():
@@ -74,7 +75,7 @@ def origins():
 def test_the_built_in_books_open_by_name(home):
     assert open_book("kitchen").name == "kitchen"
     assert len(open_book("paper-examples").recipes) == 52
-    assert origins() == BUILT_IN | {NAME: "to fetch"}
+    assert origins() == BUILT_IN | TO_FETCH
 
 
 def test_a_file_or_graph_folder_of_the_same_name_goes_before_a_known_book(home, monkeypatch):
@@ -132,13 +133,34 @@ TABLE = "ingredient_a,ingredient_b,result\na,b,c\n"
 def test_books_of_the_data_folder_are_known_by_name(data, monkeypatch):
     for name, text in (("mine.csv", TABLE), ("kitchen.csv", TABLE), ("notes.txt", "not a book")):
         (data / name).write_text(text, encoding="utf-8")
-    assert origins() == BUILT_IN | {"mine": "data folder", NAME: "to fetch"}
+    assert origins() == BUILT_IN | TO_FETCH | {"mine": "data folder"}
     assert open_book("mine").name == "mine"
     assert len(open_book("kitchen").recipes) > 100
     monkeypatch.setenv(DATA_VARIABLE, str(data / "mine.csv"))
     assert origins()["mine"] == "data folder"
     monkeypatch.setenv(DATA_VARIABLE, str(data / "nowhere"))
     assert "data folder" not in origins().values()
+
+
+def test_a_published_book_in_a_folder_is_known_by_name_and_its_bytes_are_checked(data, monkeypatch):
+    """Infinite Craft lies in a folder of its own: a file `recipes.json` beside it is another."""
+    text = {"items": ["Water", "Fire", "Steam"], "recipes": [[0, 1, 2]]}
+    content = json.dumps(text).encode()
+    (data / "infinite_craft").mkdir()
+    (data / "infinite_craft" / "recipes.json").write_bytes(content)
+    (data / "recipes.json").write_bytes(content)
+    assert origins()["infinite-craft"] == origins()["recipes"] == "data folder"
+    with pytest.raises(RecipeFileError, match="is not the published 'infinite-craft'"):
+        open_book("infinite-craft")
+    pinned = replace(
+        FETCHABLE["infinite-craft"],
+        sha256=hashlib.sha256(content).hexdigest(),
+        base=("Fire", "Water"),
+    )
+    monkeypatch.setitem(FETCHABLE, "infinite-craft", pinned)
+    book = open_book("infinite-craft")
+    assert book.name == "infinite-craft"
+    assert book.base == ("Fire", "Water")
 
 
 def test_a_book_that_was_not_fetched_says_how_to_fetch_it(home):

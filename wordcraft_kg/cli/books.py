@@ -10,7 +10,11 @@ from wordcraft_kg.graphs.library import DATA_VARIABLE, FETCHABLE, fetch_book
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.books import BookList
 
-EXAMPLES = ("wordcraft-kg books", "wordcraft-kg books --fetch little-alchemy-2")
+EXAMPLES = (
+    "wordcraft-kg books",
+    "wordcraft-kg books --fetch little-alchemy-2",
+    "wordcraft-kg books --fetch infinite-craft",
+)
 
 
 def books(*, fetch: FetchableBook = None, output: Output = Output()) -> None:

@@ -43,12 +43,12 @@ class _NoRedirects(urllib.request.HTTPRedirectHandler):
 
 @dataclass(frozen=True)
 class _Fetchable:
-    """A published book that may not be bundled, because its authors gave no licence.
+    """A published book that is not bundled: without a licence, or with words of others.
 
     Attributes:
         url: address of the file at a fixed commit.
         sha256: hash of the file's bytes.
-        file_name: name in the cache and in data folders.
+        file_name: path in the cache and in data folders, with forward slashes.
         base: labels of the base entities, which the file does not name.
         note: licence, for the list of books.
     """
@@ -68,7 +68,16 @@ FETCHABLE = {
         file_name="alchemy2.json",
         base=("air", "earth", "fire", "time", "water"),
         note="no licence given by its authors; for your own use",
-    )
+    ),
+    # In a folder of its own: `recipes.json` alone may be anything.
+    "infinite-craft": _Fetchable(
+        url="https://raw.githubusercontent.com/onnowhere/infinite-craft-recipe-search/"
+        "5c94d576129c1311292bb4111adcda9d7efa286f/recipes.json",
+        sha256="84754393c5a44e8e1a32d70b9230ec0cdd7f01c75c72e58c74b41353296265b3",
+        file_name="infinite_craft/recipes.json",
+        base=("Earth", "Fire", "Water", "Wind"),
+        note="collection under MIT; its words were written by the language model of the game",
+    ),
 }
 
 
@@ -132,7 +141,8 @@ def known_books() -> list[KnownBook]:
     folders = {"built in": _BUILT_IN, "cache": cache_folder(), "data folder": data_folder()}
     for origin, folder in folders.items():
         for path in _books_in(folder):
-            name = published.get(path.name, path.stem)
+            relative = path.relative_to(folder).as_posix() if folder else path.name
+            name = published.get(relative, path.stem)
             books.setdefault(name, KnownBook(name, origin, path))
     for name in FETCHABLE:
         books.setdefault(name, KnownBook(name, "to fetch", None))
@@ -306,3 +316,5 @@ def _downloaded(url: str) -> bytes:
 def _books_in(folder: Path | None) -> Iterator[Path]:
     if folder is not None and folder.is_dir():
         yield from sorted(path for path in folder.iterdir() if path.suffix in ENDINGS)
+        in_folders = [folder / book.file_name for book in FETCHABLE.values()]
+        yield from (path for path in in_folders if path.parent != folder and path.is_file())

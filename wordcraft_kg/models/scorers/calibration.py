@@ -436,13 +436,17 @@ def _results(
     number = max(_PAIRS // size, 1)
     rng = np.random.default_rng([seed, fold])
     chosen = rng.permutation(len(pairs))[:number]
-    right = np.zeros((len(pairs), size), dtype=bool)
-    right[of_recipe, own[:, 2]] = True
+    # Rows of the chosen pairs alone: those of all pairs would take a gigabyte in a large book.
+    row_of = np.full(len(pairs), -1)
+    row_of[chosen] = np.arange(len(chosen))
+    rows = row_of[of_recipe]
+    right = np.zeros((len(chosen), size), dtype=bool)
+    right[rows[rows >= 0], own[rows >= 0, 2]] = True
     # Shape (N, 1) each, against which all results broadcast.
     a, b = torch.from_numpy(pairs[chosen].copy()).T[..., None]
     with torch.no_grad():
         scores = scorer.score_recipes(a, b, torch.arange(size)[None])
-    return scores.cpu().numpy().astype(np.float64), right[chosen]
+    return scores.cpu().numpy().astype(np.float64), right
 
 
 def _temperature(seen: Sequence[Seen]) -> float | None:

@@ -48,14 +48,15 @@ class Ranker:
         Returns:
             shape (B, P).
         """
-        first = self.first.transpose(1, 2).index_select(0, model)
-        hidden = torch.baddbmm(
-            self.first_bias.index_select(0, model)[:, :, None],
-            first,
-            features.transpose(0, 1),
-        ).relu_()
-        scores = torch.bmm(self.second.index_select(0, model)[:, None], hidden)[:, 0]
-        return scores + self.bias.index_select(0, model)[:, None]
+        scores = features.new_empty(features.shape[1:])
+        # A batch has rows of few models: a product for each takes far less memory than weights for
+        # each row.
+        for number in model.unique().tolist():
+            rows = (model == number).nonzero()[:, 0]
+            network = Ranker(*(weights[number] for weights in self.weights().values()))
+            # (F, rows, P) to (rows, P, F).
+            scores[rows] = network(features[:, rows].permute(1, 2, 0))
+        return scores
 
     def weights(self) -> dict[str, Tensor]:
         """Return the weights by their names in :data:`RANKER`."""

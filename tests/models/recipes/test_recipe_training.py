@@ -331,6 +331,14 @@ def test_new_entities_are_scored_by_words_and_old_scores_stay(kitchen, tmp_path)
         with_words(folder, scorer, ["flour"])
 
 
+def test_fewer_sets_of_lists_are_made_at_once_where_memory_is_short(monkeypatch):
+    size = (30_000, 150_000, 384)
+    for available in (1, 3):
+        has_room_for = memory.lists_bytes(*size, available)
+        monkeypatch.setattr(memory, "memory", lambda room=has_room_for: room)
+        assert memory.fitting_workers(*size, most=4) == available
+
+
 def test_too_little_memory_and_too_large_outside_knowledge_are_refused_before_the_start(
     book, tmp_path, monkeypatch
 ):

@@ -28,23 +28,25 @@ def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> 
     return _PROGRAM + (workers + 1) * one + _EXAMPLES
 
 
-def check_lists(num_entities: int, num_recipes: int, dim: int, workers: int) -> None:
-    """Check that a fit by neighbour lists fits into memory.
+def fitting_workers(num_entities: int, num_recipes: int, dim: int, most: int) -> int:
+    """Return how many sets of lists may be made at once: fewer where memory is short.
 
     Args:
         num_entities: entities in the graph.
         num_recipes: training recipes.
         dim: length of a word vector.
-        workers: sets of lists that are made at once.
+        most: largest number, such as that of the cores.
 
     Raises:
-        ConfigError: if it does not; names the needed and the available memory.
+        ConfigError: if there is no room for one; names the needed and the available memory.
     """
-    needed = lists_bytes(num_entities, num_recipes, dim, workers)
     available = memory()
-    if needed > available:
-        raise ConfigError(
-            f"a recipe scorer of {num_entities:,} entities and {num_recipes:,} recipes takes about "
-            f"{needed / 2**30:,.1f} GiB, and {available / 2**30:,.1f} GiB are there. Use shorter "
-            "word vectors, or a smaller graph."
-        )
+    for workers in range(most, 0, -1):
+        needed = lists_bytes(num_entities, num_recipes, dim, workers)
+        if needed <= available:
+            return workers
+    raise ConfigError(
+        f"a recipe scorer of {num_entities:,} entities and {num_recipes:,} recipes takes about "
+        f"{needed / 2**30:,.1f} GiB, and {available / 2**30:,.1f} GiB are there. Use shorter "
+        "word vectors, or a smaller graph."
+    )

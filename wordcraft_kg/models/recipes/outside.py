@@ -34,7 +34,7 @@ from wordcraft_kg.models.knowledge.folder import (
     read_knowledge,
 )
 from wordcraft_kg.models.recipes.fitting import LinkTables, Words, word_features
-from wordcraft_kg.models.recipes.memory import check_lists
+from wordcraft_kg.models.recipes.memory import fitting_workers
 from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
 from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
@@ -303,7 +303,7 @@ def open_other_book(spec: str, opened: OpenedGraph, *, keep_train: bool = False)
     own = {label: index.find(label) for label in other.entities}
     rest = [label for label, entity in own.items() if entity is None]
     labels = (*graph.entities, *rest)
-    check_lists(len(labels), other.num_recipes, _DIM, 1)
+    fitting_workers(len(labels), other.num_recipes, _DIM, most=1)
     new = {label: graph.num_entities + row for row, label in enumerate(rest)}
     places = [new[label] if entity is None else entity for label, entity in own.items()]
     ids = np.array(places, dtype=np.int64)

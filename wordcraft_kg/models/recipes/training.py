@@ -38,7 +38,7 @@ from wordcraft_kg.models.recipes.fitting import (
     fit_recipe_scorers,
     word_features,
 )
-from wordcraft_kg.models.recipes.memory import check_lists
+from wordcraft_kg.models.recipes.memory import fitting_workers
 from wordcraft_kg.models.recipes.outside import (
     describe_source,
     is_book,
@@ -200,6 +200,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         outside: outside knowledge.
         words: name of the word vectors; minilm or glove if the setting is auto.
         features: the word vectors.
+        workers: sets of lists that are made at once.
     """
 
     kind: ClassVar[RunKind[Any]] = RunKind(
@@ -247,7 +248,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             allow_missing=settings.allow_missing,
         )
         dim = self.features.vectors.shape[1]
-        check_lists(graph.num_entities, len(self.folds.recipes()), dim, cores())
+        num_recipes = len(self.folds.recipes())
+        self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores())
 
     def begin(  # noqa: D102 - inherited
         self,
@@ -363,7 +365,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             wanted,
             outside=self.outside.tables,
             seed=settings.seed,
-            workers=cores(),
+            workers=self.workers,
             after=after,
         )
         for left_out, knowledge in fitted:
@@ -404,7 +406,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 whole,
                 RecipeScorer.kind,
                 part,
-                workers=cores(),
+                workers=self.workers,
             )
             outputs += FOLD_OUTPUTS
         # Scores of link prediction are measured only where there are models without each fold.

@@ -273,7 +273,7 @@ class _Planner:
             threads = config.threads
             device = config.device
             settings = _not_default(settings, CONFIG_OF[command])
-        described = {"graph": graph, "command": command, "settings": settings}
+        described: dict[str, Any] = {"graph": graph, "command": command, "settings": settings}
         described |= self._content(settings.get("features"))
         if command in SCORER_VERSIONS:
             described["version"] = SCORER_VERSIONS[command]

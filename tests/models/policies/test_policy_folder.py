@@ -246,6 +246,15 @@ def test_sources_that_share_a_tensor_are_written_with_a_copy_each(make, tmp_path
     assert_equal_bits(read(tmp_path), policy.eval())
 
 
+def test_restored_sources_of_one_scorer_share_its_lists(cross_fitted, kitchen, tmp_path):
+    """w and p of a restored policy do not make and keep the same neighbour lists twice."""
+    policy = plain(use="recipe,plan", scorer=cross_fitted, graph=kitchen, observed=None)
+    written(tmp_path, policy)
+    found = read(tmp_path)
+    w, p = found.sources.values()
+    assert w.knowledge.lists() is p.knowledge.lists()
+
+
 @any_kind
 def test_training_changes_the_parameters_and_not_the_constants(make, kind, tmp_path):
     policy = make(kind)

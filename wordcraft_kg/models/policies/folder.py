@@ -30,6 +30,7 @@ from wordcraft_kg.models.policies.attention import AttentionPolicy
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.policies.mlp import MLPPolicy
 from wordcraft_kg.models.policies.policy import EntityVectors, Policy
+from wordcraft_kg.models.policies.sources.knowledge import share_lists
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
@@ -195,6 +196,7 @@ def read_policy(
                 raise ValueError(f"{name} has type {weights[name].dtype}, not {tensor.dtype}")
         # Assigned, not copied: the tensors may be large.
         policy.load_state_dict(weights, assign=True)
+        share_lists(policy.sources.values())
         policy.entities = tuple(description["entities"])
         policy.graph_hash = description["graph"]
     except (KeyError, TypeError, ValueError, AttributeError, RuntimeError) as error:

@@ -1,11 +1,11 @@
 """The knowledge of recipe scorers in sources: of one model, or of all folds' models together."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from torch import Tensor
 
 from wordcraft_kg.base.tensors import lazily_zero
-from wordcraft_kg.models.policies.sources.source import ScoreView, check_constants
+from wordcraft_kg.models.policies.sources.source import ScoreView, Source, check_constants
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import (
     BUFFERS,
@@ -96,3 +96,11 @@ def empty_knowledge(
         three=3,
     )
     return RecipeKnowledge({name: lazily_zero(constants[name]) for name in BUFFERS}, num_entities)
+
+
+def share_lists(sources: Iterable[Source]) -> None:
+    """Let sources of the same recipes share neighbour lists, which are made when first needed."""
+    every = [source.knowledge for source in sources if hasattr(source, "knowledge")]
+    of_recipes = [each for each in every if isinstance(each, RecipeKnowledge)]
+    for knowledge in of_recipes[1:]:
+        knowledge.share_lists(of_recipes[0])

@@ -245,6 +245,16 @@ class RecipeKnowledge(nn.Module):
                 self._lists[model] = make_lists(recipes, vectors, near_words)
         return self._lists[model]
 
+    def share_lists(self, other: "RecipeKnowledge") -> None:
+        """Take lists from ``other``, now and later, if it has the same recipes and words.
+
+        Sources of a restored policy would make and keep the same lists otherwise.
+        """
+        names = ("vectors", "near_words", "recipes", "seen")
+        if all(torch.equal(getattr(self, name), getattr(other, name)) for name in names):
+            self._lists = other._lists
+            self._link_rows = other._link_rows
+
     def features(
         self,
         goal: Tensor,

@@ -10,8 +10,8 @@ _BY_ENTITY = 100 * 8 + (32 + 40 + 64) * 12 + 128 * 4 + 6 * 256 * 8
 computed."""
 _BY_RECIPE = 450
 """Bytes of a set of lists by recipe: profiles while neighbours are searched, and hash tables."""
-_EXAMPLES = 4 * 12_000 * 55 * 46 * 4
-"""Bytes of the features from which rankers learn."""
+_EXAMPLES = 4 * 8_000 * 55 * 51 * 4
+"""Bytes of the features from which the rankers of a fit learn."""
 
 
 def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> int:
@@ -21,11 +21,11 @@ def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> 
         num_entities: entities in the graph.
         num_recipes: training recipes.
         dim: length of a word vector.
-        workers: sets of lists that are made at once.
+        workers: sets of lists, and fits, that are made at once.
     """
     # One more set than workers: that of the scorer which is being fitted.
     one = num_entities * (_BY_ENTITY + 4 * dim) + num_recipes * _BY_RECIPE
-    return _PROGRAM + (workers + 1) * one + _EXAMPLES
+    return _PROGRAM + (workers + 1) * one + workers * _EXAMPLES
 
 
 def fitting_workers(num_entities: int, num_recipes: int, dim: int, most: int) -> int:

@@ -206,7 +206,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     kind: ClassVar[RunKind[Any]] = RunKind(
         RecipesConfig.commands,
         "recipes",
-        unit="fit",
+        unit="part",
         progress=FitDone,
     )
     config_type = RecipesConfig

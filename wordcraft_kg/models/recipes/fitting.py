@@ -44,8 +44,8 @@ TABLES = (8, 2)
 EXAMPLES = 4_000
 """Most held-out recipes from which a ranker learns, over all folds.
 
-On validation parts of `everyday`, splits 0 to 2, 3,000, 4,000 and 6,000 solve .571, .574 and .573 by
-goal, .770, .771 and .773 by recipe.
+On validation parts of `everyday`, splits 0 to 2, 3,000, 4,000 and 6,000 solve .571, .574 and .573
+by goal, .770, .771 and .773 by recipe.
 """
 DRAWS = (2, 4)
 """Fewest and most tables of each size for a held-out recipe, with different distractors.

@@ -286,7 +286,7 @@ def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyPro
         return run_plan(
             plan,
             options.out,
-            partial(LocalWorkers, options.out, jobs, work, plan.threads),
+            LocalWorkers(options.out, jobs, work, plan.threads),
             command=command,
             watch=_watch(plan, output),
             store=options.store,

@@ -43,6 +43,7 @@ def environment():
         patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))  # nodes import `play`
         patch.setenv("RAY_TMPDIR", tempfile.gettempdir())  # sockets, whose paths are short
         patch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+        patch.setenv("RAY_worker_niceness", "0")  # else they starve beside other tests
         yield
 
 

@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from wordcraft_kg.base.artefacts import package_hash
 from wordcraft_kg.base.errors import ConfigError, WordCraftKGError
-from wordcraft_kg.graphs.folder import open_graph
-from wordcraft_kg.studies.plan import Plan
+
+if TYPE_CHECKING:
+    from wordcraft_kg.studies.plan import Plan
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Expected:
     graphs: dict[str, str]
 
     @classmethod
-    def of(cls, plan: Plan, marker: Path) -> "Expected":
+    def of(cls, plan: "Plan", marker: Path) -> "Expected":
         """Return a study's requirements: this process's package and the plan's graphs."""
         graphs = {
             address: str(task.settings["graph"])
@@ -84,6 +86,8 @@ def _package() -> str:
 
 
 def _graph_hash(folder: Path) -> str:
+    from wordcraft_kg.graphs.folder import open_graph
+
     try:
         return open_graph(str(folder)).graph.hash
     except WordCraftKGError as error:

@@ -13,19 +13,21 @@ from collections.abc import Callable, Generator
 from contextlib import ExitStack, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.base.errors import ConfigError, reason
 from wordcraft_kg.base.extras import missing_extra
 from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES, cores
 from wordcraft_kg.studies.local_workers import PATIENCE, TICK
 from wordcraft_kg.studies.node_check import Expected
-from wordcraft_kg.studies.plan import Plan
 from wordcraft_kg.studies.tasks import Outcome, Task
+
+if TYPE_CHECKING:
+    from wordcraft_kg.studies.plan import Plan
 
 RETRIES = 3
 """How often a task is begun again after the loss of its node or process."""
-_ANSWER = 120.0
+_ANSWER = 300.0
 """Seconds for a node to start a process and to look at the results folder."""
 _Perform = Callable[[Task, Path], Outcome]
 
@@ -43,7 +45,7 @@ class RayWorkers:
         jobs: most tasks at once. Default: the cores of the cluster.
     """
 
-    plan: Plan
+    plan: "Plan"
     root: Path
     perform: _Perform
     address: str | None = None
@@ -100,7 +102,7 @@ def _call(ray: Any, function: Callable[..., Any], threads: int, gpus: int, **opt
     return remote.options(num_cpus=threads, num_gpus=gpus, runtime_env=environment, **options)
 
 
-def _check_nodes(ray: Any, plan: Plan, expected: Expected) -> None:
+def _check_nodes(ray: Any, plan: "Plan", expected: Expected) -> None:
     """Compare all nodes with a study's requirements; ConfigError names the difference."""
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy as Affinity
 

@@ -5,7 +5,6 @@ Ray places the tasks, begins a task again whose node or process was lost, and ha
 
 import logging
 import os
-import signal
 import socket
 import sys
 import uuid
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from wordcraft_kg.base.errors import ConfigError, reason
 from wordcraft_kg.base.extras import missing_extra
+from wordcraft_kg.runs.interruption import sigterm_as_interrupt
 from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES, cores
 from wordcraft_kg.studies.local_workers import PATIENCE, TICK
 from wordcraft_kg.studies.node_check import Expected
@@ -172,10 +172,9 @@ def _connected(address: str | None, cleanup: ExitStack) -> Any:
         # Stdout is for the result, not for Ray's messages about lost nodes.
         cleanup.enter_context(redirect_stdout(sys.stderr))
         cleanup.callback(ray.shutdown)
-        on_sigterm = signal.getsignal(signal.SIGTERM)
         own: dict[str, Any] = {} if address else {"num_cpus": cores(), "include_dashboard": False}
         ray.init(address=address or "local", log_to_driver=False, logging_level="ERROR", **own)
-        signal.signal(signal.SIGTERM, on_sigterm)  # Ray has set its own
+        cleanup.enter_context(sigterm_as_interrupt())  # Ray has set a handler of its own
     except Exception as error:
         raise ConfigError(
             f"no Ray cluster at '{address or 'this machine'}' ({reason(error)}); expected auto or "

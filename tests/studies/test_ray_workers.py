@@ -199,8 +199,12 @@ def test_a_full_disk_on_a_node_stops_new_tasks_and_keeps_finished_ones(cluster, 
 
 
 @pytest.mark.slow
-def test_a_node_with_another_package_is_refused_before_any_training(cluster, more, tmp_path):
+def test_a_node_with_another_package_is_refused_before_any_training(
+    cluster, more, tmp_path, monkeypatch
+):
     """A node with other code or another built-in book is refused by the hash of the package."""
+    # Ray lets nodes import from the driver's folder first, which may be a checkout.
+    monkeypatch.chdir(tmp_path)
     other = tmp_path / "other"
     package = Path(wordcraft_kg.__file__).parent
     shutil.copytree(package, other / "wordcraft_kg", ignore=shutil.ignore_patterns("__pycache__"))

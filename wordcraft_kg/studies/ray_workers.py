@@ -68,16 +68,19 @@ class RayWorkers:
             expected = Expected.of(self.plan, marker)
             _check_nodes(ray, self.plan, expected)
             cleanup.callback(_stop, ray, running)
+            perform_on_node = ray.remote(_perform_on_node)  # once: Ray sends it to all nodes
             while True:
                 # Asked each time, because nodes come and go.
                 places = self.jobs or max(int(ray.cluster_resources().get("CPU", 0)), 1)
                 while len(running) < places and (task := take()) is not None:
-                    call = _call(ray, _perform_on_node, task.threads, _gpus(task))
+                    call = _call(perform_on_node, task.threads, _gpus(task))
                     fit = expected.only(task.needs[:1])
                     running[call.remote(task, self.perform, fit, sys.argv)] = task
                 if not running:
                     return
-                for ready in ray.wait([*running], timeout=TICK)[0]:
+                ray.wait([*running], timeout=TICK)
+                # All that are ready now, not one by one: many may end at once.
+                for ready in ray.wait([*running], num_returns=len(running), timeout=0)[0]:
                     yield _outcome(ray, ready, running.pop(ready))
                 yield None
 
@@ -93,12 +96,11 @@ def _gpus(task: Task) -> int:
     return int(task.device.startswith("cuda"))
 
 
-def _call(ray: Any, function: Callable[..., Any], threads: int, gpus: int, **options: Any) -> Any:
+def _call(remote: Any, threads: int, gpus: int, **options: Any) -> Any:
     # Libraries read the number of threads once, when a process loads them.
     variables = dict.fromkeys((*THREADS_VARIABLES, CORES_VARIABLE), str(max(threads, 1)))
     options = {"scheduling_strategy": "SPREAD", "max_retries": RETRIES, **options}
     environment = {"env_vars": variables}
-    remote = ray.remote(function)
     return remote.options(num_cpus=threads, num_gpus=gpus, runtime_env=environment, **options)
 
 
@@ -117,7 +119,8 @@ def _check_nodes(ray: Any, plan: "Plan", expected: Expected) -> None:
                 f"but the nodes have (cores, GPUs) {offers}; change `threads` or `device`."
             )
     there = [Affinity(node["NodeID"], soft=False) for node in nodes]
-    calls = [_call(ray, Expected.check, 0, 0, scheduling_strategy=one) for one in there]
+    check = ray.remote(Expected.check)
+    calls = [_call(check, 0, 0, scheduling_strategy=one) for one in there]
     for node, answer in zip(nodes, [call.remote(expected) for call in calls], strict=True):
         try:
             _answer(ray, answer, timeout=_ANSWER)

@@ -269,7 +269,7 @@ def test_an_address_without_a_cluster_is_refused_at_once(tmp_path, address):
 
 def test_without_ray_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
-    with pytest.raises(MissingExtraError, match=r"pip install 'ray>="):
+    with pytest.raises(MissingExtraError, match="Ray is not installed"):
         perform_all(tmp_path, "auto", [a_task(0)])
 
 

@@ -62,7 +62,7 @@ test-core: install
 test-apps: install
 	$(BIN)/python -m pytest $(FAST) tests/apps
 
-# 5: none of these rooms has a slow test. A slow test runs the notebooks, which needs the extra docs.
+# 5: none of these rooms has a slow test. Slow tests run the notebooks and a Ray cluster, which need the extras docs and ray.
 slow: .venv/installed-docs
 	$(BIN)/python -m pytest -m "slow and not browser" --numprocesses auto --dist loadfile $(ROOMS) || [ $$? = 5 ]
 
@@ -100,7 +100,7 @@ results: install
 		--store docs/results/cells --out results --keep metrics || [ $$? = 124 ]
 
 .venv/installed-docs: .venv/installed
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs,ray]"
 	touch $@
 
 # Of some notebooks with NOTEBOOKS='graphs planning'; 5 minutes of CPU time in all.

@@ -10,7 +10,7 @@ import time
 import pytest
 from fabricated import fabricate
 
-from tests.studies.small_study import Inline
+from tests.studies.small_study import Inline, pretend
 from wordcraft_kg.studies.results import results_text
 from wordcraft_kg.studies.study import built_in
 
@@ -61,6 +61,23 @@ def test_a_dry_run_lists_everything_and_does_nothing(run, study, tmp_path):
     assert "1 graph, 4 runs, 1 scorer; about 1 minute of one core, 1 minute with" in found.out
     assert "guided, seed 1" in found.out
     assert not (tmp_path / "results").exists()
+
+
+def test_an_address_is_for_ray_alone(refused, study):
+    refused("reproduce", study, "--address", "auto", kind="ConfigError", setting="address")
+
+
+def test_a_study_file_that_changed_while_it_ran_is_named(run, study, tmp_path, monkeypatch, caplog):
+    def edited(root, jobs, work, threads):
+        study.write_text(STUDY.replace("seeds = 2", "seeds = 3"))
+        return Inline(root, pretend)
+
+    monkeypatch.setattr("wordcraft_kg.studies.local_workers.LocalWorkers", edited)
+    run("reproduce", study, "--out", tmp_path / "results")
+    assert "has changed since the study began" in caplog.text
+    caplog.clear()
+    run("reproduce", study, "--out", tmp_path / "results")
+    assert not caplog.text
 
 
 def test_the_list_has_every_study_with_hours_and_source(printed, refused):

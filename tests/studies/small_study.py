@@ -74,21 +74,18 @@ def pretend(task, root):
 class Inline:
     """Performs one task after the other in this process."""
 
-    places = 1
-
     def __init__(self, root, work=perform):
         self.root, self.work = root, work
         self.began: list[str] = []
         self.stopped = False
-        self._ended: list[Outcome] = []
 
-    def start(self, task):
-        self.began.append(task.title)
-        self._ended.append(self.work(task, self.root))
-
-    def wait(self, seconds):
-        ended, self._ended = self._ended, []
-        return ended
+    def outcomes(self, take):
+        try:
+            while (task := take()) is not None:
+                self.began.append(task.title)
+                yield self.work(task, self.root)
+        finally:
+            self.stop()
 
     def stop(self):
         self.stopped = True
@@ -97,5 +94,5 @@ class Inline:
 def run_small(root, plan=None, work=perform, store=None):
     """Run a study inline; return the workers, which know what was begun."""
     workers = Inline(root, work)
-    run_plan(plan or small_plan(), root, lambda: workers, store=store)
+    run_plan(plan or small_plan(), root, workers, store=store)
     return workers

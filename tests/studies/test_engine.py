@@ -147,9 +147,7 @@ def test_settings_at_their_default_are_those_of_studies_that_say_them(tmp_path):
 
 @pytest.mark.slow
 def test_processes_give_the_figures_of_one(done, tmp_path):
-    run_plan(
-        small_plan(), tmp_path, lambda: LocalWorkers(tmp_path, 2, partial(perform, keep_all=False))
-    )
+    run_plan(small_plan(), tmp_path, LocalWorkers(tmp_path, 2, partial(perform, keep_all=False)))
     assert figures(tmp_path) == figures(done)
     assert not list(tmp_path.glob("runs/*/constants.safetensors")), "figures alone were to be kept"
 
@@ -242,12 +240,12 @@ def test_a_failure_stops_nothing_but_what_needs_it_and_is_tried_again(tmp_path):
             else pretend(task, root)
         )
 
-    state = run_plan(plan, tmp_path, lambda: Inline(tmp_path, work))
+    state = run_plan(plan, tmp_path, Inline(tmp_path, work))
     assert (state.done, len(state.failed), state.kept, state.total) == (5, 5, 0, 10)
     assert failure_of(tmp_path, broken) == "the oven is broken"
     run = next(address for address, task in plan.tasks.items() if broken in task.needs)
     assert failure_of(tmp_path, run) == f"{plan.tasks[broken].title} failed: the oven is broken"
-    assert run_plan(plan, tmp_path, lambda: Inline(tmp_path, work)).kept == 5
+    assert run_plan(plan, tmp_path, Inline(tmp_path, work)).kept == 5
     assert len(run_small(tmp_path, plan, pretend).began) == 5
     assert failure_of(tmp_path, run) is None
 
@@ -295,7 +293,7 @@ def test_ctrl_c_ends_a_study_and_says_what_is_done(tmp_path, monkeypatch, again)
     monkeypatch.setattr(Inline, "stop", stop)
     workers = Inline(tmp_path, lambda task, root: Outcome(task.address, "interrupted"))
     with pytest.raises(KeyboardInterrupt, match="repeat the command"):
-        run_plan(small_plan(), tmp_path, lambda: workers)
+        run_plan(small_plan(), tmp_path, workers)
     assert (workers.stopped, len(workers.began)) == (True, 1)
 
 
@@ -339,7 +337,7 @@ def endless(task, root):
 
 @pytest.mark.slow
 def test_a_task_whose_process_is_killed_is_begun_again(tmp_path):
-    state = run_plan(small_plan(), tmp_path, lambda: LocalWorkers(tmp_path, 2, die_once))
+    state = run_plan(small_plan(), tmp_path, LocalWorkers(tmp_path, 2, die_once))
     assert (state.done, state.failed) == (10, {})
     assert set(times_made(tmp_path)) == {1}, "nothing lost, nothing double"
 
@@ -349,7 +347,7 @@ def test_a_task_that_is_always_killed_fails(tmp_path):
     plan = small_plan(
         text='title = "One run"\nseeds = 1\n[settings]\nbook = "kitchen"\n[variants.none]\n'
     )
-    state = run_plan(plan, tmp_path, lambda: LocalWorkers(tmp_path, 1, die))
+    state = run_plan(plan, tmp_path, LocalWorkers(tmp_path, 1, die))
     assert len(state.failed) == 1
     assert "memory is too small" in next(iter(state.failed.values())).error
 
@@ -358,10 +356,10 @@ def test_a_task_that_is_always_killed_fails(tmp_path):
 def test_workers_that_are_stopped_write_a_checkpoint_first(tmp_path):
     plan = small_plan()
     workers = LocalWorkers(tmp_path, 1, endless)
-    workers.start(plan.tasks[plan.runs[0]])
+    outcomes = workers.outcomes(iter([plan.tasks[plan.runs[0]], None]).__next__)
     while not (tmp_path / "begun").exists():
-        time.sleep(0.01)
-    workers.stop()
+        assert next(outcomes) is None
+    outcomes.close()
     assert (tmp_path / "checkpoint").exists()
     assert multiprocessing.active_children() == []
 

@@ -56,7 +56,7 @@ def untimed(results):
 
 def remade(study, root):
     plan = make_plan(study, "kitchen")
-    state = run_plan(plan, root, lambda: LocalWorkers(root, 1, perform), command=COMMAND)
+    state = run_plan(plan, root, LocalWorkers(root, 1, perform), command=COMMAND)
     assert not state.failed
     return collect_study(root, plan.name)
 

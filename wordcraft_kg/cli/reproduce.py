@@ -1,5 +1,6 @@
 """``wordcraft-kg reproduce``."""
 
+import logging
 import shlex
 import sys
 from collections import Counter
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError, WordCraftKGError
 from wordcraft_kg.base.wording import counted, duration
 from wordcraft_kg.cli.console import Flag, Output, aligned, refuse_given, split_labels
 from wordcraft_kg.cli.options import Force, Words
@@ -26,6 +27,7 @@ EXAMPLES = (
     "wordcraft-kg reproduce --list",
     "wordcraft-kg reproduce embeddings --out results",
     "wordcraft-kg reproduce all --book everyday --steps 300000 --seeds 3 --jobs 2",
+    "wordcraft-kg reproduce study.toml --engine ray --address auto",
     "wordcraft-kg reproduce knowledge-everyday --show",
     "wordcraft-kg reproduce --show --plot",
 )
@@ -57,7 +59,11 @@ class EngineOptions:
 
     Attributes:
         out: results folder; finished tasks are kept. After Ctrl-C, repeat the command to continue.
-        jobs: parallel trainings. Default: the number of cores.
+        jobs: parallel trainings. Default: the number of cores, of the cluster with ray.
+        engine: processes of this machine, or ray: a Ray cluster whose nodes share the results
+            folder (needs the extra ray).
+        address: with ray, host:port of the head node, or auto for this machine's cluster. Default:
+            a cluster on this machine that ends with the study.
         keep: all run files, or metrics: without weights and episodes (tens of megabytes).
         store: folder of finished cells (docs/results/cells in the repository): its results are
             taken, missing cells are trained and added.
@@ -66,6 +72,8 @@ class EngineOptions:
 
     out: Path = Path("results")
     jobs: int | None = None
+    engine: Literal["processes", "ray"] = "processes"
+    address: str | None = None
     keep: Literal["all", "metrics"] = "all"
     store: Path | None = None
     dry_run: Flag = False
@@ -122,7 +130,29 @@ def reproduce(
         raise ConfigError(
             "reproduce needs a study; `wordcraft-kg reproduce --list` lists the built-in studies."
         )
-    return _run(_chosen(study, changes), engine, output)
+    if engine.address is not None and engine.engine != "ray":
+        raise ConfigError(
+            f"`address` '{engine.address}' is for a Ray cluster; add --engine ray, or leave it out."
+        )
+    studies = _chosen(study, changes)
+    code = _run(studies, engine, output)
+    if not engine.dry_run:
+        _warn_of_edits(study, changes, studies)
+    return code
+
+
+def _warn_of_edits(study: str, changes: Changes, began: "dict[str, Study]") -> None:
+    """Warn if a study's file is another one than at the start, days ago."""
+    try:
+        is_same = _chosen(study, changes) == began
+    except WordCraftKGError:
+        is_same = False
+    if not is_same:
+        logging.getLogger(__name__).warning(
+            "'%s' has changed since the study began, and the results are those of the earlier "
+            "file; repeat the command for the new one.",
+            study,
+        )
 
 
 def _chosen(study: str, changes: Changes) -> "dict[str, Study]":
@@ -271,11 +301,13 @@ def _run(studies: "dict[str, Study]", options: EngineOptions, output: Output) ->
 
 
 def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyProgress":
-    """Run a study's tasks in parallel processes on this machine."""
+    """Run a study's tasks in processes on this machine or on a Ray cluster."""
     from wordcraft_kg.runs.interruption import sigterm_as_interrupt
     from wordcraft_kg.studies.engine import run_plan
     from wordcraft_kg.studies.local_workers import LocalWorkers
     from wordcraft_kg.studies.perform import perform
+    from wordcraft_kg.studies.ray_workers import RayWorkers
+    from wordcraft_kg.studies.tasks import Workers
 
     work = partial(perform, keep_all=options.keep == "all")
     # Results name the command that made them, so that others can repeat it.
@@ -283,10 +315,16 @@ def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyPro
     # A cluster ends jobs by SIGTERM; finished tasks are kept as after Ctrl-C.
     with sigterm_as_interrupt():
         jobs = plan.jobs(options.jobs)
+        workers: Workers
+        if options.engine == "ray":
+            most = None if options.jobs is None else jobs
+            workers = RayWorkers(plan, options.out, work, options.address, most)
+        else:
+            workers = LocalWorkers(options.out, jobs, work, plan.threads)
         return run_plan(
             plan,
             options.out,
-            partial(LocalWorkers, options.out, jobs, work, plan.threads),
+            workers,
             command=command,
             watch=_watch(plan, output),
             store=options.store,
@@ -303,9 +341,9 @@ def _planned(plan: "Plan", options: EngineOptions) -> tuple[dict[str, Any], list
     counts = []
     for kind, number in kinds.items():
         counts.append(f"{number:,} {kind if number > 1 else kind[:-1]}")  # kinds are plurals
-    alone = f"about {duration(hours)} of one core"
-    together = f"{duration(hours / jobs)} with {counted(jobs, 'job')}"
-    title = f"{plan.study.title}: {', '.join(counts)}; {alone}, {together}"
+    title = f"{plan.study.title}: {', '.join(counts)}; about {duration(hours)} of one core"
+    if options.engine == "processes" or options.jobs is not None:  # else known by the cluster only
+        title += f", {duration(hours / jobs)} with {counted(jobs, 'job')}"
     tasks = [{"address": address, "title": task.title} for address, task in plan.tasks.items()]
     listed = _first([f"  {task['address']}  {task['title']}" for task in tasks], "--json lists all")
     return {"core_hours": round(hours, 3), "tasks": tasks}, [title, *listed]

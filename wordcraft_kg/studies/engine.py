@@ -5,6 +5,7 @@ import shutil
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -28,10 +29,7 @@ from wordcraft_kg.studies.store import (
     write_plan,
 )
 from wordcraft_kg.studies.study import Study, check_study
-from wordcraft_kg.studies.tasks import Outcome, Task
-
-_TICK = 0.5
-"""Seconds between checks for finished tasks."""
+from wordcraft_kg.studies.tasks import Outcome, Task, Workers
 
 
 @dataclass
@@ -65,7 +63,7 @@ class FullDiskError(WordCraftKGError, OSError):
 def run_plan(
     plan: Plan,
     root: Path,
-    make_workers: Callable[[], LocalWorkers],
+    workers: Workers,
     *,
     command: str = "",
     watch: Watch | None = None,
@@ -78,7 +76,7 @@ def run_plan(
     Args:
         plan: the study.
         root: results folder.
-        make_workers: starts the processes; called only if there are tasks for them.
+        workers: perform the tasks; started only if there are tasks for them.
         command: command line, for the study's record.
         watch: called regularly with the plan and its progress.
         store: folder of cells, whose results are taken and to which new results are added; None for
@@ -96,7 +94,7 @@ def run_plan(
         write_plan(root, plan, command)
         engine = _Engine(plan, root, watch, cells)
         engine.state.taken = 0 if cells is None else exchange_cells(plan, root, cells)
-        return engine.run(make_workers)
+        return engine.run(workers)
 
 
 class _Engine:
@@ -108,8 +106,9 @@ class _Engine:
         self.state = StudyProgress(len(plan.tasks))
         self._present: set[str] = set()
         self._waiting: dict[str, Task] = {}
+        self._is_full = False
 
-    def run(self, make_workers: Callable[[], LocalWorkers]) -> StudyProgress:
+    def run(self, workers: Workers) -> StudyProgress:
         tasks = self.plan.tasks
         self._waiting = self._missing()
         self._present = tasks.keys() - self._waiting.keys()
@@ -121,12 +120,8 @@ class _Engine:
             del self._waiting[task.address]
             self._end(Outcome(task.address, "done"))
         if self._waiting:
-            workers = make_workers()
             try:
-                try:
-                    self._work(workers)
-                finally:
-                    workers.stop()
+                self._work(workers)
             except KeyboardInterrupt:  # a second Ctrl-C skips the checkpoints
                 done = self.state.kept + self.state.done
                 raise KeyboardInterrupt(
@@ -163,29 +158,34 @@ class _Engine:
             logging.getLogger(__name__).warning("%s The task is repeated now.", error)
             return False
 
-    def _work(self, workers: LocalWorkers) -> None:
-        is_full = False
-        while self.state.running or (self._waiting and not is_full):
-            while not is_full and len(self.state.running) < workers.places:
-                task = self._next()
-                if task is None:
-                    break
-                forget_failure(self.root, task.address)  # from an earlier call
-                self.state.running[task.address] = time.monotonic()
-                workers.start(task)
-            self._show()
-            for outcome in workers.wait(_TICK):
-                # Running tasks may still end well; no new ones are started.
-                is_full = is_full or outcome.disk_full
-                del self.state.running[outcome.address]
-                if outcome.termination == "interrupted":
-                    raise KeyboardInterrupt
-                self._end(outcome)
-        if is_full:
+    def _work(self, workers: Workers) -> None:
+        # Closed in any case: running trainings then write a checkpoint.
+        with closing(workers.outcomes(self._take)) as outcomes:
+            for outcome in outcomes:
+                if outcome is not None:
+                    self._receive(outcome)
+                self._show()
+        if self._is_full:
             raise FullDiskError(
                 f"the disk of '{self.root}' is full. All finished tasks are safe, and trainings "
                 "have kept their last checkpoint; free some space, then repeat the command."
             )
+
+    def _take(self) -> Task | None:
+        """Return a task that a worker starts now; None if there is none now."""
+        # Running tasks may still end well on a full disk; no new ones are started.
+        task = None if self._is_full else self._next()
+        if task is not None:
+            forget_failure(self.root, task.address)  # from an earlier call
+            self.state.running[task.address] = time.monotonic()
+        return task
+
+    def _receive(self, outcome: Outcome) -> None:
+        self._is_full = self._is_full or outcome.disk_full
+        del self.state.running[outcome.address]
+        if outcome.termination == "interrupted":
+            raise KeyboardInterrupt
+        self._end(outcome)
 
     def _next(self) -> Task | None:
         """Return the first waiting task of the plan whose inputs are there.
@@ -345,9 +345,5 @@ def run_study(
     plan = make_plan(study, name)
     number = plan.jobs(jobs)
     work = partial(perform, keep_all=keep_all)
-
-    def make_workers() -> LocalWorkers:
-        return LocalWorkers(root, number, work, plan.threads)
-
-    run_plan(plan, root, make_workers, watch=watch, store=store)
+    run_plan(plan, root, LocalWorkers(root, number, work, plan.threads), watch=watch, store=store)
     return collect_study(root, name)

@@ -1,7 +1,7 @@
 """Processes on this machine that perform the tasks of a study."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,10 @@ from wordcraft_kg.studies.tasks import Outcome, Task
 _Perform = Callable[[Task, Path], Outcome]
 ATTEMPTS = 2
 """A task is begun again once if its process dies; a second death has a cause in the task."""
-_PATIENCE = 60.0
+PATIENCE = 60.0
 """Seconds for writing a checkpoint after Ctrl-C."""
+TICK = 0.5
+"""Seconds between looks at the progress of a study."""
 
 
 class LocalWorkers:
@@ -46,25 +48,26 @@ class LocalWorkers:
             attempts=ATTEMPTS,
         )
 
-    @property
-    def places(self) -> int:
-        """Number of processes."""
-        return self._workers.number
-
-    def start(self, task: Task) -> None:
-        """Send a task to an idle process."""
-        self._workers.start(task)
-
-    def wait(self, seconds: float) -> list[Outcome]:
-        """Return the outcomes of tasks that have ended, after at most ``seconds``.
+    def outcomes(self, take: Callable[[], Task | None]) -> Generator[Outcome | None, None, None]:
+        """Perform tasks until there are no more, see :class:`~wordcraft_kg.studies.tasks.Workers`.
 
         A task whose process died :data:`ATTEMPTS` times has failed.
         """
-        return [ended.result or _death(ended) for ended in self._workers.wait(seconds)]
-
-    def stop(self) -> None:
-        """Let running tasks write a checkpoint, then end the processes."""
-        self._workers.stop(_PATIENCE)
+        workers = self._workers
+        try:
+            while True:
+                while workers.num_busy < workers.number:
+                    task = take()
+                    if task is None:
+                        break
+                    workers.start(task)
+                if not workers.num_busy:
+                    return
+                for ended in workers.wait(TICK):
+                    yield ended.result or _death(ended)
+                yield None
+        finally:
+            workers.stop(PATIENCE)
 
 
 def _death(ended: Ended[Task, Outcome]) -> Outcome:

@@ -23,7 +23,7 @@ from wordcraft_kg.runs.config_file import RunConfig
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import locked
 from wordcraft_kg.runs.record import read_run
-from wordcraft_kg.studies.plan import agent_config, scorer_config
+from wordcraft_kg.studies.plan import agent_config, content_of, scorer_config
 from wordcraft_kg.studies.results import (
     METRICS_FILE,
     RunMetrics,
@@ -135,6 +135,7 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
     except ArtefactError:
         shutil.rmtree(task.folder(root), ignore_errors=True)
     try:
+        _check_content(task)
         is_finished = _scorer(task, root) if task.kind == "scorers" else _run(task, root, keep_all)
     except KeyboardInterrupt:
         return Outcome(task.address, "interrupted")
@@ -145,6 +146,17 @@ def perform(task: Task, root: Path, keep_all: bool = True) -> Outcome:
             task.address, "failed", reason(error), traceback.format_exc(), _is_disk_full(error)
         )
     return Outcome(task.address, "done" if is_finished else "interrupted")
+
+
+def _check_content(task: Task) -> None:
+    """Raise ArtefactError for other vectors than those of the address, which has their hash."""
+    features = task.settings["settings"].get("features")
+    planned = task.settings.get("content")
+    if planned is not None and content_of(features)["content"] != planned:
+        raise ArtefactError(
+            f"the vectors of '{features}' have changed since the study was planned, or are others "
+            "on this machine; repeat the command."
+        )
 
 
 def _is_disk_full(error: BaseException | None) -> bool:

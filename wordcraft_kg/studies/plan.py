@@ -185,7 +185,7 @@ class _Planner:
         self.books: dict[str, str] = {}
         self._graphs: dict[str, RecipeGraph] = {}
         self._made: dict[str, str] = {}
-        self._files: dict[str, str] = {}
+        self._contents: dict[str, dict[str, str]] = {}
 
     def run(self, cell: StudyCell) -> str:
         try:
@@ -315,30 +315,41 @@ class _Planner:
         return self._add("runs", described, title, needs, trainer.threads, trainer.device)
 
     def _content(self, features: Value | None) -> dict[str, str]:
-        """Return hashes of a file of vectors for an address.
+        """Return :func:`content_of`; files are large, and many cells share them."""
+        key = str(features)
+        if key not in self._contents:
+            self._contents[key] = content_of(features)
+        return self._contents[key]
 
-        Another content is another training.
-        """
-        spec = FeatureSpec.parse(LEARNED if features is None else str(features))
-        if not spec.is_path:
-            return {}
-        path = Path(spec.source)
-        if not path.exists():
-            names = (*NAMES, *(SHUFFLED + name for name in VECTORS))
-            expected = (
-                f"a file or folder, or one of {', '.join(NAMES)}; all but the last perhaps after "
-                f"'{SHUFFLED}'"
-            )
-            raise refuse("features", features, expected, nearest(str(features), names))
-        if spec.source not in self._files:
-            path = path / ENCODED if path.is_dir() else path
-            files = [path]
-            # An array has its labels in a file beside it, under either name.
-            if path.suffix.lower() == ".npy":
-                files += [path.with_suffix(".labels.txt"), path.with_suffix(".txt")]
-            hashes = [sha256_of(file) for file in files if file.is_file()]
-            self._files[spec.source] = " ".join(hashes)
-        return {"content": self._files[spec.source]}
+
+def content_of(features: Value | None) -> dict[str, str]:
+    """Return hashes of a file of vectors for an address; none without a file.
+
+    Another content is another training.
+
+    Args:
+        features: the setting ``features``; None for its default.
+
+    Raises:
+        ConfigError: if the file is missing.
+    """
+    spec = FeatureSpec.parse(LEARNED if features is None else str(features))
+    if not spec.is_path:
+        return {}
+    path = Path(spec.source)
+    if not path.exists():
+        names = (*NAMES, *(SHUFFLED + name for name in VECTORS))
+        expected = (
+            f"a file or folder, or one of {', '.join(NAMES)}; all but the last perhaps after "
+            f"'{SHUFFLED}'"
+        )
+        raise refuse("features", features, expected, nearest(str(features), names))
+    path = path / ENCODED if path.is_dir() else path
+    files = [path]
+    # An array has its labels in a file beside it, under either name.
+    if path.suffix.lower() == ".npy":
+        files += [path.with_suffix(".labels.txt"), path.with_suffix(".txt")]
+    return {"content": " ".join(sha256_of(file) for file in files if file.is_file())}
 
 
 def agent_config(settings: Mapping[str, Any], graph: str, scorer: str | None) -> AgentConfig:

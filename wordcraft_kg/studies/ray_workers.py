@@ -1,0 +1,187 @@
+"""Nodes of a Ray cluster that perform the tasks of a study, in a results folder that they share.
+
+Ray places the tasks, begins a task again whose node or process was lost, and hands Ctrl-C on.
+"""
+
+import logging
+import os
+import socket
+import sys
+import uuid
+from collections.abc import Callable, Generator
+from contextlib import ExitStack, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wordcraft_kg.base.errors import ConfigError, reason
+from wordcraft_kg.base.extras import missing_extra
+from wordcraft_kg.runs.interruption import sigterm_as_interrupt
+from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES, cores
+from wordcraft_kg.studies.local_workers import PATIENCE, TICK
+from wordcraft_kg.studies.node_check import Expected
+from wordcraft_kg.studies.tasks import Outcome, Task
+
+if TYPE_CHECKING:
+    from wordcraft_kg.studies.plan import Plan
+
+RETRIES = 3
+"""How often a task is begun again after the loss of its node or process."""
+_ANSWER = 300.0
+"""Seconds for a node to start a process and to look at the results folder."""
+_Perform = Callable[[Task, Path], Outcome]
+
+
+@dataclass(frozen=True)
+class RayWorkers:
+    """Workers that perform each task as a remote call with the task's cores and GPU.
+
+    Attributes:
+        plan: the study.
+        root: results folder; all nodes see it under the same absolute path.
+        perform: see :class:`~wordcraft_kg.studies.local_workers.LocalWorkers`.
+        address: host:port of the head node, or auto for the cluster of this machine; None starts a
+            cluster on this machine that ends with the study.
+        jobs: most tasks at once. Default: the cores of the cluster.
+    """
+
+    plan: "Plan"
+    root: Path
+    perform: _Perform
+    address: str | None = None
+    jobs: int | None = None
+
+    def outcomes(self, take: Callable[[], Task | None]) -> Generator[Outcome | None, None, None]:
+        """Perform tasks until there are no more, see :class:`~wordcraft_kg.studies.tasks.Workers`.
+
+        Raises:
+            MissingExtraError: without Ray.
+            ConfigError: if there is no cluster, or a node does not fit the study, now or later;
+                finished tasks stay.
+        """
+        running: dict[Any, Task] = {}
+        with ExitStack() as cleanup:
+            ray = _connected(self.address, cleanup)
+            marker = self.root.resolve() / f".shared-{uuid.uuid4().hex}"
+            marker.touch()
+            cleanup.callback(marker.unlink, missing_ok=True)
+            expected = Expected.of(self.plan, marker)
+            _check_nodes(ray, self.plan, expected)
+            cleanup.callback(_stop, ray, running)
+            perform_on_node = ray.remote(_perform_on_node)  # once: Ray sends it to all nodes
+            while True:
+                # Asked each time, because nodes come and go.
+                places = self.jobs or max(int(ray.cluster_resources().get("CPU", 0)), 1)
+                while len(running) < places and (task := take()) is not None:
+                    call = _call(perform_on_node, task.threads, _gpus(task))
+                    fit = expected.only(task.needs[:1])
+                    running[call.remote(task, self.perform, fit, sys.argv)] = task
+                if not running:
+                    return
+                ray.wait([*running], timeout=TICK)
+                # All that are ready now, not one by one: many may end at once.
+                for ready in ray.wait([*running], num_returns=len(running), timeout=0)[0]:
+                    yield _outcome(ray, ready, running.pop(ready))
+                yield None
+
+
+def _perform_on_node(task: Task, perform: _Perform, fit: Expected, command: list[str]) -> Outcome:
+    sys.argv = command  # for the record of the run
+    logging.getLogger("wordcraft_kg").setLevel(logging.ERROR)
+    fit.check()  # again: the node may have joined later
+    return perform(task, fit.root)
+
+
+def _gpus(task: Task) -> int:
+    return int(task.device.startswith("cuda"))
+
+
+def _call(remote: Any, threads: int, gpus: int, **options: Any) -> Any:
+    # Libraries read the number of threads once, when a process loads them.
+    variables = dict.fromkeys((*THREADS_VARIABLES, CORES_VARIABLE), str(max(threads, 1)))
+    options = {"scheduling_strategy": "SPREAD", "max_retries": RETRIES, **options}
+    environment = {"env_vars": variables}
+    return remote.options(num_cpus=threads, num_gpus=gpus, runtime_env=environment, **options)
+
+
+def _check_nodes(ray: Any, plan: "Plan", expected: Expected) -> None:
+    """Compare all nodes with a study's requirements; ConfigError names the difference."""
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy as Affinity
+
+    nodes = [node for node in ray.nodes() if node["Alive"]]
+    offers = [
+        tuple(int(node["Resources"].get(kind, 0)) for kind in ("CPU", "GPU")) for node in nodes
+    ]
+    for task in plan.tasks.values():
+        if not any(cpus >= task.threads and gpus >= _gpus(task) for cpus, gpus in offers):
+            raise ConfigError(
+                f"'{task.title}' needs {task.threads} cores and {_gpus(task)} GPUs of one node, "
+                f"but the nodes have (cores, GPUs) {offers}; change `threads` or `device`."
+            )
+    there = [Affinity(node["NodeID"], soft=False) for node in nodes]
+    check = ray.remote(Expected.check)
+    calls = [_call(check, 0, 0, scheduling_strategy=one) for one in there]
+    for node, answer in zip(nodes, [call.remote(expected) for call in calls], strict=True):
+        try:
+            _answer(ray, answer, timeout=_ANSWER)
+        except ray.exceptions.RayError as error:
+            raise ConfigError(
+                f"node '{node['NodeManagerHostname']}' cannot perform tasks ({reason(error)}); "
+                f"expected wordcraft-kg {expected.version} in the Python of its `ray start`."
+            ) from None
+
+
+def _answer(ray: Any, reference: Any, timeout: float | None = None) -> Any:
+    """Return the result of a call; raise the ConfigError of a node that does not fit."""
+    try:
+        return ray.get(reference, timeout=timeout)
+    except ray.exceptions.RayTaskError as error:
+        raise error.cause if isinstance(error.cause, ConfigError) else error from None
+
+
+def _outcome(ray: Any, reference: Any, task: Task) -> Outcome:
+    try:
+        outcome: Outcome = _answer(ray, reference)
+        return outcome
+    except ray.exceptions.RayError as error:
+        # Without Ray's message, which names machines: failures are recorded.
+        why = f"begun {RETRIES + 1} times, its node or process was lost ({type(error).__name__})"
+        hint = "perhaps memory is too small for this many trainings: use fewer `jobs`"
+        return Outcome(task.address, "failed", f"{why}; {hint}.")
+
+
+def _stop(ray: Any, running: dict[Any, Task]) -> None:
+    """Let running tasks write a checkpoint."""
+    for reference in running:
+        ray.cancel(reference)
+    if running:
+        ray.wait([*running], num_returns=len(running), timeout=PATIENCE)
+
+
+def _connected(address: str | None, cleanup: ExitStack) -> Any:
+    """Import Ray and connect to a cluster; ``cleanup`` leaves it."""
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if address is None and "RAY_AUTH_MODE" not in os.environ and "ray" not in sys.modules:
+        # Its own cluster opens ports for nobody else. Ray reads these when it is imported.
+        os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex}
+    try:
+        import ray
+    except ImportError:
+        raise missing_extra("ray", ["Ray"]) from None
+    try:
+        if address not in (None, "auto"):  # Ray itself tries for minutes
+            host, _, port = str(address).rpartition(":")
+            socket.create_connection((host.strip("[]"), int(port)), timeout=5).close()
+        # Stdout is for the result, not for Ray's messages about lost nodes.
+        cleanup.enter_context(redirect_stdout(sys.stderr))
+        cleanup.callback(ray.shutdown)
+        own: dict[str, Any] = {} if address else {"num_cpus": cores(), "include_dashboard": False}
+        ray.init(address=address or "local", log_to_driver=False, logging_level="ERROR", **own)
+        cleanup.enter_context(sigterm_as_interrupt())  # Ray has set a handler of its own
+    except Exception as error:
+        raise ConfigError(
+            f"no Ray cluster at '{address or 'this machine'}' ({reason(error)}); expected auto or "
+            "host:port. Run `ray start --head --port=6379` on one machine and `ray start "
+            "--address=HOST:6379` on the others, this one included; then repeat the command."
+        ) from None
+    return ray

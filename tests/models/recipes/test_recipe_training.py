@@ -1,5 +1,6 @@
 """Fitting recipe scorers: the same bytes again, nothing of a fold left out, and what a spoilt folder says."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -16,12 +17,13 @@ from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.states import Attempts, States
-from wordcraft_kg.models.recipes import memory, training
+from wordcraft_kg.models.recipes import fitting, memory, training
+from wordcraft_kg.models.recipes.committee import TABLES, fit_committee
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.training import train_recipes
-from wordcraft_kg.models.scorers import config
+from wordcraft_kg.models.scorers import config, recipe_curve
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.folder import load_scorer
@@ -42,11 +44,35 @@ def book(tmp_path_factory):
     return path
 
 
+@contextmanager
+def short_fits():
+    """Let fits take a few steps: many tests compare fits, and do not ask how good they are."""
+
+    def fit(examples, generator, schedule=TABLES):
+        return fit_committee(examples, generator, schedule._replace(epochs=1, steps=4))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fitting, "fit_committee", fit)
+        patch.setattr(fitting, "DRAWS", (1, 1))
+        patch.setattr(recipe_curve, "SAMPLED", 48)
+        yield
+
+
+@pytest.fixture
+def only_compared():
+    with short_fits():
+        yield
+
+
+compares_fits = pytest.mark.usefixtures("only_compared")
+
+
 @pytest.fixture(scope="module")
 def small(book, tmp_path_factory):
     """A recipe scorer of that book; read only."""
     folder = tmp_path_factory.mktemp("models") / "small"
-    return train_recipes(RecipesConfig(str(book), SMALL), folder).folder
+    with short_fits():
+        return train_recipes(RecipesConfig(str(book), SMALL), folder).folder
 
 
 @pytest.fixture
@@ -55,6 +81,7 @@ def spoilt(recipes_folder, tmp_path):
     return lambda change: load_scorer(rewritten(recipes_folder, tmp_path / "spoilt", change))
 
 
+@compares_fits
 def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, small, monkeypatch):
     state = torch.get_rng_state()
     for workers in (1, 2):
@@ -69,6 +96,7 @@ def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, smal
     assert contents(small)["model.safetensors"] != contents(folder)["model.safetensors"]
 
 
+@compares_fits
 def test_an_interrupted_run_continues_to_the_same_bytes(book, small):
     # 3 sets of lists serve the first fit, 2 more the second, 1 more both others.
     folder = small.parent / "interrupted"
@@ -92,6 +120,7 @@ def same_tensors(one, other):
     return all(torch.equal(one[name], other[name]) for name in one)
 
 
+@compares_fits
 def test_a_fit_does_not_depend_on_the_other_fits_of_its_run():
     folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
     vectors = np.random.default_rng(0).normal(size=(12, 5))
@@ -100,6 +129,7 @@ def test_a_fit_does_not_depend_on_the_other_fits_of_its_run():
         assert same_tensors(fitted(folds, vectors, [left_out])[left_out], together[left_out])
 
 
+@compares_fits
 @pytest.mark.parametrize("what", ["removed", "changed", "a test recipe changed"])
 def test_a_fold_has_no_influence_on_the_scorer_without_it(what):
     graph = random_graph(2, 12, 60)

@@ -1,6 +1,5 @@
 """Fitting recipe scorers: the same bytes again, nothing of a fold left out, and what a spoilt folder says."""
 
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 import torch
 from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
 from resumption import resume
+from short_fits import short_fits
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -17,13 +17,12 @@ from wordcraft_kg.graphs.folds import OUTSIDE, Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, make_split
 from wordcraft_kg.models.policies.sources.registry import make_sources
 from wordcraft_kg.models.policies.states import Attempts, States
-from wordcraft_kg.models.recipes import fitting, memory, training
-from wordcraft_kg.models.recipes.committee import TABLES, fit_committee
+from wordcraft_kg.models.recipes import memory, training
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers
 from wordcraft_kg.models.recipes.inductive import with_words
 from wordcraft_kg.models.recipes.training import train_recipes
-from wordcraft_kg.models.scorers import config, recipe_curve
+from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.folder import load_scorer
@@ -42,20 +41,6 @@ def book(tmp_path_factory):
     rows = [",".join(graph.entities[entity] for entity in row) for row in graph.recipes.tolist()]
     path.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows]))
     return path
-
-
-@contextmanager
-def short_fits():
-    """Let fits take a few steps: many tests compare fits, and do not ask how good they are."""
-
-    def fit(examples, generator, schedule=TABLES):
-        return fit_committee(examples, generator, schedule._replace(epochs=1, steps=4))
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(fitting, "fit_committee", fit)
-        patch.setattr(fitting, "DRAWS", (1, 1))
-        patch.setattr(recipe_curve, "SAMPLED", 48)
-        yield
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ help:
 	@echo "make demo     set up, then book -> graph -> scorers -> agents -> a table and reports, on the book everyday"
 	@echo "make test     set up, then the tests, in minutes, the core first; a part with make test-core, make test-apps"
 	@echo "make install  set up .venv with the tools of tests; CPU build of torch with TORCH='--index-url URL', see docs/installation.md"
-	@echo "make slow     thorough and long tests; of some rooms with ROOMS='tests/runs tests/models'"
+	@echo "make slow     thorough and long tests, property tests with more examples; of some rooms with ROOMS='tests/runs tests/models'"
 	@echo "make browser  the tests of pages in Chromium"
 	@echo "make lint     ruff, mypy, directions of imports, generated pages"
 	@echo "make docs     write docs/commands.md from the help of the commands, docs/terms.md from the glossary"
@@ -62,9 +62,11 @@ test-core: install
 test-apps: install
 	$(BIN)/python -m pytest $(FAST) tests/apps
 
-# 5: none of these rooms has a slow test. Slow tests run the notebooks and a Ray cluster, which need the extras docs and ray.
+# Property tests again, with more examples. 5: none of these rooms has a slow test. Slow tests run the notebooks and a Ray cluster, which
+# need the extras docs and ray.
 slow: .venv/installed-docs
-	$(BIN)/python -m pytest -m "slow and not browser" --numprocesses auto --dist loadfile $(ROOMS) || [ $$? = 5 ]
+	$(BIN)/python -m pytest -m "(slow or hypothesis) and not browser" --hypothesis-profile thorough \
+		--numprocesses auto --dist loadfile $(ROOMS) || [ $$? = 5 ]
 
 browser: install
 	$(BIN)/python -m pytest -m browser --numprocesses auto --dist loadfile

@@ -27,8 +27,13 @@ from wordcraft_kg.runs.parallel import CORES_VARIABLE, THREADS_VARIABLES
 os.environ.setdefault("RAY_AUTH_MODE", "token")
 os.environ.setdefault("RAY_AUTH_TOKEN", uuid.uuid4().hex)
 
-settings.register_profile("wordcraft", deadline=None, max_examples=30, print_blob=True)
-settings.load_profile("wordcraft")
+# As in commands: collections among all imported objects took a tenth of the time.
+gc.set_threshold(200_000, 20, 100)
+
+# Property tests draw other examples in each run; `make slow` draws more.
+settings.register_profile("quick", deadline=None, max_examples=12, print_blob=True)
+settings.register_profile("thorough", settings.get_profile("quick"), max_examples=100)
+settings.load_profile("quick")
 
 DATA_FOLDER = os.environ.get(DATA_VARIABLE)
 OFFICIAL_FILE = "alchemy2.json"
@@ -86,25 +91,6 @@ def no_power_failure():
     plug. A wrong descriptor is still an error."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", os.fstat)
-        yield
-
-
-@pytest.fixture(scope="session", autouse=True)
-def vocabulary_of_glove():
-    """Search the words of each book once: 400,000 words are read from the file each time."""
-    from wordcraft_kg.models.scorers import features
-
-    search = features._glove_rows
-    found = {}
-
-    def rows_of(words):
-        key = tuple(words)
-        if key not in found:
-            found[key] = search(words)
-        return found[key]
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(features, "_glove_rows", rows_of)
         yield
 
 

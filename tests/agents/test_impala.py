@@ -37,6 +37,7 @@ from wordcraft_kg.models.policies.policy import PolicyOutput
 from wordcraft_kg.models.policies.states import Attempts, States
 from wordcraft_kg.models.scorers.baselines import FrequencyScorer
 
+SLOW = pytest.mark.slow
 BATCH = 8
 SIZES = {"embedding_size": 6, "key_size": 5, "value_size": 7, "hidden_size": 9}
 SMALL = {"features": "learned", "self_edges": "keep", **SIZES}
@@ -400,10 +401,16 @@ def test_the_last_update_has_almost_no_rate_and_there_is_none_after_it(trainer):
     assert moves[10] == moves[11] == 0
 
 
-@pytest.mark.parametrize("lag", [0, 2])
-@pytest.mark.parametrize("momentum", [0.0, 0.9])
+RESTORED = ((0, 0.0, True, 7), (2, 0.9, True, 7), (2, 0.9, False, 0), (0, 0.0, False, 0))
+
+
 @pytest.mark.parametrize(
-    ("guided", "updates"), [pytest.param(False, 7, marks=pytest.mark.slow), (True, 7), (False, 0)]
+    ("lag", "momentum", "guided", "updates"),
+    [
+        pytest.param(*case, *learned, marks=[] if (*case, *learned) in RESTORED else SLOW)
+        for case in itertools.product((0, 2), (0.0, 0.9))
+        for learned in ((False, 7), (True, 7), (False, 0))
+    ],
 )
 def test_a_restored_trainer_goes_on_bit_for_bit(trainer, scorer, lag, momentum, guided, updates):
     settings = {

@@ -307,7 +307,7 @@ def test_a_paired_difference_is_that_of_a_slow_bootstrap():
     slow = []
     for _ in range(4_000):
         rows = rng.integers(60, size=60)
-        slow.append(np.mean([x[row].mean() - y[row].mean() for row in rows]))
+        slow.append(x[rows].mean() - y[rows].mean())
     difference, low, high = paired_difference(x, y, None, draws=4_000)
     assert difference == pytest.approx(x.mean() - y.mean())
     assert [low, high] == pytest.approx(np.quantile(slow, [0.025, 0.975]), abs=0.015)

@@ -22,6 +22,14 @@ DEVICES = ("cpu", "torch:cpu")
 SEEN = ("goal", "task", "selection", "attempts_left", "table")
 GIVEN = ("reward", "over", "outcome", "by_plan", "illegal", "task")
 SHAPED = RewardConfig(wrong_pair_penalty=0.25, irrelevant_penalty=0.5, intermediate_reward=2.0)
+QUICK_CASES = (
+    (1, "last", "official"),
+    (1, "all", "sparse"),
+    (2, "all", SHAPED),
+    (3, "last", SHAPED),
+    (3, "all", "official"),
+)
+"""Each depth, ambiguity and reward; `make slow` has all combinations."""
 
 
 @pytest.fixture(scope="module")
@@ -130,9 +138,7 @@ def test_a_batch_on_the_kitchen_agrees_in_every_part(opened_kitchen, part):
 @pytest.mark.parametrize(
     ("depth", "ambiguity", "reward"),
     [
-        pytest.param(
-            *case, marks=[pytest.mark.slow] * (case[0] == 2 and case[1:] != ("all", SHAPED))
-        )
+        pytest.param(*case, marks=[] if case in QUICK_CASES else pytest.mark.slow)
         for case in product((1, 2, 3), ("all", "last"), ("sparse", "official", SHAPED))
     ],
 )
@@ -193,13 +199,13 @@ def episodes(state, steps, rng_of):
 def test_two_engines_of_any_size_see_what_a_whole_one_sees(opened_kitchen):
     world = World(opened_kitchen, WordCraftConfig(num_distractors=5))
     whole, low, high = (
-        batch(world, n, 7, first_env=first) for n, first in ((1_500, 0), (3, 0), (1_497, 3))
+        batch(world, n, 7, first_env=first) for n, first in ((300, 0), (3, 0), (297, 3))
     )
-    rngs = [[np.random.default_rng(i) for i in range(1_500)] for _ in range(2)]
+    rngs = [[np.random.default_rng(i) for i in range(300)] for _ in range(2)]
     assert episodes(whole, 60, rngs[0]) == episodes(low, 60, rngs[1]) + episodes(
         high, 60, rngs[1][3:]
     )
-    tasks = np.arange(1_500) % len(world.tasks)
+    tasks = np.arange(300) % len(world.tasks)
     posed = (
         state.engine.pose(some, 2, seed=7) for state, some in ((low, tasks[:3]), (high, tasks[3:]))
     )
@@ -407,8 +413,15 @@ def test_a_step_changes_no_earlier_and_no_later_state(opened_kitchen, device):
         )
 
 
-@pytest.mark.parametrize(("device", "after"), [*product(DEVICES, DEVICES)])
-@pytest.mark.parametrize("steps", [0, 1, 16, 40])
+@pytest.mark.parametrize(
+    ("device", "after", "steps"),
+    [
+        pytest.param(
+            *case, marks=[] if case[2] == 16 or case[:2] == ("cpu", "cpu") else pytest.mark.slow
+        )
+        for case in product(DEVICES, DEVICES, (0, 1, 16, 40))
+    ],
+)
 def test_a_restored_state_goes_on_with_the_same_episodes(opened_kitchen, device, after, steps):
     settings = {"depth": 2, "num_distractors": 4, "reward": "official", "task_weighting": "goal"}
     state, _ = played(

@@ -194,7 +194,7 @@ def test_a_graph_too_small_to_split_is_played_as_a_whole(
         WordCraftEnv(world, part="all", num_distractors=most + 1)
 
 
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_random_settings_and_actions_keep_every_rule(opened_kitchen, data):
     amount = st.floats(0, 3)

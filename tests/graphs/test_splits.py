@@ -8,7 +8,7 @@ import graph_oracles as oracles
 import numpy as np
 import pytest
 from graph_strategies import configs, splittable_graphs
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from refusals import refuses
 
 from wordcraft_kg.base.errors import ArtefactError, GraphMismatchError, SplitError
@@ -58,9 +58,9 @@ def labelled(split, triples):
 def on_every_split(test):
     """Run a property on random graphs for each kind of split."""
 
+    @pytest.mark.hypothesis  # which hypothesis does not see from outside
     @pytest.mark.parametrize("kind", SPLITS)
     def run(kind):
-        @settings(max_examples=15)
         @given(splittable_graphs(), configs(kind))
         def check(graph, config):
             test(drawn(graph, config))

@@ -218,12 +218,13 @@ def scorer(cross_fitted):
 
 
 def success(world, source):
-    state = BatchEngine(world, len(world.tasks)).pose(np.arange(len(world.tasks)))
+    tasks = np.arange(0, len(world.tasks), 4)
+    state = BatchEngine(world, len(tasks)).pose(tasks)
     player, rng, won = knowledge_player([source]), np.random.default_rng(0), 0
     while (state.attempts_left > 0).any():
         state, step = state.engine.step_once(state, player(state, rng))
         won += int((step.outcome == GOAL).sum())
-    return won / len(world.tasks)
+    return won / len(tasks)
 
 
 @pytest.mark.slow
@@ -271,7 +272,8 @@ def test_first_pairs_do_not_depend_on_unseen_recipes_or_plans(opened, scorer):
         for one, part in ((graph, split), (other, Split(other, SplitConfig(), Draw(parts, 0))))
     ]
     (source,) = make_sources(["p"], scorer)
-    state = BatchEngine(worlds[0], len(worlds[0].tasks)).pose(np.arange(len(worlds[0].tasks)))
+    tasks = np.arange(0, len(worlds[0].tasks), 4)
+    state = BatchEngine(worlds[0], len(tasks)).pose(tasks)
     goal, table, left = state.goal, state.table, state.attempts_left
     assert len(worlds[1].tasks)
     posed = BatchEngine(worlds[1], state.num_envs).reset()._replace(goal=goal, attempts_left=left)

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Literal
@@ -141,7 +142,7 @@ def start_run(
         argv=_arguments(),
         started=_now(),
         ended=None,
-        versions=_versions(),
+        versions=dict(_versions()),
         git=_git_state(),
         inputs=dict(inputs or {}),
         seed=seed,
@@ -165,7 +166,12 @@ def resume_run(
         run: the record until now.
         inputs: hashes that have changed, such as of ``config.toml`` with other paths.
     """
-    again = Resumption(started=_now(), argv=_arguments(), versions=_versions(), git=_git_state())
+    again = Resumption(
+        started=_now(),
+        argv=_arguments(),
+        versions=dict(_versions()),
+        git=_git_state(),
+    )
     resumed = replace(
         run,
         status="running",
@@ -279,7 +285,9 @@ def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-def _versions() -> dict[str, str]:
+@cache
+def _versions() -> Mapping[str, str]:
+    """Return the versions of Python and packages, the same while a process runs."""
     versions = {"wordcraft-kg": version("wordcraft-kg"), "python": platform.python_version()}
     for package in _PACKAGES:
         with suppress(PackageNotFoundError):  # optional
@@ -287,8 +295,12 @@ def _versions() -> dict[str, str]:
     return versions
 
 
+@cache
 def _git_state() -> GitState | None:
-    """Return the state of the checkout that this package runs from; None without a checkout."""
+    """Return the state of the checkout that this package runs from; None without a checkout.
+
+    Of several runs of a process, the first asks: this code was imported before all of them.
+    """
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None

@@ -207,7 +207,7 @@ def test_a_file_that_exists_is_kept_and_a_failure_leaves_nothing(run, tmp_path):
     # A random player that solves nothing: both files stay as they were.
     before = out.read_bytes()
     nothing = run(
-        *("chats", "kitchen", "--player", "random", "--depth", "5", "--tasks", "2"),
+        *("chats", "kitchen", "--player", "random", "--depth", "2", "--tasks", "2"),
         *("--distractors", "20", "--out", out, "--force"),
     )
     assert (nothing.code, "no conversation is left" in nothing.err) == (1, True)
@@ -243,14 +243,6 @@ def test_a_model_plays(run, tmp_path, recipes_folder):
         assert outcome.code == 0, outcome.err
         assert len(out.read_text().splitlines()) > 10
         assert kind == "scorer" or "planner" in out.with_name("planner.README.md").read_text()
-
-
-@pytest.fixture(scope="session")
-def recipes_folder(made_once):
-    from wordcraft_kg.models.recipes.config import RecipesConfig
-    from wordcraft_kg.models.recipes.training import train_recipes
-
-    return made_once("chat-recipes", lambda folder: train_recipes(RecipesConfig("kitchen"), folder))
 
 
 @pytest.mark.slow

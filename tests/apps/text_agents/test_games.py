@@ -159,7 +159,7 @@ def test_look_ups_reveal_no_way_to_the_goal_and_all_other_train_recipes(
     )
     games, recipes = TaskGames(world), graph.recipe_labels()
     line_of = [f"{a} + {b} -> {result}" for a, b, result in recipes]
-    for task in range(0, len(world.tasks), 6 * depth):
+    for task in range(0, len(world.tasks), 15 * depth):
         game = games.begin(task)
         table = {graph.id_of(label) for label in game.labels}
         facts = {

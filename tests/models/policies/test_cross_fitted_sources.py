@@ -6,6 +6,7 @@ import importlib
 import json
 import signal
 from dataclasses import replace
+from functools import cache
 
 import gymnasium as gym
 import msgspec
@@ -88,17 +89,20 @@ def expected_scores(opened, scorer, view, state, folds):
     goal, selection, table, *_ = state
     nothing, partial = opened.graph.num_entities, opened.split.partial
     found = torch.zeros(2, *table.shape)
+
+    @cache
+    def scores_of(fold, relation):
+        model = scorer.whole if fold is None else scorer.left_out(fold)
+        observed = partial if fold is None else make_folds(opened.split, FOLDS).triples([fold])
+        self_edges = view.self_edges if relation == 0 else "keep"
+        return scaled_table(model, relation, view.scale, self_edges=self_edges, observed=observed)
+
     for row, of_task in enumerate(folds):
         if len(of_task) > 1:
             continue
         (fold,) = of_task or {None}
-        model = scorer.whole if fold is None else scorer.left_out(fold)
-        observed = partial if fold is None else make_folds(opened.split, FOLDS).triples([fold])
         for source, (relation, key) in enumerate([(0, selection[row]), (1, goal[row])]):
-            self_edges = view.self_edges if source == 0 else "keep"
-            scores = scaled_table(
-                model, relation, view.scale, self_edges=self_edges, observed=observed
-            )
+            scores = scores_of(fold, relation)
             for slot, entity in enumerate(table[row].tolist()):
                 if nothing not in (entity, int(key)):
                     found[source, row, slot] = scores[entity, key]

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import pytest
 import torch
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from refusals import refuses
 from small_scorers import BareScorer, normal
@@ -358,7 +358,6 @@ def test_every_parameter_and_nothing_else_receives_a_finite_gradient(kind):
 
 
 @any_attention
-@settings(max_examples=15)
 @given(order=st.permutations(range(SLOTS)), seed=st.integers(0, 20))
 def test_permuting_the_slots_permutes_the_logits_and_leaves_the_value(kind, order, seed):
     policy, (goal, selection, table) = KINDS[kind](), states(seed=seed)

@@ -41,9 +41,7 @@ def slow_w(scorer, goal, held, table):
     size = len(scorer.entities)
     partners = [held] if held != size else [entity for entity in table if entity != size]
     return [
-        0.0
-        if entity == size
-        else max(float(scorer.score_recipes(entity, one, goal)) for one in partners)
+        0.0 if entity == size else float(scorer.score_recipes(entity, partners, goal).max())
         for entity in table
     ]
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from short_fits import short_fits
 
 from tests.apps.explorer.shown import look
 from wordcraft_kg import RecipesConfig, RecipeScorerConfig, open_graph, train_recipes
@@ -109,7 +110,8 @@ def texts(pieces):
 def model(tmp_path_factory):
     folder = tmp_path_factory.mktemp("evidence")
     settings = RecipeScorerConfig(folds=3, features="glove", with_=write_sources(folder))
-    return train_recipes(RecipesConfig("kitchen", settings), folder / "model").folder
+    with short_fits():
+        return train_recipes(RecipesConfig("kitchen", settings), folder / "model").folder
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ import pytest
 import torch
 from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
 from resumption import resume
+from short_fits import short_fits
 
 from wordcraft_kg.base.errors import ArtefactError, ConfigError, LeakError
 from wordcraft_kg.envs.config import WordCraftConfig
@@ -42,11 +43,21 @@ def book(tmp_path_factory):
     return path
 
 
+@pytest.fixture
+def only_compared():
+    with short_fits():
+        yield
+
+
+compares_fits = pytest.mark.usefixtures("only_compared")
+
+
 @pytest.fixture(scope="module")
 def small(book, tmp_path_factory):
     """A recipe scorer of that book; read only."""
     folder = tmp_path_factory.mktemp("models") / "small"
-    return train_recipes(RecipesConfig(str(book), SMALL), folder).folder
+    with short_fits():
+        return train_recipes(RecipesConfig(str(book), SMALL), folder).folder
 
 
 @pytest.fixture
@@ -55,6 +66,7 @@ def spoilt(recipes_folder, tmp_path):
     return lambda change: load_scorer(rewritten(recipes_folder, tmp_path / "spoilt", change))
 
 
+@compares_fits
 def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, small, monkeypatch):
     state = torch.get_rng_state()
     for workers in (1, 2):
@@ -69,6 +81,7 @@ def test_the_same_settings_give_the_same_bytes_with_one_thread_or_two(book, smal
     assert contents(small)["model.safetensors"] != contents(folder)["model.safetensors"]
 
 
+@compares_fits
 def test_an_interrupted_run_continues_to_the_same_bytes(book, small):
     # 3 sets of lists serve the first fit, 2 more the second, 1 more both others.
     folder = small.parent / "interrupted"
@@ -92,6 +105,7 @@ def same_tensors(one, other):
     return all(torch.equal(one[name], other[name]) for name in one)
 
 
+@compares_fits
 def test_a_fit_does_not_depend_on_the_other_fits_of_its_run():
     folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
     vectors = np.random.default_rng(0).normal(size=(12, 5))
@@ -100,6 +114,7 @@ def test_a_fit_does_not_depend_on_the_other_fits_of_its_run():
         assert same_tensors(fitted(folds, vectors, [left_out])[left_out], together[left_out])
 
 
+@compares_fits
 @pytest.mark.parametrize("what", ["removed", "changed", "a test recipe changed"])
 def test_a_fold_has_no_influence_on_the_scorer_without_it(what):
     graph = random_graph(2, 12, 60)

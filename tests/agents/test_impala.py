@@ -241,6 +241,7 @@ class SlowImpala:
         (2, 3, {"policy": {"policy": "mlp"}}),
         (2, 3, {"policy": {"value_readout": "logits"}, "policy_lag": 2, "momentum": 0.5}),
         (2, 3, {"scorer": "frequency", "policy_lag": 1}),
+        (2, 3, {"scorer": "frequency", "policy": {"mixing": "residual"}, "policy_lag": 1}),
         (1, 3, {"scorer": "cross-fitted", "policy": {"use": "u,v,w"}, "policy_lag": 1}),
         (2, 3, {"scorer": "cross-fitted", "policy": {"use": "w"}}),
         (2, 3, {"policy": {"sees_attempts": True}, "policy_lag": 1}),

@@ -392,6 +392,7 @@ def test_the_preset_paper_has_the_papers_values():
     assert config.policy_lag == 0
     agent = AgentConfig("kitchen", "models/x", TaskConfig(depth=2), trainer=config)
     assert (agent.trainer.unroll, agent.policy.scale) == (2, "ranks")
+    assert agent.policy.mixing == "free"
     assert agent.policy.sees_attempts is False
     agent.check_preset()
 
@@ -408,8 +409,14 @@ def test_the_recommended_preset_follows_the_number_of_attempts(tasks, unroll, se
     config = AgentConfig("kitchen", "models/x", tasks)
     assert (config.trainer.preset, config.trainer.unroll) == ("recommended", unroll)
     assert (config.policy.sees_attempts, config.policy.scale) == (sees_attempts, scale)
-    assert "scale" not in AgentConfig("kitchen", "models/x", tasks).differing()
+    assert config.policy.mixing == ("free" if sees_attempts else "residual")
+    assert not {"scale", "mixing"} & config.differing().keys()
+    for use in ("u,v,w", "p"):
+        knowing = AgentConfig("kitchen", "models/x", tasks, PolicyConfig(use=use))
+        assert knowing.policy.mixing == "free"
+        assert "mixing" not in knowing.differing()
     without = AgentConfig("kitchen", tasks=tasks)
+    assert without.policy.mixing == "free"
     assert (without.policy.sees_attempts, without.policy.scale) == (sees_attempts, "ranks")
     mlp = AgentConfig("kitchen", tasks=tasks, policy=PolicyConfig("mlp"))
     assert mlp.policy.sees_attempts is False
@@ -419,11 +426,12 @@ def test_the_recommended_preset_follows_the_number_of_attempts(tasks, unroll, se
 def test_a_setting_that_is_given_is_kept_whatever_the_preset():
     for preset in ("recommended", "paper"):
         trainer = ImpalaConfig(preset, unroll=5, learning_rate=0.5)
-        policy = PolicyConfig(scale="standardise", sees_attempts=True)
+        policy = PolicyConfig(scale="standardise", sees_attempts=True, mixing="softmax")
         config = AgentConfig("kitchen", "models/x", TaskConfig(depth=2), policy, trainer)
         assert (config.trainer.unroll, config.trainer.learning_rate) == (5, 0.5)
         assert (config.policy.scale, config.policy.sees_attempts) == ("standardise", True)
-        assert {"unroll", "learning_rate", "scale"} <= config.differing().keys()
+        assert config.policy.mixing == "softmax"
+        assert {"unroll", "learning_rate", "scale", "mixing"} <= config.differing().keys()
 
 
 @pytest.mark.parametrize(
@@ -432,6 +440,7 @@ def test_a_setting_that_is_given_is_kept_whatever_the_preset():
         ({}, {"unroll": 4}, "unroll"),
         ({}, {"learning_rate": 0.003}, "learning_rate"),
         ({"scale": "none"}, {}, "scale"),
+        ({"mixing": "residual"}, {}, "mixing"),
         ({"sees_attempts": True}, {}, "sees_attempts"),
     ],
 )

@@ -41,6 +41,9 @@ def test_evaluate_agent_prints_what_the_documentation_promises(printed, world):
     command = "evaluate-agent", world / "guided", "--distractors", "1,3", "--distractor-seeds", 2
     alone = printed(*command, "--agent", "kg-only")
     assert alone["against_scorer"] is None
+    assert alone["sources"] is None
+    for gains in values["sources"].values():
+        assert gains.keys() == {"combines (u)", "component (v)"}
     for amount, beside in values["against_scorer"].items():
         gain = values["success"][amount]["mean"] - alone["success"][amount]["mean"]
         assert beside["gain"] == pytest.approx(gain)

@@ -272,6 +272,10 @@ def test_an_agent_is_compared_with_the_scores_that_it_saw(tmp_path):
             > (mine.success != alone.success).mean()
         )
         assert f"<td>{beside.scorer}</td><td>{100 * beside.differs:.1f} %</td>" in html
+        assert entry.sources.keys() == {"combines (u)", "component (v)"}
+        for source, found in entry.sources.items():
+            note = f"{entry.name}, 2 distractors: {source} {found.sentence}."
+            assert (note in html) == found.adds_nothing
     out_of_sample = (
         r"On train tasks <b>folds</b> is scored\s+.*out of sample.*, by models trained.*\(3 folds\)"
     )

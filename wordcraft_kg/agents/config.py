@@ -39,6 +39,7 @@ PAPER: Mapping[str, Any] = {
     "learning_rate": 0.001,
     "sees_attempts": False,
     "scale": "ranks",
+    "mixing": "free",
 }
 """Settings that the two presets do not share, and the paper's preset's values.
 
@@ -302,11 +303,21 @@ class AgentConfig(RunConfig):
         is_recommended = trainer.preset == "recommended"
         # In a single attempt, the number of attempts left is constant.
         sees = is_recommended and self.policy.policy == "attention" and self.tasks.episode > 2
-        policy = self.policy.closed(sees_attempts=sees, has_scorer=self.scorer is not None)
+        has_scorer = self.scorer is not None
+        # Measured with u and v in a single attempt; w has a penalty instead, and with p an agent
+        # starts as its planner, without attention.
+        is_single = self.tasks.episode == 2
+        is_pairwise = not {"w", "p"} & set(self.policy.sources)
+        is_residual = is_recommended and has_scorer and is_single and is_pairwise
+        policy = self.policy.closed(
+            sees_attempts=sees,
+            has_scorer=has_scorer,
+            mixing="residual" if is_residual else "free",
+        )
         # A run's file has all values, so that another version with other presets repeats the run.
         object.__setattr__(self, "trainer", trainer)
         object.__setattr__(self, "policy", policy)
-        if self.scorer is not None:
+        if has_scorer:
             return
         default = PolicyConfig().closed(has_scorer=False)
         for name in KNOWLEDGE_SETTINGS:
@@ -345,7 +356,7 @@ class AgentConfig(RunConfig):
         # Values that follow from others, as they would be if none of them were given.
         preset = ImpalaConfig(preset=self.trainer.preset)
         is_mlp = self.policy.policy == "mlp"
-        policy = PolicyConfig(policy="mlp") if is_mlp else PolicyConfig()
+        policy = PolicyConfig("mlp") if is_mlp else PolicyConfig(use=self.policy.use)
         followed = AgentConfig("", self.scorer, self.tasks, policy, preset).values()
         default |= {name: followed[name] for name in PAPER}
         return {name: value for name, value in self.values().items() if default.get(name) != value}

@@ -1,6 +1,7 @@
 """Evaluation of policies and players on all tasks in a part of the split, on fixed tables."""
 
 import logging
+from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any
@@ -38,8 +39,10 @@ class PolicyPlayer:
     Ties go to the first slot.
     """
 
-    def __init__(self, policy: Policy):
+    def __init__(self, policy: Policy, silent: Collection[str] = ()):
+        """Take a policy, and names of its sources whose scores are 0 in this player."""
         self.policy = policy
+        self.silent = silent
 
     @torch.no_grad()
     def __call__(self, state: State, rng: np.random.Generator) -> Any:
@@ -52,7 +55,11 @@ class PolicyPlayer:
         batches = [
             states.rows(start, start + ROWS, device) for start in range(0, state.num_envs, ROWS)
         ]
-        slots = torch.cat([self.policy(batch, weights).logits.argmax(1) for batch in batches])
+        logits = []
+        for batch in batches:
+            scores = self.policy.external_scores(batch, self.silent)
+            logits.append(self.policy(batch, weights, scores).logits)
+        slots = torch.cat(logits).argmax(1)
         return slots if state.engine.arrays.on_device else slots.cpu().numpy()
 
 

@@ -94,7 +94,7 @@ def evaluate_agent(
         view = view_evaluation(
             Path(run), opened, trained.agent, part, amounts, distractor_seeds, distractor_policy
         )
-        output.result(view, lines_of(view))
+        output.result(view, [*lines_of(view), *view.notes()])
     else:
         refuse_given(trained, f"a trained agent, and '{run}' is not a run folder")
         amounts = whole_numbers("distractors", distractors or ["1,2,8"])

@@ -19,6 +19,7 @@ from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation import agent_metrics, training_curves
 from wordcraft_kg.evaluation.reference import ReferenceRow, pack_of, play_of
+from wordcraft_kg.evaluation.source_gains import SourceGain, source_gains
 from wordcraft_kg.graphs.folder import TrainedOn
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import shown_setting
@@ -87,6 +88,8 @@ class AgentEntry(Record):
             unfinished.
         success: success rate by distractor count.
         outcomes: share of episodes by termination reason, by distractor count.
+        sources: what each source adds, with the report's `headline` count; empty without a scorer,
+            or if the agent cannot play with it.
         slices: success on groups of tasks with the report's `headline` count; empty if the agent
             cannot play with it.
         curves: success during training, by task part (train or test).
@@ -108,6 +111,7 @@ class AgentEntry(Record):
     steps_per_second: tuple[float | None, ...]
     success: dict[str, agent_metrics.AgentSuccess]
     outcomes: dict[str, dict[TerminationReason, Share]]
+    sources: dict[str, SourceGain]
     slices: dict[agent_metrics.Slice, tuple[agent_metrics.SliceSuccess, ...]]
     curves: dict[str, tuple[training_curves.CurvePoint, ...]]
     lambdas: tuple[training_curves.LambdaCurve, ...]
@@ -267,6 +271,13 @@ def view_agents(
             evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]
         ]
     alone = _scorers_alone(groups, evaluators)
+    gains = {
+        name: source_gains(
+            [agent.policy for agent in groups[name]], evaluators[headline], played_by[headline]
+        )
+        for name, played_by in results.items()
+        if headline in played_by
+    }
     made = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
     graph = first.opened.graph
@@ -302,6 +313,7 @@ def view_agents(
                 # The first agent has no difference to itself.
                 {} if results[name] is reference else reference,
                 alone,
+                gains.get(name, {}),
                 made,
             )
             for name, members in groups.items()
@@ -452,6 +464,7 @@ def _entry(
     results: _Results,
     reference: _Results,
     scorers: _ScorersAlone,
+    gains: dict[str, SourceGain],
     made_by_other_books: frozenset[str] | None,
 ) -> AgentEntry:
     headline = results.get(world.config.num_distractors, [])
@@ -490,6 +503,7 @@ def _entry(
             for amount, runs in results.items()
         },
         outcomes={str(amount): agent_metrics.outcomes_of(runs) for amount, runs in results.items()},
+        sources=gains,
         slices=agent_metrics.slices_of(members[0], world.tasks, headline, made_by_other_books),
         curves=training_curves.success_curves(members),
         lambdas=tuple(training_curves.lambda_curves(members)),

@@ -22,6 +22,7 @@ from wordcraft_kg.agents.players import (
     scorer_players,
 )
 from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import (
@@ -31,6 +32,7 @@ from wordcraft_kg.evaluation.agent_metrics import (
     slice_successes,
 )
 from wordcraft_kg.evaluation.goal_groups import goal_groups
+from wordcraft_kg.evaluation.source_gains import SourceGain, source_gains
 from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.tasks import TaskPart
 from wordcraft_kg.models.policies.sources import with_letters
@@ -54,6 +56,8 @@ class AgentEvaluation(Record):
         outcomes: share of episodes by termination reason, by distractor count.
         against_scorer: comparison of the trained agent with its scorer alone, by distractor count;
             None for other players and without a scorer.
+        sources: what each source adds to the trained agent, by distractor count; None for other
+            players and without a scorer.
         by_goal: success on goals that another book in the scorer's training makes, and on all other
             goals, by distractor count; None if the scorer learned from no other book.
     """
@@ -68,7 +72,18 @@ class AgentEvaluation(Record):
     success: dict[str, Success]
     outcomes: dict[str, dict[TerminationReason, Share]]
     against_scorer: dict[str, AgainstScorer] | None
+    sources: dict[str, dict[str, SourceGain]] | None
     by_goal: dict[str, tuple[SliceSuccess, ...]] | None = None
+
+    def notes(self) -> list[str]:
+        """Return a sentence for each source that adds nothing."""
+        notes = []
+        for amount, gains in (self.sources or {}).items():
+            tables = counted(int(amount), "distractor")
+            for source, found in gains.items():
+                if found.adds_nothing:
+                    notes.append(f"{tables}: {source} {found.sentence}")
+        return notes
 
 
 class Explanation(Record):
@@ -125,11 +140,16 @@ def view_evaluation(
         evaluators[str(amount)] = Evaluator(variant, distractor_seeds=distractor_seeds)
     results = {amount: evaluator(player) for amount, evaluator in evaluators.items()}
     against_scorer = None
+    sources = None
     if agent == "trained" and trained.policy.sources:
         # The last one is p alone if the agent has it, else w alone, else all sources.
         name, alone = list(scorer_alone(trained.policy.sources).items())[-1]
         against_scorer = {
             amount: compare_with_scorer([results[amount]], name, evaluator(alone))
+            for amount, evaluator in evaluators.items()
+        }
+        sources = {
+            amount: source_gains([trained.policy], evaluator, [results[amount]])
             for amount, evaluator in evaluators.items()
         }
     by_goal = None
@@ -156,6 +176,7 @@ def view_evaluation(
         success={amount: result.metrics() for amount, result in results.items()},
         outcomes={amount: result.shares() for amount, result in results.items()},
         against_scorer=against_scorer,
+        sources=sources,
         by_goal=by_goal,
     )
 

@@ -59,7 +59,7 @@ _CURVE_POINTS = 20
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 _IN_STUDIES: dict[type, dict[str, Any]] = {
     RecipeScorerConfig: {"features": "glove"},
-    PolicyConfig: {"scale": PAPER["scale"], "sees_attempts": PAPER["sees_attempts"]},
+    PolicyConfig: {name: PAPER[name] for name in ("scale", "sees_attempts", "mixing")},
     ImpalaConfig: {"preset": "paper", "scorer_cost": 0.0},
 }
 """Values that addresses leave out where the command's default is another value.

@@ -67,6 +67,8 @@ KINDS = {
     "all sources, softmax": lambda: attention(
         "one-hot", knows=True, mixing="softmax", value_readout="logits"
     ),
+    "all sources, residual": lambda: attention(knows=True, mixing="residual"),
+    "v only, residual": lambda: attention(knows=True, use="v", kg_only=True, mixing="residual"),
     "alpha and u": lambda: attention(knows=True, use="u", mixing="softmax"),
     "scores only": lambda: attention("learned", knows=True, kg_only=True),
     "v only": lambda: attention(knows=True, use="v", kg_only=True, mixing="softmax"),
@@ -154,7 +156,9 @@ class Slow:
         return alpha + [{"u": u, "v": v}[source] for source in self.config.sources]
 
     def lambdas(self, alpha, row):
-        """``λ = MLP(wᵀ x)``, perhaps brought to positive numbers of sum 1."""
+        """``λ = MLP(wᵀ x)``, perhaps brought to positive numbers of sum 1; or λα = 1 and numbers."""
+        if self.config.mixing == "residual":
+            return [1.0] * (not self.config.kg_only) + [1 + 30 * x for x in self.p["lambdas.step"]]
         found = self.head("mixture", alpha, row)
         return softmax(found) if self.config.mixing == "softmax" else found
 
@@ -259,8 +263,41 @@ def test_beta_mixes_alpha_u_and_v_by_lambda(kind):
     shapes = {
         name: tuple(p.shape) for name, p in policy.named_parameters() if name.startswith("mixture")
     }
-    assert shapes["mixture.0.weight"] == (SIZES["value_size"], policy.vectors.dim)
-    assert shapes["mixture.2.weight"] == (len(policy.labels), SIZES["value_size"])
+    if policy.config.mixing == "residual":
+        assert not shapes
+    else:
+        assert shapes["mixture.0.weight"] == (SIZES["value_size"], policy.vectors.dim)
+        assert shapes["mixture.2.weight"] == (len(policy.labels), SIZES["value_size"])
+
+
+@pytest.mark.parametrize("sees_attempts", [False, True])
+def test_residual_mixing_with_weights_of_0_is_the_policy_without_sources(sees_attempts):
+    knowing = attention(knows=True, mixing="residual", sees_attempts=sees_attempts)
+    ignorant = attention(sees_attempts=sees_attempts)
+    weights = knowing.state_dict()
+    ignorant.load_state_dict({name: weights[name] for name in ignorant.state_dict()})
+    with torch.no_grad():
+        knowing.lambdas.step.fill_(-1 / 30)
+        assert knowing.lambdas().abs().max() < 1e-6
+        knowing.lambdas.first.zero_()
+        knowing.lambdas.step.zero_()
+        if sees_attempts:
+            knowing.phases.lambdas.zero_()
+    state = States(*states(), attempts=Attempts(torch.ones(9, dtype=torch.int64)))
+    found, expected = knowing(state), ignorant(state)
+    assert found.sources[:, 1:].any()
+    assert torch.equal(found.logits, expected.logits)
+    assert torch.equal(found.value, expected.value)
+
+
+@pytest.mark.parametrize("kg_only", [False, True])
+def test_residual_mixing_begins_with_a_weight_of_1_for_each_source(kg_only):
+    config = PolicyConfig(**SIZES, mixing="residual", kg_only=kg_only)
+    policy = AttentionPolicy(config, FEATURES["dense"](), make_sources(["u", "v"], SCORER))
+    lambdas = policy(States(*states())).lambdas
+    assert lambdas.shape == (9, len(policy.labels))
+    assert (lambdas == 1).all()
+    assert policy.lambdas.step.shape == (2,)
 
 
 @pytest.mark.parametrize("features", FEATURES)

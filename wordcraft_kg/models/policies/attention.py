@@ -35,6 +35,12 @@ AHEAD = 10.0
 
 With 1 or 5, agents explore so much at first that they forget their planner.
 """
+SPEED = 30.0
+"""How many times as fast the mixing weights of :class:`SourceWeights` learn as other parameters.
+
+With 1 the weights of good sources end at 3, where others reach 40, and with 100 those of useless
+sources do not come to rest: see docs/agents.md, "A source that knows nothing".
+"""
 MOST_ATTEMPTS = 5
 """Attempts that a policy tells apart, the deepest tasks' number; more count as this many."""
 NUM_PHASES = 2 * MOST_ATTEMPTS
@@ -48,8 +54,10 @@ class AttentionPolicy(Policy):
     ``V = MLP(wᵀ x)`` with ``w = softmax(α)`` over the slots (or the raw α), and with sources
     ``β = λα·α + Σ_s λ_s·source_s``, ``λ = MLP(wᵀ x)`` with separate weights. Logits are β, or α
     without sources. An MLP is a linear map W with bias, a rectifier and a linear map; W is applied
-    after the sum over slots. With ``config.sees_attempts``, learned terms for the phase of the
-    episode (:class:`Phases`) are added to ``Kᵀ Q([x_g; x_s]) / √d``, to V and to λ.
+    after the sum over slots. With the mixing "residual", λα is 1 and the others are learned
+    numbers: where these are 0, the policy is that without sources. With ``config.sees_attempts``,
+    learned terms for the phase of the episode (:class:`Phases`) are added to
+    ``Kᵀ Q([x_g; x_s]) / √d``, to V and to λ.
 
     Permuting the slots permutes the logits and leaves the value as it is, so the policy takes any
     table size.
@@ -79,32 +87,48 @@ class AttentionPolicy(Policy):
             raise ConfigError("`kg_only` mixes only scorer scores; give a `scorer` too.")
         self.attention = TableAttention(vectors.dim, config.key_size)
         self.value = _head(vectors.dim, config.value_size, 1)
-        if self.sources:
+        if self.sources and config.lambda_form == "residual":
+            self.lambdas = SourceWeights(self._first_lambdas()[-len(self.sources) :])
+        elif self.sources:
             self.mixture = _head(vectors.dim, config.value_size, len(self.labels))
-            if config.mixing == "free":
+            if config.lambda_form == "free":
                 self._set_first_lambdas()
         if config.sees_attempts:
             # Zeros, so that a policy starts like one that does not see attempts.
             self.phases = Phases(vectors.dim, len(self.labels))
 
-    @torch.no_grad()
-    def _set_first_lambdas(self) -> None:
-        """Set the mixing weights λ with which training begins."""
-        last = self.mixture[2]
-        assert isinstance(last, nn.Linear)
-        ahead = [source.label for source in self.sources.values() if source.reads_attempts]
-        if not ahead:
-            # All sources start with about the same weight; the drawn weights add small differences.
-            nn.init.ones_(last.bias)
-            return
+    @property
+    def _looks_ahead(self) -> bool:
+        return any(source.reads_attempts for source in self.sources.values())
+
+    def _first_lambdas(self) -> Tensor:
+        """Return the mixing weights λ with which training begins, shape (S,)."""
+        if not self._looks_ahead:
+            return torch.ones(len(self.labels))
         # Start as the planner alone: the other sources value one pair only, and would lead away
         # from plans of several attempts.
-        nn.init.zeros_(last.weight)
-        for place, label in enumerate(self.labels):
-            last.bias[place] = AHEAD if label in ahead else 0.0
+        ahead = [source.label for source in self.sources.values() if source.reads_attempts]
+        return torch.tensor([AHEAD if label in ahead else 0.0 for label in self.labels])
+
+    @torch.no_grad()
+    def _set_first_lambdas(self) -> None:
+        """Let the network for λ begin at or near the first mixing weights."""
+        last = self.mixture[2]
+        assert isinstance(last, nn.Linear)
+        last.bias.copy_(self._first_lambdas())
+        if self._looks_ahead:
+            # Exactly the planner; otherwise the drawn weights add small differences.
+            nn.init.zeros_(last.weight)
 
     def weights(self) -> Weights:  # noqa: D102 - inherited
-        mixture = _head_weights("mixture", self.mixture) if self.sources else {}
+        mixture: Weights = {}
+        if self.sources and self.config.lambda_form == "residual":
+            # Attention comes first among the labels, if it is in use.
+            lambdas = self.lambdas()
+            of_attention = lambdas.new_ones(len(self.labels) - len(lambdas))
+            mixture = {"lambdas": torch.cat([of_attention, lambdas])}
+        elif self.sources:
+            mixture = _head_weights("mixture", self.mixture)
         phases = self.phases.weights() if self.config.sees_attempts else {}
         return {
             **self.vectors.weights(),
@@ -144,12 +168,39 @@ class AttentionPolicy(Policy):
         sources = external_scores
         if not self.config.kg_only:
             sources = torch.cat([alpha[:, None], external_scores], dim=1)
-        lambdas = _mlp(encoding, weights, "mixture")
+        if self.config.lambda_form == "residual":
+            lambdas = weights["lambdas"].expand(len(encoding), -1)
+        else:
+            lambdas = _mlp(encoding, weights, "mixture")
         if phases is not None:
             lambdas = lambdas + weights["phases.lambdas"].index_select(0, phases)
-        if self.config.mixing == "softmax":
+        if self.config.lambda_form == "softmax":
             lambdas = torch.softmax(lambdas, dim=1)
         return PolicyOutput(mix_logits(sources, lambdas, mask), value, sources, lambdas)
+
+
+class SourceWeights(nn.Module):
+    """A mixing weight λ for each source, the same in all states: ``λ = first + c · step``.
+
+    An optimiser such as RMSProp moves each parameter by at most about its learning rate in an
+    update, and the λ of good sources are large: with :data:`SPEED` (c) they are reached in time.
+
+    Attributes:
+        step: shape (S,): the learned parameter, 0 at first.
+    """
+
+    first: Tensor
+
+    def __init__(self, first: Tensor):
+        """Begin with the weights ``first``, shape (S,)."""
+        super().__init__()
+        # Follows from the settings, so that it is made again and not saved.
+        self.register_buffer("first", first, persistent=False)
+        self.step = nn.Parameter(torch.zeros_like(first))
+
+    def forward(self) -> Tensor:
+        """Return λ, shape (S,)."""
+        return self.first + SPEED * self.step
 
 
 class Phases(nn.Module):

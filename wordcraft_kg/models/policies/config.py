@@ -26,7 +26,7 @@ from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.features import Pooling
 
 PolicyKind = Literal["attention", "mlp"]
-Mixing = Literal["softmax", "free"]
+Mixing = Literal["softmax", "free", "residual"]
 _ValueReadout = Literal["softmax", "logits"]
 
 
@@ -53,8 +53,11 @@ class PolicyConfig:
         plan_width: most intermediates in the search of the source plan (p); 0 for the default, see
             docs/planning.md.
         kg_only: mix only the sources' scores, without attention logits.
-        mixing: range of λ: free, or softmax (positive, sum 1) as in the paper's released code. This
-            and the next three defaults were chosen on validation tasks, see docs/agents.md.
+        mixing: range of λ: residual (scores times a learned number each are added to attention
+            logits), free (λ depend on the table, as in the paper), or softmax (positive, sum 1) as
+            in the paper's released code. Default: residual with one attempt and without recipe and
+            plan, else free, as in the paper's preset. This and the next three defaults were chosen
+            on validation tasks, see docs/agents.md.
         scale: common scale for scores before mixing: standardise, ranks, log-softmax or none.
             Default: none where the policy sees attempts, else ranks.
         self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges
@@ -83,7 +86,7 @@ class PolicyConfig:
     use: str = "combines,component"
     plan_width: int = 0
     kg_only: bool = False
-    mixing: Mixing = "free"
+    mixing: Mixing | None = None
     scale: Scale | None = None
     self_edges: SelfEdges = "observed"
     in_sample: bool = False
@@ -94,7 +97,6 @@ class PolicyConfig:
         for name in (
             "policy",
             "pooling",
-            "mixing",
             "self_edges",
             "value_readout",
         ):
@@ -103,6 +105,8 @@ class PolicyConfig:
                 getattr(self, name),
                 get_args(PolicyConfig.__annotations__[name]),
             )
+        if self.mixing is not None:
+            one_of("mixing", self.mixing, get_args(Mixing))
         if self.scale is not None:
             one_of("scale", self.scale, get_args(Scale))
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
@@ -121,24 +125,32 @@ class PolicyConfig:
             object.__setattr__(self, "use", short)
         _ = self.sources  # raises ConfigError for an unknown name
 
-    def closed(self, *, sees_attempts: bool = False, has_scorer: bool = True) -> "PolicyConfig":
+    def closed(
+        self, *, sees_attempts: bool = False, has_scorer: bool = True, mixing: Mixing = "free"
+    ) -> "PolicyConfig":
         """Return the settings with a value for each that was left open.
 
         Args:
             sees_attempts: value of ``sees_attempts`` if it was left open.
             has_scorer: whether there are scores; without, the scale changes nothing.
+            mixing: value of ``mixing`` if it was left open.
         """
         sees = sees_attempts if self.sees_attempts is None else self.sees_attempts
         scale = self.scale
         if scale is None:
             scale = "none" if sees and has_scorer else "ranks"
-        return replace(self, sees_attempts=sees, scale=scale)
+        return replace(self, sees_attempts=sees, scale=scale, mixing=self.mixing or mixing)
 
     @property
     def score_scale(self) -> Scale:
         """The scale of scores, which is known once the settings are :meth:`closed`."""
         assert self.scale is not None
         return self.scale
+
+    @property
+    def lambda_form(self) -> Mixing:
+        """The range of λ; free while it is left open."""
+        return self.mixing or "free"
 
     @property
     def _named(self) -> list[str]:

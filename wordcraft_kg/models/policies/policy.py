@@ -1,6 +1,6 @@
 """Policies as torch modules: from states of B episodes to slot logits and state values."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple, cast
 
 import torch
@@ -232,11 +232,25 @@ class Policy(nn.Module):
         raise NotImplementedError
 
     @torch.no_grad()
-    def external_scores(self, states: States) -> Tensor | None:
-        """Return the sources' scores, (B, S, A), for reuse in :meth:`forward`; None without."""
+    def external_scores(self, states: States, silent: Collection[str] = ()) -> Tensor | None:
+        """Return the sources' scores for reuse in :meth:`forward`.
+
+        Args:
+            states: states of B episodes, as for :meth:`forward`.
+            silent: names of sources whose scores are 0 instead.
+
+        Returns:
+            shape (B, S, A); None without sources.
+        """
         if not self.sources:
             return None
-        return torch.stack([source(states) for source in self.sources.values()], dim=1)
+        scores = [
+            torch.zeros(states.table.shape, device=states.table.device)
+            if name in silent
+            else source(states)
+            for name, source in self.sources.items()
+        ]
+        return torch.stack(scores, dim=1)
 
     @torch.no_grad()
     def act(

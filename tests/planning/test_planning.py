@@ -37,7 +37,7 @@ from wordcraft_kg.planning.search import FURTHER, INTERMEDIATE, NO_PLAN, PlanSea
 from wordcraft_kg.planning.source import BestPlan
 
 SIZE = 7
-CURVE = RecipeCurve(intercepts=(-2.0, -1.0, -3.0, -1.5), slope=0.8, shift=0.25)
+CURVE = RecipeCurve(intercepts=(-2.0, -1.0), slope=0.8, shift=0.25)
 
 
 def random_search(seed, width=SIZE, recipes=6):
@@ -74,7 +74,7 @@ def slow_log_probability(search, a, b, result, prior=0.0):
     score = float(
         knowledge(torch.tensor([result]), torch.tensor([[a, b]]), torch.tensor([0]))[0, 0, 1]
     )
-    kind = 2 * bool(results) + any(made == result for *_, made in recipes)
+    kind = int(any(made == result for *_, made in recipes))
     return -math.log1p(
         math.exp(-(CURVE.intercepts[kind] + CURVE.shift + prior + CURVE.slope * score))
     )
@@ -192,9 +192,9 @@ def test_a_search_that_does_not_fit_into_memory_says_what_it_would_take():
 
 def test_the_curve_fits_known_probabilities():
     rng = np.random.default_rng(0)
-    counts = np.zeros((4, 2, 1001))
+    counts = np.zeros((2, 2, 1001))
     bins = np.clip(np.rint((rng.normal(2, 3, 400_000) + 20) / 0.05), 0, 1000).astype(int)
-    scores, kinds = -20 + 0.05 * bins, rng.integers(4, size=len(bins))
+    scores, kinds = -20 + 0.05 * bins, rng.integers(2, size=len(bins))
     truth = 1 / (1 + np.exp(-(np.array(CURVE.intercepts)[kinds] + CURVE.slope * scores)))
     np.add.at(counts, (kinds, (rng.random(len(bins)) < truth).astype(int), bins), 1)
     folds = make_folds(open_graph("kitchen").split, 5)

@@ -109,8 +109,8 @@ class BestPlan(BestRecipe):
         """The search for plans, on the device of the knowledge."""
         # Its candidates hold tensors that are no buffers: a move to another device makes a new one.
         if self._search is None or self._search.device != self.knowledge.bias.device:
-            a, b, c, d, slope, shift, width = self.curve.tolist()
-            curve = RecipeCurve(intercepts=(a, b, c, d), slope=slope, shift=shift)
+            new, made, slope, shift, width = self.curve.tolist()
+            curve = RecipeCurve(intercepts=(new, made), slope=slope, shift=shift)
             self._search = PlanSearch(self.knowledge, curve, width=int(width))
         return self._search
 

@@ -26,6 +26,8 @@ from wordcraft_kg.models.scorers import config
 from wordcraft_kg.models.scorers.cross_fitting import CrossFitted
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
+from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.protocol import FactoredScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
@@ -328,6 +330,23 @@ def test_candidates_of_a_plan_begin_with_the_results_of_known_recipes(small):
         known = {c for a, b, c in recipes if (a, b) in at_hand} - {0, 1, 2, 11}
         assert known
         assert {*entities[: len(known)]} == known
+
+
+def test_a_plan_may_make_an_entity_that_no_known_recipe_makes():
+    """In a by-goal split, what the goal needs may have lost all of its recipes."""
+    # 0 + 1 -> 2 is known; nothing known makes 7, which is like 2 by words, and makes 5 with 4.
+    recipes = np.array([[0, 1, 2], [4, 7, 5], [0, 4, 6]])
+    vectors = np.eye(8, 4, dtype=np.float32)
+    vectors[7] = vectors[2]
+    near = nearest_words(vectors)
+    knowledge = RecipeKnowledge.of_recipes(recipes, vectors.astype(np.float16), near)
+    table = torch.tensor([[0, 1, 4]])
+    (found,) = knowledge.intermediates(
+        torch.tensor([5]), table, torch.tensor([0]), attempts=2, width=3, near=2
+    ).tolist()
+    # Known results first: 2 and 6; then 7, before 3, for which nothing speaks.
+    assert {*found[:2]} == {2, 6}
+    assert found[2] == 7
 
 
 def test_new_entities_are_scored_by_words_and_old_scores_stay(kitchen, tmp_path):

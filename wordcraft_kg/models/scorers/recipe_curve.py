@@ -1,10 +1,11 @@
 """Probabilities of recipes, from recipe scores: how likely does a pair make a result?
 
 A recipe that the model was trained on has probability 1. Any other recipe has the logistic function
-of its score, with a slope for all recipes and an intercept for each kind: does the pair make
-anything known, and is the result made by any known recipe? The curve is fitted on folds of the
-train recipes, by models trained without each fold. So a book's habits count: in a by-goal split, a
-goal that train recipes make has no unseen recipe.
+of its score, with a slope for all recipes and an intercept for each kind: is the result made by any
+known recipe? The curve is fitted on folds of the train recipes, by models trained without each
+fold. So a book's habits count: in a by-goal split, a goal that train recipes make has no unseen
+recipe. Whether the pair makes anything known is left to the score: among random pairs such pairs
+are those of frequent entities, which says nothing on a table, where frequent entities abound.
 
 Source: Platt 1999 (the sigmoid); King and Zeng 2001 (weights for sampled negatives); Saerens,
 Latinne and Decaestecker 2002 (change of base rate).
@@ -27,9 +28,8 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.pair_features import pairs_of
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
-KINDS = 4
-"""Kinds of recipes, by number: twice whether the pair makes anything known, plus whether a known
-recipe makes the result."""
+KINDS = 2
+"""Kinds of recipes, by number: whether a known recipe makes the result."""
 _CENTRES = np.arange(-20, 30.01, 0.05)
 """Centres of the histogram's bins, in nats; scores beyond the ends count in the last bins."""
 _FEWEST_TABLES = 4
@@ -54,7 +54,7 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
             recipes unseen.
     """
 
-    intercepts: tuple[float, float, float, float]
+    intercepts: tuple[float, float]
     slope: float
     shift: float
 
@@ -96,9 +96,7 @@ class RecipeCurve(Record, frozen=True, kw_only=True):
 
 def kinds_of(knowledge: RecipeKnowledge, features: Tensor) -> Tensor:
     """Return each recipe's kind, see :data:`KINDS`, from its features (F, ...)."""
-    is_known = knowledge.feature(features, "known") > 0
-    is_made = knowledge.feature(features, "goal_made") > 0
-    return 2 * is_known.long() + is_made.long()
+    return (knowledge.feature(features, "goal_made") > 0).long()
 
 
 def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int = 0) -> _Floats:
@@ -158,6 +156,8 @@ def score_histogram(scorer: RecipeScorer, folds: Folds, fold: int, *, seed: int 
         recipes = np.stack(np.broadcast_arrays(low, high, results), axis=-1)
         codes = _codes(recipes.reshape(-1, 3), size)
         is_other = ~np.isin(codes, train_codes).reshape(bins.shape)
+        # A result on the table is no goal, and no task teaches the ranker that a + b makes no a.
+        is_other &= (one != results) & (other != results)
         of_cells = np.broadcast_to(weights, bins.shape)
         # Unlike `counts[cells] += 1`, `add.at` counts a cell each time it occurs.
         chosen = (kinds[is_other], bins[is_other])
@@ -230,8 +230,8 @@ def fit_recipe_curve(histograms: Sequence[_Floats], folds: Folds) -> RecipeCurve
     num_unseen = max(int((~seen).sum()), 1)
     num_seen = max(int(seen.sum()), 1)
     shift = math.log(num_unseen * folds.count / num_seen)
-    a, b, c, d = map(float, intercepts)
-    return RecipeCurve(intercepts=(a, b, c, d), slope=float(slope), shift=shift)
+    new, made = map(float, intercepts)
+    return RecipeCurve(intercepts=(new, made), slope=float(slope), shift=shift)
 
 
 def _codes(recipes: Ids, size: int) -> Ids:

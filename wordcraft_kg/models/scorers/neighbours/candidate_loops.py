@@ -58,12 +58,36 @@ def _add_needs(lists, goal, factor, weights):  # type: ignore[no-untyped-def]
             break
         for part in range(2):
             needed = lists.second[recipe] if part else lists.first[recipe]
+            # An entity that no known recipe makes is in no list of made neighbours, not even in its
+            # own; others are first in theirs.
+            if lists.num_makers[needed] == 0:
+                weights[needed] += factor * lists.support_alike[goal, row]
             for column in range(lists.made.shape[1]):
                 other = lists.made[needed, column]
                 if other < 0:
                     break
                 weight = lists.support_alike[goal, row] * lists.made_alike[needed, column]
                 weights[other] += factor * weight
+
+
+@compiled
+def _like_made(lists, entity, makes):  # type: ignore[no-untyped-def]
+    """Return how strongly the made neighbours of an entity are made, for one that nothing makes.
+
+    Args:
+        lists: the lists.
+        entity: entity id.
+        makes: how strongly each entity is made, shape (T,); negative for those that do not count.
+    """
+    total = np.float32(0)
+    for column in range(lists.made.shape[1]):
+        other = lists.made[entity, column]
+        if other < 0:
+            break
+        # A known result is certain, but not a reason to expect another one.
+        strength = min(makes[other], np.float32(1))
+        total += lists.made_alike[entity, column] * max(strength, np.float32(0))
+    return total
 
 
 @compiled
@@ -148,6 +172,11 @@ def intermediates(lists, goals, tables, further, near, out):  # type: ignore[no-
                 makes[table[slot]] = -1
         # Neither the goal nor an entity on the table is made before the goal.
         makes[goal] = -1
+        # In a by-goal split, no known recipe makes some of the entities that a plan needs. They are
+        # in no list of made neighbours, so the order does not count.
+        for entity in range(size):
+            if needs[entity] > 0 and makes[entity] == 0 and lists.num_makers[entity] == 0:
+                makes[entity] = _like_made(lists, entity, makes)
         for entity in range(size):
             if makes[entity] >= 0:
                 # The floor keeps entities that one side or none speaks for, far behind the others:

@@ -130,7 +130,9 @@ def test_a_setting_of_another_type_or_out_of_range_is_named(folder, line, proble
 def test_settings_of_a_scorer_need_a_scorer(policy):
     with pytest.raises(ConfigError, match="give a `scorer` too"):
         AgentConfig("kitchen", policy=policy)
-    assert AgentConfig("kitchen", "models/x", policy=policy).policy == policy.closed()
+    # The recommended preset closes what is open: one attempt, and neither recipe nor plan in `use`.
+    closed = policy.closed(mixing="residual")
+    assert AgentConfig("kitchen", "models/x", policy=policy).policy == closed
 
 
 def test_the_full_graph_is_not_validated_on_what_it_holds():

@@ -307,7 +307,7 @@ def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyPro
     from wordcraft_kg.studies.local_workers import LocalWorkers
     from wordcraft_kg.studies.perform import perform
     from wordcraft_kg.studies.ray_workers import RayWorkers
-    from wordcraft_kg.studies.tasks import Workers
+    from wordcraft_kg.studies.tasks import TaskWorkers
 
     work = partial(perform, keep_all=options.keep == "all")
     # Results name the command that made them, so that others can repeat it.
@@ -315,7 +315,7 @@ def _run_plan(plan: "Plan", options: EngineOptions, output: Output) -> "StudyPro
     # A cluster ends jobs by SIGTERM; finished tasks are kept as after Ctrl-C.
     with sigterm_as_interrupt():
         jobs = plan.jobs(options.jobs)
-        workers: Workers
+        workers: TaskWorkers
         if options.engine == "ray":
             most = None if options.jobs is None else jobs
             workers = RayWorkers(plan, options.out, work, options.address, most)

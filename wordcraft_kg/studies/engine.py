@@ -29,7 +29,7 @@ from wordcraft_kg.studies.store import (
     write_plan,
 )
 from wordcraft_kg.studies.study import Study, check_study
-from wordcraft_kg.studies.tasks import Outcome, Task, Workers
+from wordcraft_kg.studies.tasks import Outcome, Task, TaskWorkers
 
 
 @dataclass
@@ -63,7 +63,7 @@ class FullDiskError(WordCraftKGError, OSError):
 def run_plan(
     plan: Plan,
     root: Path,
-    workers: Workers,
+    workers: TaskWorkers,
     *,
     command: str = "",
     watch: Watch | None = None,
@@ -108,7 +108,7 @@ class _Engine:
         self._waiting: dict[str, Task] = {}
         self._is_full = False
 
-    def run(self, workers: Workers) -> StudyProgress:
+    def run(self, workers: TaskWorkers) -> StudyProgress:
         tasks = self.plan.tasks
         self._waiting = self._missing()
         self._present = tasks.keys() - self._waiting.keys()
@@ -158,7 +158,7 @@ class _Engine:
             logging.getLogger(__name__).warning("%s The task is repeated now.", error)
             return False
 
-    def _work(self, workers: Workers) -> None:
+    def _work(self, workers: TaskWorkers) -> None:
         # Closed in any case: running trainings then write a checkpoint.
         with closing(workers.outcomes(self._take)) as outcomes:
             for outcome in outcomes:

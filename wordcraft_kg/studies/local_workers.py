@@ -49,7 +49,7 @@ class LocalWorkers:
         )
 
     def outcomes(self, take: Callable[[], Task | None]) -> Generator[Outcome | None, None, None]:
-        """Perform tasks until there are no more, see :class:`~wordcraft_kg.studies.tasks.Workers`.
+        """Perform tasks until there are no more, see :class:`~.studies.tasks.TaskWorkers`.
 
         A task whose process died :data:`ATTEMPTS` times has failed.
         """

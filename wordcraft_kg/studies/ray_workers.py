@@ -52,7 +52,7 @@ class RayWorkers:
     jobs: int | None = None
 
     def outcomes(self, take: Callable[[], Task | None]) -> Generator[Outcome | None, None, None]:
-        """Perform tasks until there are no more, see :class:`~wordcraft_kg.studies.tasks.Workers`.
+        """Perform tasks until there are no more, see :class:`~.studies.tasks.TaskWorkers`.
 
         Raises:
             MissingExtraError: without Ray.

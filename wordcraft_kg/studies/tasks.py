@@ -67,7 +67,7 @@ class Outcome:
     disk_full: bool = False
 
 
-class Workers(Protocol):
+class TaskWorkers(Protocol):
     """Whatever performs the tasks of a study, in processes of this machine or on others.
 
     This is all that a study knows about machines.

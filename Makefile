@@ -62,8 +62,8 @@ test-core: install
 test-apps: install
 	$(BIN)/python -m pytest $(FAST) tests/apps
 
-# Property tests again, with more examples. 5: none of these rooms has a slow test. Slow tests run the notebooks and a Ray cluster, which
-# need the extras docs and ray.
+# Property tests again, with more examples. 5: none of these rooms has a slow test. A slow test runs the
+# notebooks, which needs the extra docs; those of Ray are skipped until `pip install -e ".[ray]"`.
 slow: .venv/installed-docs
 	$(BIN)/python -m pytest -m "(slow or hypothesis) and not browser" --hypothesis-profile thorough \
 		--numprocesses auto --dist loadfile $(ROOMS) || [ $$? = 5 ]
@@ -102,7 +102,7 @@ results: install
 		--store docs/results/cells --out results --keep metrics || [ $$? = 124 ]
 
 .venv/installed-docs: .venv/installed
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs,ray]"
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[docs]"
 	touch $@
 
 # Of some notebooks with NOTEBOOKS='graphs planning'; 5 minutes of CPU time in all.

@@ -140,9 +140,10 @@ def known_books() -> list[KnownBook]:
     published = {book.file_name: name for name, book in FETCHABLE.items()}
     folders = {"built in": _BUILT_IN, "cache": cache_folder(), "data folder": data_folder()}
     for origin, folder in folders.items():
+        if folder is None:
+            continue
         for path in _books_in(folder):
-            relative = path.relative_to(folder).as_posix() if folder else path.name
-            name = published.get(relative, path.stem)
+            name = published.get(path.relative_to(folder).as_posix(), path.stem)
             books.setdefault(name, KnownBook(name, origin, path))
     for name in FETCHABLE:
         books.setdefault(name, KnownBook(name, "to fetch", None))
@@ -313,8 +314,8 @@ def _downloaded(url: str) -> bytes:
     return bytes(data)
 
 
-def _books_in(folder: Path | None) -> Iterator[Path]:
-    if folder is not None and folder.is_dir():
+def _books_in(folder: Path) -> Iterator[Path]:
+    if folder.is_dir():
         yield from sorted(path for path in folder.iterdir() if path.suffix in ENDINGS)
         in_folders = [folder / book.file_name for book in FETCHABLE.values()]
         yield from (path for path in in_folders if path.parent != folder and path.is_file())

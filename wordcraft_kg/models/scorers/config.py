@@ -21,13 +21,18 @@ def table_bytes(num_entities: int) -> int:
     return len(RELATIONS) * num_entities**2 * 4
 
 
+def has_table(num_entities: int) -> bool:
+    """Return whether a score table for so many entities has room, see :data:`TABLE_LIMIT`."""
+    return table_bytes(num_entities) <= TABLE_LIMIT
+
+
 def check_table(what: str, num_entities: int) -> None:
     """Raise ConfigError, which gives the size, if a score table for so many entities is too large.
 
     ``what`` names the scorer in the error.
     """
-    needed = table_bytes(num_entities)
-    if needed > TABLE_LIMIT:
+    if not has_table(num_entities):
+        needed = table_bytes(num_entities)
         raise ConfigError(
             f"{what} needs a score table for {num_entities:,} entities, {needed / 2**30:,.1f} "
             f"GiB; expected at most {TABLE_LIMIT / 2**30:.2f} GiB. Use a smaller graph."

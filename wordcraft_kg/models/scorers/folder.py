@@ -322,7 +322,7 @@ def write_folds(
     # Filtered by all train triples: test recipes must not leak into a model folder.
     known = folds.triples()
 
-    def queries_of(number: int) -> Ids:
+    def asked(number: int) -> Ids:
         seen = folds.triples([number])
         # Other folds' recipes give some of the fold's triples too; these are not out of sample.
         own = recipe_triples(folds.recipes_of(number))
@@ -330,19 +330,22 @@ def write_folds(
         affordable = max(250, FOLD_SCORES // graph.num_entities)
         return sampled(sampled_for(graph, new), min(FOLD_TRIPLES, affordable))
 
+    queries = [asked(number) for number in range(folds.count)]
+
     def evaluated(number: int) -> tuple[str, Tensors, float | None, Seen]:
         trained_on, own_tensors = part(number)
         left_out = make_scorer(kind, own_tensors, graph.entities, graph.hash)
-        mrr = _mrr(left_out, queries_of(number), known)
+        mrr = _mrr(left_out, queries[number], known)
         return trained_on, own_tensors, mrr, predictions(left_out, folds, number)
 
     def in_sample() -> list[float | None]:
-        return [_mrr(whole, queries_of(number), known) for number in range(folds.count)]
+        return [_mrr(whole, of_fold, known) for of_fold in queries]
 
     records = []
     predicted = []
     shared = SCORERS[kind].shared
-    with ThreadPoolExecutor(workers) as pool:
+    pool = ThreadPoolExecutor(workers)
+    try:
         # In one thread: what the whole model keeps, such as its lists, is made once.
         of_whole = pool.submit(in_sample)
         evaluations = pool.map(evaluated, range(folds.count))
@@ -355,12 +358,15 @@ def write_folds(
             fold = Fold(
                 trained_on=trained_on,
                 triples=len(folds.triples([number])),
-                queries=2 * len(queries_of(number)),
+                queries=2 * len(queries[number]),
                 mrr=mrr,
                 in_sample_mrr=of_whole.result()[number],
             )
             records.append(fold)
             predicted.append(seen)
+    finally:
+        # After Ctrl-C, evaluations that are not begun are never made.
+        pool.shutdown(cancel_futures=True)
     record = FoldsRecord(seed=folds.seed, hash=folds.hash, folds=tuple(records))
     probabilities = Probabilities.fit(whole, folds, predicted)
     write_atomically(folder / CALIBRATION, dump_json(as_values(probabilities)))

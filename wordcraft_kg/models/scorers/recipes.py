@@ -9,7 +9,7 @@ from torch import Tensor
 from wordcraft_kg.base.records import Record, Share
 from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
-from wordcraft_kg.models.scorers.config import TABLE_LIMIT, table_bytes
+from wordcraft_kg.models.scorers.config import has_table
 from wordcraft_kg.models.scorers.factors import grids
 from wordcraft_kg.models.scorers.neighbours.knowledge import (
     BUFFERS,
@@ -161,9 +161,10 @@ class RecipeScorer(StoredScorer):
         return self.knowledge.constants()
 
     def factors(self, relation: int | str) -> tuple[Tensor, Tensor]:
-        """Return matrices whose products stand for scores where a table of them has no room.
+        """Return the kernel regression, one of the link ranker's features, as two matrices.
 
-        They are the kernel regression, one of the link ranker's features.
+        Entities are compared by their rows where a table of all scores has no room; scores of
+        links, also those of agents, are the link ranker's.
 
         Args:
             relation: relation id or label.
@@ -203,8 +204,7 @@ class RecipeScorer(StoredScorer):
     def _has_table(self, relation: int, wanted: int) -> bool:
         """Return whether a look-up in a table of all scores is faster than so many scores."""
         size = len(self.entities)
-        has_room = table_bytes(size) <= TABLE_LIMIT
-        return relation in self._tables or (has_room and _MANY * wanted > size**2)
+        return relation in self._tables or (has_table(size) and _MANY * wanted > size**2)
 
     def table(self, relation: int | str) -> Tensor:  # noqa: D102 - inherited
         number = int(self.relation_ids(relation))
@@ -213,7 +213,7 @@ class RecipeScorer(StoredScorer):
         every = torch.arange(len(self.entities), device=self.device)
         scores = self.knowledge.link_scores(number, every)
         # Computed once: ranking and calibration ask for many parts of it.
-        if table_bytes(len(self.entities)) <= TABLE_LIMIT:
+        if has_table(len(self.entities)):
             self._tables[number] = scores
         return scores
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.scorers.config import TABLE_LIMIT, check_table, table_bytes
+from wordcraft_kg.models.scorers.config import check_table, has_table
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScores
 
@@ -52,13 +52,12 @@ class EntityRoles:
             ConfigError: if the scorer has no factors and the graph is too large for a score table.
         """
         size = len(scorer.entities)
-        has_room = table_bytes(size) <= TABLE_LIMIT
         is_of_recipes = isinstance(scorer, RecipeScores)
         units = []
         lengths = []
         for relation in range(len(RELATIONS)):
             # A recipe scorer's factors stand for its scores only where a table has no room.
-            if isinstance(scorer, FactoredScorer) and not (has_room and is_of_recipes):
+            if isinstance(scorer, FactoredScorer) and not (has_table(size) and is_of_recipes):
                 left, right = scorer.factors(relation)
                 roles = _of_factors(left.cpu().numpy(), right.cpu().numpy())
             else:

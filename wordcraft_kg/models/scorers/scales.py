@@ -79,25 +79,20 @@ KNOTS = 512
 """Even steps in rank between two of which ranks are interpolated."""
 
 
-@dataclass(frozen=True)
-class ScaledFactors:
-    """Scaled scores for a relation as factors: a pair scores ``left[head] · right[tail] - shift``.
-
-    Ranks are a function of this score: linear between ``knots``, see :func:`interpolated`.
+@dataclass(frozen=True, kw_only=True)
+class _WithoutTable:
+    """What turns raw scores into scaled ones where there is no table of them.
 
     Attributes:
-        left: factors of heads, shape (E, m), float32.
-        right: factors of tails, shape (E, m), float32.
-        shift: the same for all pairs, shape ().
+        shift: is subtracted from each raw score, shape ().
         dropped: shape (E,), bool: True if :attr:`itself` replaces the score of the entity with
             itself.
         itself: score for these self pairs, shape ().
-        knots: scores in ascending order, shape (K,); None unless scores become ranks.
+        knots: scores in ascending order, shape (K,), between which ranks are linear, see
+            :func:`interpolated`; None unless scores become ranks.
         heights: standardised percentile ranks of the knots, shape (K,); None likewise.
     """
 
-    left: Tensor
-    right: Tensor
     shift: Tensor
     dropped: Tensor
     itself: Tensor
@@ -107,6 +102,30 @@ class ScaledFactors:
     def tensors(self) -> dict[str, Tensor]:
         """Return the tensors by name, without those that are None."""
         return {name: tensor for name, tensor in vars(self).items() if tensor is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaledFactors(_WithoutTable):
+    """Scaled scores for a relation as factors: a pair scores ``left[head] · right[tail] - shift``.
+
+    Attributes:
+        left: factors of heads, shape (E, m), float32.
+        right: factors of tails, shape (E, m), float32.
+    """
+
+    left: Tensor
+    right: Tensor
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scaling(_WithoutTable):
+    """How scores that are computed when needed become scaled: ``(score - shift) / deviation``.
+
+    Attributes:
+        deviation: deviation of the scores, shape (); 1 if they stay raw or become ranks.
+    """
+
+    deviation: Tensor
 
 
 def scaled_factors(
@@ -135,18 +154,21 @@ def scaled_factors(
         ConfigError: for a scale that needs a table, an unknown treatment of self edges, or if
             ``observed`` is missing.
     """
-    one_of("scale", scale, FACTORED_SCALES)
-    one_of("self_edges", self_edges, get_args(SelfEdges))
+    dropped = _dropped(scorer, relation, scale, self_edges, observed)
     left, right = (part.detach().cpu() for part in scorer.factors(relation))
-    dropped = torch.zeros(len(left), dtype=torch.bool)
-    if self_edges != "keep":
-        rows = _dropped_self_edges(len(left), relation, self_edges, observed)
-        dropped[torch.from_numpy(rows)] = True
     zero = torch.zeros(())
     if scale == "ranks":
         knots, heights = _ranked_products(left.float(), right.float())
         # The mean of standardised ranks is 0.
-        return ScaledFactors(left, right, zero, dropped, zero, knots, heights)
+        return ScaledFactors(
+            left=left,
+            right=right,
+            shift=zero,
+            dropped=dropped,
+            itself=zero,
+            knots=knots,
+            heights=heights,
+        )
     # Differences of large sums follow, which 32 bits would round away.
     x = left.double()
     y = right.double()
@@ -160,38 +182,24 @@ def scaled_factors(
     has_spread = variance > 1e-12 * square / pairs
     deviation = variance.sqrt() if has_spread else torch.ones_like(mean)
     if scale == "none":
-        return ScaledFactors(left, right, shift=zero, dropped=dropped, itself=mean.float())
-    scaled = (x / deviation).float()
-    return ScaledFactors(scaled, right, (mean / deviation).float(), dropped, itself=zero)
+        return ScaledFactors(
+            left=left,
+            right=right,
+            shift=zero,
+            dropped=dropped,
+            itself=mean.float(),
+        )
+    return ScaledFactors(
+        left=(x / deviation).float(),
+        right=right,
+        shift=(mean / deviation).float(),
+        dropped=dropped,
+        itself=zero,
+    )
 
 
 SIDE = 1_024
 """Heads, and tails, of the pairs whose scores stand for all where no factors give a mean."""
-
-
-@dataclass(frozen=True)
-class Scaling:
-    """How raw scores of a relation become scaled: ``(score - shift) / deviation``, or ranks.
-
-    Attributes:
-        shift: mean of the scores, shape (); 0 if scores stay raw or become ranks.
-        deviation: their deviation, shape (); 1 likewise.
-        dropped: as in :class:`ScaledFactors`.
-        itself: as in :class:`ScaledFactors`.
-        knots: as in :class:`ScaledFactors`.
-        heights: as in :class:`ScaledFactors`.
-    """
-
-    shift: Tensor
-    deviation: Tensor
-    dropped: Tensor
-    itself: Tensor
-    knots: Tensor | None = None
-    heights: Tensor | None = None
-
-    def tensors(self) -> dict[str, Tensor]:
-        """Return the tensors by name, without those that are None."""
-        return {name: tensor for name, tensor in vars(self).items() if tensor is not None}
 
 
 def sampled_scaling(
@@ -215,13 +223,8 @@ def sampled_scaling(
         ConfigError: for a scale that needs a table, an unknown treatment of self edges, or if
             ``observed`` is missing.
     """
-    one_of("scale", scale, FACTORED_SCALES)
-    one_of("self_edges", self_edges, get_args(SelfEdges))
+    dropped = _dropped(scorer, relation, scale, self_edges, observed)
     size = len(scorer.entities)
-    dropped = torch.zeros(size, dtype=torch.bool)
-    if self_edges != "keep":
-        rows = _dropped_self_edges(size, relation, self_edges, observed)
-        dropped[torch.from_numpy(rows)] = True
     side = torch.arange(min(SIDE, size)) * size // min(SIDE, size)
     heads, tails = torch.cartesian_prod(side, side).T
     scores = scorer.score(heads, relation, tails).detach().cpu()
@@ -230,16 +233,24 @@ def sampled_scaling(
     one = torch.ones(())
     if scale == "ranks":
         knots, heights = _rank_knots(scores.numpy(), is_different.numpy())
-        return Scaling(zero, one, dropped, zero, knots, heights)
+        return Scaling(
+            shift=zero,
+            deviation=one,
+            dropped=dropped,
+            itself=zero,
+            knots=knots,
+            heights=heights,
+        )
     # In 64 bits, because the mean over a million pairs would lose digits in 32.
     of_different = scores[is_different].double()
     mean = of_different.mean().float() if len(of_different) else zero
     if scale == "none":
-        return Scaling(zero, one, dropped, itself=mean)
+        return Scaling(shift=zero, deviation=one, dropped=dropped, itself=mean)
     deviation = of_different.std(correction=0).float() if len(of_different) else zero
     # Scores that are equal up to rounding must not be amplified.
     has_spread = bool(deviation > 1e-6 * of_different.abs().amax()) if len(of_different) else False
-    return Scaling(mean, deviation if has_spread else one, dropped, itself=zero)
+    scale_of = deviation if has_spread else one
+    return Scaling(shift=mean, deviation=scale_of, dropped=dropped, itself=zero)
 
 
 def interpolated(scores: Tensor, knots: Tensor, heights: Tensor) -> Tensor:
@@ -315,6 +326,24 @@ def _spread_pairs(size: int) -> tuple[Ids, Ids]:
     heads = (numbers * (1 / plastic) % 1 * size).astype(np.int64)
     tails = (numbers * (1 / plastic**2) % 1 * size).astype(np.int64)
     return heads, tails
+
+
+def _dropped(
+    scorer: TripleScorer,
+    relation: int,
+    scale: Scale,
+    self_edges: SelfEdges,
+    observed: Ids | None,
+) -> Tensor:
+    """Check the settings of scores without a table; return which self pairs are dropped, (E,)."""
+    one_of("scale", scale, FACTORED_SCALES)
+    one_of("self_edges", self_edges, get_args(SelfEdges))
+    size = len(scorer.entities)
+    dropped = torch.zeros(size, dtype=torch.bool)
+    if self_edges != "keep":
+        rows = _dropped_self_edges(size, relation, self_edges, observed)
+        dropped[torch.from_numpy(rows)] = True
+    return dropped
 
 
 def _dropped_self_edges(

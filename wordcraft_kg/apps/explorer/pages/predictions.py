@@ -24,7 +24,7 @@ from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.splits import Split
 from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS, Relation, is_in, triple_keys
-from wordcraft_kg.models.scorers.config import MAX_QUERIES, TABLE_LIMIT, table_bytes
+from wordcraft_kg.models.scorers.config import MAX_QUERIES, has_table
 from wordcraft_kg.models.scorers.ranking import (
     MIN_TRIPLES,
     RankingMetrics,
@@ -38,8 +38,8 @@ ROWS_A_PAGE = 50
 SCORES = 2**26
 """Maximum number of scores of a ranking's unseen or other triples, which take seconds: all triples
 of up to 3,355 entities."""
-WITHOUT_TABLE = 2**22
-"""The same where scores have no room as a table, and each takes sixteen times as long."""
+BY_LISTS = 2**22
+"""The same for a recipe scorer without a table: each score is computed from neighbour lists."""
 RankOrder = Literal["worst", "best", "score", "label"]
 """Worst or best rank first, highest score first, or by labels."""
 Knowledge = Literal["unseen", "learned", "all"]
@@ -272,8 +272,8 @@ def rank_graph(predictor: LinkPredictor, max_triples: int | None = None) -> Rank
     if max_triples is None:
         # Not more than the report ranks (a triple has two queries), and less for many entities,
         # which all get scores.
-        has_table = table_bytes(graph.num_entities) <= TABLE_LIMIT
-        affordable = (SCORES if has_table else WITHOUT_TABLE) // max(graph.num_entities, 1)
+        is_by_lists = predictor.scores_recipes and not has_table(graph.num_entities)
+        affordable = (BY_LISTS if is_by_lists else SCORES) // max(graph.num_entities, 1)
         max_triples = min(MAX_QUERIES // 2, max(MIN_TRIPLES, affordable))
     taken = [sampled(triples, max_triples) for triples in (unseen, others)]
     chosen = np.concatenate(taken)

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
+END = "<!-- end of first screen -->"
+"""The mark in README where the landing page ends."""
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
@@ -13,7 +15,7 @@ def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
     to the site.
     """
     if page.file.src_uri == "index.md":
-        screen, _, _ = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Two commands")
+        screen, _, _ = (ROOT / "README.md").read_text(encoding="utf-8").partition(END)
         return screen.replace("](docs/", "](") + markdown
     if page.file.src_uri == "changelog.md":
         return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")

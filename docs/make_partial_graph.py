@@ -1,4 +1,4 @@
-"""Write the tables and the picture of docs/partial-graph.md from files of figures.
+"""Write the tables and the picture of docs/partial-graph.md, and tables of evidence/untrained.md.
 
     python docs/make_partial_graph.py [--check]
 
@@ -35,7 +35,7 @@ SOURCE, PAGE, PICTURE = (
 )
 PLANNING = HERE / "planning.json"
 AGENTS = HERE / "agents.json"
-UNTRAINED, RESULTS = HERE / "untrained-players.json", HERE / "results.md"
+UNTRAINED, RESULTS = HERE / "untrained-players.json", HERE / "evidence" / "untrained.md"
 SHORT = "<!-- short -->\n", "<!-- end of short -->"
 FIGURES = "<!-- figures -->\n", "<!-- end of figures -->"
 STUDIED = "<!-- studies -->\n", "<!-- end of studies -->"
@@ -177,6 +177,27 @@ def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
     yield ""
 
 
+def alone_short(rows: list[Row]) -> Iterator[str]:
+    """Yield the table of the players that learn nothing on Little Alchemy 2 with 8 distractors."""
+    splits = {"by-recipe": "unseen recipes", "by-goal": "unseen goals", "by-slot": "unseen slots"}
+    yield f"| Little Alchemy 2, 8 distractors | {' | '.join(splits.values())} |"
+    yield f"|---|{'---|' * len(splits)}"
+    for player, name in ALONE.items():
+        line = f"| {name} |"
+        for split in splits:
+            key = "little-alchemy-2", split, player, 8
+            (row,) = [
+                row
+                for row in rows
+                if (row["book"], row["split"], row["player"], row["distractors"]) == key
+            ]
+            ends = (
+                None if player == "random" else interval_over_splits(row["success"], row["tasks"])
+            )
+            line += f" {_with_interval({'success': _mean(row['success']), 'interval': ends})} |"
+        yield line
+
+
 def alone_tables(rows: list[Row]) -> Iterator[str]:
     """Yield a table of the players that learn nothing for each book and split."""
     for book, split in dict.fromkeys((row["book"], row["split"]) for row in rows):
@@ -310,7 +331,7 @@ def short(rows: list[Row], untrained: list[Row], over_splits: list[Row]) -> Iter
     yield "|---|---|---|---|---|---|"
     for variant, name in IN_SHORT.items():
         columns = (("by-recipe", "text"), ("by-recipe", "own"), ("by-goal", "text"))
-        texts = [_text(of, variant, (split, 8), part).partition(" ")[0] for split, part in columns]
+        texts = [_text(of, variant, (split, 8), part).removesuffix("†") for split, part in columns]
         if not all(texts):
             sys.exit(
                 f"the studies of Little Alchemy 2 have no figure of '{variant}' for the first table"
@@ -567,7 +588,14 @@ if __name__ == "__main__":
                 (FIGURES, tables(trained)),
             ),
         ),
-        (RESULTS, _filled(RESULTS, (FIGURES, alone_tables(untrained_rows)))),
+        (
+            RESULTS,
+            _filled(
+                RESULTS,
+                (SHORT, alone_short(untrained_rows)),
+                (FIGURES, alone_tables(untrained_rows)),
+            ),
+        ),
         (PICTURE, picture([row for row in of_studies if "steps" in row], by_depth)),
     ):
         if "--check" not in sys.argv:

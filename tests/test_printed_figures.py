@@ -45,7 +45,7 @@ def test_a_printed_figure_is_read_as_a_number():
     assert number("**.836** [.802, .870]") == 0.836
     assert number("1") == 1.0
     assert number("-.017 [x]") == -0.017
-    head, rows = tables("planning.md")[0]
+    head, rows = tables("evidence/planning.md")[0]
     assert head[1:] == ["depth 1", "2", "3", "4"]
     assert rows[0][0] == "chance"
 
@@ -61,7 +61,7 @@ PLAYERS = {
 BOOKS = {"Little Alchemy 2": "little-alchemy-2", "`everyday`": "everyday"}
 
 
-def test_the_guide_on_planning_prints_the_stored_agents_and_planners():
+def test_the_evidence_on_planning_prints_the_stored_agents_and_planners():
     rates = {
         tuple(row[key] for key in ("book", "split", "depth", "distractors", "player")): row[
             "success"
@@ -69,7 +69,7 @@ def test_the_guide_on_planning_prints_the_stored_agents_and_planners():
         for row in stored("planning-agents.json")
         if row["seed"] == 0
     }
-    rows = table("planning.md", "book, depth, split", "distractors")
+    rows = table("evidence/planning-agents.md", "book, depth, split", "distractors")
     assert len(rows) == 24
     where = ""
     for name, distractors, *cells in rows:
@@ -124,8 +124,8 @@ def means_of(book, split):
     }
 
 
-def test_the_guide_on_outside_knowledge_prints_the_stored_means():
-    pages = [(head, rows) for head, rows in tables("outside-knowledge.md") if "few" in head]
+def test_the_evidence_on_outside_knowledge_prints_the_stored_means():
+    pages = [(head, rows) for head, rows in tables("evidence/outside.md") if "few" in head]
     books = ["little-alchemy-2"] * 3 + ["everyday"] * 2 + ["my-book"]
     compared = 0
     for book, (head, rows) in zip(books, pages, strict=True):
@@ -157,13 +157,15 @@ def test_the_gain_by_goal_is_printed_with_its_goals():
         *(before["made 8"], after["made 8"]),
         *(before["other 8"], after["other 8"]),
     ]
-    guide = " ".join((DOCS / "outside-knowledge.md").read_text(encoding="utf-8").split())
+    guide = " ".join((DOCS / "evidence/outside.md").read_text(encoding="utf-8").split())
     gain = re.search(r"unseen goals (from \.363 .*?); with unseen slots", guide)[1]
     gain = re.sub(r", a paired gain of .*? over three splits", "", gain).replace(
         "recipes and GloVe", ""
     )
     numbers = [float(value) for value in re.findall(NUMBER, gain)]
     assert numbers == pytest.approx(expected, abs=CLOSE)
+    share = re.search(r"makes the goal of (\d+) % of the tasks", guide)
+    assert int(share[1]) == round(100 * after["share made"])
 
 
 def test_the_page_gives_the_scorer_on_five_splits_beside_split_0():
@@ -186,7 +188,7 @@ def test_the_page_gives_the_scorer_on_five_splits_beside_split_0():
 
 
 def test_the_guide_says_that_split_0_is_easy_by_goal():
-    """The guide on partial graphs says that split 0 is an easy split by goal."""
+    """The page on partial graphs says that split 0 is an easy split by goal."""
     (rates,) = [
         row["success"]
         for row in stored("untrained-players.json")
@@ -259,10 +261,10 @@ PLAYED = {
 
 
 def test_the_guide_prints_stored_metrics_without_training():
-    """The guide on link prediction prints the stored figures of scorers without training."""
+    """The evidence on links prints the stored figures of scorers without training."""
     rows = stored("link-quality.json")
     compared = 0
-    for head, lines in tables("link-prediction.md"):
+    for head, lines in tables("evidence/links.md"):
         if head[1:] == ["`everyday`", "Little Alchemy 2"]:
             for name, *cells in lines:
                 for book, cell in zip(("everyday", "little-alchemy-2"), cells, strict=True):
@@ -282,11 +284,13 @@ def test_the_guide_prints_stored_metrics_without_training():
 
 
 def test_the_guide_prints_stored_success_of_simple_rules():
-    """The guide on link prediction prints the stored success of simple rules."""
+    """The evidence on whole recipes prints the stored success of simple rules."""
     rows = stored("link-quality.json")
     printed = {
         name: cells
-        for name, *cells in table("link-prediction.md", "Little Alchemy 2, splits 0, 1 and 2")
+        for name, *cells in table(
+            "evidence/recipe-scorer.md", "Little Alchemy 2, splits 0, 1 and 2"
+        )
     }
     for name, row in PLAYED.items():
         each = [one for one in rows if (one["book"], one["row"]) == ("little-alchemy-2", row)]
@@ -294,3 +298,32 @@ def test_the_guide_prints_stored_success_of_simple_rules():
         for cell, amount in zip(printed[name][1:], ("8", "1"), strict=True):
             mean = np.mean([one[amount] for one in each])
             assert number(cell) == pytest.approx(mean, abs=CLOSE), (name, amount)
+
+
+STUDIED = {
+    "no graph": "no graph",
+    "the paper's settings, in-sample": "partial, as published, u v",
+    "**the paper's settings, cross-fitted**": "as published, cross-fitted, u v",
+    "our settings, in-sample": "partial, in-sample, u v",
+    "our settings, cross-fitted": "partial, u v",
+}
+
+
+def test_the_explanation_of_cross_fitting_prints_the_figures_of_the_study():
+    page = (DOCS / "evidence/knowledge.md").read_text(encoding="utf-8")
+    blocks = re.split(r"^<summary>", page, flags=re.MULTILINE)[1:]
+    found = [
+        {
+            cells[0]: cells[3]
+            for cells in (line.strip("|").split(" | ") for line in block.splitlines())
+            if len(cells) == 7
+        }
+        for of_book in blocks
+        for block in of_book.split(" test tasks:")[1:]
+    ]
+    assert len(found) == 4
+    rows = table("explanation/cross-fitting.md", "success with unseen recipes")
+    assert [cells[0] for cells in rows] == [*STUDIED]
+    for name, *cells in rows:
+        expected = [number(point[f" {STUDIED[name]}"]) for point in found]
+        assert list(map(number, cells)) == expected, name

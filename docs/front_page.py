@@ -6,6 +6,14 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
+BUTTONS = """
+[Install](installation.md){ .md-button .md-button--primary }
+[Play](play.md){ .md-button }
+<a class="md-button" href="everyday/index.html">Explore</a>
+
+"""
+"""The way on, before README's finding. The explorer's pages join the finished website."""
+FINDING = "<!-- finding -->"
 END = "<!-- end of first screen -->"
 """The mark in README where the landing page ends."""
 
@@ -16,7 +24,8 @@ def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
     """
     if page.file.src_uri == "index.md":
         screen, _, _ = (ROOT / "README.md").read_text(encoding="utf-8").partition(END)
-        return screen.replace("](docs/", "](") + markdown
+        screen = screen.replace("](docs/", "](").replace(FINDING, BUTTONS + FINDING)
+        return screen + markdown
     if page.file.src_uri == "changelog.md":
         return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
     return markdown

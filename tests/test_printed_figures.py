@@ -46,7 +46,7 @@ def test_a_printed_figure_is_read_as_a_number():
     assert number("1") == 1.0
     assert number("-.017 [x]") == -0.017
     head, rows = tables("evidence/planning.md")[0]
-    assert head[1:] == ["depth 1", "2", "3", "4"]
+    assert head == ["by-recipe", "depth 1", "2", "3", "4"]
     assert rows[0][0] == "chance"
 
 

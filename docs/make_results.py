@@ -393,15 +393,32 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
         yield "No study has been run yet: this page fills itself from the files in `docs/results/`."
         return
     evaluated = [(results, view_claims(results, current(results).claims)) for results in found]
-    for title, of_paper in (("Claims of the paper", True), ("Claims of this project", False)):
-        yield f"## {title}"
-        yield ""
-        yield f"{verdicts(evaluated, of_paper=of_paper).capitalize()}."
-        yield ""
-        yield from summary_table(evaluated, of_paper=of_paper)
-        yield ""
+    yield "## Claims of the paper"
+    yield ""
+    yield f"{verdicts(evaluated, of_paper=True).capitalize()}."
+    yield ""
+    yield from summary_table(evaluated, of_paper=True)
+    yield ""
+    yield "## Claims of this project"
+    yield ""
+    yield f"{verdicts(evaluated, of_paper=False).capitalize()}."
+    yield ""
+    own = [*summary_table(evaluated, of_paper=False), ""]
+    yield from folded("All claims of this project", own)
+    yield ""
     yield "## The studies"
     yield ""
+    number = len({run.run for results in found for run in results.runs})
+    yield (
+        f"In all {number:,} different trainings: one that several studies or points of a grid "
+        "share runs once, and counts in each."
+    )
+    yield ""
+    yield from folded("Steps, seeds and trainings of each study", studies_table(found, views))
+
+
+def studies_table(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
+    """Yield the lines of a table of the studies."""
     has_gaps = any(results.missing for results in found)
     yield f"| study | book | steps | seeds | trainings |{' missing |' * has_gaps}"
     yield f"|---|---|---|---|---|{'---|' * has_gaps}"
@@ -412,11 +429,6 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
             f"{steps_of(view)} | {seeds_of(view)} | {trainings} |"
         )
     yield ""
-    number = len({run.run for results in found for run in results.runs})
-    yield (
-        f"In all {number:,} different trainings: one that several studies or points of a grid "
-        "share runs once, and counts in each."
-    )
 
 
 def page_of(results: StudyResults) -> str:

@@ -66,7 +66,7 @@ def chart(
     low = min(0.0, *(mark.low for mark in marks))
     high = max(mark.high for mark in marks)
     high = 1.0 if 0.5 < high <= 1 and low == 0 else high
-    left, right = 14, WIDTH - 62
+    left, right = 14, WIDTH - 24 - 8 * max(len(mark.text) for mark in marks)
     scale = (right - left) / (high - low)
     y = 26 + LINE * len(wrapped(title))
     parts: list[str] = []
@@ -101,7 +101,7 @@ def chart(
                 )
             parts.append(f'<circle cx="{at:.1f}" cy="{y}" r="3" class="s{number}"/>')
             parts.append(
-                f'<text x="{max(last, at) + 8:.1f}" y="{y + 4}" class="s{number}">{escape(mark.text)}</text>'
+                f'<text x="{max(last, at, zero) + 8:.1f}" y="{y + 4}" class="s{number}">{escape(mark.text)}</text>'
             )
             y += LINE + 2
         y += 8

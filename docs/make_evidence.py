@@ -70,7 +70,12 @@ def figure(text: str) -> str:
     before = ""
     for cells in rows:
         before = cells[0] or before
-        label = [before, *(cell for cell in cells[1 : min(columns)] if re.search("[A-Za-z]", cell))]
+        label = [before]
+        for name, cell in list(zip(head, cells, strict=True))[1 : min(columns)]:
+            if re.search("[A-Za-z]", cell):
+                label.append(cell)
+            elif name == "distractors":
+                label.append(f"{cell} distractor{'s' * (cell != '1')}")
         marks = [read_mark(cells[column]) for column in columns]
         if any(marks):
             shown.append((plain(", ".join(label)), marks))

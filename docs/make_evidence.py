@@ -101,7 +101,7 @@ def finding() -> tuple[list[str], str]:
     before, after = (rows[name] for name in (claim.sides[1], claim.sides[0]))
     sentence = (
         f"**The finding.** With unseen recipes the paper's own agent makes {before.text} of the goals, "
-        f"no more than an agent without a graph ({rows['no graph'].text}). It makes **{after.text}** if it "
+        f"an agent without a graph {rows['no graph'].text}. The same agent makes **{after.text}** if it "
         "learns from scores of recipes that its scorer has *not* seen: a gain of "
         f"{signed(measured.difference)}, 95 % interval [{low}, {high}] ({measured.seeds} trainings each, "
         f"{measured.tasks} tasks; [evidence](docs/evidence/knowledge.md), "

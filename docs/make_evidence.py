@@ -5,7 +5,7 @@
 Tables of evidence pages come from JSON files, see evidence_tables.py. The finding is from docs/results/, the questions are the titles and answers of the evidence pages in
 the order of the website's menu. The figure of an evidence page shows columns of the page's first
 table, named in a comment: ``<!-- figure: COLUMN; COLUMN -->``, or ``Title = COLUMN`` for another
-name in the legend. So a figure cannot differ from its table. With ``--check`` nothing is written,
+name in the legend. Its title is the image's text. So a figure cannot differ from its table. With ``--check`` nothing is written,
 and the exit code is 1 if something would be.
 """
 
@@ -65,7 +65,7 @@ def figure(text: str) -> str:
     columns = [
         head.index((column if is_named else name).strip()) for name, is_named, column in named
     ]
-    title = plain(text.partition("# ")[2].partition("\n")[0])
+    (title,) = re.findall(r"!\[(.*?)\]\([^)]*/evidence-", text)[:1]
     shown: list[tuple[str, list[Mark | None]]] = []
     before = ""
     for cells in rows:

@@ -59,15 +59,15 @@ def test_the_readme_is_short():
 
 def test_a_figure_shows_the_named_columns_of_the_first_table(script):
     text = (
-        "# Is `a` better?\n\n**Answer.** Yes. No.\n\n<!-- figure: b; wide = c [95 %] -->\n\n"
+        "# Is `a` better?\n\n**Answer.** Yes. No.\n\n![Success of a](images/evidence-a.svg)\n\n<!-- figure: b; wide = c [95 %] -->\n\n"
         "| book | split | b | c [95 %] |\n|---|---|---|---|\n"
         "| first | by goal | .5 | 1,000 [900, 1,100] |\n| | by slot | **.25** (.2 .3) | |\n"
     )
     picture = script.figure(text)
-    assert "<title>Is a better?</title>" in picture
+    assert "<title>Success of a</title>" in picture
     words = re.findall(r"<text [^>]*>(.*?)</text>", picture)
     assert words == [
-        *("Is a better?", "b", "wide"),
+        *("Success of a", "b", "wide"),
         *("first, by goal", ".5", "1,000"),
         *("first, by slot", ".25"),
     ]

@@ -43,7 +43,8 @@ PAPER: Mapping[str, Any] = {
 }
 """Settings that the two presets do not share, and the paper's preset's values.
 
-The scale is no setting in the paper: it is that of our reproduction, see ``docs/agents.md``.
+The scale is no setting in the paper: it is that of our reproduction, see
+``docs/evidence/presets.md``.
 """
 
 

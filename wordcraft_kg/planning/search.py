@@ -39,7 +39,7 @@ WIDTHS = (0, 0, 32, 64, 64)
 INTERMEDIATE = 2.0
 """Log-odds added to P(x | a, b) for an intermediate x: given that the goal can be made, a result
 that leads on is more likely than any result. 2 and 2.5 give about the same success, see
-docs/planning.md."""
+docs/evidence/planning.md."""
 FURTHER = 1e-4
 """Nats that each attempt of a plan after the first costs: just above rounding errors."""
 NEAR = 16

@@ -51,13 +51,13 @@ class PolicyConfig:
             best partner on the table), plan or p (log-probability of the most probable plan that
             begins with the slot); recipe and plan need a scorer from train-recipes.
         plan_width: most intermediates in the search of the source plan (p); 0 for the default, see
-            docs/planning.md.
+            docs/evidence/planning.md.
         kg_only: mix only the sources' scores, without attention logits.
         mixing: range of λ: residual (scores times a learned number each are added to attention
             logits), free (λ depend on the table, as in the paper), or softmax (positive, sum 1) as
             in the paper's released code. Default: residual with one attempt and without recipe and
             plan, else free, as in the paper's preset. This and the next three defaults were chosen
-            on validation tasks, see docs/agents.md.
+            on validation tasks, see docs/evidence/presets.md.
         scale: common scale for scores before mixing: standardise, ranks, log-softmax or none.
             Default: none where the policy sees attempts, else ranks.
         self_edges: combinesWith scores of self edges: keep (as in the paper), keep only edges

@@ -8,7 +8,7 @@ Links (h', r, t) with a head similar to h, and links (h, r, t') with a tail simi
 over the training links, with cosines from :class:`~wordcraft_kg.models.scorers.roles.EntityRoles`,
 0 where they are negative. So evidence needs nothing but scores. Its rank correlation with scores,
 and the fall of a score after a training without the recipes that are named, are measured in
-docs/link-prediction.md (``benchmarks/link_evidence.py``).
+docs/evidence/link-evidence.md (``benchmarks/link_evidence.py``).
 
 Source: k nearest neighbours as an explanation (Papernot and McDaniel 2018, "Deep k-nearest
 neighbors"; Hanawa et al. 2021, "Evaluation of similarity-based explanations"), restricted to links

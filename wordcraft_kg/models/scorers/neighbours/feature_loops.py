@@ -314,9 +314,17 @@ def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-u
             continue
         if room < end + most:
             room *= 2
-            places = np.append(places, np.empty(room - len(places), dtype=np.int64))
-            weights = np.append(weights, np.empty(room - len(weights), dtype=np.float32))
-            words = np.append(words, np.empty(room - len(words), dtype=np.float32))
+            # A plain loop compiles several times as fast as `np.append`.
+            more_places = np.empty(room, dtype=np.int64)
+            more_weights = np.empty(room, dtype=np.float32)
+            more_words = np.empty(room, dtype=np.float32)
+            for number in range(end):
+                more_places[number] = places[number]
+                more_weights[number] = weights[number]
+                more_words[number] = words[number]
+            places = more_places
+            weights = more_weights
+            words = more_words
         found, _ = neighbour_pairs(lists, a, b, places[end:], weights[end:], words[end:])
         end += found
     starts[len(one)] = end
@@ -365,7 +373,7 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
     starts = np.empty(len(one) + 1, dtype=np.int64)
     own_places = np.empty(len(one), dtype=np.int64)
     regression = np.empty(len(one), dtype=np.float32)
-    end = 0
+    end = np.int64(0)
     while end < len(goals):
         begin = end
         if goals[begin] < 0:
@@ -377,7 +385,8 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
         needed = np.empty((end - begin) * 2 * width, dtype=np.int32)
         places = np.empty((end - begin, width, 2), dtype=np.int32)
         recipes = np.empty(end - begin, dtype=np.int64)
-        count = 0
+        # Not a plain 0, which numba takes for a type of its own: functions compile twice for it.
+        count = np.int64(0)
         for row in range(begin, end):
             count, recipes[row - begin] = needed_entities(
                 lists,

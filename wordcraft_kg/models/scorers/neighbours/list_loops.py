@@ -173,7 +173,9 @@ def merged_neighbours(  # type: ignore[no-untyped-def]
     is_listed = np.zeros(size, dtype=np.bool_)
     structure = np.zeros(size, dtype=np.float32)
     values = np.empty(width, dtype=np.float32)
-    longest = np.max(np.diff(near_starts))
+    longest = 0
+    for entity in range(size):
+        longest = max(longest, near_starts[entity + 1] - near_starts[entity])
     listed = np.empty(1 + longest + near_words.shape[1], dtype=np.int32)
     for entity in range(size):
         number = 1

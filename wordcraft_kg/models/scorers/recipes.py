@@ -12,13 +12,16 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
 from wordcraft_kg.models.scorers.config import has_table
 from wordcraft_kg.models.scorers.factors import grids
 from wordcraft_kg.models.scorers.neighbours.knowledge import (
-    BUFFERS,
     LINK_FEATURES,
     LINK_TABLES,
+    RESULT_RANKER,
+    WITH_ENCODER,
     RecipeKnowledge,
     Support,
+    num_features,
+    stored_names,
 )
-from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
+from wordcraft_kg.models.scorers.neighbours.pair_encoder import encoder_shapes
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
@@ -30,7 +33,7 @@ _DTYPES = {
     "vectors": torch.half,
     **dict.fromkeys(("num_own", "near_words", "recipes"), torch.int32),
     "seen": torch.bool,
-    **dict.fromkeys(LINK_TABLES, torch.half),
+    **dict.fromkeys((*LINK_TABLES, "encoder_used", "encoder_made"), torch.half),
 }
 """Stored tensor types, where not float32."""
 
@@ -282,13 +285,16 @@ class RecipeScorer(StoredScorer):
         num_recipes = len(tensors["recipes"])
         # Entities of other books come after the scorer's own.
         every = max(size, len(tensors["vectors"]))
+        names = stored_names(tensors)
+        has_encoder = names == WITH_ENCODER
+        of_pairs = num_features(has_encoder=has_encoder)
         shapes: dict[str, tuple[int, ...]] = {
             "num_own": (1,),
             "vectors": (every, tensors["vectors"].shape[-1]),
             "near_words": (every, tensors["near_words"].shape[-1]),
             "recipes": (num_recipes, 3),
             "seen": (1, num_recipes),
-            "first": (1, len(FEATURES), hidden),
+            "first": (1, of_pairs, hidden),
             "first_bias": (1, hidden),
             "second": (1, hidden),
             "bias": (1,),
@@ -306,7 +312,13 @@ class RecipeScorer(StoredScorer):
             has_table = tensors[f"{relation}_table"].numel() > 0
             side = size if has_table else 0
             shapes[f"{relation}_table"] = (1, side, side)
-        assert {*shapes} == {*BUFFERS}
+        if has_encoder:
+            shapes |= encoder_shapes(tensors, every, tensors["vectors"].shape[-1])
+            first = tensors["results_first"]
+            width = first.shape[-1] if first.ndim else 0
+            of_ranker = ((1, of_pairs, width), (1, width), (1, width), (1,))
+            shapes |= dict(zip(RESULT_RANKER, of_ranker, strict=True))
+        assert {*shapes} == {*names}
         check_shapes(tensors, shapes, _DTYPES)
         for name in shapes:
             tensor = tensors[name]

@@ -48,11 +48,11 @@ class EncoderSchedule:
     used: int = 192
     hidden: int = 256
     made: int = 128
-    batch: int = 1_024
+    batch: int = 512
     sampled: int = 1_024
     corrupted: int = 1
     epochs: int = 7
-    rate: float = 2e-3
+    rate: float = 4e-3
     weight_decay: float = 1e-4
     drop_used: float = 0.3
     drop_made: float = 0.5
@@ -60,6 +60,8 @@ class EncoderSchedule:
 
 SCHEDULE = EncoderSchedule()
 """Sizes and numbers of steps for books of all sizes, see the package for what else was tried."""
+_RISING = 0.1
+"""Share of the steps in which the step size rises."""
 _SEED = 0xE
 
 
@@ -263,16 +265,8 @@ def fit_encoder(
         # Most entities are in no batch: their vectors rest.
         torch.optim.SparseAdam(network.of_entities(), lr=plan.rate),
     ]
-    cycles = [
-        torch.optim.lr_scheduler.OneCycleLR(
-            optimizer,
-            plan.rate,
-            total_steps=steps * plan.epochs,
-            pct_start=0.1,
-            cycle_momentum=False,
-        )
-        for optimizer in optimizers
-    ]
+    total = steps * plan.epochs
+    done = 0
     with torch_threads(1):
         for _ in range(plan.epochs):
             order = torch.randperm(len(rows), generator=generator)
@@ -280,15 +274,29 @@ def fit_encoder(
             for some in order.split(batch)[:steps]:
                 if stop():
                     raise KeyboardInterrupt
+                rate = plan.rate * _share_of_rate(done, total)
+                done += 1
                 loss = _loss(network, words, rows[some], draws, log_expected, plan, generator)
                 for optimizer in optimizers:
                     optimizer.zero_grad()
                 loss.backward()
                 for optimizer in optimizers:
+                    optimizer.param_groups[0]["lr"] = rate
                     optimizer.step()
-                for cycle in cycles:
-                    cycle.step()
         return network.fitted(words)
+
+
+def _share_of_rate(done: int, total: int) -> float:
+    """Return the share of the largest step size for the step after ``done`` ones of ``total``.
+
+    It rises in a line over the first tenth, and falls as half a cosine to nearly 0 (one cycle, as
+    the rankers have).
+    """
+    rising = max(1, round(total * _RISING))
+    if done < rising:
+        return (done + 1) / rising
+    share = (done - rising + 1) / (total - rising + 1)
+    return (1 + math.cos(math.pi * share)) / 2
 
 
 def _loss(

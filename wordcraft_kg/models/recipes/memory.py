@@ -16,7 +16,7 @@ _OF_ENCODER = 4 * (192 + 128 + 1)
 """Bytes of an entity's own vectors in a pair encoder, while it is fitted."""
 _STEP = 300 * 2**20
 """Bytes of a step of its fit."""
-_RESULTS = 2_000 * 96 * 2 * 55 * 4
+_RESULTS = 2_000 * 128 * 2 * 55 * 4
 """Bytes of the features from which a ranker of results learns."""
 
 

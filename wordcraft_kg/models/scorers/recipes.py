@@ -22,6 +22,7 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import (
     stored_names,
 )
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import encoder_shapes
+from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
@@ -254,6 +255,31 @@ class RecipeScorer(StoredScorer):
             main_model = torch.zeros_like(goal)
             scores.append(self.knowledge(goal, table, main_model)[:, 0, 1])
         return torch.cat(scores).view(ids[0].shape)
+
+    @property
+    def has_encoder(self) -> bool:
+        """Whether the scorer has a pair encoder, and so proposes results of a pair."""
+        return self.knowledge.has_encoder
+
+    def best_results(
+        self,
+        ingredients: Tensor,
+        others: Tensor,
+        number: int = CANDIDATES,
+    ) -> tuple[Tensor, Tensor]:
+        """Return proposed results of pairs, best first; only with a pair encoder.
+
+        Args:
+            ingredients: ids, shape (n,).
+            others: ids of the second ingredients, shape (n,); their order does not count.
+            number: results that neighbours, and that the encoder propose at most.
+
+        Returns:
+            ids, shape (n, C), E where there are fewer; and their scores, shape (n, C), float32, in
+            nats, -inf likewise. They compare results of one pair, and have another scale than
+            :meth:`score_recipes`, which compares pairs for a goal.
+        """
+        return results_of(self.knowledge, ingredients, others, number=number)
 
     def supporting_recipes(
         self,

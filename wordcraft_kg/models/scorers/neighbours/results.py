@@ -18,8 +18,9 @@ from wordcraft_kg.models.scorers.neighbours.lists import Lists
 from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.ranker import Ranker
 
-CANDIDATES = 48
-"""Results that each side proposes."""
+CANDIDATES = 64
+"""Results that each side proposes: on a validation part of Infinite Craft, 32, 48 and 64 hold the
+true result of .74, .77 and .80 of the pairs, if a known recipe makes it."""
 _PAIRS = 64
 """Pairs whose results are scored at once."""
 

@@ -39,7 +39,7 @@ class RecipeScorerConfig:
             For graphs with at most 5,792 entities.
         without: books or graph folders whose recipes are left out of the training, so that the
             scorer can be tested on these books; needs `kg` full.
-        seed: root seed for rankers, `train_fraction` and `label_noise`.
+        seed: root seed for rankers, pair encoder, `train_fraction` and `label_noise`.
         threads: CPU threads per fit.
         device: torch device for the pair encoder, such as cpu or cuda.
         encoder: whether to fit a pair encoder, which scores all results of a pair: on, off, or auto

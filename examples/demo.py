@@ -30,6 +30,9 @@ LOG = "commands.txt"
 DISTRACTORS = {1: "8", 2: "4"}
 """Distractors on a table by depth. With more at depth 2, hardly a player makes the goal."""
 
+TASKS = 5_000
+"""Most tasks that scripted players play: of some 20,000 with two attempts, a quarter will do."""
+
 
 class Stages:
     """Runs commands in this process, which imports torch once, and prints a line for each.
@@ -148,7 +151,7 @@ def tour(book: str, steps: int, out: Path) -> None:
     compared = run("agents compared", "compare", *runs.values(), *to(report), "--json")
     played = {}
     for depth, amount in DISTRACTORS.items():
-        tasks = ("--depth", depth, "--distractors", amount, "--json")
+        tasks = ("--depth", depth, "--distractors", amount, "--limit", TASKS, "--json")
         title = f"baselines and planner, depth {depth}"
         played[depth] = json.loads(run(title, "evaluate-agent", graph, "--scorer", recipes, *tasks))
     number, solved = first_solved(runs["recipes"])

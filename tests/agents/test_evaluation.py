@@ -13,7 +13,7 @@ from wordcraft_kg.agents import evaluation
 from wordcraft_kg.agents.evaluation import Evaluator, PolicyPlayer, player_of
 from wordcraft_kg.agents.impala import Impala
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
-from wordcraft_kg.agents.players import random_entity, recipe_oracle
+from wordcraft_kg.agents.players import play_all, random_entity, recipe_oracle
 from wordcraft_kg.agents.states import states_of
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.envs import evaluation_tables
@@ -413,7 +413,7 @@ def test_the_scorer_alone_needs_a_scorer(opened):
 
 
 def test_of_very_many_tasks_a_sample_is_evaluated_with_a_warning(opened, monkeypatch, caplog):
-    monkeypatch.setattr(evaluation, "MOST_TASKS", 20)
+    monkeypatch.setattr(evaluation_tables, "MOST_TASKS", 20)
     world = World(opened, WordCraftConfig(num_distractors=2))
     amount = len(world.tasks)
     evaluator = Evaluator(world, distractor_seeds=1, limit=20)
@@ -435,3 +435,18 @@ def test_very_many_tasks_are_played_on_the_first_of_their_tables(opened, monkeyp
     np.testing.assert_array_equal(many.decisions, few.decisions[:, :1])
     view = view_baselines(opened, "kitchen", world.config, [3])
     assert (view.distractor_seeds, {row.episodes for row in view.rows}) == (1, {63})
+
+
+def test_scripted_players_play_a_sample_as_an_agent_does(opened):
+    """The same tasks, tables and groups: a player's success is that of the evaluator."""
+    world = World(opened, WordCraftConfig(part="test", num_distractors=3))
+    made = world.tasks.goals % 2 == 0
+    played = Evaluator(world, limit=20)(recipe_oracle)
+    assert len(played.tasks) < len(world.tasks)
+    players = {"oracle": recipe_oracle}
+    every, some = play_all(world, players, [3], groups={"made": made}, limit=20)
+    assert every.success == played.success.mean()
+    assert every.episodes == played.success.size
+    assert some.episodes == made[played.tasks].sum() * 5
+    view = view_baselines(opened, "kitchen", world.config, [3], limit=20)
+    assert (view.tasks, view.distractor_seeds) == (len(played.tasks), 5)

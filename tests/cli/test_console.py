@@ -493,7 +493,7 @@ BAD_VALUES = {
     ],
     "evaluate-agent kitchen": [
         *(f"--distractors={bad}" for bad in ("x", "", -1, 80)),
-        *("--seed=-1", "--depth=0", "--distractor-seeds=0"),
+        *("--seed=-1", "--depth=0", "--distractor-seeds=0", "--limit=0"),
     ],
     "evaluate-agent {world}/plain/seed-0": [
         "--distractor-seeds=0",

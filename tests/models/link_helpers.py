@@ -54,8 +54,8 @@ def same_files(one, other, *more):
     return [contents(one)[name] for name in names] == [contents(other)[name] for name in names]
 
 
-def rewritten(folder, out, tensors=None, record=None, inputs=None, weights=None):
-    """Copy a cross-fitted model with its folds' tensors or record changed, as if it had been
+def rewritten(folder, out, tensors=None, record=None, inputs=None, weights=None, calibration=None):
+    """Copy a cross-fitted model with its folds' tensors or records changed, as if it had been
     written that way."""
     shutil.copytree(folder, out)
     run = json.loads((out / "run.json").read_text())
@@ -64,11 +64,12 @@ def rewritten(folder, out, tensors=None, record=None, inputs=None, weights=None)
             changed = safetensors.torch.load_file(out / name)
             change(changed)
             safetensors.torch.save_file(changed, out / name)
-    if record:
-        changed = json.loads((out / "folds.json").read_text())
-        record(changed)
-        (out / "folds.json").write_text(json.dumps(changed))
-    names = ("folds.safetensors", "folds.json", "model.safetensors")
+    for change, name in ((record, "folds.json"), (calibration, "calibration.json")):
+        if change:
+            changed = json.loads((out / name).read_text())
+            change(changed)
+            (out / name).write_text(json.dumps(changed))
+    names = ("folds.safetensors", "folds.json", "calibration.json", "model.safetensors")
     run["outputs"] |= {name: sha256_of(out / name) for name in names}
     run["inputs"] |= inputs or {}
     (out / "run.json").write_text(json.dumps(run))

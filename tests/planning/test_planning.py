@@ -33,7 +33,14 @@ from wordcraft_kg.models.scorers.neighbours.lists import nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.ranker import RANKER, Ranker
 from wordcraft_kg.models.scorers.recipe_curve import RecipeCurve, fit_recipe_curve
-from wordcraft_kg.planning.search import FURTHER, INTERMEDIATE, NO_PLAN, PlanSearch
+from wordcraft_kg.planning.search import (
+    FURTHER,
+    INTERMEDIATE,
+    NO_PLAN,
+    PlanSearch,
+    _num_pairs,
+    _pairs,
+)
 from wordcraft_kg.planning.source import BestPlan
 
 SIZE = 7
@@ -188,6 +195,15 @@ def test_a_search_that_does_not_fit_into_memory_says_what_it_would_take():
         ConfigError, match=r"`plan_width` 1,000,000: candidate plans would take [\d,.]+ GiB"
     ):
         next(search._chunks(torch.arange(3), 4, 5))
+
+
+@pytest.mark.parametrize("slots", [1, 5])
+def test_pairs_are_counted_without_making_them(slots):
+    for most in range(slots + 1):
+        one, other = _pairs(slots, most, torch.device("cpu"))
+        assert len(one) == _num_pairs(slots, most)
+        expected = {(i, j) for i in range(slots) for j in range(i, slots) if i < most or i == j}
+        assert {*zip(one.tolist(), other.tolist(), strict=True)} == expected
 
 
 def test_the_curve_fits_known_probabilities():

@@ -1,6 +1,5 @@
 """Evaluation of policies and players on all tasks in a part of the split, on fixed tables."""
 
-import logging
 from collections.abc import Collection
 from dataclasses import dataclass
 from itertools import chain
@@ -23,7 +22,8 @@ from wordcraft_kg.envs.evaluation_tables import (
     EVALUATION_SEED,
     MOST_TASKS,
     default_seeds,
-    distance_of,
+    sampled_tasks,
+    warn_of_sample,
 )
 from wordcraft_kg.envs.world import GraphLike, World
 from wordcraft_kg.graphs.arrays import Ids, padded
@@ -142,18 +142,10 @@ class Evaluator:
         ``distractor_seeds`` are tables per task, by default
         :func:`~wordcraft_kg.envs.evaluation_tables.default_seeds`.
         """
-        num_tasks = len(world.tasks)
+        self.tasks = sampled_tasks(world, limit)
+        warn_of_sample(world, self.tasks, limit)
         if distractor_seeds is None:
-            distractor_seeds = default_seeds(num_tasks)
-        step = distance_of(num_tasks, limit)
-        self.tasks = np.arange(0, num_tasks, step)
-        if step > 1 and limit == MOST_TASKS:
-            logging.getLogger(__name__).warning(
-                "%s %s tasks are too many: evaluating a sample of %s tasks.",
-                f"{num_tasks:,}",
-                world.config.part,
-                f"{len(self.tasks):,}",
-            )
+            distractor_seeds = default_seeds(len(world.tasks))
         self.distractor_seeds = whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
         needed = distractor_seeds * len(self.tasks) * 11
         check_memory(

@@ -19,7 +19,12 @@ from wordcraft_kg.base.settings import whole
 from wordcraft_kg.base.statistics import task_bootstrap
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.batch import GOAL, BatchEngine, State
-from wordcraft_kg.envs.evaluation_tables import default_seeds
+from wordcraft_kg.envs.evaluation_tables import (
+    MOST_TASKS,
+    default_seeds,
+    sampled_tasks,
+    warn_of_sample,
+)
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -362,8 +367,9 @@ def play_all(
     distractor_seeds: int | None = None,
     seed: int = 0,
     groups: Mapping[str, NDArray[np.bool_]] | None = None,
+    limit: int = MOST_TASKS,
 ) -> tuple[PlayerSuccess, ...]:
-    """Evaluate players on all tasks of a world with each number of distractors.
+    """Evaluate players on the tasks of a world with each number of distractors.
 
     Success does not depend on reward settings.
 
@@ -376,16 +382,18 @@ def play_all(
         seed: draws distractors and players' choices.
         groups: masks over the world's tasks by name, each of shape (tasks,). Groups without tasks
             have no row.
+        limit: most tasks; of more, evenly spaced ones are played, as by the evaluator.
 
     Returns:
         For each number of distractors and player a record of all tasks, then one of each group.
     """
     rows: list[PlayerSuccess] = []
     whole("seed", seed, 0)
+    tasks = sampled_tasks(world, limit)
+    warn_of_sample(world, tasks, limit)
     if distractor_seeds is None:
         distractor_seeds = default_seeds(len(world.tasks))
     for amount in dict.fromkeys(distractors):
-        tasks = np.arange(len(world.tasks))
         engine = BatchEngine(world.variant(num_distractors=amount), len(tasks))
         for name, player in players.items():
             success = np.zeros((len(tasks), distractor_seeds), dtype=bool)
@@ -403,11 +411,12 @@ def play_all(
                     state, step = engine.step_once(state, player(state, rng))
                     success[:, distractor_seed] |= step.outcome == GOAL
                     by_plan[:, distractor_seed] |= step.by_plan
-            masks = {"": np.ones(len(tasks), dtype=bool), **(groups or {})}
+            masks = {"": np.ones(len(tasks), dtype=bool)}
+            masks |= {group: mask[tasks] for group, mask in (groups or {}).items()}
             for group, mask in masks.items():
                 if mask.any():
                     of_group = success[mask]
-                    low, high = task_bootstrap(of_group, world.groups[mask])
+                    low, high = task_bootstrap(of_group, world.groups[tasks[mask]])
                     rows.append(
                         PlayerSuccess(
                             player=name,

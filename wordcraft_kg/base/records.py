@@ -52,6 +52,8 @@ def parse_record(
     data: bytes,
     kind: type[T],
     path: Path | str,
+    *,
+    is_verified: bool = False,
 ) -> T:
     """Parse JSON bytes as a record.
 
@@ -59,6 +61,8 @@ def parse_record(
         data: UTF-8 text with one JSON value.
         kind: type of the record.
         path: where the bytes come from, for the error.
+        is_verified: whether a hash says that the bytes are as they were written. If they do not
+            fit, another version of the package wrote them, and the message says so.
 
     Raises:
         ArtefactError: if the bytes are not JSON or do not fit ``kind``; the message names ``path``
@@ -67,6 +71,11 @@ def parse_record(
     try:
         return msgspec.json.decode(data, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        if is_verified:
+            raise ArtefactError(
+                f"{path} has the format of another version of wordcraft-kg: {_detail(error)}. "
+                "Train again."
+            ) from None
         raise _damaged(path, error) from None
 
 
@@ -123,9 +132,12 @@ def as_record(
 
 
 def _damaged(path: Path | str, error: Exception) -> ArtefactError:
+    return ArtefactError(f"{path} is damaged: {_detail(error)}. Make it again, or restore a copy.")
+
+
+def _detail(error: Exception) -> str:
     # Fields are in quotes: backticks are for a command's options.
-    reason = str(error).replace("`", "'").removesuffix(".")
-    return ArtefactError(f"{path} is damaged: {reason}. Make it again, or restore a copy.")
+    return str(error).replace("`", "'").removesuffix(".")
 
 
 def as_lines(records: Iterable[Any]) -> list[str]:

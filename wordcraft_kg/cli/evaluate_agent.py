@@ -12,6 +12,7 @@ from wordcraft_kg.base.wording import counted
 from wordcraft_kg.cli.console import Output, aligned, lines_of, refuse_given, whole_numbers
 from wordcraft_kg.cli.options import Book, MovedGraph, Part, Words
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
+from wordcraft_kg.envs.evaluation_tables import MOST_TASKS
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.players import Baselines
@@ -20,7 +21,29 @@ EXAMPLES = (
     "wordcraft-kg evaluate-agent runs/no-kg --part test --distractors 1,8 --distractor-seeds 5",
     "wordcraft-kg evaluate-agent runs/partial --agent kg-only",
     "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday",
+    "wordcraft-kg evaluate-agent graphs/everyday --scorer models/everyday --depth 2 --limit 2000",
 )
+
+
+@dataclass(frozen=True)
+class TaskOptions:
+    """Options for the played tasks.
+
+    Attributes:
+        distractors: comma-separated numbers of distractors. Default: as in training; 1,2,8 for
+            scripted players.
+        distractor_seeds: distractor seeds for each task; all players get the same tables. Default:
+            5, or 1 for a part with more than 6,000 tasks.
+        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the
+            goal; or no_train_shortcut, so that none opens an additional way by train recipes alone.
+            Default: as in training; any for scripted players.
+        limit: most tasks to play; of more, evenly spaced ones are played.
+    """
+
+    distractors: Words = None
+    distractor_seeds: int | None = None
+    distractor_policy: DistractorPolicy | None = None
+    limit: int = MOST_TASKS
 
 
 @dataclass(frozen=True)
@@ -55,16 +78,14 @@ def evaluate_agent(
     run: Book = "everyday",
     *,
     part: Part = "test",
-    distractors: Words = None,
-    distractor_seeds: int | None = None,
-    distractor_policy: DistractorPolicy | None = None,
+    played: Annotated[TaskOptions, Parameter(name="*", group="Tasks")] = TaskOptions(),
     trained: Annotated[RunOptions, Parameter(name="*", group="Trained agent")] = RunOptions(),
     scripted: Annotated[
         ScriptedOptions, Parameter(name="*", group="Scripted players")
     ] = ScriptedOptions(),
     output: Output = Output(),
 ) -> None:
-    """Evaluate an agent or scripted players on all tasks of a part, with fixed distractor seeds.
+    """Evaluate an agent or scripted players on the tasks of a part, with fixed distractor seeds.
 
     Agents act greedily. For a graph, baselines play: chance, votes of similar recipes, graphs, a
     scorer, the oracle.
@@ -72,16 +93,10 @@ def evaluate_agent(
     Args:
         run: run folder (the last checkpoint is evaluated if training is unfinished); or graph, book
             file or known book's name for scripted players.
-        distractors: comma-separated numbers of distractors. Default: as in training; 1,2,8 for
-            scripted players.
-        distractor_seeds: distractor seeds for each task; all players get the same tables. Default:
-            5, or 1 above 6,000 tasks.
-        distractor_policy: any; no_shortcut, so that no distractor opens an additional way to the
-            goal; or no_train_shortcut, so that none opens an additional way by train recipes alone.
-            Default: as in training; any for scripted players.
     """
-    if distractor_seeds is not None:
-        whole("distractor_seeds", distractor_seeds, 1, MAX_SIZE)
+    whole("limit", played.limit, 1, MAX_SIZE)
+    if played.distractor_seeds is not None:
+        whole("distractor_seeds", played.distractor_seeds, 1, MAX_SIZE)
     if Path(run).is_dir() and not (Path(run) / "graph.json").is_file():
         refuse_given(scripted, f"scripted players on a graph, and '{run}' is not a graph")
         from wordcraft_kg.agents.agent_folder import open_agent
@@ -89,16 +104,23 @@ def evaluate_agent(
 
         opened = open_agent(Path(run), trained.graph)
         amounts = whole_numbers(
-            "distractors", distractors or [str(opened.config.tasks.distractors)]
+            "distractors", played.distractors or [str(opened.config.tasks.distractors)]
         )
         view = view_evaluation(
-            Path(run), opened, trained.agent, part, amounts, distractor_seeds, distractor_policy
+            Path(run),
+            opened,
+            trained.agent,
+            part,
+            amounts,
+            played.distractor_seeds,
+            played.distractor_policy,
+            played.limit,
         )
         output.result(view, [*lines_of(view), *view.notes()])
     else:
         refuse_given(trained, f"a trained agent, and '{run}' is not a run folder")
-        amounts = whole_numbers("distractors", distractors or ["1,2,8"])
-        policy = distractor_policy or WordCraftConfig.distractor_policy
+        amounts = whole_numbers("distractors", played.distractors or ["1,2,8"])
+        policy = played.distractor_policy or WordCraftConfig.distractor_policy
         config = WordCraftConfig(part, scripted.depth, amounts[0], distractor_policy=policy)
         from wordcraft_kg.evaluation.players import view_baselines
         from wordcraft_kg.graphs.folder import open_graph
@@ -110,7 +132,14 @@ def evaluate_agent(
 
             model = scripted.scorer.name, open_model(scripted.scorer, run)
         baselines = view_baselines(
-            graph, run, config, amounts, model, distractor_seeds, scripted.seed
+            graph,
+            run,
+            config,
+            amounts,
+            model,
+            played.distractor_seeds,
+            scripted.seed,
+            played.limit,
         )
         output.result(baselines, _table(baselines, amounts))
 

@@ -13,7 +13,7 @@ EXAMPLES = (
     "wordcraft-kg export everyday --format nt --out everyday.nt",
     "wordcraft-kg export graphs/everyday --format graphml --out everyday.graphml",
     "wordcraft-kg export graphs/everyday --format tsv --part partial --out train.tsv",
-    "wordcraft-kg export everyday --format sentences --part partial --out recipes.txt",
+    "wordcraft-kg export everyday --format sentences --part partial --out sentences.txt",
 )
 
 

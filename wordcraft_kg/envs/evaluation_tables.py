@@ -4,12 +4,15 @@ Agents, scripted players, text agents and people play on the same tables, so the
 compared task by task.
 """
 
+import logging
+
 import numpy as np
 
 from wordcraft_kg.base.settings import MAX_SIZE, whole
 from wordcraft_kg.envs.arrays import arrays_of
 from wordcraft_kg.envs.draws import Draws
 from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.arrays import Ids
 
 MOST_TASKS = 50_000
 """Most tasks to play by default; of more, evenly spaced tasks are played."""
@@ -38,6 +41,23 @@ def distance_of(amount: int, limit: int | None) -> int:
     if limit is None:
         return 1
     return (amount + limit - 1) // limit  # rounded up
+
+
+def sampled_tasks(world: World, limit: int | None = MOST_TASKS) -> Ids:
+    """Return the numbers of the evaluated tasks: all, or at most ``limit`` evenly spaced ones."""
+    num_tasks = len(world.tasks)
+    return np.arange(0, num_tasks, distance_of(num_tasks, limit))
+
+
+def warn_of_sample(world: World, tasks: Ids, limit: int | None) -> None:
+    """Warn that only ``tasks`` are evaluated, unless the user has set the limit."""
+    if len(tasks) < len(world.tasks) and limit == MOST_TASKS:
+        logging.getLogger(__name__).warning(
+            "%s %s tasks are too many: evaluating a sample of %s tasks.",
+            f"{len(world.tasks):,}",
+            world.config.part,
+            f"{len(tasks):,}",
+        )
 
 
 class EvaluationTables:

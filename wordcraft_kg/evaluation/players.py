@@ -24,6 +24,7 @@ from wordcraft_kg.agents.players import (
 from wordcraft_kg.base.records import Count, Record, Share
 from wordcraft_kg.base.wording import counted
 from wordcraft_kg.envs.config import DistractorPolicy, WordCraftConfig
+from wordcraft_kg.envs.evaluation_tables import MOST_TASKS, sampled_tasks
 from wordcraft_kg.envs.world import World
 from wordcraft_kg.evaluation.agent_metrics import (
     AgainstScorer,
@@ -110,6 +111,7 @@ def view_evaluation(
     distractors: Sequence[int],
     distractor_seeds: int | None,
     distractor_policy: DistractorPolicy | None = None,
+    limit: int = MOST_TASKS,
 ) -> AgentEvaluation:
     """Evaluate a player on an agent's tasks.
 
@@ -122,6 +124,7 @@ def view_evaluation(
         distractor_seeds: tables per task, see :class:`~wordcraft_kg.agents.evaluation.Evaluator`.
         distractor_policy: where distractors are drawn from; None for the agent's setting in
             training.
+        limit: most tasks; of more, evenly spaced ones are played.
 
     Returns:
         Success and outcomes by distractor count.
@@ -137,7 +140,11 @@ def view_evaluation(
     evaluators = {}
     for amount in distractors:
         variant = world.variant(num_distractors=amount)
-        evaluators[str(amount)] = Evaluator(variant, distractor_seeds=distractor_seeds)
+        evaluators[str(amount)] = Evaluator(
+            variant,
+            distractor_seeds=distractor_seeds,
+            limit=limit,
+        )
     results = {amount: evaluator(player) for amount, evaluator in evaluators.items()}
     against_scorer = None
     sources = None
@@ -224,7 +231,7 @@ class Baselines(Record):
         part: split part with the tasks.
         depth: fewest attempts that solve a task.
         distractor_policy: where distractors are drawn from.
-        tasks: number of tasks.
+        tasks: number of played tasks.
         distractor_seeds: tables per task.
         seed: seed of distractors and of the players' choices.
         intervals: level and method of the intervals, in words.
@@ -252,6 +259,7 @@ def view_baselines(
     model: "tuple[str, Model] | None" = None,
     distractor_seeds: int | None = None,
     seed: int = 0,
+    limit: int = MOST_TASKS,
 ) -> Baselines:
     """Evaluate scripted players and, if a model is given, players that follow the model's scores.
 
@@ -263,6 +271,7 @@ def view_baselines(
         model: name of a model, and the model; None for scripted players only.
         distractor_seeds: tables per task, see :func:`~wordcraft_kg.agents.players.play_all`.
         seed: seed of distractors and of the players' choices.
+        limit: most tasks; of more, evenly spaced ones are played.
 
     Returns:
         A row for each player and distractor count.
@@ -285,17 +294,24 @@ def view_baselines(
         players |= {f"{name}, {kind}": player for kind, player in named.items()}
         players["recipe oracle"] = oracle
     rows = play_all(
-        world, players, distractors, distractor_seeds=distractor_seeds, seed=seed, groups=groups
+        world,
+        players,
+        distractors,
+        distractor_seeds=distractor_seeds,
+        seed=seed,
+        groups=groups,
+        limit=limit,
     )
+    played = sampled_tasks(world, limit)
     return Baselines(
         graph=graph,
         part=config.part,
         depth=config.depth,
         distractor_policy=config.distractor_policy,
-        tasks=len(world.tasks),
-        distractor_seeds=rows[0].episodes // len(world.tasks),
+        tasks=len(played),
+        distractor_seeds=rows[0].episodes // len(played),
         seed=seed,
         intervals=f"95 %, bootstrap over {opened.split.unit}",
         rows=tuple(row for row in rows if not row.goals or row.player in grouped),
-        shares={group: float(mask.mean()) for group, mask in groups.items()},
+        shares={group: float(mask[played].mean()) for group, mask in groups.items()},
     )

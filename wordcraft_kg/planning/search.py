@@ -24,6 +24,7 @@ candidates would be on.
 
 from collections.abc import Iterator
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -186,9 +187,12 @@ class PlanSearch:
             ConfigError: if a single state would not fit into memory.
         """
         width = self._width(number)
-        wide = slots + width if number > 2 else slots
-        # Recipes of a state: the goal and each candidate as results of all pairs of slots.
-        one = (width + 1) * wide * (wide + 1) // 2
+        wide = slots + width
+        sources = wide if number > 2 else slots
+        # Recipes of a state: the goal and each candidate as results of pairs, as in `_values`.
+        for_goal = _num_pairs(wide, slots if number == 2 else wide)
+        for_candidate = _num_pairs(sources, slots if number == 3 else sources)
+        one = for_goal + width * for_candidate
         # Four bytes for each sequence of candidates, see `_after`.
         needed = _BYTES * one + 4 * width ** max(number - 1, 0)
         check_memory("plan_width", width, "candidate plans", needed)
@@ -234,11 +238,13 @@ class PlanSearch:
             near=NEAR,
         )
         wide = torch.cat([table, candidates], dim=1)
-        # With two attempts left, two candidates can never be combined.
+        # Two candidates take two attempts. So with two attempts left, they can never be combined,
+        # and with three, only to make the goal: most pairs need no score.
         most = slots if number == 2 else None
         to_goal = self._log_probabilities(goal, wide, model, tried, most=most)
         sources = wide if number > 2 else table
-        to_candidates = self._to_candidates(candidates, sources, model, tried)
+        most = slots if number == 3 else None
+        to_candidates = self._to_candidates(candidates, sources, model, tried, most=most)
         after = _after_candidates(to_goal, to_candidates, slots, number)
         at_once = to_goal[:, None, :slots, :slots]
         of_table = to_candidates[:, :, :slots, :slots]
@@ -253,6 +259,8 @@ class PlanSearch:
         sources: Tensor,
         model: Tensor,
         tried: Tensor | None,
+        *,
+        most: int | None,
     ) -> Tensor:
         """Return the log-probability that pairs make each candidate.
 
@@ -261,9 +269,10 @@ class PlanSearch:
             sources: shape (B, S), int64: entities of the pairs, those on the table first.
             model: shape (B,), int64.
             tried: shape (B, A, A), bool, or None.
+            most: as in :meth:`_log_probabilities`.
 
         Returns:
-            shape (B, W, S, S); -inf where a candidate is missing.
+            shape (B, W, S, S); -inf where a candidate is missing, and for pairs without a score.
         """
         number, width = candidates.shape
         # Each state W times, with one candidate as the goal each.
@@ -273,6 +282,7 @@ class PlanSearch:
             sources[rows],
             model[rows],
             None if tried is None else tried[rows],
+            most=most,
             prior=INTERMEDIATE,
         )
         values = values.view(number, width, *values.shape[1:])
@@ -304,11 +314,7 @@ class PlanSearch:
         """
         slots = table.shape[1]
         # P is symmetric: each pair is scored once, and written twice.
-        one, other = torch.triu_indices(slots, slots, device=table.device)
-        if most is not None:
-            is_scored = (one < most) | (one == other)
-            one = one[is_scored]
-            other = other[is_scored]
+        one, other = _pairs(slots, slots if most is None else most, table.device)
         of_pairs = self.curve.log_probabilities(
             self.knowledge,
             goal,
@@ -328,6 +334,26 @@ class PlanSearch:
             of_tried = values[:, :known_slots, :known_slots]
             of_tried.masked_fill_(tried, -torch.inf)
         return values
+
+
+def _pairs(slots: int, most: int, device: torch.device) -> tuple[Tensor, Tensor]:
+    """Return the pairs of slots that are scored: first and second slots, the smaller one first.
+
+    Args:
+        slots: S.
+        most: slots from this one on are combined with those before and with themselves alone.
+        device: device of the result.
+    """
+    one, other = np.triu_indices(slots)
+    is_scored = (one < most) | (one == other)
+    first = torch.from_numpy(one[is_scored])
+    second = torch.from_numpy(other[is_scored])
+    return first.to(device), second.to(device)
+
+
+def _num_pairs(slots: int, most: int) -> int:
+    """Return the number of :func:`_pairs`."""
+    return most * (most + 1) // 2 + (slots - most) * (most + 1)
 
 
 def _after_candidates(to_goal: Tensor, to_candidates: Tensor, slots: int, number: int) -> Tensor:

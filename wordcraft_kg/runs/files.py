@@ -53,7 +53,7 @@ class RunFiles:
 
     def record(self, name: str, kind: type[T]) -> T:
         """Read a JSON file, such as ``metrics.json``, into an instance of the class ``kind``."""
-        return parse_record(self.bytes(name), kind, self.folder / name)
+        return parse_record(self.bytes(name), kind, self.folder / name, is_verified=True)
 
     def lines(self, name: str, kind: type[T]) -> list[T]:
         """Read a JSON Lines file, a JSON object per line, as instances of the class ``kind``."""

@@ -250,6 +250,17 @@ def test_a_folder_of_the_earlier_format_says_to_train_again(recipes_folder, tmp_
         load_scorer(rewritten(recipes_folder, tmp_path / "old", weights=earlier))
 
 
+def test_a_folder_with_an_earlier_curve_says_to_train_again(recipes_folder, tmp_path):
+    """Its hashes are right, so it is not damaged: another version wrote it."""
+
+    def earlier(calibration):
+        calibration["recipes"]["intercepts"] *= 2
+
+    expected = r"calibration\.json has the format of another version.*intercepts.*Train again"
+    with pytest.raises(ArtefactError, match=expected):
+        load_scorer(rewritten(recipes_folder, tmp_path / "old", calibration=earlier))
+
+
 def test_two_folds_are_too_few_to_leave_one_out(book, tmp_path):
     with pytest.raises(ConfigError, match="expected 3 or more"):
         train_recipes(

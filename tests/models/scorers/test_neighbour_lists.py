@@ -213,6 +213,27 @@ def table_arrays(rows, slots):
     return of_slots, of_pairs
 
 
+def test_rows_with_the_same_table_have_the_bits_of_rows_alone():
+    """Empty slots, rows without a goal and a goal on the table among them."""
+    recipes = distinct(random_graph(0, SIZE, 70).recipes)
+    vectors = unit_vectors()
+    lists = make_lists(recipes, vectors, nearest_words(vectors, 5), nearest=5, used=4, rank=5)
+    rng = np.random.default_rng(2)
+    tables = rng.integers(-1, SIZE, size=(5, 4)).repeat(6, axis=0)
+    goals = rng.integers(-1, SIZE, size=len(tables))
+    one, other = np.triu_indices(4)
+    together = table_arrays(len(tables), 4)
+    table_features(lists, goals, tables, one, other, *together)
+    alone = table_arrays(len(tables), 4)
+    for row in range(len(tables)):
+        some = slice(row, row + 1)
+        of_row = (array[some] for array in alone)
+        table_features(lists, goals[some], tables[some], one, other, *of_row)
+    assert together[1].any()
+    for found, expected in zip(together, alone, strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
 def test_links_of_whole_rows_have_the_features_of_their_definitions():
     recipes = distinct(random_graph(0, SIZE, 70).recipes)
     vectors = unit_vectors()

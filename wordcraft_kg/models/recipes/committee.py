@@ -90,16 +90,14 @@ def fit_committee(
     members, size, _, rate, _ = schedule
     mean, scale = _moments(examples)
     features = len(mean)
-    first = _drawn(members, features, HIDDEN, fan=features, generator=generator)
-    first_bias = _drawn(members, 1, HIDDEN, fan=features, generator=generator)
-    second = _drawn(members, HIDDEN, 1, fan=HIDDEN, generator=generator)
+    networks = [_Network.drawn(features, generator) for _ in range(members)]
     number = len(examples.features)
     # The same queries are together in all epochs, so that they are prepared once.
     parts = torch.randperm(number, generator=generator).split(size)
     batches = [_Batch.of(examples.part(rows), mean, scale) for rows in parts]
     epochs = max(schedule.epochs, math.ceil(schedule.steps / len(batches)))
     optimizer = torch.optim.AdamW(
-        [first, first_bias, second],
+        [weights for network in networks for weights in network],
         lr=rate,
         weight_decay=WEIGHT_DECAY,
         # One loop over all weights: the networks are small, and many calls would cost more.
@@ -113,10 +111,9 @@ def fit_committee(
     for _ in range(epochs):
         for place in torch.randperm(len(batches), generator=generator).tolist():
             features_of_pairs, pairs, is_right = batches[place]
-            # Networks first, (members, pairs, units): a product by network reads memory in order.
-            of_members = features_of_pairs.expand(members, -1, -1)
-            units = torch.baddbmm(first_bias, of_members, first).relu()
-            known = torch.bmm(units, second)[..., 0]
+            # A product for each network takes half the time of one for all: its units fit into
+            # the processor's cache.
+            known = torch.stack([network(features_of_pairs) for network in networks])
             empty = torch.full((members, is_right.numel()), -torch.inf)
             scores = empty.index_copy(1, pairs, known).view(members, *is_right.shape)
             of_right = scores.log_softmax(-1).masked_fill(~is_right, -torch.inf)
@@ -127,15 +124,37 @@ def fit_committee(
             optimizer.step()
             cycle.step()
     # Standardise the weights instead of the features: far fewer numbers when the ranker is used.
-    scaled = first.detach() / scale[:, None]
-    bias = first_bias.detach()[:, 0] - mean @ scaled
-    return Ranker(
-        # (members, features, units) to (features, members * units): networks side by side.
-        scaled.permute(1, 0, 2).reshape(features, members * HIDDEN),
-        bias.reshape(-1),
-        second.detach().reshape(-1) / members,
-        torch.zeros(()),
-    )
+    first = torch.cat([network.first.detach() for network in networks], dim=1) / scale[:, None]
+    first_bias = torch.cat([network.first_bias.detach() for network in networks])
+    second = torch.cat([network.second.detach() for network in networks])
+    return Ranker(first, first_bias - mean @ first, second / members, torch.zeros(()))
+
+
+class _Network(NamedTuple):
+    """Weights of a network while it learns, with H hidden units.
+
+    Attributes:
+        first: shape (F, H).
+        first_bias: shape (H,).
+        second: shape (H,).
+    """
+
+    first: Tensor
+    first_bias: Tensor
+    second: Tensor
+
+    @classmethod
+    def drawn(cls, features: int, generator: torch.Generator) -> "_Network":
+        """Draw initial weights for F features."""
+        return cls(
+            _drawn(features, HIDDEN, fan=features, generator=generator),
+            _drawn(HIDDEN, fan=features, generator=generator),
+            _drawn(HIDDEN, fan=HIDDEN, generator=generator),
+        )
+
+    def __call__(self, features: Tensor) -> Tensor:
+        """Return scores, shape (n,), of features, shape (n, F)."""
+        return torch.addmm(self.first_bias, features, self.first).relu() @ self.second
 
 
 class _Batch(NamedTuple):

@@ -76,20 +76,20 @@ def neighbour_pairs(lists, a, b, places, weights, words):  # type: ignore[no-unt
 
 
 @compiled
-def needed_entities(lists, goal, needed, place_of, places):  # type: ignore[no-untyped-def]
-    """List the different ingredients of a goal's supporting recipes.
+def needed_entities(lists, goal, count, needed, place_of, places):  # type: ignore[no-untyped-def]
+    """Add the ingredients of a goal's supporting recipes to a list of different entities.
 
     Args:
         lists: the lists.
         goal: entity id.
-        needed: receives the ingredients; as long as twice the supporting recipes.
-        place_of: -1 for each entity, before and after.
+        count: number of entities in ``needed``.
+        needed: receives further entities; has room for twice the supporting recipes.
+        place_of: the place of each entity in ``needed``, -1 for others; is written to.
         places: receives where each recipe's ingredients are in ``needed``, shape (R, 2).
 
     Returns:
-        the number of different ingredients, and of supporting recipes.
+        the new number of entities in ``needed``, and the number of supporting recipes.
     """
-    count = 0
     recipes = 0
     for row in range(lists.support.shape[1]):
         recipe = lists.support[goal, row]
@@ -103,8 +103,6 @@ def needed_entities(lists, goal, needed, place_of, places):  # type: ignore[no-u
                 needed[count] = entity
                 count += 1
             places[row, part] = place_of[entity]
-    for number in range(count):
-        place_of[needed[number]] = -1
     return count, recipes
 
 
@@ -289,8 +287,60 @@ def _pair_side(lists, count, places, weights, words, goal, structure, row, known
 
 
 @compiled
+def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-untyped-def]
+    """Find the known pairs of neighbours of all pairs of slots.
+
+    Args:
+        lists: the lists.
+        table: shape (A,); negative for empty slots.
+        one: first slot of each pair, shape (P,).
+        other: second slot of each pair, shape (P,).
+        starts: receives where each pair's begin, and the end, shape (P + 1,).
+
+    Returns:
+        places, weights and words, as in :func:`neighbour_pairs`, all pairs of slots in turn.
+    """
+    most = lists.used.shape[1] ** 2
+    room = 2 * most
+    places = np.empty(room, dtype=np.int64)
+    weights = np.empty(room, dtype=np.float32)
+    words = np.empty(room, dtype=np.float32)
+    end = 0
+    for pair in range(len(one)):
+        starts[pair] = end
+        a = table[one[pair]]
+        b = table[other[pair]]
+        if a < 0 or b < 0:
+            continue
+        if room < end + most:
+            room *= 2
+            places = np.append(places, np.empty(room - len(places), dtype=np.int64))
+            weights = np.append(weights, np.empty(room - len(weights), dtype=np.float32))
+            words = np.append(words, np.empty(room - len(words), dtype=np.float32))
+        found, _ = neighbour_pairs(lists, a, b, places[end:], weights[end:], words[end:])
+        end += found
+    starts[len(one)] = end
+    return places, weights, words
+
+
+@compiled
+def _end_of_table(goals, tables, start):  # type: ignore[no-untyped-def]
+    """Return the first row after ``start`` with another table, or without a goal."""
+    end = start + 1
+    while end < len(goals) and goals[end] >= 0:
+        for slot in range(tables.shape[1]):
+            if tables[end, slot] != tables[start, slot]:
+                return end
+        end += 1
+    return end
+
+
+@compiled
 def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # type: ignore[no-untyped-def]
     """Write the features of slots, and of pairs of slots.
+
+    What depends on the table alone is computed once for rows with the same table that follow each
+    other: a planner asks for many results of one table.
 
     Args:
         lists: the lists.
@@ -304,35 +354,51 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
     size = len(lists.norms)
     slots = tables.shape[1]
     width = lists.support.shape[1]
-    neighbours = lists.used.shape[1]
-    # Work space for a table, made once for the batch.
-    needed = np.empty(2 * width, dtype=np.int32)
+    # Work space, made once for the batch.
     place_of = np.full(size, -1, dtype=np.int32)
-    places = np.empty((width, 2), dtype=np.int32)
-    alike = np.empty((slots, 2 * width), dtype=np.float32)
-    words = np.empty((slots, 2 * width), dtype=np.float32)
     structure = np.zeros(size, dtype=np.float32)
     of_goal = np.zeros(size, dtype=np.float32)
     known_row = np.full(size, -1, dtype=np.int64)
     known = np.empty((size, 2), dtype=np.float32)
     cosines = np.empty((slots, slots), dtype=np.float32)
     kernels = np.empty((slots, slots), dtype=np.float32)
-    pair_places = np.empty(neighbours * neighbours, dtype=np.int64)
-    pair_weights = np.empty(neighbours * neighbours, dtype=np.float32)
-    pair_words = np.empty(neighbours * neighbours, dtype=np.float32)
-    for row in range(len(goals)):
-        goal = goals[row]
-        if goal < 0:
+    starts = np.empty(len(one) + 1, dtype=np.int64)
+    own_places = np.empty(len(one), dtype=np.int64)
+    regression = np.empty(len(one), dtype=np.float32)
+    end = 0
+    while end < len(goals):
+        begin = end
+        if goals[begin] < 0:
+            end += 1
             continue
-        count, recipes = needed_entities(lists, goal, needed, place_of, places)
+        end = _end_of_table(goals, tables, begin)
+        table = tables[begin]
+        # Ingredients that any of the goals needs, each once.
+        needed = np.empty((end - begin) * 2 * width, dtype=np.int32)
+        places = np.empty((end - begin, width, 2), dtype=np.int32)
+        recipes = np.empty(end - begin, dtype=np.int64)
+        count = 0
+        for row in range(begin, end):
+            count, recipes[row - begin] = needed_entities(
+                lists,
+                goals[row],
+                count,
+                needed,
+                place_of,
+                places[row - begin],
+            )
+        for number in range(count):
+            place_of[needed[number]] = -1
+        alike = np.empty((slots, count), dtype=np.float32)
+        words = np.empty((slots, count), dtype=np.float32)
         # By needed entity, then by slot: a word vector is read once for all slots.
         for number in range(count):
             for slot in range(slots):
-                entity = tables[row, slot]
+                entity = table[slot]
                 if entity >= 0:
                     words[slot, number] = dot(lists.vectors, entity, needed[number])
         for slot in range(slots):
-            entity = tables[row, slot]
+            entity = table[slot]
             if entity < 0:
                 continue
             spread(lists, entity, structure)
@@ -348,68 +414,81 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 alike[slot, number] = value * value
                 words[slot, number] = fourth(cosine)
             for place in range(slots):
-                if tables[row, place] >= 0:
-                    value, cosine = alike_of(lists, entity, tables[row, place], structure)
+                if table[place] >= 0:
+                    value, cosine = alike_of(lists, entity, table[place], structure)
                     cosines[slot, place] = cosine
                     kernels[slot, place] = value
-            value, cosine = alike_of(lists, entity, goal, structure)
+            for row in range(begin, end):
+                value, cosine = alike_of(lists, entity, goals[row], structure)
+                _of_slot(
+                    lists,
+                    entity,
+                    goals[row],
+                    cosine,
+                    value,
+                    alike[slot],
+                    words[slot],
+                    places[row - begin],
+                    recipes[row - begin],
+                    of_slots[row, slot],
+                )
             clear(lists, entity, structure)
-            _of_slot(
-                lists,
-                entity,
-                goal,
-                cosine,
-                value,
-                alike[slot],
-                words[slot],
-                places,
-                recipes,
-                of_slots[row, slot],
-            )
-        spread(lists, goal, of_goal)
+        pair_places, weights, pair_words = _all_neighbour_pairs(lists, table, one, other, starts)
         for pair in range(len(one)):
-            i = one[pair]
-            j = other[pair]
-            a = tables[row, i]
-            b = tables[row, j]
-            if a < 0 or b < 0:
-                continue
-            of_pair = of_pairs[row, pair]
-            _goal_side(
-                lists,
-                goal,
-                alike[i],
-                alike[j],
-                words[i],
-                words[j],
-                places,
-                recipes,
-                of_pair,
-            )
-            found, _ = neighbour_pairs(lists, a, b, pair_places, pair_weights, pair_words)
-            _pair_side(
-                lists,
-                found,
-                pair_places,
-                pair_weights,
-                pair_words,
-                goal,
-                of_goal,
-                row,
-                known_row,
-                known,
-                of_pair,
-            )
-            place_of_pair = pair_place(lists, a, b)
-            of_pair[8] = 1 if place_of_pair >= 0 else 0
-            of_pair[9] = 1 if place_of_pair >= 0 and makes(lists, place_of_pair, goal) else 0
-            of_pair[10] = cosines[i, j]
-            of_pair[11] = kernels[i, j]
-            of_pair[12] = 1 if a == b else 0
-            of_pair[13] = log1p(lists.num_makers[goal])
-            of_pair[14] = log1p(lists.num_uses[goal])
-            of_pair[15] = product(lists.pair_left, lists.right, a, b)
-        clear(lists, goal, of_goal)
+            a = table[one[pair]]
+            b = table[other[pair]]
+            if a >= 0 and b >= 0:
+                own_places[pair] = pair_place(lists, a, b)
+                regression[pair] = product(lists.pair_left, lists.right, a, b)
+        for row in range(begin, end):
+            goal = goals[row]
+            goal_made = log1p(lists.num_makers[goal])
+            goal_uses = log1p(lists.num_uses[goal])
+            spread(lists, goal, of_goal)
+            for pair in range(len(one)):
+                i = one[pair]
+                j = other[pair]
+                a = table[i]
+                b = table[j]
+                if a < 0 or b < 0:
+                    continue
+                of_pair = of_pairs[row, pair]
+                _goal_side(
+                    lists,
+                    goal,
+                    alike[i],
+                    alike[j],
+                    words[i],
+                    words[j],
+                    places[row - begin],
+                    recipes[row - begin],
+                    of_pair,
+                )
+                first = starts[pair]
+                last = starts[pair + 1]
+                _pair_side(
+                    lists,
+                    last - first,
+                    pair_places[first:last],
+                    weights[first:last],
+                    pair_words[first:last],
+                    goal,
+                    of_goal,
+                    row,
+                    known_row,
+                    known,
+                    of_pair,
+                )
+                place = own_places[pair]
+                of_pair[8] = 1 if place >= 0 else 0
+                of_pair[9] = 1 if place >= 0 and makes(lists, place, goal) else 0
+                of_pair[10] = cosines[i, j]
+                of_pair[11] = kernels[i, j]
+                of_pair[12] = 1 if a == b else 0
+                of_pair[13] = goal_made
+                of_pair[14] = goal_uses
+                of_pair[15] = regression[pair]
+            clear(lists, goal, of_goal)
 
 
 @compiled

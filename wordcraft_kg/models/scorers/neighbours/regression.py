@@ -69,15 +69,21 @@ def link_factors(
     has_root = values > 1e-6 * values[-1]
     kept = np.flatnonzero(has_root)[-rank:]
     basis = basis[:, kept] / np.sqrt(values[kept])
-    parts = [
-        _kernel(block, landmarks, rows, vectors) @ basis
-        for block in np.split(np.arange(size), range(_BLOCK, size, _BLOCK))
-    ]
-    coordinates = np.concatenate(parts)
+    # Blocks of entities from here on: all at once would take several times the memory of the
+    # factors.
+    blocks = [slice(start, start + _BLOCK) for start in range(0, size, _BLOCK)]
+    every = np.arange(size)
+    turned = np.empty((size, len(kept)))
+    for block in blocks:
+        turned[block] = _kernel(every[block], landmarks, rows, vectors) @ basis
     # Only entities with recipes are fitted; those without are no negative evidence.
-    of_seen = coordinates[seen]
-    weights, turn = np.linalg.eigh(of_seen.T @ of_seen)
-    turned = coordinates @ turn
+    squares = np.zeros((len(kept), len(kept)))
+    for block in blocks:
+        of_seen = turned[seen[block]]
+        squares += of_seen.T @ of_seen
+    weights, turn = np.linalg.eigh(squares)
+    for block in blocks:
+        turned[block] = turned[block] @ turn
     triples = recipe_triples(recipes)
     products = np.maximum(weights, 0)
     shrinkage = products[:, None] * products + RIDGE
@@ -88,11 +94,15 @@ def link_factors(
         heads, _, tails = triples[is_own].T
         ones = np.ones(len(heads))
         links = sparse.csr_array((ones, (heads, tails)), shape=(size, size))
-        inner = turned.T @ (links @ turned)
-        lefts.append(turned @ (inner / shrinkage))
-    left, pair_left = (np.ascontiguousarray(each, dtype=np.float32) for each in lefts)
-    right = np.ascontiguousarray(turned, dtype=np.float32)
-    return left, right, pair_left
+        inner = np.zeros_like(shrinkage)
+        for block in blocks:
+            inner += turned[block].T @ (links[block] @ turned)
+        left = np.empty(turned.shape, dtype=np.float32)
+        for block in blocks:
+            left[block] = turned[block] @ (inner / shrinkage)
+        lefts.append(left)
+    left, pair_left = lefts
+    return left, turned.astype(np.float32), pair_left
 
 
 def _kernel(one: Ids, other: Ids, rows: Any, vectors: Floats) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ see :mod:`wordcraft_kg.models.scorers.neighbours.results`.
 
 | step | cost |
 |---|---|
-| a step of the fit with B recipes, N sampled results | 2 B V (3 U + Z) + (B + N) D Z + B (3 B + N) Z |
+| a step of the fit, B recipes, N sampled | 2 B V (3 U + Z) + (B + N) D Z + B (3 B + N) Z |
 | an encoder | n / B steps an epoch; five folds need nine encoders |
 | features of a table with A slots | A² V (3 U + Z) / 2, each pair once in a batch |
 | proposals for a pair | V (3 U + Z) + E Z |

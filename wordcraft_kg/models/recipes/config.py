@@ -14,7 +14,7 @@ UseEncoder = Literal["auto", "on", "off"]
 ENCODER_FROM = 20_000
 """Training recipes from which `encoder` auto is on.
 
-Infinite Craft gains .020 with 8 distractors from as few as 10,000 of its recipes; the built-in books
+Infinite Craft gains .020 with 8 distractors from as few as 10,000 of its recipes; built-in books
 have at most 6,510, and keep their results.
 """
 

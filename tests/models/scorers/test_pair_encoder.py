@@ -9,6 +9,7 @@ import torch
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.graphs.folds import make_folds
 from wordcraft_kg.graphs.splits import SplitConfig, make_split
+from wordcraft_kg.models.recipes import encoder_fitting
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoder
 from wordcraft_kg.models.scorers.neighbours import results
 from wordcraft_kg.models.scorers.neighbours.encoder_candidates import likely_intermediates
@@ -68,7 +69,8 @@ def slow_scores(encoder, a, b, goal):
     for column, bias in zip(encoder.first.T.tolist(), encoder.first_bias.tolist(), strict=True):
         total = bias + sum(weight * value for weight, value in zip(column, inputs, strict=True))
         units.append(max(total, 0.0))
-    own = sum(weight * unit for weight, unit in zip(encoder.pair.tolist(), units, strict=True))
+    own = float(encoder.pair_bias)
+    own += sum(weight * unit for weight, unit in zip(encoder.pair.tolist(), units, strict=True))
     score = float(encoder.bias[goal])
     of_result = zip(
         encoder.second.T.tolist(),
@@ -116,6 +118,35 @@ def test_an_entity_of_words_alone_is_an_entity_whose_own_vectors_are_zero(
     if unseen is not None:
         again = encoder.with_entities(vectors[unseen : unseen + 1].float())
         assert torch.equal(again.used[SIZE], encoder.used[unseen])
+
+
+def test_parts_of_the_score_have_a_mean_of_0_over_the_recipes(recipes, encoder):
+    """Else rankers could not learn from one encoder, and be used with another."""
+    a, b, goal = torch.from_numpy(recipes).T
+    z, u = encoder.encode(a, b)
+    for part in (z, u, encoder.made[goal].float(), encoder.bias[goal]):
+        assert part.mean(0).abs().max() < 2e-3
+
+
+def test_centring_changes_scores_by_a_constant_alone(recipes, encoder, vectors):
+    generator = torch.Generator().manual_seed(1)
+    moved = encoder._replace(
+        used=encoder.used.float(),
+        made=encoder.made.float() + torch.randn(TINY.made, generator=generator),
+        bias=encoder.bias + 3,
+        second_bias=encoder.second_bias + torch.randn(TINY.made, generator=generator),
+        pair=encoder.pair + 0.5,
+    )
+    centred = encoder_fitting._centred(moved, torch.from_numpy(recipes))
+    a, b, goal = torch.randint(SIZE, (3, 50), generator=generator)
+    one, other = (each.features(a[:, None], b[:, None], goal)[:, 0, 0] for each in (moved, centred))
+    assert (one - other).std() < 1e-4
+    # An entity that has words alone is treated as all others.
+    longer = [each.with_entities(vectors[:3].float()) for each in (moved, centred)]
+    new = torch.arange(SIZE, SIZE + 3)
+    one, other = (each.result_scores(a[:3], b[:3])[:, new] for each in longer)
+    # In (pairs, results), the difference is a number of each pair, as that of its u.
+    assert (one - other).std(1).max() < 2e-2
 
 
 def test_the_same_seed_gives_the_same_bits_and_touches_no_global_generator(recipes, vectors):

@@ -121,28 +121,71 @@ class _Network(nn.Module):
         return units @ self.second + self.second_bias, units @ self.pair
 
     @torch.no_grad()
-    def fitted(self, vectors: Tensor) -> PairEncoder:
-        """Return the encoder for inference, on the CPU."""
-        own = self.used_ids
-        used = (vectors @ self.used_words + self.used_bias + own).relu()
-        made = vectors @ self.made_words + self.made_bias + self.made_ids
-        bias = vectors @ self.bias_words + self.bias_ids[:, 0]
-        parts = (
-            used.half(),
-            made.half(),
-            bias,
-            self.first,
-            self.first_bias,
-            self.second,
-            self.second_bias,
-            self.pair,
-            self.used_words,
-            self.used_bias,
-            self.made_words,
-            self.made_bias,
-            self.bias_words,
+    def fitted(self, vectors: Tensor, recipes: Tensor) -> PairEncoder:
+        """Return the encoder for inference, on the CPU, see :func:`_centred`.
+
+        Args:
+            vectors: unit word vectors, shape (T, D).
+            recipes: training recipes, ids (n, 3).
+        """
+        nothing = torch.zeros(())
+        parts = PairEncoder(
+            used=(vectors @ self.used_words + self.used_bias + self.used_ids).relu(),
+            made=vectors @ self.made_words + self.made_bias + self.made_ids,
+            bias=vectors @ self.bias_words + self.bias_ids[:, 0],
+            first=self.first,
+            first_bias=self.first_bias,
+            second=self.second,
+            second_bias=self.second_bias,
+            pair=self.pair,
+            pair_bias=nothing,
+            used_words=self.used_words,
+            used_bias=self.used_bias,
+            made_words=self.made_words,
+            made_bias=self.made_bias,
+            bias_words=self.bias_words,
+            bias_base=nothing,
         )
-        return PairEncoder(*(part.detach().cpu().clone() for part in parts))
+        on_cpu = PairEncoder(*(part.detach().cpu().clone() for part in parts))
+        centred = _centred(on_cpu, recipes.cpu())
+        return centred._replace(used=centred.used.half(), made=centred.made.half())
+
+
+def _centred(encoder: PairEncoder, recipes: Tensor) -> PairEncoder:
+    """Return an encoder with the same s, up to a constant, whose parts mean the same in all fits.
+
+    The losses leave open how s is divided: a part that depends on the pair alone may be in u or in
+    ``z · g``, one that depends on the result alone in its bias or in ``z · g``. Rankers learn from
+    one encoder, and are used with another one. So z and g have a mean of 0 over the recipes, and
+    the rest of their product goes to u and to the biases, whose means are 0, too::
+
+        z · g = (z - z̄) · (g - ḡ) + z · ḡ + z̄ · (g - ḡ)
+
+    Args:
+        encoder: in single precision.
+        recipes: training recipes, ids (n, 3).
+    """
+    a, b, results = recipes.unbind(1)
+    mean_made = encoder.made[results].mean(0)
+    made = encoder.made - mean_made
+    made_bias = encoder.made_bias - mean_made
+    z, u = encoder.encode(a, b)
+    mean_z = z.mean(0)
+    pair = encoder.pair + encoder.second @ mean_made
+    mean_u = (u + z @ mean_made).mean()
+    pair_bias = encoder.second_bias @ mean_made - mean_u
+    bias = encoder.bias + made @ mean_z
+    mean_bias = bias[results].mean()
+    return encoder._replace(
+        made=made,
+        bias=bias - mean_bias,
+        second_bias=encoder.second_bias - mean_z,
+        pair=pair,
+        pair_bias=pair_bias,
+        made_bias=made_bias,
+        bias_words=encoder.bias_words + encoder.made_words @ mean_z,
+        bias_base=encoder.bias_base + made_bias @ mean_z - mean_bias,
+    )
 
 
 class _Draws:
@@ -283,7 +326,7 @@ def fit_encoder(
                 for optimizer in optimizers:
                     optimizer.param_groups[0]["lr"] = rate
                     optimizer.step()
-        return network.fitted(words)
+        return network.fitted(words, rows)
 
 
 def _share_of_rate(done: int, total: int) -> float:

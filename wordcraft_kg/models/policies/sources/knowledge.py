@@ -51,11 +51,13 @@ _OF_ENCODER = {
     "encoder_second": "models V Z float32",
     "encoder_second_bias": "models Z float32",
     "encoder_pair": "models V float32",
+    "encoder_pair_bias": "models float32",
     "encoder_used_words": "models D U float32",
     "encoder_used_bias": "models U float32",
     "encoder_made_words": "models D Z float32",
     "encoder_made_bias": "models Z float32",
     "encoder_bias_words": "models D float32",
+    "encoder_bias_base": "models float32",
     **_of_ranker("results_", "F"),
 }
 

@@ -39,11 +39,13 @@ class PairEncoder(NamedTuple):
         second: shape (V, Z), gives z.
         second_bias: shape (Z,).
         pair: shape (V,), gives u.
+        pair_bias: shape ().
         used_words: shape (D, U), W1: makes h of an entity that has words alone.
         used_bias: shape (U,).
         made_words: shape (D, Z), W2.
         made_bias: shape (Z,).
         bias_words: shape (D,), makes the bias of an entity that has words alone.
+        bias_base: shape ().
     """
 
     used: Tensor
@@ -54,11 +56,13 @@ class PairEncoder(NamedTuple):
     second: Tensor
     second_bias: Tensor
     pair: Tensor
+    pair_bias: Tensor
     used_words: Tensor
     used_bias: Tensor
     made_words: Tensor
     made_bias: Tensor
     bias_words: Tensor
+    bias_base: Tensor
 
     def named(self) -> dict[str, Tensor]:
         """Return the tensors by their names in :data:`ENCODER`."""
@@ -68,7 +72,7 @@ class PairEncoder(NamedTuple):
         """Return an encoder of n more entities, which have words alone, (n, D)."""
         used = (vectors @ self.used_words + self.used_bias).relu()
         made = vectors @ self.made_words + self.made_bias
-        bias = vectors @ self.bias_words
+        bias = vectors @ self.bias_words + self.bias_base
         return self._replace(
             used=torch.cat([self.used, used.half()]),
             made=torch.cat([self.made, made.half()]),
@@ -83,7 +87,7 @@ class PairEncoder(NamedTuple):
             inputs = pair_inputs(self.used[one].float(), self.used[other].float())
             units = (inputs @ self.first).add_(self.first_bias).relu_()
             encoded.append(units @ self.second + self.second_bias)
-            own.append(units @ self.pair)
+            own.append(units @ self.pair + self.pair_bias)
         if not encoded:
             return self.first.new_zeros(0, self.made.shape[1]), self.first.new_zeros(0)
         return torch.cat(encoded), torch.cat(own)
@@ -157,11 +161,13 @@ def encoder_shapes(
         "second": (hidden, made),
         "second_bias": (made,),
         "pair": (hidden,),
+        "pair_bias": (),
         "used_words": (dim, used),
         "used_bias": (used,),
         "made_words": (dim, made),
         "made_bias": (made,),
         "bias_words": (dim,),
+        "bias_base": (),
     }
     return {_PREFIX + name: (1, *shape) for name, shape in shapes.items()}
 

@@ -295,3 +295,17 @@ def test_memory_for_encoders_is_said_before_the_start(book, monkeypatch, tmp_pat
 def test_vectors_of_other_labels_or_shapes_are_refused(trained, tmp_path, change):
     with pytest.raises(ArtefactError, match=r"does not contain a scorer.*Train again"):
         load_scorer(rewritten(trained, tmp_path / "spoilt", weights=change))
+
+
+def test_one_lesson_fold_gives_as_many_examples_as_all_folds_together(monkeypatch):
+    monkeypatch.setattr(fitting, "EXAMPLES", 12)
+    folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
+    words = words_of(np.zeros((12, 0)))
+    ((_, encoder),) = fit_encoders(folds, torch.zeros(12, 0), [(0,)])
+    lists = words.lists(folds.recipes([0]))
+    numbers = [
+        len(fitting._lesson(folds, lists, fitting.NOTHING, each, (), 0, 0).slots)
+        for each in (None, encoder)
+    ]
+    # A third of the examples from each of three folds; two sizes of tables.
+    assert numbers == [4 * 2, 12 * 2]

@@ -81,6 +81,7 @@ lint: install
 	$(BIN)/python docs/make_terms.py --check
 	$(BIN)/python docs/make_partial_graph.py --check
 	$(BIN)/python docs/make_results.py --check
+	$(BIN)/python docs/make_evidence.py --check
 	$(BIN)/python docs/make_notebooks.py --check
 	$(BIN)/python data/make_benchmark.py --check
 	$(BIN)/wordcraft-kg bench leaderboard leaderboard --out docs/leaderboard.md --check
@@ -94,6 +95,7 @@ docs: install
 	$(BIN)/python docs/make_terms.py
 	$(BIN)/python docs/make_partial_graph.py
 	$(BIN)/python docs/make_results.py
+	$(BIN)/python docs/make_evidence.py
 	$(BIN)/python docs/make_notebooks.py --text
 
 # 124: the time is over. All finished cells are stored, and the next call resumes the unfinished trainings.

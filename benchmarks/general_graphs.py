@@ -1,4 +1,4 @@
-"""Figures on WordNet and ConceptNet in docs/outside-knowledge.md.
+"""Figures on WordNet and ConceptNet in docs/evidence/alignment.md.
 
     python benchmarks/general_graphs.py senses everyday /usr/share/wordnet
     python benchmarks/general_graphs.py assertions everyday assertions.csv --lines 3000000

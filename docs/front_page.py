@@ -6,6 +6,16 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
+BUTTONS = """
+[Install](installation.md){ .md-button .md-button--primary }
+[Play](play.md){ .md-button }
+<a class="md-button" href="everyday/index.html">Explore</a>
+
+"""
+"""The way on, before README's finding. The explorer's pages join the finished website."""
+FINDING = "<!-- finding -->"
+END = "<!-- end of first screen -->"
+"""The mark in README where the landing page ends."""
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
@@ -13,8 +23,9 @@ def on_page_markdown(markdown: str, *, page: Any, **_: object) -> str:
     to the site.
     """
     if page.file.src_uri == "index.md":
-        screen, _, _ = (ROOT / "README.md").read_text(encoding="utf-8").partition("## Two commands")
-        return screen.replace("](docs/", "](") + markdown
+        screen, _, _ = (ROOT / "README.md").read_text(encoding="utf-8").partition(END)
+        screen = screen.replace("](docs/", "](").replace(FINDING, BUTTONS + FINDING)
+        return screen + markdown
     if page.file.src_uri == "changelog.md":
         return (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
     return markdown

@@ -1,9 +1,9 @@
-"""Write the tables of docs/partial-graph.md and README.md and the picture from files of figures.
+"""Write the tables and the picture of docs/partial-graph.md, and tables of evidence/untrained.md.
 
     python docs/make_partial_graph.py [--check]
 
-README's table and the first tables of the page are from the studies in docs/results/, which have
-one split of each kind; README's means over splits are from ``benchmarks/untrained_players.py
+The first tables of the page are from the studies in docs/results/, which have
+one split of each kind; the means over splits are from ``benchmarks/untrained_players.py
 --json`` and, for agents, from ``benchmarks/agent_against_scorer.py``. The figures of other scorers
 are those of ``benchmarks/partial_graph.py --json``, the figures of players that learn nothing those
 of ``benchmarks/untrained_players.py --json``, the figures by depth those of
@@ -35,11 +35,8 @@ SOURCE, PAGE, PICTURE = (
 )
 PLANNING = HERE / "planning.json"
 AGENTS = HERE / "agents.json"
-UNTRAINED, README, RESULTS = (
-    HERE / "untrained-players.json",
-    HERE.parent / "README.md",
-    HERE / "results.md",
-)
+UNTRAINED, RESULTS = HERE / "untrained-players.json", HERE / "evidence" / "untrained.md"
+SHORT = "<!-- short -->\n", "<!-- end of short -->"
 FIGURES = "<!-- figures -->\n", "<!-- end of figures -->"
 STUDIED = "<!-- studies -->\n", "<!-- end of studies -->"
 ALONE = {
@@ -100,7 +97,7 @@ DEPTHS = {
 }
 """Players in the panels by depth, and their colours."""
 COLOURS = {8: "#0072b2", 1: "#d55e00"}
-IN_README = {
+IN_SHORT = {
     "nearest words": "the two items with the nearest words, nothing learned",
     "no graph": "agent without a graph",
     "ComplEx in-sample, u v": "agent with ComplEx, scores in-sample",
@@ -108,9 +105,9 @@ IN_README = {
     "recipe scorer alone, w": "recipe scorer alone: its best pair",
     "recipes, u v w": "agent with the recipe scorer",
 }
-"""Players and agents in README, and their names there."""
+"""Players and agents in the first table, and their names there."""
 SPLITS = (0, 1, 2)
-"""Seeds of the splits of README's means."""
+"""Seeds of the splits of the means in the first table."""
 SCORER_COST = 0.3
 """The default penalty of agents on books of this size, in the file of agents on several splits."""
 Row = dict[str, Any]
@@ -178,6 +175,27 @@ def untrained(book: str, split: str, rows: list[Row]) -> Iterator[str]:
                 )
             yield line
     yield ""
+
+
+def alone_short(rows: list[Row]) -> Iterator[str]:
+    """Yield the table of the players that learn nothing on Little Alchemy 2 with 8 distractors."""
+    splits = {"by-recipe": "unseen recipes", "by-goal": "unseen goals", "by-slot": "unseen slots"}
+    yield f"| Little Alchemy 2, 8 distractors | {' | '.join(splits.values())} |"
+    yield f"|---|{'---|' * len(splits)}"
+    for player, name in ALONE.items():
+        line = f"| {name} |"
+        for split in splits:
+            key = "little-alchemy-2", split, player, 8
+            (row,) = [
+                row
+                for row in rows
+                if (row["book"], row["split"], row["player"], row["distractors"]) == key
+            ]
+            ends = (
+                None if player == "random" else interval_over_splits(row["success"], row["tasks"])
+            )
+            line += f" {_with_interval({'success': _mean(row['success']), 'interval': ends})} |"
+        yield line
 
 
 def alone_tables(rows: list[Row]) -> Iterator[str]:
@@ -294,7 +312,7 @@ def study_tables(rows: list[Row]) -> Iterator[str]:
 
 
 def short(rows: list[Row], untrained: list[Row], over_splits: list[Row]) -> Iterator[str]:
-    """Yield README's table: Little Alchemy 2 with 8 distractors, players without an agent and
+    """Yield the first table: Little Alchemy 2 with 8 distractors, players without an agent and
     agents.
 
     Args:
@@ -311,11 +329,13 @@ def short(rows: list[Row], untrained: list[Row], over_splits: list[Row]) -> Iter
         "splits 0 to 2 | unseen goals, split 0 | splits 0 to 2 |"
     )
     yield "|---|---|---|---|---|---|"
-    for variant, name in IN_README.items():
+    for variant, name in IN_SHORT.items():
         columns = (("by-recipe", "text"), ("by-recipe", "own"), ("by-goal", "text"))
-        texts = [_text(of, variant, (split, 8), part).partition(" ")[0] for split, part in columns]
+        texts = [_text(of, variant, (split, 8), part).removesuffix("†") for split, part in columns]
         if not all(texts):
-            sys.exit(f"the studies of Little Alchemy 2 have no figure of '{variant}' for README")
+            sys.exit(
+                f"the studies of Little Alchemy 2 have no figure of '{variant}' for the first table"
+            )
         recipes, goals = (
             share(mean)
             if (mean := mean_over_splits(variant, split, untrained, over_splits))
@@ -328,7 +348,7 @@ def short(rows: list[Row], untrained: list[Row], over_splits: list[Row]) -> Iter
 def mean_over_splits(
     variant: str, split: str, untrained: list[Row], over_splits: list[Row]
 ) -> float | None:
-    """Return the mean success of a row of README on splits 0, 1 and 2 of a kind; None if they were
+    """Return the mean success of a row of the first table on splits 0, 1 and 2 of a kind; None if they were
     not played.
 
     ``untrained`` and ``over_splits`` as in :func:`short`; an agent's splits count equally, whatever
@@ -559,9 +579,23 @@ if __name__ == "__main__":
     over_splits = json.loads(AGENTS.read_text(encoding="utf-8"))
     by_depth, of_studies = json.loads(PLANNING.read_text(encoding="utf-8")), studied()
     for path, text in (
-        (PAGE, _filled(PAGE, (STUDIED, study_tables(of_studies)), (FIGURES, tables(trained)))),
-        (README, _filled(README, (FIGURES, short(of_studies, untrained_rows, over_splits)))),
-        (RESULTS, _filled(RESULTS, (FIGURES, alone_tables(untrained_rows)))),
+        (
+            PAGE,
+            _filled(
+                PAGE,
+                (SHORT, short(of_studies, untrained_rows, over_splits)),
+                (STUDIED, study_tables(of_studies)),
+                (FIGURES, tables(trained)),
+            ),
+        ),
+        (
+            RESULTS,
+            _filled(
+                RESULTS,
+                (SHORT, alone_short(untrained_rows)),
+                (FIGURES, alone_tables(untrained_rows)),
+            ),
+        ),
         (PICTURE, picture([row for row in of_studies if "steps" in row], by_depth)),
     ):
         if "--check" not in sys.argv:

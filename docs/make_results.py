@@ -1,4 +1,4 @@
-"""Write docs/results.md and its pictures from the results in docs/results/.
+"""Write docs/results.md, the evidence pages of the studies and their pictures from docs/results/.
 
     python docs/make_results.py [--check | --take FOLDER | --cells [FOLDER] | --pack [FOLDER]]
 
@@ -7,6 +7,9 @@ with at least three seeds of all variants takes the place of its file; docs/resu
 the cells, and has the hours of the missing ones. --pack moves the loose files of a store into a zip
 archive for each study and book. Further tables come from docs/study-players.json,
 docs/agents-against-scorers.json and docs/interval-coverage.json.
+
+docs/results.md has a row for each claim with its verdicts; a study of both books is a page of
+docs/evidence/, with its long tables folded.
 """
 
 import argparse
@@ -17,10 +20,11 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePath
-from typing import Any, get_args
+from typing import Any, NamedTuple, get_args
 
 import msgspec
 import numpy as np
+from charts import Mark, chart, read_mark
 
 from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.base.errors import ArtefactError, WordCraftKGError
@@ -43,9 +47,17 @@ from wordcraft_kg.studies.view import StudyView, title_of, view_study
 
 HERE = Path(__file__).parent
 BEGIN, END = "<!-- results -->\n", "<!-- end of results -->"
+MOST_COVERED = "<!-- coverage in short -->\n", "<!-- end of coverage in short -->"
 COVERAGE = "<!-- coverage -->\n", "<!-- end of coverage -->"
 LEFT = "<!-- left -->\n", "<!-- end of left -->"
+SHORT = "<!-- agents and scorers -->\n", "<!-- end of agents and scorers -->"
 AGAINST = "<!-- agents against scorers -->\n", "<!-- end of agents against scorers -->"
+INTERVALS, ACTING = "evidence/intervals.md", "evidence/acting.md"
+"""Pages with a table that this script writes, below docs/."""
+MEASURED = "November 2026"
+"""When the studies ran; the stored results have no dates."""
+MOST_ROWS = 12
+"""Of an evidence page's table that is not folded."""
 MOST_BYTES = 4 * 1024 * 1024
 """Of all committed results together."""
 ORDER = ("embeddings", "knowledge", "sources", "alone", "splits", "depth2", "csrl", "training-data")
@@ -63,6 +75,59 @@ NO_AGENT = (
     "recipe scorer alone, w",
     "planner, p",
 )
+
+
+class Question(NamedTuple):
+    """An evidence page's title, the answer in words, and the claim with its figures."""
+
+    title: str
+    answer: str
+    claim: str
+
+
+QUESTIONS = {
+    "embeddings": Question(
+        "Does the meaning of word vectors help an agent?",
+        "Yes: GloVe vectors are far above the same vectors shuffled among the entities.",
+        "Meaning makes the difference: shuffled GloVe vectors are much worse.",
+    ),
+    "knowledge": Question(
+        "Do full and partial graphs help an agent?",
+        "A full graph helps drastically. A partial graph helps if the agent learns from out-of-sample scores.",
+        "Cross-fitted scores alone improve the agent as published.",
+    ),
+    "sources": Question(
+        "Which links help an agent: partners, ingredients, or both?",
+        "With the full graph, scores of ingredients (v) are better than scores of partners (u), and both together are best.",
+        "Full graph: the better score, u or v, depends on the number of distractors.",
+    ),
+    "alone": Question(
+        "How far do an agent's scores get without attention?",
+        "Not to 100 %, even with the full graph.",
+        "The full graph alone does not give 100 % either.",
+    ),
+    "splits": Question(
+        "Does a graph help with new goals and slots?",
+        "Yes, with scores of whole recipes. Scores of links from ComplEx add little, and harm in-sample.",
+        "Scores of whole recipes help with new goals or slots, too.",
+    ),
+    "depth2": Question(
+        "Can agents make goals that need an intermediate?",
+        "Yes, with scores of plans (p); agents with other scores stay far below.",
+        "With scores of plans (p) a partial graph drastically improves success at depth 2.",
+    ),
+    "csrl": Question(
+        "Do the conditions of CSRL change the picture?",
+        "No: scores of whole recipes help in all three conditions.",
+        "Scores of whole recipes help in all three conditions.",
+    ),
+    "training-data": Question(
+        "Do better links make better agents?",
+        "Yes, with unseen recipes: success rises with the number of recipes that the scorer learns from.",
+        "Agents with the whole partial graph are better than agents with half of the graph.",
+    ),
+}
+"""The question of each built-in study. A study without one has its title and first claim."""
 TRAIN_RATIO = SplitConfig().train_ratio
 OVER_TASKS = "†"
 """Mark of an interval over tasks where tasks are in groups: no success by task was kept, so it is
@@ -263,18 +328,18 @@ def left_table(path: Path) -> Iterator[str]:
             )
 
 
-def against_table(path: Path) -> Iterator[str]:
+def against_table(path: Path, *, is_short: bool = False) -> Iterator[str]:
     """Yield the lines of a table of agents against their own scorers; p has Holm's correction over
-    all rows.
+    all rows, also if only the agents with default settings and most distractors are shown.
     """
     rows = json.loads(path.read_text(encoding="utf-8")) if path.exists() else []
     order = {name: number for number, name in enumerate(BOOKS)}
     corrected = dict(zip(map(id, rows), holm([row["p"] for row in rows]), strict=True))
-    yield (
-        "| book, split | depth | distractors | agent | success | its scorer alone | difference | p "
-        "|"
-    )
-    yield "|---|---|---|---|---|---|---|---|"
+    columns = ["book, split", "depth", "distractors", "agent", "success", "its scorer alone"]
+    heads = ["agent", *columns[4:]] if is_short else columns
+    heads += ["difference", "p"]
+    yield f"| {' | '.join(heads)} |"
+    yield f"|{'---|' * len(heads)}"
 
     def key(row: dict[str, Any]) -> tuple[Any, ...]:
         kinds = ("by-recipe", "by-goal", "by-slot")
@@ -282,6 +347,8 @@ def against_table(path: Path) -> Iterator[str]:
         return *of_split, -row["distractors"], row["variant"]
 
     for row in sorted(rows, key=key):
+        if is_short and ("no penalty" in row["variant"] or row["distractors"] < 4):
+            continue
         split = row["kind"] + (
             f", {row['train_ratio']:.0%} in train" if row["train_ratio"] != TRAIN_RATIO else ""
         )
@@ -290,10 +357,12 @@ def against_table(path: Path) -> Iterator[str]:
         is_grouped = row["depth"] > 1 or row["kind"] != "by-recipe"
         mark = OVER_TASKS if is_grouped and "groups" not in row else ""
         difference = f"{signed(row['difference'])} [{ends}]{mark} | {p_value}{mark}"
-        yield (
-            f"| {BOOKS[row['book']]}, {split} | {row['depth']} | {row['distractors']} | "
-            f"{row['variant']} | {share(row['agent'])} | {share(row['scorer'])} | {difference} |"
-        )
+        played = f"{share(row['agent'])} | {share(row['scorer'])} | {difference} |"
+        where = f"{BOOKS[row['book']]}, {split}"
+        if is_short:
+            yield f"| {where}, depth {row['depth']}, {row['distractors']} distractors | {played}"
+        else:
+            yield f"| {where} | {row['depth']} | {row['distractors']} | {row['variant']} | {played}"
 
 
 def read_all(folder: Path) -> list[StudyResults]:
@@ -319,70 +388,85 @@ def read_all(folder: Path) -> list[StudyResults]:
 
 
 def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
-    """Yield the lines of the page below its head."""
+    """Yield the lines of the index of claims."""
     if not found:
         yield "No study has been run yet: this page fills itself from the files in `docs/results/`."
         return
+    evaluated = [(results, view_claims(results, current(results).claims)) for results in found]
+    yield "## Claims of the paper"
+    yield ""
+    yield f"{verdicts(evaluated, of_paper=True).capitalize()}."
+    yield ""
+    yield from summary_table(evaluated, of_paper=True)
+    yield ""
+    yield "## Claims of this project"
+    yield ""
+    yield f"{verdicts(evaluated, of_paper=False).capitalize()}."
+    yield ""
+    own = [*summary_table(evaluated, of_paper=False), ""]
+    yield from folded("All claims of this project", own)
+    yield ""
+    yield "## The studies"
+    yield ""
+    number = len({run.run for results in found for run in results.runs})
+    yield (
+        f"In all {number:,} different trainings: one that several studies or points of a grid "
+        "share runs once, and counts in each."
+    )
+    yield ""
+    yield from folded("Steps, seeds and trainings of each study", studies_table(found, views))
+
+
+def studies_table(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
+    """Yield the lines of a table of the studies."""
     has_gaps = any(results.missing for results in found)
     yield f"| study | book | steps | seeds | trainings |{' missing |' * has_gaps}"
     yield f"|---|---|---|---|---|{'---|' * has_gaps}"
     for results, view in zip(found, views, strict=True):
         trainings = f"{len(results.runs)}" + f" | {len(results.missing) or ''}" * has_gaps
         yield (
-            f"| [{current(results).title}](#{anchor(results)}) | {shown_book(results)} | "
+            f"| [{current(results).title}]({page_of(results)}) | {shown_book(results)} | "
             f"{steps_of(view)} | {seeds_of(view)} | {trainings} |"
         )
     yield ""
-    number = len({run.run for results in found for run in results.runs})
-    yield (
-        f"In all {number:,} different trainings: one that several studies or points of a grid "
-        "share runs once, and"
-    )
-    yield f"counts in each. Platform and versions: {origins_of(found)}."
-    yield ""
-    evaluated = [(results, view_claims(results, current(results).claims)) for results in found]
-    yield "## Claims"
-    yield ""
-    yield (
-        f"Of the paper: {verdicts(evaluated, of_paper=True)}. Of this project: "
-        f"{verdicts(evaluated, of_paper=False)}."
-    )
-    yield (
-        "Each claim counts at each point that it is about, on each book; [the "
-        "rule](#how-to-read-this-page) is below."
-    )
-    yield ""
-    yield from summary_table(evaluated)
-    yield ""
-    for results, claims in evaluated:
-        yield f"**{current(results).title}**, {shown_book(results)}, by `{results.command}`:"
-        yield ""
-        yield from claims_table(claims)
-        yield ""
-    for results, view in zip(found, views, strict=True):
-        yield from section(results, view)
 
 
-def summary_table(evaluated: list[tuple[StudyResults, tuple[ClaimVerdict, ...]]]) -> Iterator[str]:
+def page_of(results: StudyResults) -> str:
+    """Return the path of a study's evidence page below docs/."""
+    return f"evidence/{name_of(results)}.md"
+
+
+def summary_table(
+    evaluated: list[tuple[StudyResults, tuple[ClaimVerdict, ...]]], *, of_paper: bool
+) -> Iterator[str]:
     """Yield the lines of a table with a row for each claim, and the number of its points by verdict
     and book.
     """
     counts: dict[tuple[str, str], dict[str, Counter[Verdict]]] = {}
+    pages: dict[tuple[str, str], str] = {}
     for results, claims in evaluated:
         for claim in claims:
-            of_book = counts.setdefault((claim.text, claim.source), {}).setdefault(
-                shown_book(results), Counter()
-            )
+            if claim.source.startswith("paper") != of_paper:
+                continue
+            key = claim.text, claim.source
+            pages[key] = page_of(results)
+            of_book = counts.setdefault(key, {}).setdefault(shown_book(results), Counter())
             of_book[claim.verdict] += 1
     books = list(dict.fromkeys(book for found in counts.values() for book in found))
     yield f"| claim | {' | '.join(books)} |"
     yield f"|---|{'---|' * len(books)}"
     for (text, source), found in counts.items():
         texts = (
-            ", ".join(f"{n} {verdict}" for verdict, n in found.get(book, Counter()).items())
+            " ".join(chip(verdict, n) for verdict, n in found.get(book, Counter()).items())
             for book in books
         )
-        yield f"| {text} *({source})* | {' | '.join(texts)} |"
+        where = source.removeprefix("paper, ").removeprefix("this project, ")
+        yield f"| [{text}]({pages[text, source]}) *({where})* | {' | '.join(texts)} |"
+
+
+def chip(verdict: Verdict, number: int) -> str:
+    """Return a verdict with the number of its points, in the verdict's colour on the website."""
+    return f'<span class="verdict {verdict.replace(" ", "-")}">{number} {verdict}</span>'
 
 
 def verdicts(
@@ -455,18 +539,155 @@ def claims_table(claims: Iterable[ClaimVerdict]) -> Iterator[str]:
         before = text
 
 
-def section(results: StudyResults, view: StudyView) -> Iterator[str]:
-    """Yield the lines of a study: question, figures, and command."""
-    study = current(results)
-    yield f'<a id="{anchor(results)}"></a>'
+def evidence(of: list[tuple[StudyResults, StudyView]]) -> Iterator[str]:
+    """Yield the lines of the evidence page of a study on each of its books."""
+    study = current(of[0][0])
+    name = name_of(of[0][0])
+    claim = next((claim.text for claim in study.claims), "")
+    question = QUESTIONS.get(name, Question(study.title, claim, claim))
+    yield "<!-- generated by docs/make_results.py -->"
+    yield f"# {question.title}"
     yield ""
-    yield f"## {study.title} ({shown_book(results)})"
+    yield f"**Answer.** {' '.join(answer(of, question))}"
     yield ""
-    yield f"{' '.join(study.about.split())} *{study.source}.*"
+    yield f"![{study.title}](../images/evidence-{name}.svg)"
+    yield ""
+    yield from main_table(*of[0])
     yield ""
     yield (
-        f"![{study.title} ({shown_book(results).strip('`')})](images/results-{anchor(results)}.svg)"
+        "Letters name the scores: u of partners (combinesWith), v of ingredients of the goal "
+        "(componentOf), w of whole recipes, p of plans. In-sample: scores of recipes that the scorer "
+        "has learned from. †: interval over tasks, too narrow."
     )
+    yield ""
+    yield "## Method"
+    yield ""
+    yield f"{' '.join(study.about.split())} *{study.source}.*"
+    yield (
+        f"Agents train for {steps_of(of[0][1])} steps, with "
+        f"{' and '.join(f'{seeds_of(view)} seeds on {shown_book(results)}' for results, view in of)}. "
+        "Success is the share of test episodes in which the greedy agent makes the goal, "
+        "with a 95 % interval over seeds and tasks ([intervals](intervals.md))."
+    )
+    yield ""
+    yield "## Caveats"
+    yield ""
+    yield "- One split of each kind (seed 0): intervals say nothing about other splits and books."
+    commands = {scorer.get("command") for scorer in study.scorers.values()}
+    if "train-recipes" in commands:
+        yield (
+            "- Scores of whole recipes and plans are those of the recipe scorer by tables, before "
+            "neighbour lists ([the difference](lists.md))."
+        )
+    for results, view in of:
+        for point in view.points:
+            for text in uneven(point):
+                yield f"- {shown_book(results)}, {point.title}: {text}"
+        if results.missing:
+            yield f"- Missing: {missing_text(results)}."
+    yield ""
+    yield "## Command"
+    yield ""
+    yield "```"
+    yield from (results.command for results, _ in of)
+    yield "```"
+    yield ""
+    yield (
+        f"{MEASURED}, {origins_of([results for results, _ in of])}. Without `--store`, the command "
+        f"trains again. Figures: {', '.join(stored(results) for results, _ in of)}."
+    )
+    for results, view in of:
+        yield ""
+        yield from folded(f"All claims and figures: {shown_book(results)}", details(results, view))
+
+
+def answer(of: list[tuple[StudyResults, StudyView]], question: Question) -> Iterator[str]:
+    """Yield the answer in words, and the figures of its claim at the first point of each book."""
+    yield question.answer
+    for results, _ in of:
+        for claim in view_claims(results, current(results).claims):
+            if claim.text == question.claim and claim.measured:
+                measured = claim.measured[0]
+                where = f"{shown_book(results)}, {title_of(measured.values)}"
+                figures = in_words(claim, measured, mark="*")
+                yield f"{where}: {figures}."
+                break
+
+
+def stored(results: StudyResults) -> str:
+    """Return a link to the file with a study's figures."""
+    return f"[{results.name}.json](../results/{results.name}.json)"
+
+
+def folded(summary: str, lines: Iterable[str]) -> Iterator[str]:
+    """Yield lines that a reader unfolds; GitHub and the website show both."""
+    yield "<details markdown>"
+    yield f"<summary>{summary.replace('`', '')}</summary>"
+    yield ""
+    yield from lines
+    yield "</details>"
+
+
+def main_table(results: StudyResults, view: StudyView) -> Iterator[str]:
+    """Yield the page's first table: success of the variants on the first book, a column a point."""
+    book = shown_book(results)
+    if view.scatters:
+        yield f"| {book}: correlation over scorers | MRR and success | MRR and steps, by rank |"
+        yield "|---|---|---|"
+        for scatter in view.scatters:
+            cells = [
+                f"{of.value:+.2f} [{of.low:+.2f}, {of.high:+.2f}]" if of else ""
+                for of in (scatter.pearson, scatter.steps_spearman)
+            ]
+            yield f"| train tasks {'in-sample' if scatter.in_sample else 'out of sample'} | {' | '.join(cells)} |"
+        return
+    yield f"| {book} | {' | '.join(point.title for point in view.points)} |"
+    yield f"|---|{'---|' * len(view.points)}"
+    for variant, cells in list(rows_of(results, view).items())[:MOST_ROWS]:
+        yield f"| {variant} | {' | '.join(cells)} |"
+
+
+def rows_of(results: StudyResults, view: StudyView) -> dict[str, list[str]]:
+    """Return success with its interval by variant and player, a cell for each point."""
+    rows: dict[str, list[str]] = {}
+    for number, point in enumerate(view.points):
+        texts = {entry.variant: success_text(entry) for entry in point.variants}
+        texts |= {name: success for name, success, _ in without_agent(results, point)}
+        for name, text in texts.items():
+            rows.setdefault(name, [""] * len(view.points))[number] = text
+    return rows
+
+
+def success_text(entry: VariantMetrics) -> str:
+    """Return a variant's success with its interval."""
+    low, high = entry.interval
+    return f"{share(entry.mean)} [{share(low)}, {share(high)}]"
+
+
+def evidence_chart(results: StudyResults, view: StudyView) -> str:
+    """Return the picture of an evidence page: success of the variants at the first point."""
+    title = f"Success, {shown_book(results).strip('`')}"
+    rows: list[tuple[str, list[Mark | None]]] = []
+    if view.scatters:
+        scatter = view.scatters[-1]
+        how = "in-sample" if scatter.in_sample else "out-of-sample"
+        title += f", {how} scores of scorers trained on fewer or wrong recipes (MRR)"
+        rows += [
+            (f"{at.label} ({share(at.mrr)})", [Mark(at.success, *at.interval, share(at.success))])
+            for at in scatter.points
+        ]
+        return chart(title, [""], rows)
+    for name, cells in list(rows_of(results, view).items())[:MOST_ROWS]:
+        rows.append((name.replace("*", ""), [read_mark(cells[0])]))
+    return chart(f"{title}, {view.points[0].title}", [""], rows)
+
+
+def details(results: StudyResults, view: StudyView) -> Iterator[str]:
+    """Yield the long tables of a study: claims, and figures of each point."""
+    study = current(results)
+    yield from claims_table(view_claims(results, study.claims))
+    yield ""
+    yield f"![{study.title} ({shown_book(results).strip('`')})](../images/results-{anchor(results)}.svg)"
     yield ""
     if view.scatters:
         for scatter in view.scatters:
@@ -474,14 +695,21 @@ def section(results: StudyResults, view: StudyView) -> Iterator[str]:
     else:
         for point in view.points:
             yield from point_table(results, view, point)
-    if results.missing:
-        yield f"Missing: {missing_text(results)}."
-        yield ""
     graphs = [
         f"{of.name} `{of.hash[:12]}` ({of.kind}, split `{of.split[:12]}`)" for of in results.graphs
     ]
-    yield f"Made with `{results.command}`, on {', '.join(graphs)}."
+    yield f"Graphs: {', '.join(graphs)}."
     yield ""
+
+
+def uneven(point: PointMetrics) -> Iterator[str]:
+    """Yield a sentence for each variant whose seeds differ much."""
+    for entry in point.variants:
+        if len(entry.success) > 1 and np.std(entry.success, ddof=1) > WIDE:
+            yield (
+                f"Seeds of *{entry.variant}* differ much: "
+                f"{', '.join(share(rate) for rate in entry.success)}."
+            )
 
 
 def origins_of(found: list[StudyResults]) -> str:
@@ -530,8 +758,7 @@ def point_table(results: StudyResults, view: StudyView, point: PointMetrics) -> 
     yield f"|---|---|{'---|' * has_mrr}---|---|---|---|"
     for entry in point.variants:
         mrr = f" {'' if entry.mrr is None else share(entry.mrr)} |" * has_mrr
-        low, high = entry.interval
-        success = f"{share(entry.mean)} [{share(low)}, {share(high)}]"
+        success = success_text(entry)
         more = ""
         if entry.comparison:
             low, high = entry.comparison.interval
@@ -544,18 +771,6 @@ def point_table(results: StudyResults, view: StudyView, point: PointMetrics) -> 
     for name, success, own in without_agent(results, point):
         yield f"| {name} | |{' |' * has_mrr} {success} | | {own} | |"
     yield ""
-    uneven = [
-        entry
-        for entry in point.variants
-        if len(entry.success) > 1 and np.std(entry.success, ddof=1) > WIDE
-    ]
-    for entry in uneven:
-        yield (
-            f"Seeds of *{entry.variant}* differ much: "
-            f"{', '.join(share(rate) for rate in entry.success)}."
-        )
-    if uneven:
-        yield ""
 
 
 def scatter_table(results: StudyResults, view: StudyView, scatter: ScorerScatter) -> Iterator[str]:
@@ -612,6 +827,19 @@ def missing_text(results: StudyResults) -> str:
     )
 
 
+def coverage_short(path: Path) -> Iterator[str]:
+    """Yield the lines of the table of intervals over three and five seeds."""
+    by_kind: dict[str, dict[int, str]] = {}
+    for row in json.loads(path.read_text(encoding="utf-8")):
+        ends = f"[{share(row['lowest'])}, {share(row['highest'])}]"
+        by_kind.setdefault(row["kind"], {})[row["seeds"]] = f"{share(row['coverage'])} {ends}"
+    yield "| 95 % interval | 3 seeds | 5 seeds |"
+    yield "|---|---|---|"
+    for kind, texts in by_kind.items():
+        if {3, 5} <= texts.keys():
+            yield f"| {kind} | {texts[3]} | {texts[5]} |"
+
+
 def coverage_table(path: Path) -> Iterator[str]:
     """Yield the lines of the table of simulated coverage, with a row for each kind of interval."""
     by_kind: dict[str, dict[int, str]] = {}
@@ -635,24 +863,39 @@ def replaced(text: str, marks: tuple[str, str], lines: Iterable[str]) -> str:
 
 
 def written(found: list[StudyResults], text: str) -> dict[str, str]:
-    """Return the page with new figures, and the pictures, by path below docs/."""
+    """Return the index, the evidence pages and the pictures, by path below docs/."""
     views = [view_study(results) for results in found]
     text = replaced(text, (BEGIN, END), page(found, views))
-    text = replaced(text, LEFT, left_table(HERE / "results" / "left.json"))
-    text = replaced(text, AGAINST, against_table(HERE / "agents-against-scorers.json"))
+    coverage = HERE / "interval-coverage.json"
+    covered = replaced(read_page(INTERVALS), MOST_COVERED, coverage_short(coverage))
     files = {
-        "results.md": replaced(text, COVERAGE, coverage_table(HERE / "interval-coverage.json"))
+        "results.md": replaced(text, LEFT, left_table(HERE / "results" / "left.json")),
+        INTERVALS: replaced(covered, COVERAGE, coverage_table(coverage)),
     }
+    against = HERE / "agents-against-scorers.json"
+    acting = replaced(read_page(ACTING), SHORT, against_table(against, is_short=True))
+    files[ACTING] = replaced(acting, AGAINST, against_table(against))
+    studies: dict[str, list[tuple[StudyResults, StudyView]]] = {}
     for results, view in zip(found, views, strict=True):
+        studies.setdefault(page_of(results), []).append((results, view))
         title = f"{current(results).title} ({shown_book(results).strip('`')})"
         files[f"images/results-{anchor(results)}.svg"] = study_figure(
             msgspec.structs.replace(view, title=title)
         )
+    for path, of in studies.items():
+        files[path] = "\n".join(evidence(of)) + "\n"
+        files[f"images/evidence-{name_of(of[0][0])}.svg"] = evidence_chart(*of[0])
     return files
 
 
+def read_page(path: str) -> str:
+    """Return a page below docs/, or an empty text."""
+    page = HERE / path
+    return page.read_text(encoding="utf-8") if page.exists() else ""
+
+
 def main() -> None:
-    """Write the page and the pictures, or check them."""
+    """Write the pages and the pictures, or check them."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -18,10 +18,10 @@ def stored(name):
     return json.loads((DOCS / name).read_text(encoding="utf-8"))
 
 
-def tables(name, root=DOCS):
+def tables(name):
     """Return a page's tables: for each its heading and the text cells of its rows."""
     found, rows = [], []
-    for line in [*(root / name).read_text(encoding="utf-8").splitlines(), ""]:
+    for line in [*(DOCS / name).read_text(encoding="utf-8").splitlines(), ""]:
         if line.startswith("|"):
             rows.append([cell.strip() for cell in line.strip().strip("|").split("|")])
         elif rows:
@@ -30,9 +30,9 @@ def tables(name, root=DOCS):
     return found
 
 
-def table(name, *heads, root=DOCS):
+def table(name, *heads):
     """Return the rows of the page's only table whose heading has these cells."""
-    (rows,) = [rows for head, rows in tables(name, root) if set(heads) <= {*head}]
+    (rows,) = [rows for head, rows in tables(name) if set(heads) <= {*head}]
     return rows
 
 
@@ -45,8 +45,8 @@ def test_a_printed_figure_is_read_as_a_number():
     assert number("**.836** [.802, .870]") == 0.836
     assert number("1") == 1.0
     assert number("-.017 [x]") == -0.017
-    head, rows = tables("planning.md")[0]
-    assert head[1:] == ["depth 1", "2", "3", "4"]
+    head, rows = tables("evidence/planning.md")[0]
+    assert head == ["by-recipe", "depth 1", "2", "3", "4"]
     assert rows[0][0] == "chance"
 
 
@@ -61,7 +61,7 @@ PLAYERS = {
 BOOKS = {"Little Alchemy 2": "little-alchemy-2", "`everyday`": "everyday"}
 
 
-def test_the_guide_on_planning_prints_the_stored_agents_and_planners():
+def test_the_evidence_on_planning_prints_the_stored_agents_and_planners():
     rates = {
         tuple(row[key] for key in ("book", "split", "depth", "distractors", "player")): row[
             "success"
@@ -69,7 +69,7 @@ def test_the_guide_on_planning_prints_the_stored_agents_and_planners():
         for row in stored("planning-agents.json")
         if row["seed"] == 0
     }
-    rows = table("planning.md", "book, depth, split", "distractors")
+    rows = table("evidence/planning-agents.md", "book, depth, split", "distractors")
     assert len(rows) == 24
     where = ""
     for name, distractors, *cells in rows:
@@ -124,8 +124,8 @@ def means_of(book, split):
     }
 
 
-def test_the_guide_on_outside_knowledge_prints_the_stored_means():
-    pages = [(head, rows) for head, rows in tables("outside-knowledge.md") if "few" in head]
+def test_the_evidence_on_outside_knowledge_prints_the_stored_means():
+    pages = [(head, rows) for head, rows in tables("evidence/outside.md") if "few" in head]
     books = ["little-alchemy-2"] * 3 + ["everyday"] * 2 + ["my-book"]
     compared = 0
     for book, (head, rows) in zip(books, pages, strict=True):
@@ -157,34 +157,30 @@ def test_the_gain_by_goal_is_printed_with_its_goals():
         *(before["made 8"], after["made 8"]),
         *(before["other 8"], after["other 8"]),
     ]
-    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    sentence = re.search(r"unseen goals (from \.363 .*?) \(means of three splits\)", readme)[1]
-    share = re.search(r"\((\d+) % of the tasks\)", sentence)
-    assert int(share[1]) == round(100 * after["share made"])
-    numbers = [float(value) for value in re.findall(NUMBER, sentence.replace(share[0], ""))]
-    assert numbers == pytest.approx(expected, abs=CLOSE)
-    guide = " ".join((DOCS / "outside-knowledge.md").read_text(encoding="utf-8").split())
+    guide = " ".join((DOCS / "evidence/outside.md").read_text(encoding="utf-8").split())
     gain = re.search(r"unseen goals (from \.363 .*?); with unseen slots", guide)[1]
     gain = re.sub(r", a paired gain of .*? over three splits", "", gain).replace(
         "recipes and GloVe", ""
     )
     numbers = [float(value) for value in re.findall(NUMBER, gain)]
     assert numbers == pytest.approx(expected, abs=CLOSE)
+    share = re.search(r"makes the goal of (\d+) % of the tasks", guide)
+    assert int(share[1]) == round(100 * after["share made"])
 
 
-def test_readme_gives_the_scorer_on_five_splits_beside_split_0():
+def test_the_page_gives_the_scorer_on_five_splits_beside_split_0():
     alone = {}
     for row in stored("agents.json"):
         at = row["book"], row["split"], row["distractors"], row["scorer_cost"]
         if at == ("little-alchemy-2", "by-goal", 8, 0.3) and row["split_seed"] < 5:
             alone[row["split_seed"]] = row["agent"] - row["gain"]
     assert len(alone) == 5
-    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
-    printed = re.search(r"the scorer alone makes (\.\d+) over \[splits 0 to 4\]", readme)[1]
+    page = " ".join((DOCS / "partial-graph.md").read_text(encoding="utf-8").split())
+    printed = re.search(r"the scorer alone makes (\.\d+) over \[splits 0 to 4\]", page)[1]
     assert float(printed) == pytest.approx(np.mean([*alone.values()]), abs=CLOSE)
     (row,) = [
         cells
-        for cells in table("README.md", "unseen goals, split 0", root=ROOT)
+        for cells in table("partial-graph.md", "unseen goals, split 0")
         if cells[0].startswith("recipe scorer alone")
     ]
     assert number(row[4]) == pytest.approx(alone[0], abs=CLOSE)
@@ -192,7 +188,7 @@ def test_readme_gives_the_scorer_on_five_splits_beside_split_0():
 
 
 def test_the_guide_says_that_split_0_is_easy_by_goal():
-    """The guide on partial graphs says that split 0 is an easy split by goal."""
+    """The page on partial graphs says that split 0 is an easy split by goal."""
     (rates,) = [
         row["success"]
         for row in stored("untrained-players.json")
@@ -233,17 +229,16 @@ def shown(value):
 
 
 def test_the_guide_prints_the_stored_degree_shortcut():
-    """The guide on environments prints the stored success of the degree shortcut."""
+    """The evidence on facts prints the stored success of the degree shortcut."""
     stored_rates = {
         (row["book"], row["distractors"]): row["success"][0]
         for row in stored("untrained-players.json")
         if (row["player"], row["split"]) == ("fewest uses", "by-recipe")
     }
-    rows = {cells[0]: cells[1:] for cells in table("environment.md", "player", "`everyday`, 1 / 8")}
+    rows = {cells[0]: cells[1:] for cells in table("evidence/baselines.md", "player")}
     printed = rows["fewest uses in train recipes, whatever the goal"]
-    for book, cell in zip(("little-alchemy-2", "everyday"), printed, strict=True):
-        expected = [stored_rates[book, amount] for amount in (1, 8)]
-        assert list(map(float, cell.split(" / "))) == pytest.approx(expected, abs=CLOSE)
+    expected = [stored_rates[book, n] for book in ("little-alchemy-2", "everyday") for n in (8, 1)]
+    assert list(map(float, printed)) == pytest.approx(expected, abs=CLOSE)
 
 
 LINKS = {
@@ -265,10 +260,10 @@ PLAYED = {
 
 
 def test_the_guide_prints_stored_metrics_without_training():
-    """The guide on link prediction prints the stored figures of scorers without training."""
+    """The evidence on links prints the stored figures of scorers without training."""
     rows = stored("link-quality.json")
     compared = 0
-    for head, lines in tables("link-prediction.md"):
+    for head, lines in tables("evidence/links.md"):
         if head[1:] == ["`everyday`", "Little Alchemy 2"]:
             for name, *cells in lines:
                 for book, cell in zip(("everyday", "little-alchemy-2"), cells, strict=True):
@@ -288,11 +283,13 @@ def test_the_guide_prints_stored_metrics_without_training():
 
 
 def test_the_guide_prints_stored_success_of_simple_rules():
-    """The guide on link prediction prints the stored success of simple rules."""
+    """The evidence on whole recipes prints the stored success of simple rules."""
     rows = stored("link-quality.json")
     printed = {
         name: cells
-        for name, *cells in table("link-prediction.md", "Little Alchemy 2, splits 0, 1 and 2")
+        for name, *cells in table(
+            "evidence/recipe-scorer.md", "Little Alchemy 2, splits 0, 1 and 2"
+        )
     }
     for name, row in PLAYED.items():
         each = [one for one in rows if (one["book"], one["row"]) == ("little-alchemy-2", row)]
@@ -300,3 +297,50 @@ def test_the_guide_prints_stored_success_of_simple_rules():
         for cell, amount in zip(printed[name][1:], ("8", "1"), strict=True):
             mean = np.mean([one[amount] for one in each])
             assert number(cell) == pytest.approx(mean, abs=CLOSE), (name, amount)
+
+
+def test_the_evidence_on_the_penalty_prints_the_stored_means():
+    """The evidence on the penalty prints the stored success and gain, as means over splits."""
+    compared = 0
+    for where, distractors, agent, gain, *_ in table("evidence/penalty.md", "each split"):
+        name, split = where.split(", ")
+        by_split = {}
+        for row in stored("agents.json"):
+            at = row["book"], row["split"], row["distractors"], row["scorer_cost"]
+            key = BOOKS[name], split.replace(" ", "-"), int(distractors), 0.3
+            if at == key and row["split_seed"] < 5:
+                by_split.setdefault(row["split_seed"], []).append((row["agent"], row["gain"]))
+        assert len(by_split) in (3, 5), where
+        means = np.mean([np.mean(runs, axis=0) for runs in by_split.values()], axis=0)
+        assert [number(agent), number(gain)] == pytest.approx(means, abs=CLOSE), where
+        compared += 1
+    assert compared == 10
+
+
+STUDIED = {
+    "no graph": "no graph",
+    "the paper's settings, in-sample": "partial, as published, u v",
+    "**the paper's settings, cross-fitted**": "as published, cross-fitted, u v",
+    "our settings, in-sample": "partial, in-sample, u v",
+    "our settings, cross-fitted": "partial, u v",
+}
+
+
+def test_the_explanation_of_cross_fitting_prints_the_figures_of_the_study():
+    page = (DOCS / "evidence/knowledge.md").read_text(encoding="utf-8")
+    blocks = re.split(r"^<summary>", page, flags=re.MULTILINE)[1:]
+    found = [
+        {
+            cells[0]: cells[3]
+            for cells in (line.strip("|").split(" | ") for line in block.splitlines())
+            if len(cells) == 7
+        }
+        for of_book in blocks
+        for block in of_book.split(" test tasks:")[1:]
+    ]
+    assert len(found) == 4
+    rows = table("explanation/cross-fitting.md", "success with unseen recipes")
+    assert [cells[0] for cells in rows] == [*STUDIED]
+    for name, *cells in rows:
+        expected = [number(point[f" {STUDIED[name]}"]) for point in found]
+        assert list(map(number, cells)) == expected, name

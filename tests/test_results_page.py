@@ -20,11 +20,19 @@ DOCS = Path(__file__).parents[1] / "docs"
 HEAD = "# Results\n\n<!-- results -->\nold\n<!-- end of results -->\n\nThe end.\n"
 
 
+@pytest.fixture(autouse=True)
+def beside_each_other(monkeypatch):
+    """The generators of the guides import each other."""
+    monkeypatch.syspath_prepend(str(DOCS))
+
+
 @pytest.fixture(scope="module")
 def script():
+    sys.path.insert(0, str(DOCS))
     spec = importlib.util.spec_from_file_location("make_results", DOCS / "make_results.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    sys.path.remove(str(DOCS))
     return module
 
 
@@ -57,26 +65,35 @@ SOME = {"none": [1, 1], "guided": [3, 3]}
 
 
 def text_of(script, *results):
-    return script.written(list(results), HEAD)["results.md"]
+    """The page of the claims, and the evidence page of the study."""
+    files = script.written(list(results), HEAD)
+    return files["results.md"] + files.get("evidence/fabricated.md", "")
 
 
-def test_the_page_has_the_figures_of_each_variant_the_claims_and_a_picture(script):
+def test_the_pages_have_the_claims_the_figures_of_each_variant_and_a_picture(script):
     files = script.written([results_of(SOME)], HEAD)
     assert files["images/results-fabricated-everyday.svg"].startswith("<svg ")
-    text = files["results.md"]
-    assert "(images/results-fabricated-everyday.svg)" in text
-    lines = text.splitlines()
+    assert ".600</text>" in files["images/evidence-fabricated.svg"]
+    lines = files["evidence/fabricated.md"].splitlines()
+    assert lines[1] == "# A fabricated study"
+    figures = "*guided* .600 against *none* .200: +.400 [+.362, +.438] (2 seeds, 100 tasks)"
+    assert lines[3] == f"**Answer.** Guided is better. `everyday`, 8 distractors: {figures}."
+    assert "| guided | .600 [.502, .691] |" in lines
     guided = lines.index(
         "| guided | 2 | .255 | .600 [.502, .691] | +.400 [+.362, +.438] | .300 | .500 |"
     )
     assert "8 distractors, 100 test tasks:" in lines[guided - 5]
-    row = "| [A fabricated study](#fabricated-everyday) | `everyday` | 2,000 | 2 | 4 |"
-    assert lines.index(row) < lines.index("## Claims")
-    assert "Of the paper: 1 reproduced (1 provisional), 1 not run. Of this project: none." in text
-    figures = "*guided* .600 against *none* .200: +.400 [+.362, +.438] (2 seeds, 100 tasks)"
+    assert lines.index("<details markdown>") < guided
     verdict = "**reproduced**: more (provisional: 2 seeds)"
-    claim = f"| Guided is better. *(paper, Somewhere)* | 8 distractors | {figures} | {verdict} |"
-    assert claim in text
+    assert (
+        f"| Guided is better. *(paper, Somewhere)* | 8 distractors | {figures} | {verdict} |"
+        in lines
+    )
+    text = files["results.md"]
+    row = "| [A fabricated study](evidence/fabricated.md) | `everyday` | 2,000 | 2 | 4 |"
+    assert text.index("## Claims of the paper") < text.index(row)
+    assert "1 reproduced (1 provisional), 1 not run." in text
+    assert "| [Guided is better.](evidence/fabricated.md) *(Somewhere)* | " in text
 
 
 def test_what_is_missing_is_named_with_the_reason(script):
@@ -182,10 +199,14 @@ def test_a_study_of_train_samples_shows_mrr_success_and_their_correlation(script
 
 
 def test_the_page_names_uneven_seeds_and_counts_verdicts(script, tmp_path):
-    """The page names uneven seeds counts verdicts and says that all is there."""
+    """The pages name uneven seeds, count verdicts and say that all is there."""
     text = text_of(script, results_of({"none": [1, 1], "guided": [1, 4]}))
     assert "Seeds of *guided* differ much: .200, .800." in text
-    assert "| Guided is better. *(paper, Somewhere)* | 1 undecided, 1 not run |" in text
+    chips = (
+        '<span class="verdict undecided">1 undecided</span> '
+        '<span class="verdict not-run">1 not run</span>'
+    )
+    assert f"*(Somewhere)* | {chips} |" in text
     (tmp_path / "left.json").write_text(
         '[{"study": "A", "book": "B", "trainings": 4, "here": 4, "hours": 0.0}]'
     )
@@ -232,7 +253,8 @@ def test_players_without_an_agent_stand_in_the_tables_of_the_same_tasks(
     monkeypatch.setattr(script, "HERE", tmp_path)
     text = text_of(script, results)
     assert "| *no agent: planner, p* | | | .500 [.400, .600] | | .300 | |" in text
-    assert text.count("*no agent: ") == 1
+    assert "\n| *no agent: planner, p* | .500 [.400, .600] |" in text
+    assert text.count("*no agent: ") == 2
 
 
 def test_packing_moves_each_cell_into_the_first_study_that_needs_it(script, tmp_path, monkeypatch):

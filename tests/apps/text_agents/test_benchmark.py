@@ -602,10 +602,13 @@ def test_the_leaderboard_has_tables_and_refuses_edits(submitted, copied, tmp_pat
             (tmp_path / "all" / f"{number}" / file.name).write_bytes(file.read_bytes())
     bench_leaderboard(tmp_path / "all", out=page)
     text = page.read_text()
-    assert re.findall(r"^\| (\S+) .* \| (re\w+) \|", text, re.MULTILINE) == [
-        ("random", "reproduced"),
-        ("python", "replayed"),
-    ]
+    rows = re.findall(r"^\| (\S) \| (\S+?)\*? \|? ?.* \| (re\w+) \|$", text, re.MULTILINE)
+    assert rows == [("–", "*random", "reproduced"), ("1", "python", "replayed")]
+    bars = re.findall(r'(0\.\d+) \[(0\.\d+), (0\.\d+)\] <span class="bar" style="(.*?)">', text)
+    for mean, low, high, style in bars:
+        ends = [float(end) for end in re.findall(r"[\d.]+", style)]
+        assert ends == pytest.approx([100 * float(end) for end in (low, mean, high)], abs=0.06)
+    assert len(bars) == 2
     assert re.findall(r"^## (\S+)", text, re.MULTILINE) == ["craft-8-lite", "From"]
     bench_leaderboard(tmp_path / "all", out=page, check=True)
     page.write_text(text + " ")
@@ -633,11 +636,13 @@ def test_declared_texts_are_plain_text_on_the_leaderboard(copied, tmp_path):
     bench_leaderboard(tmp_path / "copy", out=tmp_path / "page.md")
     markdown = MarkdownIt("gfm-like")
     html = markdown.render((tmp_path / "page.md").read_text())
-    table = html[html.index("<table>") : html.index("</table>")]
+    tables = re.findall("<table>.*?</table>", html, re.DOTALL)
     for text in HOSTILE.values():
-        assert f"<td>{markdown.utils.escapeHtml(text)}</td>" in table
-    assert table.count("<td>") == table.count("<th>") == 11
-    assert not [mark for mark in ("<a", "<img", "<strong", "<em", "<s>") if mark in table]
+        assert f"<td>{markdown.utils.escapeHtml(text)}</td>" in tables[1]
+    assert f"<td>{markdown.utils.escapeHtml(HOSTILE['player'])}</td>" in tables[0]
+    for table, columns in zip(tables, (7, 10), strict=True):
+        assert table.count("<td>") == table.count("<th>") == columns
+        assert not [mark for mark in ("<a", "<img", "<strong", "<em", "<s>") if mark in table]
 
 
 def test_names_that_look_alike_and_names_of_other_players_are_marked(submitted, tmp_path):
@@ -650,7 +655,7 @@ def test_names_that_look_alike_and_names_of_other_players_are_marked(submitted, 
         edit(folder, player=name, kind=f"own-{kind}")
     bench_leaderboard(tmp_path / "all", out=tmp_path / "page.md")
     page = (tmp_path / "page.md").read_text()
-    assert sorted(re.findall(r"^\| (.*?) \| 0\.", page, re.MULTILINE)) == [
+    assert sorted(re.findall(r"^\| 1 \| (.*?) \| 0\.", page, re.MULTILINE)) == [
         "Partial KG, votes",
         "mine",
         "random ‡",
@@ -660,7 +665,9 @@ def test_names_that_look_alike_and_names_of_other_players_are_marked(submitted, 
     edit(folder, player="partial KG,  votes")
     bench_leaderboard(tmp_path / "all", out=tmp_path / "page.md")
     page = (tmp_path / "page.md").read_text()
-    assert len(re.findall(r"^\| partial KG, +votes ‡", page, re.MULTILINE | re.IGNORECASE)) == 2
+    assert (
+        len(re.findall(r"^\| 1 \| partial KG, +votes ‡", page, re.MULTILINE | re.IGNORECASE)) == 2
+    )
 
 
 def test_a_folder_name_begins_no_line_of_its_own_on_the_screen(submitted, tmp_path, capsys):

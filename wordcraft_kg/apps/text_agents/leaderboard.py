@@ -1,6 +1,7 @@
 """The leaderboard: verified submissions by track, as a page in Markdown."""
 
 import json
+import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,19 +21,21 @@ from wordcraft_kg.base.escaping import for_markdown, look_alike_key
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.evaluation.reference import literature
 
-_TITLES = (
+_TITLES = ("rank", "player", "result", "by plan", "invalid", "words or weights", "mark")
+_DETAILS = (
     "player",
-    "result",
-    "by plan",
     "prompts",
     "look-ups",
     "answers",
     "training data",
+    "weights",
     "cost",
     "licence",
     "mark",
     "date",
 )
+REFERENCES = {"oracle", "random", "people"}
+"""Kinds of players that are lines of reference in a table, without a rank."""
 SENSIBLE = 0.98
 """Share of sensible recipes in the book `everyday`: 392 of 400, by the stricter of two readers
 (data/everyday).
@@ -137,30 +140,72 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
         on_track = [one for one in marked if one.submission.track == track]
         rows = sorted(on_track, key=lambda one: -one.submission.figures.mean)
         if rows:
-            yield from ("", f"## {track}", "", _row(_TITLES), _row(["---"] * len(_TITLES)))
-            yield from (_row(_cells(one, twins)) for one in rows)
+            yield from ("", f"## {track}", "")
+            yield from _table(rows, twins)
+            yield from ("", "<details markdown>", f"<summary>Details of {track}</summary>", "")
+            yield from (_row(_DETAILS), _row(["---"] * len(_DETAILS)))
+            yield from (_row(_details(one, twins)) for one in rows)
+            yield from ("", "</details>")
+    if not any(one.submission.kind == "people" for one in marked):
+        yield from ("", "People: no games were submitted yet.")
     yield from ("", "## From the literature: other tasks, not comparable", "")
     yield from (
         f"- {row.player}: {row.in_words}. {row.reference}" for row in literature(["success"])
     )
 
 
-def _cells(row: _Row, twins: set[str]) -> Iterator[str]:
-    """Yield the cells of a row.
+def _table(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
+    """Yield the lines of a track's table, best first.
+
+    The oracle, chance and people are lines of reference, without a rank. Equal results share one.
+    """
+    yield from (_row(_TITLES), _row(["---"] * len(_TITLES)))
+    most = max(1.0, *(one.submission.figures.ci_high for one in rows))
+    ranked = [one for one in rows if one.submission.kind not in REFERENCES]
+    for one in rows:
+        mean = one.submission.figures.mean
+        better = sum(other.submission.figures.mean > mean for other in ranked)
+        yield _row(_cells(one, twins, str(better + 1) if one in ranked else "–", most))
+
+
+def _cells(row: _Row, twins: set[str], rank: str, most: float) -> Iterator[str]:
+    """Yield the cells of a row; ``most`` is the right end of the bars.
 
     Texts from the submission are escaped, because anyone may declare.
     """
     submission = row.submission
     figures = submission.figures
+    yield rank
+    player = _player(submission, twins)
+    if submission.knowledge != "none":
+        player += ", look-ups"
+    yield player if rank != "–" else f"*{player}*"
+    ends = (f"{100 * end / most:.1f}" for end in (figures.ci_low, figures.mean, figures.ci_high))
+    low, at, high = ends
+    bar = f'<span class="bar" style="--low: {low}; --at: {at}; --high: {high}"></span>'
+    yield f"{metrics_text(figures)} {bar}"
+    yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
+    yield row.answers.partition("(")[2].removesuffix(")")
+    words = re.search(r"(\w+) words$", submission.training_data)
+    yield for_markdown(words[1] if words else ", ".join(submission.weights))
+    yield row.mark
+
+
+def _player(submission: Submission, twins: set[str]) -> str:
+    """Return the name of a player with its marks."""
     marks = []
     # Some recipes of the book are not sensible: who makes them all the same has seen the book.
-    if figures.by_plan is not None and figures.mean > SENSIBLE:
+    if submission.figures.by_plan is not None and submission.figures.mean > SENSIBLE:
         marks.append("†")
     if submission.player in twins:
         marks.append(_TWIN)
-    yield " ".join([for_markdown(submission.player), *marks])
-    yield metrics_text(figures)
-    yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
+    return " ".join([for_markdown(submission.player), *marks])
+
+
+def _details(row: _Row, twins: set[str]) -> Iterator[str]:
+    """Yield the cells of a row with the declared facts."""
+    submission = row.submission
+    yield _player(submission, twins)
     yield submission.prompts
     if submission.knowledge == "none":
         yield ""
@@ -168,6 +213,7 @@ def _cells(row: _Row, twins: set[str]) -> Iterator[str]:
         yield f"{submission.look_ups:,} ({submission.knowledge})"
     yield row.answers
     yield for_markdown(submission.training_data)
+    yield for_markdown(", ".join(submission.weights))
     tokens = "" if submission.tokens is None else f"{sum(submission.tokens.values()):,} tokens"
     price = "" if submission.price is None else f"${submission.price:,.2f}"
     yield ", ".join(part for part in (tokens, price) if part)

@@ -5,7 +5,7 @@ words, so a model folder stores these alone, and the lists are made again when a
 Ties are broken by the smaller id.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -164,18 +164,7 @@ def make_lists(
     num_uses = _counted(np.concatenate([first, second[first != second]]), size)
     num_makers = _counted(result, size)
     rows = profiles(ordered, size).astype(np.float32)
-    columns = rows.T.tocsr()
-    near_ids, cosines = list_loops.structural_neighbours(
-        rows.indptr,
-        rows.indices,
-        rows.data,
-        columns.indptr,
-        columns.indices,
-        columns.data,
-        COMMON,
-        min(nearest, max(size, 1)),
-    )
-    near_starts, near, near_cosines = _both_ways(near_ids, cosines)
+    near_starts, near, near_cosines = _structural_neighbours(rows, min(nearest, max(size, 1)))
     # A profile has length 1, words add their part; entities with neither stay at the words' part.
     norms = ((np.diff(rows.indptr) > 0) + TEXT).astype(np.float32)
     is_used = num_uses > 0
@@ -248,6 +237,25 @@ def make_lists(
         right=right,
         pair_left=pair_left,
     )
+
+
+def _structural_neighbours(rows: Any, nearest: int) -> tuple[Ids, Numbers, Floats]:
+    """Return the lists of :func:`_both_ways` from profiles, sparse (T, M), ``nearest`` for each."""
+    from wordcraft_kg.models.scorers.neighbours import list_loops
+
+    # A function of its own: in a large book, its arrays take as much memory as all lists.
+    columns = rows.T.tocsr()
+    near, cosines = list_loops.structural_neighbours(
+        rows.indptr,
+        rows.indices,
+        rows.data,
+        columns.indptr,
+        columns.indices,
+        columns.data,
+        COMMON,
+        nearest,
+    )
+    return _both_ways(near, cosines)
 
 
 def _both_ways(near: Numbers, cosines: Floats) -> tuple[Ids, Numbers, Floats]:

@@ -1,0 +1,74 @@
+"""The evidence pages keep to one template, and their figures show their tables."""
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[1] / "docs"
+PAGES = [DOCS / "partial-graph.md", *sorted((DOCS / "evidence").glob("*.md"))]
+
+
+@pytest.fixture(scope="module")
+def script():
+    spec = importlib.util.spec_from_file_location("make_evidence", DOCS / "make_evidence.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.path.insert(0, str(DOCS))
+    spec.loader.exec_module(module)
+    sys.path.remove(str(DOCS))
+    return module
+
+
+def shown(text):
+    """The part of a page that a reader sees without unfolding."""
+    return re.sub(r"<details.*?</details>", "", text, flags=re.DOTALL)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_is_a_question_an_answer_a_figure_a_short_table_and_a_method(page):
+    text = shown(page.read_text(encoding="utf-8"))
+    lines = [line for line in text.splitlines() if line and not line.startswith("<!--")]
+    assert re.fullmatch(r"# [A-Z].*\?", lines[0])
+    assert lines[1].startswith("**Answer.** ")
+    assert re.findall(r"^## (.*)", text, re.MULTILINE) == ["Method", "Caveats", "Command"]
+    assert len(re.findall(r"^!\[.+?\]\(.*?\.svg\)$", text, re.MULTILINE)) == 1
+    heads = re.findall(r"^\|[-:| ]+\|$", text, re.MULTILINE)
+    rows = [line for line in lines if line.startswith("|")]
+    assert len(heads) == 1
+    assert 2 <= len(rows) - 2 <= 12
+    method = text.partition("## Method")[2].partition("## Caveats")[0]
+    assert len(method.split()) <= 160
+    assert "0.1.0" in text
+    assert "2026" in text
+
+
+def test_all_generated_parts_are_up_to_date(script):
+    old = [
+        path.name
+        for path, text in script.files()
+        if not path.exists() or path.read_text(encoding="utf-8") != text
+    ]
+    assert old == []
+
+
+def test_the_readme_is_short():
+    assert len((DOCS.parent / "README.md").read_text(encoding="utf-8").split()) <= 900
+
+
+def test_a_figure_shows_the_named_columns_of_the_first_table(script):
+    text = (
+        "# Is `a` better?\n\n**Answer.** Yes. No.\n\n![Success of a](images/evidence-a.svg)\n\n<!-- figure: b; wide = c [95 %] -->\n\n"
+        "| book | split | b | c [95 %] |\n|---|---|---|---|\n"
+        "| first | by goal | .5 | 1,000 [900, 1,100] |\n| | by slot | **.25** (.2 .3) | |\n"
+    )
+    picture = script.figure(text)
+    assert "<title>Success of a</title>" in picture
+    words = re.findall(r"<text [^>]*>(.*?)</text>", picture)
+    assert words == [
+        *("Success of a", "b", "wide"),
+        *("first, by goal", ".5", "1,000"),
+        *("first, by slot", ".25"),
+    ]
+    assert script.answer(text) == "Yes."

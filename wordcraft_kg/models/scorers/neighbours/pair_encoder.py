@@ -21,6 +21,8 @@ from torch import Tensor
 
 _PAIRS = 4_096
 """Pairs that are encoded at once: their inputs take 9 MiB."""
+_RECIPES = 2**16
+"""Recipes whose pairs are gathered at once: 32 MiB."""
 _PREFIX = "encoder_"
 
 
@@ -108,9 +110,15 @@ class PairEncoder(NamedTuple):
         codes = torch.minimum(a, b) * size + torch.maximum(a, b)
         pairs, place = codes.unique(return_inverse=True)
         encoded, own = self.encode(pairs // size, pairs % size)
-        z = encoded[place]
         u = own[place]
-        of_goal = (z @ self.made[goal].float()[..., None])[..., 0] + self.bias[goal][:, None]
+        of_goal = torch.empty_like(u)
+        # In blocks: a search asks for a million recipes, each of which would take half a KiB.
+        step = max(1, _RECIPES // max(place.shape[1], 1))
+        for start in range(0, len(goal), step):
+            rows = slice(start, start + step)
+            made = self.made[goal[rows]].float()
+            of_goal[rows] = (encoded[place[rows]] @ made[..., None])[..., 0]
+        of_goal += self.bias[goal][:, None]
         return torch.stack([of_goal + u, of_goal, u], dim=-1)
 
     def result_scores(self, a: Tensor, b: Tensor) -> Tensor:

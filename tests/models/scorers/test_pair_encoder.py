@@ -12,7 +12,6 @@ from wordcraft_kg.graphs.splits import SplitConfig, make_split
 from wordcraft_kg.models.recipes import encoder_fitting
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoder
 from wordcraft_kg.models.scorers.neighbours import results
-from wordcraft_kg.models.scorers.neighbours.encoder_candidates import likely_intermediates
 from wordcraft_kg.models.scorers.neighbours.knowledge import RESULT_RANKER, RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES, OF_ENCODER
@@ -284,41 +283,3 @@ def test_lessons_need_few_encoders():
         assert tuple(sorted((*left_out, turn))) in needed
         others = lesson_folds(folds, left_out, has_encoder=False)
         assert others == [fold for fold in range(5) if fold not in left_out]
-
-
-def slow_intermediates(encoder, goal, table, number):
-    """The same by loops over entities."""
-    every = range(len(encoder.bias))
-    pairs = [(a, b) for place, a in enumerate(table) for b in table[place:]]
-    weights = {}
-    for entity in every:
-        if entity in (goal, *table):
-            continue
-        makes = []
-        for a, b in pairs:
-            scores = [slow_scores(encoder, a, b, result)[1] for result in every]
-            total = math.log(sum(math.exp(score) for score in scores))
-            makes.append(scores[entity] - total)
-        needs = [slow_scores(encoder, entity, other, goal)[0] for other in (*table, entity)]
-        weights[entity] = max(makes) + max(needs)
-    return sorted(weights, key=lambda entity: -weights[entity])[:number]
-
-
-@pytest.mark.parametrize("table", [[0], [0, 3, 5], [2, 7]])
-def test_intermediates_are_likely_results_that_the_goal_needs(encoder, table):
-    found = likely_intermediates(encoder, 4, torch.tensor(table), 4)
-    assert found.tolist() == slow_intermediates(encoder, 4, table, 4)
-    every = likely_intermediates(encoder, 4, torch.tensor(table), 99)
-    assert sorted(every.tolist()) == sorted({*range(SIZE)} - {4, *table})
-
-
-def test_half_of_a_plans_candidates_are_the_encoders(knowledge, encoder):
-    table = torch.tensor([[0, 3, SIZE], [SIZE, SIZE, SIZE]])
-    goal = torch.tensor([4, 4])
-    model = torch.tensor([0, 0])
-    found = knowledge.intermediates(goal, table, model, attempts=2, width=6, near=2)
-    entities = [entity for entity in found[0].tolist() if entity < SIZE]
-    assert len({*entities}) == len(entities) == 6
-    assert not {0, 3, 4} & {*entities}
-    assert {*likely_intermediates(encoder, 4, table[0, :2], 3).tolist()} <= {*entities}
-    assert (found[1] == SIZE).all() or found[1].max() <= SIZE

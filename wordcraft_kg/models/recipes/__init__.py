@@ -19,8 +19,10 @@ lengths U, V and Z of ingredients, hidden units and results::
 The first softmax is over results of the batch and sampled ones, the second over pairs of the batch
 and corrupted ones; q is the expected number of draws. The scores s, s - u and u are features of the
 recipe ranker, which learns from an encoder that has not seen the held-out fold; and the encoder
-proposes results of a pair and intermediates of a plan. A ranker of its own scores proposed results,
-see :mod:`wordcraft_kg.models.scorers.neighbours.results`.
+proposes results of a pair, which a ranker of their own scores, see
+:mod:`wordcraft_kg.models.scorers.neighbours.results`. Intermediates of a plan come from neighbour
+lists alone: with half of them proposed by the encoder, the planner solves no more (.388 in place of
+.399 of 338 validation tasks of depth 2) and takes 2.7 times as long.
 
 | step | cost |
 |---|---|
@@ -35,6 +37,10 @@ part of Infinite Craft (a tenth of train; success with 8 distractors): by recipe
 with batches of 1,024, .659 with 512; 4 epochs in place of 7 cost .007 by recipe and .005 by goal.
 Twice the step size, 4e-3, leaves it at .658 and raises the true result's MRR by the encoder alone
 from .340 to .349; 10 epochs with fewer dropped vectors are no better.
+
+On 3,000 test tasks with 8 and 1 distractors, w solves .642 and .878 by recipe, .570 and .852 by
+goal (without encoder .603 and .848, .556 and .830). The true result of 2,000 test pairs has an MRR
+of .491 among all 31,645 entities, and is among the first 32 of .799, at 3.3 CPU ms a pair.
 
 Change anything freely but what keeps held-out recipes out of features: a test replaces each
 held-out result and compares all bytes.

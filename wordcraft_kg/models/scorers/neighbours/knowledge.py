@@ -16,7 +16,6 @@ from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.tensors import torch_threads
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, RELATIONS
-from wordcraft_kg.models.scorers.neighbours.encoder_candidates import likely_intermediates
 from wordcraft_kg.models.scorers.neighbours.link_rows import (
     CELLS,
     OF_COMBINES,
@@ -651,36 +650,7 @@ class RecipeKnowledge(nn.Module):
         ids = torch.from_numpy(found.astype(np.int64)).to(goal.device)
         # Entities of other books cannot be made.
         is_own = (ids >= 0) & (ids < self.num_entities)
-        ids = ids.masked_fill(~is_own, self.num_entities)
-        if self.has_encoder:
-            self._propose_intermediates(goal, table, model, ids)
-        return ids
-
-    def _propose_intermediates(
-        self, goal: Tensor, table: Tensor, model: Tensor, ids: Tensor
-    ) -> None:
-        """Replace the second half of each row of ``ids``, (B, W), by the encoder's proposals.
-
-        Args:
-            goal: shape (B,).
-            table: shape (B, A), E for empty slots.
-            model: shape (B,).
-            ids: entities by the neighbour lists, the best first; E where there are fewer.
-        """
-        nothing = self.num_entities
-        width = ids.shape[1]
-        for row, (aim, number) in enumerate(zip(goal.tolist(), model.tolist(), strict=True)):
-            entities = table[row][table[row] != nothing]
-            if aim == nothing or not len(entities):
-                continue
-            of_lists = ids[row]
-            first = of_lists[: width - width // 2]
-            proposed = likely_intermediates(self.encoder(number), aim, entities, width)
-            # Those that both propose count once; what the encoder leaves free, the lists fill.
-            new = proposed[~torch.isin(proposed, first)][: width // 2]
-            rest = of_lists[len(first) :]
-            rest = rest[~torch.isin(rest, new)]
-            ids[row] = torch.cat([first, new, rest])[:width]
+        return ids.masked_fill(~is_own, self.num_entities)
 
     @property
     def num_models(self) -> int:

@@ -16,6 +16,9 @@ EXAMPLES = (
     "wordcraft-kg train-recipes everyday --features one-hot --out models/everyday-no-words",
 )
 
+# For comparisons: auto knows when an encoder gains something.
+FILE_ONLY = ["--encoder"]
+
 
 def train_recipes(
     graph: Graph,

@@ -20,7 +20,8 @@ from wordcraft_kg.graphs.splits import Part
 from wordcraft_kg.models.recipes.outside_evidence import OutsideEvidence
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import LEAST_SHARE
-from wordcraft_kg.models.scorers.recipes import RecipeScores, Witness
+from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES
+from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores, Witness
 
 _Key = tuple[int, int, int]
 # Supporting recipes are sorted by share; more would push the results off the screen.
@@ -189,6 +190,9 @@ class RecipeScoring:
     ) -> tuple[Ids, list[float]]:
         """Return the best recipes for a query's open slot, best first; equal scores in id order.
 
+        A scorer with a pair encoder proposes the results of a pair, and has scores for comparing
+        them; without one, all entities are scored as recipes.
+
         Recipes that make an ingredient are omitted if the book has none, because recipe books drop
         such recipes by default.
 
@@ -200,10 +204,18 @@ class RecipeScoring:
         Returns:
             Recipes as ids, shape (n, 3), and their scores.
         """
-        rows = self.rows(query)
+        scorer = self.scorer
+        scores = None
+        if query.result is None and isinstance(scorer, RecipeScorer) and scorer.has_encoder:
+            rows, scores = self._proposed(scorer, query, top)
+        else:
+            rows = self.rows(query)
         if not self._has_self_results:
-            rows = rows[(rows[:, :2] != rows[:, 2:]).all(axis=1)]
-        scores = self.scores(rows)
+            is_other = (rows[:, :2] != rows[:, 2:]).all(axis=1)
+            rows = rows[is_other]
+            scores = None if scores is None else scores[torch.from_numpy(is_other)]
+        if scores is None:
+            scores = self.scores(rows)
         # Stable: equal scores keep the order of ids on every device.
         order = torch.sort(scores, descending=True, stable=True).indices.numpy()
         if new_only:
@@ -211,6 +223,26 @@ class RecipeScoring:
             order = order[is_new]
         best = order[:top].copy()
         return rows[best], scores[best].tolist()
+
+    def _proposed(
+        self, scorer: RecipeScorer, query: RecipeQuery, top: int
+    ) -> tuple[Ids, torch.Tensor]:
+        """Return results that a scorer proposes for a pair, as recipes (n, 3), and their scores.
+
+        Args:
+            scorer: proposes results.
+            query: a pair with an open result.
+            top: results to propose at least, if there are so many.
+        """
+        a, b = (scorer.entity_ids([label]) for label in query.slots[:2] if label is not None)
+        ids, scores = scorer.best_results(a, b, max(top, CANDIDATES))
+        # Half-products of chains are no things of the game, and no answers.
+        is_half = mark_half_products(scorer.entities)
+        # The id E stands for missing results.
+        is_answer = torch.from_numpy(~np.append(is_half, True))[ids[0].cpu()]
+        results = ids[0].cpu()[is_answer]
+        pair = torch.cat([a, b]).cpu().expand(len(results), 2)
+        return torch.cat([pair, results[:, None]], dim=1).numpy(), scores[0].cpu()[is_answer]
 
     def recipes(self, rows: Ids, scores: Sequence[float]) -> Iterator[ScoredRecipe]:
         """Yield scored recipes, ids of shape (n, 3), with their split parts and evidence."""

@@ -8,6 +8,10 @@ cross-fitting, a scorer without a fold is fitted in the same way on the remainin
 The ranker without fold i learns from fold j by lists without folds i and j; so does the ranker
 without fold j from fold i. These lists are made once, and 1 + K + K (K - 1) / 2 sets of lists serve
 K + 1 scorers.
+
+With a pair encoder, whose fit costs more than all else, a scorer's rankers learn from one fold: a
+large book has recipes enough in it. Folds are taken in twos, which learn from each other, so that
+lists and encoders without both serve both, see :func:`lesson_folds`.
 """
 
 import math
@@ -16,6 +20,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
+from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
@@ -26,17 +31,19 @@ from torch import Tensor
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds
 from wordcraft_kg.graphs.triples import COMBINES_WITH, COMPONENT_OF, is_in, recipe_triples
-from wordcraft_kg.models.recipes.committee import LINKS, Examples, fit_committee
+from wordcraft_kg.models.recipes.committee import HIDDEN, LINKS, Examples, Schedule, fit_committee
 from wordcraft_kg.models.scorers.features import EntityFeatures, make_features
-from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge, num_features
 from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, Numbers, make_lists, nearest_words
+from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
     component_inputs,
     features_of_pairs,
     pairs_of,
 )
+from wordcraft_kg.models.scorers.neighbours.results import propose_results
 from wordcraft_kg.models.scorers.ranker import Ranker
 
 TABLES = (8, 2)
@@ -53,13 +60,21 @@ DRAWS = (2, 4)
 On 20 splits of a book with 242 recipes, 2, 4, 8 and 16 solve .414, .420, .419 and .414.
 """
 LINK_QUERIES = 1_000
-"""Most links of a held-out fold that are asked for on each side; 300 cost .01 of the MRR."""
+"""Most links of a held-out fold that are asked for on each side, if rankers learn from all folds;
+300 cost .01 of the MRR."""
 CANDIDATES = 64
 """Entities that compete for a link; 256 gain nothing."""
 KNOWN = 10_000
 """Most known recipes whose scores are lifted if held-out goals have none."""
+RESULT_QUERIES = 2_000
+"""Most pairs of a held-out fold whose results are asked for."""
+RESULTS = Schedule(members=3, batch=64, epochs=12, rate=1e-2, steps=60)
+"""For results of a pair; on a validation part of Infinite Craft, 6 epochs cost .007 of the MRR, and
+neither batches of 128 nor half the step size gain."""
+_TOGETHER = 256
+"""Tables whose pairs are encoded at once."""
 LeftOut = tuple[int, ...]
-"""Folds that a scorer has not seen: none, or one."""
+"""Folds that a scorer has not seen: none, or one; lists and encoders may leave out two."""
 
 
 class LinkTables(NamedTuple):
@@ -133,6 +148,7 @@ def fit_recipe_scorers(
     wanted: Sequence[LeftOut],
     *,
     outside: LinkTables = NOTHING,
+    encoders: Mapping[LeftOut, PairEncoder] = MappingProxyType({}),
     seed: int = 0,
     workers: int = 1,
     after: Callable[[], None] = lambda: None,
@@ -147,6 +163,8 @@ def fit_recipe_scorers(
         words: word vectors.
         wanted: the folds to leave out, () for none.
         outside: features of links that are the same in all folds.
+        encoders: pair encoders by the folds that they have not seen, all of :func:`encoders_of`;
+            none to do without.
         seed: seed of tables and initial weights.
         workers: threads; compiled loops and fits run beside each other.
         after: called after each set of lists and each fit, in the caller's thread; may raise to end
@@ -162,12 +180,14 @@ def fit_recipe_scorers(
     def made(left_out: LeftOut, turn: int) -> list[tuple[tuple[LeftOut, int], _Lesson]]:
         without = {*left_out, turn}
         lists = words.lists(folds.recipes(without))
+        encoder = encoders.get(tuple(sorted(without)))
         of_lists = []
         # Each fold left out is held out for the ranker that leaves out the others.
         for held_out in without:
             other = tuple(sorted(without - {held_out}))
-            if other in missing:
-                lesson = _lesson(folds, lists, outside, other, held_out, seed)
+            is_lesson = held_out in lesson_folds(folds, other, has_encoder=bool(encoders))
+            if other in missing and is_lesson:
+                lesson = _lesson(folds, lists, outside, encoder, other, held_out, seed)
                 of_lists.append(((other, held_out), lesson))
         return of_lists
 
@@ -176,14 +196,15 @@ def fit_recipe_scorers(
     fits: deque[tuple[LeftOut, Future[RecipeKnowledge]]] = deque()
     try:
         for left_out in wanted:
-            turns = [fold for fold in range(folds.count) if fold not in left_out]
+            turns = lesson_folds(folds, left_out, has_encoder=bool(encoders))
             new = [turn for turn in turns if (left_out, turn) not in lessons]
             for found in pool.map(partial(made, left_out), new):
                 lessons.update(found)
                 after()
             of_turns = [lessons.pop((left_out, turn)) for turn in turns]
             missing.remove(left_out)
-            fit = pool.submit(_fitted, folds, words, outside, left_out, of_turns, seed)
+            encoder = encoders.get(left_out)
+            fit = pool.submit(_fitted, folds, words, outside, encoder, left_out, of_turns, seed)
             fits.append((left_out, fit))
             # Further ones would only keep what they learn from in memory.
             if len(fits) == workers:
@@ -193,6 +214,40 @@ def fit_recipe_scorers(
     finally:
         # After Ctrl-C, what is not begun is never made.
         pool.shutdown(cancel_futures=True)
+
+
+def lesson_folds(folds: Folds, left_out: LeftOut, *, has_encoder: bool) -> list[int]:
+    """Return the held-out folds from which the rankers of a scorer learn.
+
+    Args:
+        folds: folds of the train recipes.
+        left_out: folds that the scorer has not seen.
+        has_encoder: whether it has a pair encoder.
+    """
+    others = [fold for fold in range(folds.count) if fold not in left_out]
+    if not has_encoder:
+        return others
+    # Folds 0 and 1 learn from each other, so do 2 and 3; the last of an odd number learns from 0.
+    partners = [fold ^ 1 for fold in left_out]
+    return [fold for fold in partners if fold in others] or others[:1]
+
+
+def encoders_of(folds: Folds, wanted: Sequence[LeftOut]) -> list[LeftOut]:
+    """Return the folds that pair encoders must not have seen, an entry for each encoder.
+
+    A scorer needs two: one that has seen all that the scorer may see, and one without the fold from
+    which the rankers learn. Five folds and the main model need nine.
+
+    Args:
+        folds: folds of the train recipes.
+        wanted: the folds that scorers leave out, in the order of their fits.
+    """
+    needed: dict[LeftOut, None] = {}
+    for left_out in wanted:
+        needed[left_out] = None
+        for turn in lesson_folds(folds, left_out, has_encoder=True):
+            needed[tuple(sorted({*left_out, turn}))] = None
+    return list(needed)
 
 
 def _ended(
@@ -218,6 +273,8 @@ class _Lesson(NamedTuple):
         pair_links: features of combinesWith links between slots, shape (N, P, F), where outside
             knowledge tells of them; else (N, P, 0).
         tables: queries for pairs on tables; their features are those of pairs alone.
+        encoded: the pair encoder's features of these pairs, shape (N, P, 3), or (N, P, 0).
+        results: queries for results of pairs; None without an encoder.
     """
 
     combines: Examples
@@ -226,12 +283,50 @@ class _Lesson(NamedTuple):
     outside: Tensor
     pair_links: Tensor
     tables: Examples
+    encoded: Tensor
+    results: "_ResultQueries | None"
+
+
+class _ResultQueries(NamedTuple):
+    """Queries for the results of N pairs, with C candidates.
+
+    Attributes:
+        slots: features of both ingredients and each candidate, shape (N C, 2, 16), without the
+            score by the link ranker.
+        pairs: features of the pairs and each candidate, shape (N C, 1, 16).
+        encoded: the pair encoder's features, shape (N C, 1, 3).
+        competes: shape (N, C): whether there is a candidate.
+        is_right: shape (N, C): whether the pair makes it.
+    """
+
+    slots: Tensor
+    pairs: Tensor
+    encoded: Tensor
+    competes: Tensor
+    is_right: Tensor
+
+    def examples(self, component: Ranker | None) -> Examples:
+        """Return queries with all features; ``component`` is the ranker of componentOf links."""
+        of_links = torch.zeros(self.slots.shape[:2])
+        if component:
+            of_links = component(component_inputs(self.slots, self.pairs))
+        features = features_of_pairs(
+            self.slots,
+            self.pairs,
+            of_links,
+            torch.zeros(self.pairs.shape[:2]),
+            torch.tensor([0]),
+            torch.tensor([1]),
+        )
+        every = torch.cat([features, self.encoded], dim=-1)
+        return Examples(every.view(*self.competes.shape, -1), self.competes, self.is_right)
 
 
 def _fitted(
     folds: Folds,
     words: Words,
     outside: LinkTables,
+    encoder: PairEncoder | None,
     left_out: LeftOut,
     lessons: Sequence[_Lesson],
     seed: int,
@@ -242,6 +337,7 @@ def _fitted(
         folds: folds of the train recipes.
         words: word vectors.
         outside: features of links that are the same in all folds.
+        encoder: pair encoder that has seen what the scorer has seen; None without.
         left_out: folds that the scorer has not seen.
         lessons: the queries of each held-out fold.
         seed: seed of the initial weights and the order of queries.
@@ -262,7 +358,13 @@ def _fitted(
     if outside.pairs or outside.parts:
         knowledge = _with_tables(words, recipes, outside, link_rankers)
     else:
-        knowledge = RecipeKnowledge.of_recipes(recipes, words.vectors, words.near, link_rankers)
+        knowledge = RecipeKnowledge.of_recipes(
+            recipes,
+            words.vectors,
+            words.near,
+            link_rankers,
+            encoder,
+        )
     makes = FEATURES.index("makes")
     # By-goal folds: no held-out goal has a known recipe.
     # A feature that is the same in all examples has weight 0.
@@ -275,7 +377,33 @@ def _fitted(
         of_known = knowledge.features(goal, table, torch.zeros_like(goal), pair)
         highest = ranker(examples.features[examples.competes]).amax()
         ranker = with_known(ranker, of_known[:, :, 0].T, makes, highest)
+    if encoder is not None:
+        knowledge = knowledge.with_result_ranker(_result_ranker(lessons, link_rankers, generator))
     return knowledge.with_ranker(ranker)
+
+
+def _result_ranker(
+    lessons: Sequence[_Lesson],
+    link_rankers: Mapping[int, Ranker],
+    generator: torch.Generator,
+) -> Ranker:
+    """Fit the ranker of results, with scores of the link rankers among its features.
+
+    Args:
+        lessons: the queries of each held-out fold.
+        link_rankers: by relation; none where there was nothing to learn from.
+        generator: draws initial weights and the order of queries.
+    """
+    component = link_rankers.get(COMPONENT_OF)
+    queries = [lesson.results for lesson in lessons if lesson.results is not None]
+    parts = [each.examples(component) for each in queries if len(each.competes)]
+    if not parts:
+        # By-goal folds of a tiny book: no candidate is ever right. As wide as other folds' rankers,
+        # with which this one is stacked.
+        width = RESULTS.members * HIDDEN
+        first = torch.zeros(num_features(has_encoder=True), width)
+        return Ranker(first, torch.zeros(width), torch.zeros(width), torch.zeros(()))
+    return fit_committee(_together(parts), generator, RESULTS)
 
 
 def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> Ranker:
@@ -324,7 +452,8 @@ def _with_link_scores(lesson: _Lesson, link_rankers: Mapping[int, Ranker]) -> Ex
         combines = ranker(lesson.pair_links)
     one, other = pairs_of(slots.shape[1], torch.device("cpu"))
     features = features_of_pairs(slots, pairs, component, combines, one, other)
-    return lesson.tables._replace(features=features)
+    every = torch.cat([features, lesson.encoded], dim=-1)
+    return lesson.tables._replace(features=every)
 
 
 def _with_tables(
@@ -377,6 +506,7 @@ def _lesson(
     folds: Folds,
     lists: Lists,
     outside: LinkTables,
+    encoder: PairEncoder | None,
     left_out: LeftOut,
     held_out: int,
     seed: int,
@@ -387,19 +517,23 @@ def _lesson(
         folds: folds of the train recipes.
         lists: made without ``left_out`` and without ``held_out``.
         outside: features of links that are the same in all folds.
+        encoder: pair encoder that has seen neither ``left_out`` nor ``held_out``; None without.
         left_out: folds that the scorer has not seen; every pair in a recipe of the others is right.
         held_out: the fold whose recipes are asked for.
         seed: seed of links and tables.
     """
     rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
     rows = LinkRows(lists)
+    lessons = len(lesson_folds(folds, left_out, has_encoder=encoder is not None))
+    # A single fold has as many queries as all together would have.
+    queries = LINK_QUERIES * (folds.count - len(left_out)) // lessons
     combines, components = (
-        _link_examples(folds, rows, outside, left_out, held_out, relation, rng)
+        _link_examples(folds, rows, outside, left_out, held_out, relation, queries, rng)
         for relation in (COMBINES_WITH, COMPONENT_OF)
     )
     recipes = folds.recipes_of(held_out)
     # An equal share of the examples for each fold, rounded up.
-    most = math.ceil(EXAMPLES / (folds.count - len(left_out)))
+    most = math.ceil(EXAMPLES / lessons)
     chosen = recipes[np.sort(rng.permutation(len(recipes))[:most])]
     ids, slots, tables = table_examples(lists, chosen, folds.recipes(left_out), rng)
     # Empty slots have no row; their pairs do not compete.
@@ -412,7 +546,75 @@ def _lesson(
         a = heads[:, one]
         b = heads[:, other]
         pair_links = torch.cat([every[a, b], _outside(outside, COMBINES_WITH, a, b)], dim=-1)
-    return _Lesson(combines, components, slots, from_outside, pair_links, tables)
+    encoded = torch.zeros(*tables.competes.shape, 0)
+    results = None
+    if encoder is not None:
+        blocks = zip(heads.split(_TOGETHER), ids[:, -1].split(_TOGETHER), strict=True)
+        of_blocks = [
+            encoder.features(table[:, one], table[:, other], goal) for table, goal in blocks
+        ]
+        encoded = torch.cat(of_blocks).masked_fill(~tables.competes[..., None], 0)
+        results = _result_queries(lists, encoder, recipes, folds.recipes(left_out), rng)
+    return _Lesson(
+        combines,
+        components,
+        slots,
+        from_outside,
+        pair_links,
+        tables,
+        encoded,
+        results,
+    )
+
+
+def _result_queries(
+    lists: Lists,
+    encoder: PairEncoder,
+    recipes: Ids,
+    known: Ids,
+    rng: np.random.Generator,
+) -> _ResultQueries:
+    """Make queries for results of a fold's pairs, among the candidates that a scorer proposes.
+
+    Args:
+        lists: made without the fold.
+        encoder: fitted without the fold.
+        recipes: the fold's recipes, ids (n, 3).
+        known: all recipes that may be known, ids (m, 3): every result of a pair is right.
+        rng: draws pairs.
+    """
+    from wordcraft_kg.models.scorers.neighbours import feature_loops
+
+    size = len(lists.norms)
+    chosen = recipes[np.sort(rng.permutation(len(recipes))[:RESULT_QUERIES])]
+    pairs = np.unique(chosen[:, :2], axis=0)
+    a, b = _tensor(pairs).T.contiguous()
+    candidates = propose_results(lists, encoder, a, b).numpy()
+    competes = candidates >= 0
+    first, second, results = known.T
+    of_known = _codes(first, second, results, size)
+    codes = _codes(pairs[:, :1], pairs[:, 1:], candidates, size)
+    is_right = np.isin(codes, of_known) & competes
+    # A pair whose result nobody proposes has nothing to teach.
+    has_right = is_right.any(1)
+    asked = candidates[has_right]
+    tables = np.repeat(pairs[has_right], asked.shape[1], axis=0)
+    # The compiled loops write into arrays.
+    of_slots = np.zeros((asked.size, 2, feature_loops.OF_SLOTS), dtype=np.float32)
+    of_pairs = np.zeros((asked.size, 1, feature_loops.OF_PAIRS), dtype=np.float32)
+    one = np.array([0])
+    other = np.array([1])
+    goals = asked.ravel()
+    feature_loops.table_features(lists, goals, tables, one, other, of_slots, of_pairs)
+    ids = _tensor(tables)
+    encoded = encoder.features(ids[:, :1], ids[:, 1:], _tensor(goals).clamp(min=0))
+    return _ResultQueries(
+        _tensor(of_slots),
+        _tensor(of_pairs),
+        encoded,
+        _tensor(competes[has_right]),
+        _tensor(is_right[has_right]),
+    )
 
 
 def _link_examples(
@@ -422,6 +624,7 @@ def _link_examples(
     left_out: LeftOut,
     held_out: int,
     relation: int,
+    queries: int,
     rng: np.random.Generator,
 ) -> Examples:
     """Make queries from links that a fold's recipes alone have.
@@ -433,6 +636,7 @@ def _link_examples(
         left_out: folds that the scorer has not seen; known links of the others do not compete.
         held_out: the fold whose links are asked for.
         relation: relation id.
+        queries: most links on each side.
         rng: draws links and candidates.
     """
     size = folds.split.graph.num_entities
@@ -440,7 +644,7 @@ def _link_examples(
     of_fold = recipe_triples(folds.recipes_of(held_out))
     seen = folds.triples([*left_out, held_out])
     new = of_fold[(of_fold[:, 1] == relation) & ~is_in(of_fold, seen, size)]
-    chosen = new[np.sort(rng.permutation(len(new))[:LINK_QUERIES])]
+    chosen = new[np.sort(rng.permutation(len(new))[:queries])]
     parts = []
     # combinesWith is symmetric, so head queries equal tail queries.
     for heads in (False,) if relation == COMBINES_WITH else (False, True):

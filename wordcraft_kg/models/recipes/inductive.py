@@ -71,8 +71,14 @@ def extended(
     of_new = nearest_words(every.float().numpy(), near.shape[1], first=size)
     near_words = torch.cat([near, torch.from_numpy(of_new)])
     num_own = torch.tensor([len(entities)], dtype=torch.int32)
+    changed = {"num_own": num_own, "vectors": every, "near_words": near_words}
+    if whole.knowledge.has_encoder:
+        encoder = whole.knowledge.encoder()
+        of_words = every[size:].float().to(encoder.bias.device)
+        named = encoder.with_entities(of_words).named()
+        changed |= {name: tensor[None] for name, tensor in named.items()}
     return RecipeScorer(
-        constants | {"num_own": num_own, "vectors": every, "near_words": near_words},
+        constants | changed,
         entities,
         f"{whole.graph_hash} and {len(labels)} more",
         device=whole.device,

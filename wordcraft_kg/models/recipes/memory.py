@@ -12,6 +12,12 @@ _BY_RECIPE = 450
 """Bytes of a set of lists by recipe: profiles while neighbours are searched, and hash tables."""
 _EXAMPLES = 4 * 8_000 * 55 * 51 * 4
 """Bytes of the features from which the rankers of a fit learn."""
+_OF_ENCODER = 4 * (192 + 128 + 1)
+"""Bytes of an entity's own vectors in a pair encoder, while it is fitted."""
+_STEP = 300 * 2**20
+"""Bytes of a step of its fit."""
+_RESULTS = 2_000 * 128 * 2 * 55 * 4
+"""Bytes of the features from which a ranker of results learns."""
 
 
 def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> int:
@@ -28,7 +34,28 @@ def lists_bytes(num_entities: int, num_recipes: int, dim: int, workers: int) -> 
     return _PROGRAM + (workers + 1) * one + workers * _EXAMPLES
 
 
-def fitting_workers(num_entities: int, num_recipes: int, dim: int, most: int) -> int:
+def encoder_bytes(num_entities: int, dim: int, workers: int, encoders: int) -> int:
+    """Return the number of further bytes of memory that pair encoders take, about.
+
+    Args:
+        num_entities: entities in the graph.
+        dim: length of a word vector.
+        workers: encoders that are fitted at once.
+        encoders: encoders in all.
+    """
+    # Each vector has two averages and a gradient; a finished encoder has half precision.
+    fitted = workers * (4 * num_entities * _OF_ENCODER + _STEP + _RESULTS)
+    finished = encoders * num_entities * _OF_ENCODER // 2
+    return fitted + finished + 4 * num_entities * dim
+
+
+def fitting_workers(
+    num_entities: int,
+    num_recipes: int,
+    dim: int,
+    most: int,
+    encoders: int = 0,
+) -> int:
     """Return how many sets of lists may be made at once: fewer where memory is short.
 
     Args:
@@ -36,6 +63,7 @@ def fitting_workers(num_entities: int, num_recipes: int, dim: int, most: int) ->
         num_recipes: training recipes.
         dim: length of a word vector.
         most: largest number, such as that of the cores.
+        encoders: number of pair encoders.
 
     Raises:
         ConfigError: if there is no room for one; names the needed and the available memory.
@@ -43,10 +71,12 @@ def fitting_workers(num_entities: int, num_recipes: int, dim: int, most: int) ->
     available = memory()
     for workers in range(most, 0, -1):
         needed = lists_bytes(num_entities, num_recipes, dim, workers)
+        if encoders:
+            needed += encoder_bytes(num_entities, dim, workers, encoders)
         if needed <= available:
             return workers
     raise ConfigError(
         f"a recipe scorer of {num_entities:,} entities and {num_recipes:,} recipes takes about "
         f"{needed / 2**30:,.1f} GiB, and {available / 2**30:,.1f} GiB are there. Use shorter "
-        "word vectors, or a smaller graph."
+        f"word vectors, or a smaller graph{', or `encoder` off' if encoders else ''}."
     )

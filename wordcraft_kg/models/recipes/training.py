@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+import torch
 from threadpoolctl import threadpool_limits
 from torch import Tensor
 
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.records import as_values
-from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.base.tensors import check_device, torch_threads
 from wordcraft_kg.graphs.folder import OpenedGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
@@ -32,10 +33,13 @@ from wordcraft_kg.graphs.train_samples import (
 )
 from wordcraft_kg.graphs.triples import triples_hash
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.encoder_fitting import fit_encoders
 from wordcraft_kg.models.recipes.fitting import (
     LeftOut,
     Words,
+    encoders_of,
     fit_recipe_scorers,
+    lesson_folds,
     word_features,
 )
 from wordcraft_kg.models.recipes.memory import fitting_workers
@@ -51,6 +55,7 @@ from wordcraft_kg.models.scorers.config import check_table
 from wordcraft_kg.models.scorers.features import named
 from wordcraft_kg.models.scorers.folder import FOLD_OUTPUTS, write_folds, write_scorer
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
+from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 from wordcraft_kg.runs.cards import scorer_card
 from wordcraft_kg.runs.checkpoints import Checkpoint, Checkpoints
@@ -189,6 +194,11 @@ def _kept(folder: Path) -> Checkpoints[FitDone]:
     return Checkpoints(folder, "fit", FitDone, kept=None)
 
 
+def _kept_encoders(folder: Path) -> Checkpoints[FitDone]:
+    """Return the saved pair encoders of a run, which many fits use."""
+    return Checkpoints(folder, "encoder", FitDone, kept=None)
+
+
 class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     """Trainer for recipe scorers.
 
@@ -201,6 +211,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         words: name of the word vectors; minilm or glove if the setting is auto.
         features: the word vectors.
         workers: sets of lists that are made at once.
+        has_encoder: whether there is a pair encoder.
     """
 
     kind: ClassVar[RunKind[Any]] = RunKind(
@@ -249,7 +260,17 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         )
         dim = self.features.vectors.shape[1]
         num_recipes = len(self.folds.recipes())
-        self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores())
+        self.has_encoder = settings.has_encoder(num_recipes)
+        encoders = 0
+        if self.has_encoder:
+            check_device(settings.device)
+            encoders = len(encoders_of(self.folds, self._every()))
+        self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), encoders)
+
+    def _every(self) -> list[LeftOut]:
+        """Return the folds that each fit leaves out, in the order of the fits."""
+        number = self.folds.count if self.config.settings.kg == "partial" else 0
+        return [(), *((fold,) for fold in range(number))]
 
     def begin(  # noqa: D102 - inherited
         self,
@@ -308,13 +329,11 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         """Make and save all fits that are not saved yet."""
         settings = self.config.settings
         folds = self.folds
-        number = folds.count if settings.kg == "partial" else 0
-        every: list[LeftOut] = [(), *((fold,) for fold in range(number))]
+        every = self._every()
         # A resumed run makes only the fits that are missing.
         saved = set(kept.records())
         wanted = [left_out for fit, left_out in enumerate(every) if fit not in saved]
-        # Sets of lists, without each fold and without each two folds, and fits.
-        total = folds.count + number * (folds.count - 1) // 2 + len(every)
+        total = self._steps(every)
         steps = 0
 
         def after() -> None:
@@ -328,7 +347,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         try:
             with _threads(settings.threads):
                 words = Words.of(self.features)
-                for left_out, knowledge in self._fitted(words, wanted, after):
+                encoders = self._encoders(run, words, wanted, after)
+                for left_out, knowledge in self._fitted(words, wanted, encoders, after):
                     tensors = dict(knowledge.constants())
                     if left_out:
                         # The main model has the words for all folds.
@@ -342,10 +362,70 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         if report:
             report(total, total, {})
 
+    def _steps(self, every: Sequence[LeftOut]) -> int:
+        """Return the number of sets of lists, pair encoders and fits."""
+        sets: set[LeftOut] = set()
+        for left_out in every:
+            for turn in lesson_folds(self.folds, left_out, has_encoder=self.has_encoder):
+                sets.add(tuple(sorted({*left_out, turn})))
+        encoders = encoders_of(self.folds, every) if self.has_encoder else []
+        return len(sets) + len(encoders) + len(every)
+
+    def _encoders(
+        self,
+        run: RunFolder[FitDone],
+        words: Words,
+        wanted: Sequence[LeftOut],
+        after: Callable[[], None],
+    ) -> dict[LeftOut, PairEncoder]:
+        """Fit and save the pair encoders that the wanted fits need, or read those of a resumed run.
+
+        None if the model has no encoder.
+
+        Args:
+            run: the run's folder.
+            words: word vectors of all entities.
+            wanted: folds to leave out, () for none.
+            after: called after each encoder.
+        """
+        if not self.has_encoder:
+            return {}
+        settings = self.config.settings
+        kept = _kept_encoders(run.path)
+        numbers = {
+            left_out: number
+            for number, left_out in enumerate(encoders_of(self.folds, self._every()))
+        }
+        saved = kept.records()
+        encoders: dict[LeftOut, PairEncoder] = {}
+        missing = []
+        for left_out in encoders_of(self.folds, wanted):
+            if numbers[left_out] in saved:
+                tensors = kept.read(numbers[left_out]).tensors
+                encoders[left_out] = PairEncoder(**tensors)
+            else:
+                missing.append(left_out)
+        fitted = fit_encoders(
+            self.folds,
+            torch.from_numpy(words.vectors).float(),
+            missing,
+            seed=settings.seed,
+            workers=self.workers,
+            device=settings.device,
+            stop=run.interrupted.is_set,
+        )
+        for left_out, encoder in fitted:
+            done = FitDone(trained_on=triples_hash(self.folds.triples(left_out)))
+            kept.save(numbers[left_out], encoder._asdict(), done)
+            encoders[left_out] = encoder
+            after()
+        return encoders
+
     def _fitted(
         self,
         words: Words,
         wanted: Sequence[LeftOut],
+        encoders: Mapping[LeftOut, PairEncoder],
         after: Callable[[], None],
     ) -> Iterator[tuple[LeftOut, RecipeKnowledge]]:
         """Yield the folds left out and the knowledge fitted without them, for each wanted fit.
@@ -353,6 +433,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         Args:
             words: word vectors of all entities.
             wanted: folds to leave out, () for none.
+            encoders: pair encoders by the folds that they have not seen; none to do without.
             after: called after each set of lists and each fit.
         """
         if not len(self.folds.recipes()):
@@ -364,6 +445,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             words,
             wanted,
             outside=self.outside.tables,
+            encoders=encoders,
             seed=settings.seed,
             workers=self.workers,
             after=after,
@@ -375,6 +457,9 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     def _interrupted(self, run: RunFolder[FitDone], saved: int, number: int) -> KeyboardInterrupt:
         """Return the exception that ends a run: ``saved`` of ``number`` fits are saved."""
         done = f"interrupted; {saved} of {number} fits are saved in '{run.path}'."
+        encoders = len(_kept_encoders(run.path).records())
+        if encoders:
+            done = f"{done[:-1]}, and {encoders} pair encoders."
         return KeyboardInterrupt(f"{done} Repeat the command to make the rest.")
 
     def _finish(

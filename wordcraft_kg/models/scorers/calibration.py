@@ -62,6 +62,8 @@ _RIDGE = 1e-3
 """Weight of squared slopes in the loss: a segment without true triples keeps a finite slope."""
 _PAIRS = 2**15
 """Recipes scored per fold to fit the temperature."""
+_PROPOSED_PAIRS = 400
+"""Pairs of a fold whose proposed results are scored."""
 
 _Floats = NDArray[np.float64]
 
@@ -133,12 +135,15 @@ class Probabilities(Record, frozen=True, kw_only=True):
         temperature: recipe scores are divided by this number before the softmax over results; None
             without recipe scores.
         recipes: curve for recipes; None without recipe scores, and in folders from older versions.
+        covered: share of a fold's pairs with a result among those that a scorer with a pair encoder
+            proposes; absent without an encoder.
     """
 
     format: Literal["wordcraft-kg calibration 1"] = "wordcraft-kg calibration 1"
     relations: tuple[RelationCurves, RelationCurves]
     temperature: float | None = None
     recipes: RecipeCurve | None = None
+    covered: Share | msgspec.UnsetType = msgspec.UNSET
 
     @classmethod
     def fit(
@@ -192,6 +197,7 @@ class Probabilities(Record, frozen=True, kw_only=True):
             relations=(curves[0], curves[1]),
             temperature=_temperature(seen),
             recipes=fit_recipe_curve(histograms, folds) if histograms else None,
+            covered=_covered(seen),
         )
 
     def predict(self, scores: Tensor, heads: Tensor, relations: Tensor, tails: Tensor) -> Tensor:
@@ -228,9 +234,11 @@ class Seen:
         true: shape (2, 2, B): the fold's triples, counted by relation, self pair (0 or 1) and bin,
             an interval of rank log-odds, see :class:`Curve`.
         others: as ``true``, for triples outside the train triples; weighted if sampled.
-        results: shape (N, E): scores for all E entities as results, for N pairs sampled from the
-            fold; None without recipe scores.
-        right: shape (N, E), bool: whether the pair makes the entity; None without recipe scores.
+        results: shape (N, C): scores of C results for N pairs sampled from the fold: of all E
+            entities, or of those that a scorer with a pair encoder proposes, with -inf where there
+            are fewer; None without recipe scores.
+        right: shape (N, C), bool: whether the pair makes the entity; None without recipe scores.
+        proposed: whether results are proposed.
         recipes: see :func:`~wordcraft_kg.models.scorers.recipe_curve.score_histogram`; None without
             recipe scores.
     """
@@ -240,6 +248,7 @@ class Seen:
     results: _Floats | None
     right: NDArray[np.bool_] | None
     recipes: _Floats | None
+    proposed: bool = False
 
 
 def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0) -> Seen:
@@ -285,7 +294,7 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
     recipes = None
     if isinstance(scorer, RecipeScorer):
         recipes = score_histogram(scorer, folds, fold, seed=seed)
-    return Seen(true, others, results, right, recipes)
+    return Seen(true, others, results, right, recipes, _proposes(scorer))
 
 
 def known_share(folds: Folds, relation: int) -> float:
@@ -434,12 +443,21 @@ def _results(
     pairs, of_recipe = np.unique(own[:, :2], axis=0, return_inverse=True)
     # A pair has a score for each entity, so there are fewer pairs in larger graphs.
     number = max(_PAIRS // size, 1)
+    if _proposes(scorer):
+        number = _PROPOSED_PAIRS
     rng = np.random.default_rng([seed, fold])
     chosen = rng.permutation(len(pairs))[:number]
     # Rows of the chosen pairs alone: those of all pairs would take a gigabyte in a large book.
     row_of = np.full(len(pairs), -1)
     row_of[chosen] = np.arange(len(chosen))
     rows = row_of[of_recipe]
+    if isinstance(scorer, RecipeScorer) and scorer.has_encoder:
+        ids, proposed = scorer.best_results(*torch.from_numpy(pairs[chosen].copy()).T)
+        of_fold = rows >= 0
+        # A number for each row and result, also for the id E of missing proposals.
+        made = rows[of_fold] * (size + 1) + own[of_fold, 2]
+        codes = np.arange(len(chosen))[:, None] * (size + 1) + ids.cpu().numpy()
+        return proposed.cpu().numpy().astype(np.float64), np.isin(codes, made)
     right = np.zeros((len(chosen), size), dtype=bool)
     right[rows[rows >= 0], own[rows >= 0, 2]] = True
     # Shape (N, 1) each, against which all results broadcast.
@@ -447,6 +465,19 @@ def _results(
     with torch.no_grad():
         scores = scorer.score_recipes(a, b, torch.arange(size)[None])
     return scores.cpu().numpy().astype(np.float64), right
+
+
+def _proposes(scorer: TripleScorer) -> bool:
+    """Return whether a scorer proposes results of a pair, in place of a score for each entity."""
+    return isinstance(scorer, RecipeScorer) and scorer.has_encoder
+
+
+def _covered(seen: Sequence[Seen]) -> float | msgspec.UnsetType:
+    """Return the share of pairs with a right result among the proposed ones."""
+    right = [part.right for part in seen if part.proposed and part.right is not None]
+    if not right:
+        return msgspec.UNSET
+    return float(np.mean(np.concatenate(right).any(axis=1)))
 
 
 def _temperature(seen: Sequence[Seen]) -> float | None:
@@ -459,6 +490,13 @@ def _temperature(seen: Sequence[Seen]) -> float | None:
     if not known:
         return None
     scores, right = (np.concatenate(parts) for parts in zip(*known, strict=True))
+    if any(part.proposed for part in seen):
+        # A pair whose result nobody proposes says nothing about the proposed ones.
+        has_right = right.any(axis=1)
+        if not has_right.any():
+            return None
+        scores = scores[has_right]
+        right = right[has_right]
 
     def loss(log_temperature: float) -> float:
         scaled = scores * math.exp(-log_temperature)

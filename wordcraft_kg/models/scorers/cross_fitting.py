@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Literal, overload
 
+import msgspec
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ from wordcraft_kg.graphs.train_samples import TrainSample
 from wordcraft_kg.graphs.triples import recipe_triples, triples_hash
 from wordcraft_kg.models.scorers.calibration import Probabilities
 from wordcraft_kg.models.scorers.protocol import FactoredScorer, TripleScorer
-from wordcraft_kg.models.scorers.recipes import RecipeScores
+from wordcraft_kg.models.scorers.recipes import RecipeScorer, RecipeScores
 from wordcraft_kg.models.scorers.scorer import EntityIds, RelationIds, Scorer
 
 
@@ -218,7 +219,8 @@ class CrossFitted(Scorer):
 
         Returns:
             float32, shape (..., E): the broadcast shape and an axis for the E results, which sums
-            to 1.
+            to 1; with a pair encoder, to the share of pairs whose result is among the proposed
+            ones.
 
         Raises:
             ConfigError: if the model scores no recipes or has no calibration.
@@ -230,11 +232,42 @@ class CrossFitted(Scorer):
                 f"{self.name} cannot predict results. Use a wordcraft-kg train-recipes model with "
                 "folds."
             )
+        if isinstance(self.whole, RecipeScorer) and self.whole.has_encoder:
+            return self._proposed_probabilities(self.whole, ingredients, others)
         # A last axis for the results, against which the pairs broadcast.
         a, b = (self.entity_ids(part)[..., None] for part in (ingredients, others))
         everything = torch.arange(len(self.entities), device=self.device)
         scores = self.whole.score_recipes(a, b, everything)
         return torch.softmax(scores / temperature, dim=-1)
+
+    def _proposed_probabilities(
+        self,
+        scorer: RecipeScorer,
+        ingredients: EntityIds,
+        others: EntityIds,
+    ) -> torch.Tensor:
+        """Return distributions over the results that a scorer proposes, shape (..., E).
+
+        They sum to the share of held-out pairs with a proposed result: no other entity has a
+        probability.
+
+        Args:
+            scorer: the main scorer, with a pair encoder.
+            ingredients: as for :meth:`result_probabilities`.
+            others: likewise.
+        """
+        assert self.probabilities is not None
+        assert self.probabilities.temperature is not None
+        pairs = self.entity_ids(ingredients), self.entity_ids(others)
+        a, b = torch.broadcast_tensors(*pairs)
+        ids, scores = scorer.best_results(a.reshape(-1), b.reshape(-1))
+        of_proposed = torch.softmax(scores / self.probabilities.temperature, dim=-1)
+        size = len(self.entities)
+        # The id E, of missing proposals, has a column of its own, which is dropped.
+        every = torch.zeros(len(ids), size + 1, device=ids.device).scatter_(1, ids, of_proposed)
+        covered = self.probabilities.covered
+        share = 1.0 if covered is msgspec.UNSET else covered
+        return (share * every[:, :size]).view(*a.shape, size)
 
     def left_out(self, fold: int) -> Scorer:
         """Return the scorer trained without a fold, a number from 0; made at the first call."""

@@ -12,13 +12,17 @@ from wordcraft_kg.graphs.triples import COMBINES_WITH, RELATIONS
 from wordcraft_kg.models.scorers.config import has_table
 from wordcraft_kg.models.scorers.factors import grids
 from wordcraft_kg.models.scorers.neighbours.knowledge import (
-    BUFFERS,
     LINK_FEATURES,
     LINK_TABLES,
+    RESULT_RANKER,
+    WITH_ENCODER,
     RecipeKnowledge,
     Support,
+    num_features,
+    stored_names,
 )
-from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
+from wordcraft_kg.models.scorers.neighbours.pair_encoder import encoder_shapes
+from wordcraft_kg.models.scorers.neighbours.results import CANDIDATES, results_of
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.scorer import EntityIds, StoredScorer, check_ids, check_shapes
 
@@ -30,7 +34,7 @@ _DTYPES = {
     "vectors": torch.half,
     **dict.fromkeys(("num_own", "near_words", "recipes"), torch.int32),
     "seen": torch.bool,
-    **dict.fromkeys(LINK_TABLES, torch.half),
+    **dict.fromkeys((*LINK_TABLES, "encoder_used", "encoder_made"), torch.half),
 }
 """Stored tensor types, where not float32."""
 
@@ -252,6 +256,31 @@ class RecipeScorer(StoredScorer):
             scores.append(self.knowledge(goal, table, main_model)[:, 0, 1])
         return torch.cat(scores).view(ids[0].shape)
 
+    @property
+    def has_encoder(self) -> bool:
+        """Whether the scorer has a pair encoder, and so proposes results of a pair."""
+        return self.knowledge.has_encoder
+
+    def best_results(
+        self,
+        ingredients: Tensor,
+        others: Tensor,
+        number: int = CANDIDATES,
+    ) -> tuple[Tensor, Tensor]:
+        """Return proposed results of pairs, best first; only with a pair encoder.
+
+        Args:
+            ingredients: ids, shape (n,).
+            others: ids of the second ingredients, shape (n,); their order does not count.
+            number: results that neighbours, and that the encoder propose at most.
+
+        Returns:
+            ids, shape (n, C), E where there are fewer; and their scores, shape (n, C), float32, in
+            nats, -inf likewise. They compare results of one pair, and have another scale than
+            :meth:`score_recipes`, which compares pairs for a goal.
+        """
+        return results_of(self.knowledge, ingredients, others, number=number)
+
     def supporting_recipes(
         self,
         ingredient: str,
@@ -282,13 +311,16 @@ class RecipeScorer(StoredScorer):
         num_recipes = len(tensors["recipes"])
         # Entities of other books come after the scorer's own.
         every = max(size, len(tensors["vectors"]))
+        names = stored_names(tensors)
+        has_encoder = names == WITH_ENCODER
+        of_pairs = num_features(has_encoder=has_encoder)
         shapes: dict[str, tuple[int, ...]] = {
             "num_own": (1,),
             "vectors": (every, tensors["vectors"].shape[-1]),
             "near_words": (every, tensors["near_words"].shape[-1]),
             "recipes": (num_recipes, 3),
             "seen": (1, num_recipes),
-            "first": (1, len(FEATURES), hidden),
+            "first": (1, of_pairs, hidden),
             "first_bias": (1, hidden),
             "second": (1, hidden),
             "bias": (1,),
@@ -306,7 +338,13 @@ class RecipeScorer(StoredScorer):
             has_table = tensors[f"{relation}_table"].numel() > 0
             side = size if has_table else 0
             shapes[f"{relation}_table"] = (1, side, side)
-        assert {*shapes} == {*BUFFERS}
+        if has_encoder:
+            shapes |= encoder_shapes(tensors, every, tensors["vectors"].shape[-1])
+            first = tensors["results_first"]
+            width = first.shape[-1] if first.ndim else 0
+            of_ranker = ((1, of_pairs, width), (1, width), (1, width), (1,))
+            shapes |= dict(zip(RESULT_RANKER, of_ranker, strict=True))
+        assert {*shapes} == {*names}
         check_shapes(tensors, shapes, _DTYPES)
         for name in shapes:
             tensor = tensors[name]

@@ -8,12 +8,13 @@ from wordcraft_kg.base.tensors import lazily_zero
 from wordcraft_kg.models.policies.sources.source import ScoreView, Source, check_constants
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import (
-    BUFFERS,
     LINK_TABLES,
+    WITH_ENCODER,
     RecipeKnowledge,
+    num_features,
+    stored_names,
 )
 from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMBINES, OF_COMPONENTS
-from wordcraft_kg.models.scorers.neighbours.pair_features import FEATURES
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -39,6 +40,25 @@ _LAYOUTS = {
     **_of_ranker("combinesWith_", "pairs"),
     **_of_ranker("componentOf_", "parts"),
     **dict.fromkeys(LINK_TABLES, "models side side float16"),
+}
+
+_OF_ENCODER = {
+    "encoder_used": "models T U float16",
+    "encoder_made": "models T Z float16",
+    "encoder_bias": "models T float32",
+    "encoder_first": "models inputs V float32",
+    "encoder_first_bias": "models V float32",
+    "encoder_second": "models V Z float32",
+    "encoder_second_bias": "models Z float32",
+    "encoder_pair": "models V float32",
+    "encoder_pair_bias": "models float32",
+    "encoder_used_words": "models D U float32",
+    "encoder_used_bias": "models U float32",
+    "encoder_made_words": "models D Z float32",
+    "encoder_made_bias": "models Z float32",
+    "encoder_bias_words": "models D float32",
+    "encoder_bias_base": "models float32",
+    **_of_ranker("results_", "F"),
 }
 
 
@@ -85,17 +105,26 @@ def empty_knowledge(
         KeyError: if a tensor is missing.
         ValueError: if a tensor has an unexpected type or shape.
     """
+    names = stored_names(constants)
+    has_encoder = names == WITH_ENCODER
+    layouts = _LAYOUTS
+    sizes = {}
+    if has_encoder:
+        layouts = _LAYOUTS | _OF_ENCODER
+        # A pair has the sum, the product and the distance of two vectors.
+        sizes["inputs"] = 3 * (constants["encoder_used"].shape or [0])[-1]
     check_constants(
         constants,
-        _LAYOUTS,
+        layouts,
         models=models,
-        F=len(FEATURES),
+        F=num_features(has_encoder=has_encoder),
         pairs=len(OF_COMBINES),
         parts=len(OF_COMPONENTS),
         one=1,
         three=3,
+        **sizes,
     )
-    return RecipeKnowledge({name: lazily_zero(constants[name]) for name in BUFFERS}, num_entities)
+    return RecipeKnowledge({name: lazily_zero(constants[name]) for name in names}, num_entities)
 
 
 def share_lists(sources: Iterable[Source]) -> None:

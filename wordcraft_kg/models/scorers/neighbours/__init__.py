@@ -45,6 +45,9 @@ all links of an entity, and follows the known ones from it, see :mod:`.link_rows
 | all links of an entity | E D + N (links of a neighbour) G |
 | memory | E (4 K + 3 N + 3 G + 3 R + D + 3 m) + about 25 n numbers |
 
+A model of a large book has a pair encoder besides (:mod:`.pair_encoder`), whose scores are three
+further features; :mod:`.results` proposes results of a pair by both.
+
 With lists as long as the book nothing is approximate but the pruning: tests compare features with
 full tables.
 

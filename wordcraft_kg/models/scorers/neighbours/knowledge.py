@@ -1,7 +1,7 @@
 """Recipe knowledge by neighbour lists: scores of pairs and links, and what supports them."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self
@@ -23,8 +23,10 @@ from wordcraft_kg.models.scorers.neighbours.link_rows import (
     LinkRows,
 )
 from wordcraft_kg.models.scorers.neighbours.lists import Lists, make_lists
+from wordcraft_kg.models.scorers.neighbours.pair_encoder import ENCODER, PairEncoder
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
+    OF_ENCODER,
     component_inputs,
     features_of_pairs,
     pairs_of,
@@ -57,8 +59,22 @@ BUFFERS = (
     *LINK_TABLES,
 )
 """Names of the stored tensors."""
+RESULT_RANKER = tuple(f"results_{name}" for name in RANKER)
+"""Names of the weights of the ranker of results, see :mod:`.results`."""
+WITH_ENCODER = (*BUFFERS, *ENCODER, *RESULT_RANKER)
+"""Names of the stored tensors of a model with a pair encoder."""
 LEAST_SHARE = 0.01
 """Smallest evidence share of a supporting recipe that counts as a reason."""
+
+
+def stored_names(constants: Collection[str]) -> tuple[str, ...]:
+    """Return the names that a model's tensors must have: more if any is that of an encoder."""
+    return BUFFERS if set(constants).isdisjoint((*ENCODER, *RESULT_RANKER)) else WITH_ENCODER
+
+
+def num_features(*, has_encoder: bool) -> int:
+    """Return the number of features of a pair and a goal."""
+    return len(FEATURES) + (len(OF_ENCODER) if has_encoder else 0)
 
 
 class Support(NamedTuple):
@@ -88,6 +104,7 @@ class RecipeKnowledge(nn.Module):
         recipes: shape (n, 3), int32: training recipes of all models together.
         seen: shape (M, n), bool: training recipes of each model.
         num_entities: E, also the id of an empty slot.
+        has_encoder: whether there is a pair encoder.
         first: the recipe rankers' weights, with H hidden units: shape (M, F, H).
         first_bias: shape (M, H).
         second: shape (M, H).
@@ -118,8 +135,10 @@ class RecipeKnowledge(nn.Module):
             num_entities: E; None for all T.
         """
         super().__init__()
-        for name in BUFFERS:
+        self._names = stored_names(constants)
+        for name in self._names:
             self.register_buffer(name, constants[name])
+        self.has_encoder = self._names == WITH_ENCODER
         self.num_entities = len(self.vectors) if num_entities is None else num_entities
         self._lists: dict[int, Lists] = {}
         self._link_rows: dict[int, LinkRows] = {}
@@ -132,6 +151,7 @@ class RecipeKnowledge(nn.Module):
         vectors: NDArray[np.float16],
         near_words: Any,
         link_rankers: Mapping[int, Ranker] = MappingProxyType({}),
+        encoder: PairEncoder | None = None,
     ) -> Self:
         """Return the knowledge of recipes for a single model without ranker.
 
@@ -140,7 +160,9 @@ class RecipeKnowledge(nn.Module):
             vectors: unit word vectors, shape (E, D), zeros for entities without words.
             near_words: neighbours by words, shape (E, K_w), int32, -1 at the end.
             link_rankers: by relation; scores are 0 without one.
+            encoder: pair encoder of the same recipes and words; None without.
         """
+        of_pairs = Ranker.empty(num_features(has_encoder=encoder is not None))
         rows = torch.from_numpy(recipes.astype(np.int32))
         constants = {
             "num_own": torch.tensor([len(vectors)], dtype=torch.int32),
@@ -148,13 +170,17 @@ class RecipeKnowledge(nn.Module):
             "near_words": torch.from_numpy(near_words),
             "recipes": rows,
             "seen": torch.ones(1, len(rows), dtype=torch.bool),
-            **_of_one_model(Ranker.empty(len(FEATURES))),
+            **_of_one_model(of_pairs),
         }
         for number, relation in enumerate(RELATIONS):
             ranker = link_rankers.get(number) or Ranker.empty(len(LINK_FEATURES[number]))
             for name, weights in _of_one_model(ranker).items():
                 constants[f"{relation}_{name}"] = weights
             constants[f"{relation}_table"] = torch.zeros(1, 0, 0, dtype=torch.half)
+        if encoder is not None:
+            constants |= {name: tensor[None] for name, tensor in encoder.named().items()}
+            for name, weights in _of_one_model(of_pairs).items():
+                constants[f"results_{name}"] = weights
         return cls(constants)
 
     @classmethod
@@ -173,10 +199,10 @@ class RecipeKnowledge(nn.Module):
             seen[row : row + model.num_models, own] = model.seen
             row += model.num_models
             place += len(model.recipes)
-        rankers = {
-            name: torch.cat([getattr(model, name) for model in models])
-            for name in (*RANKER, *LINK_RANKERS, *LINK_TABLES)
-        }
+        names = [*RANKER, *LINK_RANKERS, *LINK_TABLES]
+        if models[0].has_encoder:
+            names += [*ENCODER, *RESULT_RANKER]
+        rankers = {name: torch.cat([getattr(model, name) for model in models]) for name in names}
         shared = {name: getattr(models[0], name) for name in ("num_own", "vectors", "near_words")}
         constants = {**shared, "recipes": every, "seen": seen, **rankers}
         stack = cls(constants, models[0].num_entities)
@@ -272,7 +298,8 @@ class RecipeKnowledge(nn.Module):
                 :func:`pairs_of`.
 
         Returns:
-            shape (F, B, P), float32, in the order of :data:`~.pair_features.FEATURES`.
+            shape (F, B, P), float32, in the order of :data:`~.pair_features.FEATURES`, then those
+            of :data:`~.pair_features.OF_ENCODER` if there is an encoder.
         """
         # Compiled loops are imported late: numba takes as long to import as all the rest.
         from wordcraft_kg.models.scorers.neighbours import feature_loops
@@ -308,9 +335,36 @@ class RecipeKnowledge(nn.Module):
             combines = torch.zeros(pairs_only.shape[:2], device=goal.device)
         else:
             # No pairs, and so no scores: all slots of a batch are empty.
-            return torch.zeros(len(FEATURES), *pairs_only.shape[:2], device=goal.device)
+            number = num_features(has_encoder=self.has_encoder)
+            return torch.zeros(number, *pairs_only.shape[:2], device=goal.device)
         features = features_of_pairs(slots, pairs_only, component, combines, first, second)
+        if self.has_encoder:
+            encoded = self._encoded(goal, table[:, first], table[:, second], model)
+            features = torch.cat([features, encoded], dim=-1)
         return features.permute(2, 0, 1)
+
+    def _encoded(self, goal: Tensor, a: Tensor, b: Tensor, model: Tensor) -> Tensor:
+        """Return the encoders' features of pairs and goals, shape (B, P, 3).
+
+        Args:
+            goal: ids, shape (B,); E for no goal.
+            a: ids, shape (B, P); E for an empty slot.
+            b: ids, shape (B, P), likewise.
+            model: number of the model, shape (B,).
+        """
+        size = self.num_entities
+        # Pairs with an empty slot, and rows without a goal, are zeros, as all their features.
+        is_empty = (a == size) | (b == size) | (goal == size)[:, None]
+        features = torch.zeros(*a.shape, len(OF_ENCODER), device=goal.device)
+        for number in model.unique().tolist():
+            rows = (model == number).nonzero()[:, 0]
+            ids = (part[rows].clamp(max=size - 1) for part in (a, b, goal))
+            features[rows] = self.encoder(number).features(*ids)
+        return features.masked_fill(is_empty[..., None], 0)
+
+    def encoder(self, model: int = 0) -> PairEncoder:
+        """Return a model's pair encoder; only if there is one."""
+        return PairEncoder(*(getattr(self, name)[model] for name in ENCODER))
 
     def slot_scores(self, relation: int, key: Tensor, table: Tensor, model: Tensor) -> Tensor:
         """Score the links (slot's entity, relation, key) of tables by the link rankers.
@@ -605,12 +659,18 @@ class RecipeKnowledge(nn.Module):
 
     def constants(self) -> dict[str, Tensor]:
         """Return the stored tensors by name."""
-        return {name: getattr(self, name) for name in BUFFERS}
+        return {name: getattr(self, name) for name in self._names}
 
     def with_ranker(self, ranker: Ranker) -> Self:
         """Return a copy with a single ranker; only for a single model, M = 1."""
         weights = ranker.weights()
         rankers = {name: weights[name][None] for name in RANKER}
+        return type(self)(self.constants() | rankers, self.num_entities)
+
+    def with_result_ranker(self, ranker: Ranker) -> Self:
+        """Return a copy with a ranker of results; only for a single model with an encoder."""
+        weights = ranker.weights()
+        rankers = {f"results_{name}": weights[name][None] for name in RANKER}
         return type(self)(self.constants() | rankers, self.num_entities)
 
     def forward(self, goal: Tensor, table: Tensor, model: Tensor) -> Tensor:

@@ -66,6 +66,15 @@ FEATURES = (
     *OF_PAIRS,
 )
 """All features, in the order of the ranker's weights."""
+OF_ENCODER = ("encoder", "encoder_result", "encoder_pair")
+"""Further features of a pair and a goal, after all others, in a model with a pair encoder.
+
+| feature | meaning |
+|---|---|
+| encoder | s, the encoder's score of the recipe |
+| encoder_result | s - u: how well the goal fits the pair |
+| encoder_pair | u, which does not depend on the goal |
+"""
 
 
 def component_inputs(slots: Tensor, pairs: Tensor) -> Tensor:

@@ -1,0 +1,311 @@
+"""Recipe scorers with a pair encoder: nothing of a fold leaks, the same bytes again, small books without."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from link_helpers import contents, interrupt_after, random_graph, rewritten, same_files
+from resumption import resume
+from short_fits import short_fits
+
+from wordcraft_kg.base.errors import ArtefactError, ConfigError
+from wordcraft_kg.envs.config import WordCraftConfig
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs.folds import Folds, make_folds
+from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
+from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
+from wordcraft_kg.models.policies.states import Attempts, States
+from wordcraft_kg.models.recipes import encoder_fitting, fitting, memory, training
+from wordcraft_kg.models.recipes.config import ENCODER_FROM, RecipesConfig, RecipeScorerConfig
+from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
+from wordcraft_kg.models.recipes.fitting import Words, encoders_of, fit_recipe_scorers
+from wordcraft_kg.models.recipes.inductive import extended
+from wordcraft_kg.models.recipes.training import train_recipes
+from wordcraft_kg.models.scorers.features import EntityFeatures
+from wordcraft_kg.models.scorers.folder import load_scorer
+
+TINY = EncoderSchedule(used=6, hidden=8, made=5, batch=16, sampled=8, epochs=1)
+WITH = RecipeScorerConfig(folds=3, features="one-hot", encoder="on")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def only_compared():
+    with short_fits(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(encoder_fitting, "SCHEDULE", TINY)
+        patch.setattr(fitting, "RESULTS", fitting.RESULTS._replace(epochs=1, steps=4))
+        yield
+
+
+@pytest.fixture(scope="module")
+def book(tmp_path_factory):
+    path = tmp_path_factory.mktemp("books") / "small.csv"
+    graph = random_graph(1, 12, 60)
+    rows = [",".join(graph.entities[entity] for entity in row) for row in graph.recipes.tolist()]
+    path.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows]))
+    return path
+
+
+@pytest.fixture(scope="module")
+def trained(book, tmp_path_factory):
+    """A recipe scorer with an encoder; read only."""
+    folder = tmp_path_factory.mktemp("models") / "with"
+    return train_recipes(RecipesConfig(str(book), WITH), folder).folder
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_the_same_settings_give_the_same_bytes(book, trained, monkeypatch, workers):
+    state = torch.get_rng_state()
+    monkeypatch.setattr(training, "cores", lambda: workers)
+    folder = trained.parent / f"workers-{workers}"
+    train_recipes(RecipesConfig(str(book), WITH), folder)
+    assert same_files(folder, trained, "calibration.json")
+    assert torch.equal(torch.get_rng_state(), state)
+
+
+@pytest.mark.parametrize("done", [1, 4, 7])
+def test_an_interrupted_run_continues_to_the_same_bytes(book, trained, done):
+    # Six encoders come first: (), (0,), (0, 1), (1,), (2,), (0, 2).
+    folder = trained.parent / f"interrupted-{done}"
+    with pytest.raises(KeyboardInterrupt, match=r"fits are saved in .*, and \d pair encoders"):
+        train_recipes(RecipesConfig(str(book), WITH), folder, progress=interrupt_after(done))
+    before = contents(folder / "checkpoints")
+    resume(folder)
+    assert before
+    assert not (folder / "checkpoints").exists()
+    assert same_files(folder, trained, "calibration.json")
+
+
+def test_ctrl_c_in_the_middle_of_a_fit_ends_it():
+    """The fit of an encoder takes minutes on a large book: it looks at each step."""
+    asked = []
+
+    def stop():
+        asked.append(len(asked))
+        return len(asked) > 1
+
+    folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
+    with pytest.raises(KeyboardInterrupt):
+        list(fit_encoders(folds, torch.zeros(12, 0), [()], stop=stop))
+    assert len(asked) == 2
+
+
+def words_of(vectors):
+    known = np.ones(len(vectors), dtype=bool)
+    return Words.of(EntityFeatures("drawn", vectors.astype(np.float32), known, (), ()))
+
+
+def fitted(folds, words, wanted):
+    vectors = torch.from_numpy(words.vectors).float()
+    encoders = dict(fit_encoders(folds, vectors, encoders_of(folds, wanted)))
+    fits = fit_recipe_scorers(folds, words, wanted, encoders=encoders)
+    return {left_out: knowledge.constants() for left_out, knowledge in fits}
+
+
+def same_tensors(one, other):
+    return all(torch.equal(one[name], other[name]) for name in one)
+
+
+def test_a_changed_result_of_a_fold_has_no_influence_on_the_scorer_without_it():
+    graph = random_graph(2, 12, 60)
+    folds = make_folds(make_split(graph, SplitConfig()), 3)
+    rows = graph.recipes.copy()
+    row = int(np.flatnonzero(folds.of_recipe == 1)[0])
+    known = {tuple(recipe) for recipe in rows.tolist()}
+    a, b, _ = rows[row].tolist()
+    rows[row, 2] = next(result for result in range(12) if (a, b, result) not in known)
+    changed = RecipeGraph(graph.entities, rows, [], name="changed")
+    place = {tuple(recipe): number for number, recipe in enumerate(rows.tolist())}
+    order = [place[tuple(recipe)] for recipe in changed.recipes.tolist()]
+    of_recipe = folds.of_recipe[order]
+    other = Folds(
+        Split(changed, SplitConfig(), Draw(np.where(of_recipe < 0, 2, 0).astype(np.int8))),
+        3,
+        0,
+        of_recipe,
+    )
+    words = words_of(np.random.default_rng(0).normal(size=(12, 5)))
+    wanted = [(), (0,), (1,)]
+    before, after = (fitted(each, words, wanted) for each in (folds, other))
+    for left_out in wanted:
+        assert same_tensors(before[left_out], after[left_out]) == (left_out == (1,))
+
+
+def test_no_held_out_result_changes_a_feature_from_which_rankers_learn():
+    """Queries of fold 0 with other results have the same features, to the bit."""
+    graph = random_graph(3, 12, 60)
+    folds = make_folds(make_split(graph, SplitConfig()), 3)
+    words = words_of(np.random.default_rng(0).normal(size=(12, 5)))
+    vectors = torch.from_numpy(words.vectors).float()
+    ((_, encoder),) = fit_encoders(folds, vectors, [(0,)])
+    lists = words.lists(folds.recipes([0]))
+    held_out = folds.recipes_of(0)
+    replaced = held_out.copy()
+    replaced[:, 2] = (replaced[:, 2] + 1) % 12
+    features = []
+    for rows in (held_out, replaced):
+        # All results are right for all pairs, so that no query is dropped.
+        every = np.array([(a, b, c) for a, b, _ in held_out.tolist() for c in range(12)])
+        rng = np.random.default_rng(0)
+        features.append(fitting._result_queries(lists, encoder, rows, every, rng))
+    for name in ("slots", "pairs", "encoded", "competes"):
+        assert torch.equal(getattr(features[0], name), getattr(features[1], name))
+
+
+def test_agents_score_by_the_encoders_of_their_folds_and_are_restored(trained, book):
+    scorer = load_scorer(trained)
+    world = World(str(book), WordCraftConfig(part="train", num_distractors=2))
+    nothing = len(scorer.entities)
+    table = torch.tensor([[0, 1, 2, nothing], [1, 2, 5, nothing]])
+    states = States(
+        torch.tensor([3, 4]),
+        torch.tensor([nothing, 1]),
+        table,
+        torch.tensor([0, 1]),
+        Attempts(torch.tensor([2, 3])),
+    )
+    for full in make_sources(["w", "p"], scorer, tasks=world.tasks):
+        expected = full(states)
+        assert expected.isfinite().all()
+        restored = source_class(full.name).restored(full.num_entities, full.state_dict())
+        restored.load_state_dict(full.state_dict())
+        restored.bind(world.tasks)
+        assert torch.equal(restored(states), expected)
+
+
+def test_evidence_names_recipes(trained):
+    scorer = load_scorer(trained)
+    a, b, result = scorer.entities[:3]
+    known = {tuple(row) for row in scorer.recipes.tolist()}
+    ids = {label: number for number, label in enumerate(scorer.entities)}
+    for witness in scorer.supporting_recipes(a, b, result):
+        row = (ids[witness.ingredient_a], ids[witness.ingredient_b], ids[witness.result])
+        assert row in known
+
+
+def test_results_of_a_pair_have_probabilities(trained, book):
+    from wordcraft_kg.evaluation.queries import RecipeQuery
+    from wordcraft_kg.evaluation.recipe_scores import RecipeScoring, view_open_recipe
+    from wordcraft_kg.evaluation.scores import ScoringModel
+
+    scorer = load_scorer(trained)
+    calibration = json.loads((trained / "calibration.json").read_text())
+    assert 0 < calibration["covered"] <= 1
+    shares = scorer.result_probabilities(0, [1, 2])
+    assert shares.shape == (2, 12)
+    torch.testing.assert_close(shares.sum(1), torch.full((2,), calibration["covered"]))
+    scoring = RecipeScoring.of(ScoringModel.open(trained, str(book)))
+    query = RecipeQuery(scorer.entities[0], scorer.entities[1], None)
+    view = view_open_recipe(scoring, query, 4)
+    assert len(view.top) == 4
+    probabilities = [recipe.probability for recipe in view.top]
+    assert probabilities == sorted(probabilities, reverse=True)
+
+
+def test_entities_outside_the_graph_are_scored_by_words(book, trained, tmp_path):
+    vectors = np.random.default_rng(0).normal(size=(12, 5)).astype(np.float32)
+    np.save(tmp_path / "words.npy", vectors)
+    labels = [f"e{number}" for number in range(12)]
+    (tmp_path / "words.labels.txt").write_text("\n".join(labels))
+    settings = replace(WITH, features=str(tmp_path / "words.npy"))
+    folder = train_recipes(RecipesConfig(str(book), settings), tmp_path / "words").folder
+    scorer = load_scorer(folder)
+    unit = vectors[:1] / np.linalg.norm(vectors[:1])
+    longer = extended(scorer, ["new thing"], unit)
+    old = scorer.score_recipes(0, 1, [2, 3])
+    torch.testing.assert_close(longer.score_recipes(0, 1, [2, 3]), old, rtol=1e-4, atol=1e-4)
+    assert longer.score_recipes("new thing", 1, 2).isfinite()
+
+
+def test_a_small_book_is_without_an_encoder_unless_it_is_asked_for(book, tmp_path):
+    plain = RecipeScorerConfig(folds=3, features="one-hot")
+    folders = [
+        train_recipes(RecipesConfig(str(book), replace(plain, encoder=use)), tmp_path / use).folder
+        for use in ("auto", "off")
+    ]
+    assert same_files(*folders, "calibration.json")
+    assert "covered" not in json.loads((folders[0] / "calibration.json").read_text())
+    tensors = load_scorer(folders[0]).whole.tensors()
+    assert not any(name.startswith(("encoder", "results")) for name in tensors)
+
+
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        ({}, (False, True)),
+        ({"encoder": "on"}, (True, True)),
+        ({"encoder": "off"}, (False, False)),
+        ({"with_": ("everyday",)}, (False, False)),
+        ({"kg": "none", "with_": ("everyday",)}, (False, False)),
+    ],
+)
+def test_auto_depends_on_the_number_of_recipes_and_on_outside_knowledge(settings, expected):
+    config = RecipeScorerConfig(**settings)
+    assert (config.has_encoder(ENCODER_FROM - 1), config.has_encoder(ENCODER_FROM)) == expected
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"encoder": "yes"}, "encoder"),
+        ({"encoder": "on", "with_": ("everyday",)}, "auto or off with outside knowledge"),
+        ({"encoder": "on", "kg": "none"}, "auto or off with outside knowledge"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(settings, message):
+    with pytest.raises(ConfigError, match=message):
+        RecipeScorerConfig(**settings)
+
+
+def test_an_unknown_device_is_refused_before_anything_is_written(book, tmp_path):
+    with pytest.raises(ConfigError, match="device"):
+        train_recipes(RecipesConfig(str(book), replace(WITH, device="abacus")), tmp_path / "model")
+    assert not (tmp_path / "model").exists()
+
+
+def test_memory_for_encoders_is_said_before_the_start(book, monkeypatch, tmp_path):
+    size = (31_645, 156_000, 384)
+    without = memory.lists_bytes(*size, 1)
+    monkeypatch.setattr(memory, "memory", lambda: without)
+    assert memory.fitting_workers(*size, most=2) == 1
+    with pytest.raises(ConfigError, match=r"takes about .* GiB.*`encoder` off"):
+        memory.fitting_workers(*size, most=2, encoders=9)
+    needed = memory.encoder_bytes(size[0], size[2], 2, 9)
+    assert 0.5 * 2**30 < needed < 3 * 2**30
+    monkeypatch.setattr(memory, "memory", lambda: 2**20)
+    with pytest.raises(ConfigError, match="GiB"):
+        train_recipes(RecipesConfig(str(book), WITH), tmp_path / "model")
+    assert not (tmp_path / "model").exists()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda tensors: tensors.pop("encoder_made"),
+        lambda tensors: tensors.pop("results_first"),
+        lambda tensors: tensors.__setitem__("encoder_used", torch.zeros(1, 11, 6).half()),
+        lambda tensors: tensors.__setitem__("encoder_used", torch.zeros(1, 12, 6)),
+        lambda tensors: tensors.__setitem__("encoder_first", torch.zeros(1, 17, 8)),
+        lambda tensors: tensors.__setitem__("encoder_bias", torch.zeros(())),
+        lambda tensors: tensors.__setitem__("results_first", torch.zeros(1, 3, 2)),
+    ],
+)
+def test_vectors_of_other_labels_or_shapes_are_refused(trained, tmp_path, change):
+    with pytest.raises(ArtefactError, match=r"does not contain a scorer.*Train again"):
+        load_scorer(rewritten(trained, tmp_path / "spoilt", weights=change))
+
+
+def test_one_lesson_fold_gives_as_many_examples_as_all_folds_together(monkeypatch):
+    monkeypatch.setattr(fitting, "EXAMPLES", 12)
+    folds = make_folds(make_split(random_graph(2, 12, 60), SplitConfig()), 3)
+    words = words_of(np.zeros((12, 0)))
+    ((_, encoder),) = fit_encoders(folds, torch.zeros(12, 0), [(0,)])
+    lists = words.lists(folds.recipes([0]))
+    numbers = [
+        len(fitting._lesson(folds, lists, fitting.NOTHING, each, (), 0, 0).slots)
+        for each in (None, encoder)
+    ]
+    # A third of the examples from each of three folds; two sizes of tables.
+    assert numbers == [4 * 2, 12 * 2]

@@ -1,0 +1,401 @@
+"""Fit a pair encoder to recipes: results of pairs, and pairs of results.
+
+A step has B recipes, and the sum of two losses. *Results*: each pair's result should score above
+the other results of the batch and N sampled ones; a frequent result is drawn often, so the log of
+its expected number of draws is subtracted from its score (Bengio and Senécal 2008). *Pairs*: among
+the pairs of the batch and corrupted ones, with one ingredient or both drawn at random, each
+result's pair should score highest. The first loss alone would never raise a goal that no known
+recipe makes; the second one learns what such goals are made of.
+
+The learnt vectors of single entities begin at 0 and are dropped at random, so that the network must
+explain recipes by words, and an entity without recipes is no surprise.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.folds import Folds
+from wordcraft_kg.models.recipes.fitting import LeftOut
+from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder, pair_inputs
+
+
+@dataclass(frozen=True)
+class EncoderSchedule:
+    """Sizes of an encoder, and how it learns.
+
+    Attributes:
+        used: length of an ingredient's vector, U.
+        hidden: hidden units of a pair, V.
+        made: length of a result's vector, Z.
+        batch: recipes of a step, B.
+        sampled: results sampled for a step, N.
+        corrupted: corrupted pairs of a step, for each recipe.
+        epochs: passes over the recipes.
+        rate: largest step size.
+        weight_decay: of all weights but the vectors of single entities.
+        drop_used: probability that an ingredient's own vector is dropped in a step.
+        drop_made: probability that a result's own vector and bias are dropped in a step.
+    """
+
+    used: int = 192
+    hidden: int = 256
+    made: int = 128
+    batch: int = 512
+    sampled: int = 1_024
+    corrupted: int = 1
+    epochs: int = 7
+    rate: float = 4e-3
+    weight_decay: float = 1e-4
+    drop_used: float = 0.3
+    drop_made: float = 0.5
+
+
+SCHEDULE = EncoderSchedule()
+"""Sizes and numbers of steps for books of all sizes, see the package for what else was tried."""
+_RISING = 0.1
+"""Share of the steps in which the step size rises."""
+_SEED = 0xE
+
+
+class _Network(nn.Module):
+    """The parameters of an encoder while it is fitted; shapes are those of ``PairEncoder``."""
+
+    def __init__(self, size: int, dim: int, plan: EncoderSchedule, generator: torch.Generator):
+        super().__init__()
+
+        def drawn(rows: int, columns: int) -> nn.Parameter:
+            uniform = torch.rand(rows, columns, generator=generator) * 2 - 1
+            return nn.Parameter(uniform / math.sqrt(max(rows, 1)))
+
+        def zeros(*shape: int) -> nn.Parameter:
+            return nn.Parameter(torch.zeros(*shape))
+
+        self.used_words = drawn(dim, plan.used)
+        self.used_bias = zeros(plan.used)
+        self.made_words = drawn(dim, plan.made)
+        self.made_bias = zeros(plan.made)
+        self.bias_words = zeros(dim)
+        self.first = drawn(3 * plan.used, plan.hidden)
+        self.first_bias = zeros(plan.hidden)
+        self.second = drawn(plan.hidden, plan.made)
+        self.second_bias = zeros(plan.made)
+        self.pair = zeros(plan.hidden)
+        # Vectors of single entities: an ingredient's, a result's, and a result's bias.
+        self.used_ids = zeros(size, plan.used)
+        self.made_ids = zeros(size, plan.made)
+        self.bias_ids = zeros(size, 1)
+
+    def of_entities(self) -> list[nn.Parameter]:
+        """Return the vectors of single entities, whose gradients are sparse."""
+        return [self.used_ids, self.made_ids, self.bias_ids]
+
+    def of_all(self) -> list[nn.Parameter]:
+        """Return the parameters that all entities share."""
+        single = {id(parameter) for parameter in self.of_entities()}
+        return [parameter for parameter in self.parameters() if id(parameter) not in single]
+
+    def as_used(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> Tensor:
+        """Return h, shape (n, U), of ids (n,); ``keep`` (n, 1) multiplies their own vectors."""
+        own = nn.functional.embedding(ids, self.used_ids, sparse=True) * keep
+        return (vectors[ids] @ self.used_words + self.used_bias + own).relu()
+
+    def as_made(self, vectors: Tensor, ids: Tensor, keep: Tensor) -> tuple[Tensor, Tensor]:
+        """Return g, shape (n, Z), and the biases, shape (n,), of ids (n,)."""
+        of_words = vectors[ids]
+        own = nn.functional.embedding(ids, self.made_ids, sparse=True) * keep
+        own_bias = nn.functional.embedding(ids, self.bias_ids, sparse=True) * keep
+        made = of_words @ self.made_words + self.made_bias + own
+        return made, of_words @ self.bias_words + own_bias[:, 0]
+
+    def of_pairs(self, one: Tensor, other: Tensor) -> tuple[Tensor, Tensor]:
+        """Return z, shape (n, Z), and u, shape (n,), of pairs of h, shape (n, U) each."""
+        units = (pair_inputs(one, other) @ self.first + self.first_bias).relu()
+        return units @ self.second + self.second_bias, units @ self.pair
+
+    @torch.no_grad()
+    def fitted(self, vectors: Tensor, recipes: Tensor) -> PairEncoder:
+        """Return the encoder for inference, on the CPU, see :func:`_centred`.
+
+        Args:
+            vectors: unit word vectors, shape (T, D).
+            recipes: training recipes, ids (n, 3).
+        """
+        nothing = torch.zeros(())
+        parts = PairEncoder(
+            used=(vectors @ self.used_words + self.used_bias + self.used_ids).relu(),
+            made=vectors @ self.made_words + self.made_bias + self.made_ids,
+            bias=vectors @ self.bias_words + self.bias_ids[:, 0],
+            first=self.first,
+            first_bias=self.first_bias,
+            second=self.second,
+            second_bias=self.second_bias,
+            pair=self.pair,
+            pair_bias=nothing,
+            used_words=self.used_words,
+            used_bias=self.used_bias,
+            made_words=self.made_words,
+            made_bias=self.made_bias,
+            bias_words=self.bias_words,
+            bias_base=nothing,
+        )
+        on_cpu = PairEncoder(*(part.detach().cpu().clone() for part in parts))
+        centred = _centred(on_cpu, recipes.cpu())
+        return centred._replace(used=centred.used.half(), made=centred.made.half())
+
+
+def _centred(encoder: PairEncoder, recipes: Tensor) -> PairEncoder:
+    """Return an encoder with the same s, up to a constant, whose parts mean the same in all fits.
+
+    The losses leave open how s is divided: a part that depends on the pair alone may be in u or in
+    ``z · g``, one that depends on the result alone in its bias or in ``z · g``. Rankers learn from
+    one encoder, and are used with another one. So z and g have a mean of 0 over the recipes, and
+    the rest of their product goes to u and to the biases, whose means are 0, too::
+
+        z · g = (z - z̄) · (g - ḡ) + z · ḡ + z̄ · (g - ḡ)
+
+    Args:
+        encoder: in single precision.
+        recipes: training recipes, ids (n, 3).
+    """
+    a, b, results = recipes.unbind(1)
+    mean_made = encoder.made[results].mean(0)
+    made = encoder.made - mean_made
+    made_bias = encoder.made_bias - mean_made
+    z, u = encoder.encode(a, b)
+    mean_z = z.mean(0)
+    pair = encoder.pair + encoder.second @ mean_made
+    mean_u = (u + z @ mean_made).mean()
+    pair_bias = encoder.second_bias @ mean_made - mean_u
+    bias = encoder.bias + made @ mean_z
+    mean_bias = bias[results].mean()
+    return encoder._replace(
+        made=made,
+        bias=bias - mean_bias,
+        second_bias=encoder.second_bias - mean_z,
+        pair=pair,
+        pair_bias=pair_bias,
+        made_bias=made_bias,
+        bias_words=encoder.bias_words + encoder.made_words @ mean_z,
+        bias_base=encoder.bias_base + made_bias @ mean_z - mean_bias,
+    )
+
+
+class _Draws:
+    """Random results and ingredients, drawn by how often recipes have them."""
+
+    def __init__(self, recipes: Ids, size: int):
+        first, second, results = recipes.T
+        made = np.bincount(results, minlength=size)
+        users = np.concatenate([first, second[first != second]])
+        # Half by frequency to the power .75 (Mikolov et al. 2013), half evenly.
+        by_count = made**0.75
+        self.of_results = 0.5 * by_count / by_count.sum() + 0.5 / size
+        self.share = made / len(recipes)
+        # As environments draw distractors.
+        uses = 1.0 + np.bincount(users, minlength=size)
+        self.result_ends = torch.from_numpy(np.cumsum(self.of_results))
+        self.use_ends = torch.from_numpy(np.cumsum(uses / uses.sum()))
+
+    def results(self, number: int, generator: torch.Generator) -> Tensor:
+        """Return ids of results, shape (number,)."""
+        return _drawn(self.result_ends, number, generator)
+
+    def used(self, number: int, generator: torch.Generator) -> Tensor:
+        """Return ids of ingredients, shape (number,)."""
+        return _drawn(self.use_ends, number, generator)
+
+    def log_expected(self, batch: int, sampled: int) -> Tensor:
+        """Return the log of how often a step has each result, shape (T,), at most 0."""
+        expected = batch * self.share + sampled * self.of_results
+        return torch.from_numpy(np.log(np.minimum(expected, 1))).float()
+
+
+def _drawn(ends: Tensor, number: int, generator: torch.Generator) -> Tensor:
+    """Draw numbers of intervals, which end at ``ends``, by their lengths."""
+    places = torch.rand(number, generator=generator, dtype=torch.float64) * ends[-1]
+    return torch.searchsorted(ends, places, right=True).clamp(max=len(ends) - 1)
+
+
+def fit_encoders(
+    folds: Folds,
+    vectors: Tensor,
+    needed: Sequence[LeftOut],
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    device: str = "cpu",
+    stop: Callable[[], bool] = lambda: False,
+) -> Iterator[tuple[LeftOut, PairEncoder]]:
+    """Fit an encoder for each entry of ``needed``, in this order.
+
+    The result does not depend on the other entries, nor on ``workers``.
+
+    Args:
+        folds: folds of the train recipes.
+        vectors: unit word vectors, shape (T, D).
+        needed: the folds that encoders must not have seen, from
+            :func:`~wordcraft_kg.models.recipes.fitting.encoders_of`.
+        seed: seed of weights, batches and negatives.
+        workers: encoders that are fitted beside each other.
+        device: where to compute.
+        stop: whether to end the fits.
+
+    Yields:
+        an entry of ``needed``, and its encoder.
+
+    Raises:
+        KeyboardInterrupt: if ``stop`` has returned True.
+    """
+
+    def fitted(left_out: LeftOut) -> PairEncoder:
+        # Other numbers than those of the rankers' seeds.
+        rng = np.random.default_rng([seed, len(left_out), *left_out, _SEED])
+        generator = torch.Generator().manual_seed(int(rng.integers(2**31)))
+        recipes = folds.recipes(left_out)
+        return fit_encoder(recipes, vectors, generator, device=device, stop=stop)
+
+    pool = ThreadPoolExecutor(workers)
+    try:
+        yield from zip(needed, pool.map(fitted, needed), strict=True)
+    finally:
+        # After Ctrl-C, what is not begun is never made.
+        pool.shutdown(cancel_futures=True)
+
+
+def fit_encoder(
+    recipes: Ids,
+    vectors: Tensor,
+    generator: torch.Generator,
+    schedule: EncoderSchedule | None = None,
+    *,
+    device: str = "cpu",
+    stop: Callable[[], bool] = lambda: False,
+) -> PairEncoder:
+    """Fit an encoder to recipes.
+
+    Args:
+        recipes: training recipes, ids (n, 3).
+        vectors: unit word vectors, shape (T, D).
+        generator: draws initial weights, batches, negatives and dropped vectors, on the CPU.
+        schedule: sizes, and how it learns; None for :data:`SCHEDULE`.
+        device: where to compute.
+        stop: called before each step; True ends the fit.
+
+    Raises:
+        KeyboardInterrupt: if ``stop`` has returned True.
+    """
+    plan = schedule or SCHEDULE
+    size, dim = vectors.shape
+    network = _Network(size, dim, plan, generator).to(device)
+    words = vectors.to(device)
+    draws = _Draws(recipes, size)
+    batch = min(plan.batch, len(recipes))
+    rows = torch.from_numpy(recipes)
+    log_expected = draws.log_expected(batch, plan.sampled).to(device)
+    steps = len(recipes) // batch
+    optimizers: list[torch.optim.Optimizer] = [
+        torch.optim.AdamW(
+            network.of_all(), lr=plan.rate, weight_decay=plan.weight_decay, fused=True
+        ),
+        # Most entities are in no batch: their vectors rest.
+        torch.optim.SparseAdam(network.of_entities(), lr=plan.rate),
+    ]
+    total = steps * plan.epochs
+    done = 0
+    with torch_threads(1):
+        for _ in range(plan.epochs):
+            order = torch.randperm(len(rows), generator=generator)
+            # The last recipes of an order are too few for a step; another order has others last.
+            for some in order.split(batch)[:steps]:
+                if stop():
+                    raise KeyboardInterrupt
+                rate = plan.rate * _share_of_rate(done, total)
+                done += 1
+                loss = _loss(network, words, rows[some], draws, log_expected, plan, generator)
+                for optimizer in optimizers:
+                    optimizer.zero_grad()
+                loss.backward()
+                for optimizer in optimizers:
+                    optimizer.param_groups[0]["lr"] = rate
+                    optimizer.step()
+        return network.fitted(words, rows)
+
+
+def _share_of_rate(done: int, total: int) -> float:
+    """Return the share of the largest step size for the step after ``done`` ones of ``total``.
+
+    It rises in a line over the first tenth, and falls as half a cosine to nearly 0 (one cycle, as
+    the rankers have).
+    """
+    rising = max(1, round(total * _RISING))
+    if done < rising:
+        return (done + 1) / rising
+    share = (done - rising + 1) / (total - rising + 1)
+    return (1 + math.cos(math.pi * share)) / 2
+
+
+def _loss(
+    network: _Network,
+    words: Tensor,
+    recipes: Tensor,
+    draws: _Draws,
+    log_expected: Tensor,
+    plan: EncoderSchedule,
+    generator: torch.Generator,
+) -> Tensor:
+    """Return the loss of a step.
+
+    Args:
+        network: the parameters.
+        words: unit word vectors, shape (T, D).
+        recipes: the step's recipes, ids (B, 3), on the CPU.
+        draws: draws negatives.
+        log_expected: log of how often a step has each result, shape (T,).
+        plan: sizes.
+        generator: draws negatives and dropped vectors.
+    """
+    device = words.device
+    batch = len(recipes)
+    first, second, results = recipes.unbind(1)
+    # Corrupted pairs: one ingredient stays in half of them, none in the others.
+    corrupted = plan.corrupted * batch
+    drawn = draws.used(2 * corrupted, generator)
+    one, other = drawn.view(2, corrupted)
+    stays = torch.arange(corrupted)[: corrupted // 2]
+    of_recipe = stays % batch
+    one[stays] = torch.where(stays % 4 < 2, first[of_recipe], second[of_recipe])
+    pairs = torch.cat([first, one, second, other])
+    used_ids, of_pairs = pairs.unique(return_inverse=True)
+    sampled = draws.results(plan.sampled, generator)
+    made_ids, of_results = torch.cat([results, sampled]).unique(return_inverse=True)
+    right = of_results[:batch].to(device)
+    keep_used = torch.rand(len(used_ids), 1, generator=generator) >= plan.drop_used
+    keep_made = torch.rand(len(made_ids), 1, generator=generator) >= plan.drop_made
+    used_ids = used_ids.to(device)
+    made_ids = made_ids.to(device)
+
+    used = network.as_used(words, used_ids, keep_used.to(device))
+    one_used, other_used = used[of_pairs.to(device)].chunk(2)
+    z, u = network.of_pairs(one_used, other_used)
+    made, bias = network.as_made(words, made_ids, keep_made.to(device))
+    # (B, results of the batch and sampled ones, each once)
+    of_all_results = z[:batch] @ made.T + (bias - log_expected[made_ids])
+    result_loss = nn.functional.cross_entropy(of_all_results, right)
+    # (B, pairs of the batch and corrupted ones)
+    of_all_pairs = made[right] @ z.T + u
+    goals = results.to(device)
+    is_same = goals[:, None] == goals
+    is_same.fill_diagonal_(False)
+    # Another recipe's pair that makes the same result is no wrong answer.
+    competing = nn.functional.pad(is_same, (0, corrupted), value=False)
+    of_all_pairs = of_all_pairs.masked_fill(competing, -1e4)
+    own = torch.arange(batch, device=device)
+    return result_loss + nn.functional.cross_entropy(of_all_pairs, own)

@@ -1,0 +1,193 @@
+"""The pair encoder: networks that score any result of a pair, and any pair for a result.
+
+With word vectors v, and learnt vectors of single entities that begin at 0::
+
+    h(x)    = relu(W1 v_x + id_x)
+    z(a, b) = MLP[h_a + h_b, h_a h_b, |h_a - h_b|]
+    s       = z · g_c + bias_c + u(a, b),  g_c = W2 v_c + id'_c
+
+Neighbour lists see a recipe only if known recipes have similar entities in all three places; the
+encoder scores any recipe. On large books it gives the recipe ranker three features, and proposes
+results of a pair from all entities. :mod:`wordcraft_kg.models.recipes.encoder_fitting` fits it.
+
+Shapes: T entities, D numbers of a word vector, U of an ingredient, Z of a result, V hidden units.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+_PAIRS = 4_096
+"""Pairs that are encoded at once: their inputs take 9 MiB."""
+_RECIPES = 2**16
+"""Recipes whose pairs are gathered at once: 32 MiB."""
+_PREFIX = "encoder_"
+
+
+class PairEncoder(NamedTuple):
+    """A fitted encoder, for inference.
+
+    Vectors of entities are stored for all, in half precision: twice the speed of computing them
+    from words, and no more memory than the learnt parts of their sums.
+
+    Attributes:
+        used: h of each entity, shape (T, U), half.
+        made: g of each entity, shape (T, Z), half.
+        bias: bias of each result, shape (T,).
+        first: shape (3 U, V), weights of the sum, the product and the distance of h.
+        first_bias: shape (V,).
+        second: shape (V, Z), gives z.
+        second_bias: shape (Z,).
+        pair: shape (V,), gives u.
+        pair_bias: shape ().
+        used_words: shape (D, U), W1: makes h of an entity that has words alone.
+        used_bias: shape (U,).
+        made_words: shape (D, Z), W2.
+        made_bias: shape (Z,).
+        bias_words: shape (D,), makes the bias of an entity that has words alone.
+        bias_base: shape ().
+    """
+
+    used: Tensor
+    made: Tensor
+    bias: Tensor
+    first: Tensor
+    first_bias: Tensor
+    second: Tensor
+    second_bias: Tensor
+    pair: Tensor
+    pair_bias: Tensor
+    used_words: Tensor
+    used_bias: Tensor
+    made_words: Tensor
+    made_bias: Tensor
+    bias_words: Tensor
+    bias_base: Tensor
+
+    def named(self) -> dict[str, Tensor]:
+        """Return the tensors by their names in :data:`ENCODER`."""
+        return dict(zip(ENCODER, self, strict=True))
+
+    def with_entities(self, vectors: Tensor) -> "PairEncoder":
+        """Return an encoder of n more entities, which have words alone, (n, D)."""
+        used = (vectors @ self.used_words + self.used_bias).relu()
+        made = vectors @ self.made_words + self.made_bias
+        bias = vectors @ self.bias_words + self.bias_base
+        return self._replace(
+            used=torch.cat([self.used, used.half()]),
+            made=torch.cat([self.made, made.half()]),
+            bias=torch.cat([self.bias, bias]),
+        )
+
+    def encode(self, a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
+        """Return z, shape (n, Z), and u, shape (n,), of pairs of ids, shape (n,) each."""
+        encoded = []
+        own = []
+        for one, other in zip(a.split(_PAIRS), b.split(_PAIRS), strict=True):
+            inputs = pair_inputs(self.used[one].float(), self.used[other].float())
+            units = (inputs @ self.first).add_(self.first_bias).relu_()
+            encoded.append(units @ self.second + self.second_bias)
+            own.append(units @ self.pair + self.pair_bias)
+        if not encoded:
+            return self.first.new_zeros(0, self.made.shape[1]), self.first.new_zeros(0)
+        return torch.cat(encoded), torch.cat(own)
+
+    def features(self, a: Tensor, b: Tensor, goal: Tensor) -> Tensor:
+        """Return s, s - u and u, see the module, of recipes.
+
+        Args:
+            a: ids, shape (B, P).
+            b: ids, shape (B, P).
+            goal: ids, shape (B,).
+
+        Returns:
+            shape (B, P, 3).
+        """
+        size = len(self.bias)
+        # Tables of a batch, and goals of a search, share pairs: each is encoded once.
+        codes = torch.minimum(a, b) * size + torch.maximum(a, b)
+        pairs, place = codes.unique(return_inverse=True)
+        encoded, own = self.encode(pairs // size, pairs % size)
+        u = own[place]
+        of_goal = torch.empty_like(u)
+        # In blocks: a search asks for a million recipes, each of which would take half a KiB.
+        step = max(1, _RECIPES // max(place.shape[1], 1))
+        for start in range(0, len(goal), step):
+            rows = slice(start, start + step)
+            made = self.made[goal[rows]].float()
+            of_goal[rows] = (encoded[place[rows]] @ made[..., None])[..., 0]
+        of_goal += self.bias[goal][:, None]
+        return torch.stack([of_goal + u, of_goal, u], dim=-1)
+
+    def result_scores(self, a: Tensor, b: Tensor) -> Tensor:
+        """Return s - u of all entities as results of pairs, shape (n, T).
+
+        Args:
+            a: ids, shape (n,).
+            b: ids, shape (n,).
+        """
+        z, _ = self.encode(a, b)
+        return z @ self.made.float().T + self.bias
+
+
+ENCODER = tuple(f"{_PREFIX}{name}" for name in PairEncoder._fields)
+"""Names of an encoder's tensors, in files and modules."""
+
+
+def encoder_shapes(
+    tensors: Mapping[str, Tensor],
+    size: int,
+    dim: int,
+) -> dict[str, tuple[int, ...]]:
+    """Return the shapes that an encoder's tensors must have, with a first axis for a single model.
+
+    Args:
+        tensors: the tensors by name, as found, perhaps damaged; U, Z and V are free.
+        size: T.
+        dim: D.
+
+    Raises:
+        KeyError: if a tensor is missing.
+    """
+
+    def length(name: str) -> int:
+        """Return the length of a tensor's last axis."""
+        shape = tensors[_PREFIX + name].shape
+        return shape[-1] if shape else 0
+
+    used = length("used")
+    made = length("made")
+    hidden = length("first")
+    shapes = {
+        "used": (size, used),
+        "made": (size, made),
+        "bias": (size,),
+        "first": (3 * used, hidden),
+        "first_bias": (hidden,),
+        "second": (hidden, made),
+        "second_bias": (made,),
+        "pair": (hidden,),
+        "pair_bias": (),
+        "used_words": (dim, used),
+        "used_bias": (used,),
+        "made_words": (dim, made),
+        "made_bias": (made,),
+        "bias_words": (dim,),
+        "bias_base": (),
+    }
+    return {_PREFIX + name: (1, *shape) for name, shape in shapes.items()}
+
+
+def pair_inputs(one: Tensor, other: Tensor) -> Tensor:
+    """Return the inputs of a pair's network, in which the order of the pair does not count.
+
+    Args:
+        one: h of the first entities, shape (n, U).
+        other: h of the second entities, shape (n, U).
+
+    Returns:
+        shape (n, 3 U).
+    """
+    return torch.cat([one + other, one * other, (one - other).abs()], dim=-1)

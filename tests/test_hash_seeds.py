@@ -75,6 +75,7 @@ def discovery():
         [name for name in DISCOVERERS if name != "recipe-learner"],
         graph,
         SymbolicScorer(graph, graph.triples),
+        book=open_graph("everyday").graph,
     )
     print(discovery_curves(graph, players, 20, 3).to_csv())
 

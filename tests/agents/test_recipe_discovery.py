@@ -189,3 +189,28 @@ def test_labels_are_shared_described_by_words_or_without_any_word(recipes_folder
         assert (row >= found.own) == (label in (*NEW, "zzqx"))
     assert not found.scorer.knowledge.vectors[int(found.rows[-1])].any()
     assert math.isfinite(float(found.scorer.score_recipes("zzqx", "water", "plant")))
+
+
+def test_a_thought_names_the_rule_the_chance_and_the_expected_result(labelled, world):
+    player, game = RecipeDiscoverer(labelled), Discovery(world)
+    slow = Slow(labelled, world)
+    player.begin(game.base, np.random.default_rng(1))
+    reasons = []
+    for attempt in range(20):
+        known = {int(labelled.rows[entity]) for entity in game.known}
+        weights = player._weights.copy()
+        pair = player.choose()
+        thought = player.thought
+        reasons.append(thought.reason)
+        features, _ = slow.features_and_worth(pair, list(game.known))
+        # The product's candidates are the likeliest of a shortlist, as in the documented formula.
+        np.testing.assert_allclose(player._seen[-1][2:], features[2:], atol=1e-3)
+        chance = 1 / (1 + math.exp(-player._seen[-1] @ weights))
+        assert thought.chance == pytest.approx(chance, abs=1e-9)
+        assert thought.expected not in known
+        assert 0 < thought.share <= 1
+        player.observe(pair, game.combine(*pair)[0])
+        if attempt >= FREE:
+            is_cover = (attempt + 1) % COVER == 0
+            assert thought.reason == ("cover" if is_cover else "value")
+    assert reasons[:FREE] == ["random start"] * FREE

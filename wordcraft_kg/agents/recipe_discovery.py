@@ -1,6 +1,7 @@
 """A player for open-ended play that knows another book's recipes, and learns from its attempts."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -47,6 +48,22 @@ _LIKELY = 64
 _NONE = -12.0  # score of a candidate that is known already
 _STEPS = 3  # of Newton's method after each attempt; the weights change little
 _STEP = 1.0  # largest change of a weight in a step
+
+
+class Thought(NamedTuple):
+    """Why a player tried a pair.
+
+    Attributes:
+        reason: "random start", "cover" (an entity in the fewest attempts) or "value".
+        chance: probability that the pair makes something new, from the outcomes so far.
+        expected: the likeliest result that is not known, as the scorer's id; -1 without any.
+        share: its probability among the candidate results.
+    """
+
+    reason: str
+    chance: float
+    expected: int
+    share: float
 
 
 class RecipeDiscoverer(Discoverer):
@@ -125,7 +142,9 @@ class RecipeDiscoverer(Discoverer):
         # The second feature; all others do not change while a pair waits.
         best = logsumexp(scores, axis=1)
         features = np.insert(self._fixed, 1, best, axis=1)
+        reason = "value"
         if len(self._made) < FREE:
+            reason = "random start"
             self._chosen = int(self.rng.integers(len(features)))
         else:
             shares = np.exp(log_softmax(scores, axis=1))
@@ -133,12 +152,14 @@ class RecipeDiscoverer(Discoverer):
             worth = 1 + (shares * uses).sum(axis=1)
             values = expit(features @ self._weights) * worth
             if (len(self._made) + 1) % COVER == 0:
+                reason = "cover"
                 attempts = self._attempts[self._pairs].min(axis=1)
                 # Below all values, which are positive.
                 values[attempts > attempts.min()] = -1
             self._chosen = self.draw_best(values)
         chosen = features[self._chosen, None]
         self._seen = np.concatenate([self._seen, chosen])
+        self.thought = self._thought(reason, scores[self._chosen], chosen[0])
         one, other = self._pairs[self._chosen].tolist()
         self._attempts[[one, other]] += 1
         return one, other
@@ -150,6 +171,22 @@ class RecipeDiscoverer(Discoverer):
         self._made = np.append(self._made, len(new) > 0)
         self._fit()
         super().observe(pair, new)
+
+    def _thought(self, reason: str, scores: Floats, features: Floats) -> Thought:
+        """Return why the chosen pair is tried.
+
+        Args:
+            reason: the rule that chose the pair.
+            scores: its candidates' scores, shape (CANDIDATES,); known results have ``_NONE``.
+            features: its features, shape (len(PRIOR),).
+        """
+        chance = float(expit(features @ self._weights))
+        best = int(scores.argmax())
+        result = int(self._results[self._chosen, best])
+        if self._is_known[result]:  # all candidates are known
+            return Thought(reason, chance, -1, 0.0)
+        share = float(np.exp(log_softmax(scores))[best])
+        return Thought(reason, chance, result, share)
 
     def _score(self, row: int, partners: NDArray[np.int64]) -> None:
         """Keep likely results with each partner and their scores, which are equal in all runs."""

@@ -46,10 +46,12 @@ class Bottleneck(Record):
     Attributes:
         entity: label.
         needed_by: number of other entities that become unreachable without it.
+        round: crafting round from which on it can be made.
     """
 
     entity: str
     needed_by: Count
+    round: Count
 
 
 class WorldStatistics(Record):
@@ -63,6 +65,9 @@ class WorldStatistics(Record):
             recipe.
         pairs: number of these pairs.
         bottlenecks: made entities that others need, those needed by most first.
+        main: the main bottleneck: of the entities that half of the world needs, the one of the
+            latest round; without any, the one needed by most. Earlier ones are on the way to it,
+            and every player passes them. None without bottlenecks.
     """
 
     reachable: Count
@@ -70,6 +75,7 @@ class WorldStatistics(Record):
     success_rate: Share
     pairs: Count
     bottlenecks: tuple[Bottleneck, ...]
+    main: Bottleneck | None
 
 
 def cut_world(
@@ -380,10 +386,17 @@ def world_statistics(graph: RecipeGraph, base: Iterable[Entity] | None = None) -
     combining = int((layer[firsts] >= 0).all(axis=1).sum())
     is_small = graph.num_entities <= MOST_ANALYSED
     needed = bottlenecks(graph, start) if is_small else []
+    found = tuple(
+        Bottleneck(graph.entities[entity], lost, int(layer[entity])) for entity, lost in needed
+    )
+    half = [bottleneck for bottleneck in found if 2 * bottleneck.needed_by >= reachable]
+    # Sorted by need before, so that of the last round the one needed by most counts.
+    main = max(half or found[:1], key=lambda bottleneck: bottleneck.round, default=None)
     return WorldStatistics(
         reachable=reachable,
         width=tuple(width),
         success_rate=combining / pairs if pairs else 0.0,
         pairs=pairs,
-        bottlenecks=tuple(Bottleneck(graph.entities[entity], lost) for entity, lost in needed),
+        bottlenecks=found,
+        main=main,
     )

@@ -155,15 +155,14 @@ class OracleDiscoverer(Discoverer):
         self.is_known = np.zeros(self.graph.num_entities, dtype=bool)
         # Recipes with known ingredients, kept because a large book has a million recipes.
         self._open = np.empty(0, dtype=np.int64)
+        # Recipes with an ingredient learnt since the last choice: a pair may have made thousands.
+        self._pending: list[Ids] = []
         super().begin(base, rng)
 
     def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
         self.is_known[entity] = True
-        uses = self.graph.uses_of(entity)
-        ingredients = self.graph.recipes[uses, :2]
-        is_open = self.is_known[ingredients].all(axis=1)
-        self._open = np.union1d(self._open, uses[is_open])
+        self._pending.append(self.graph.uses_of(entity))
 
     @abstractmethod
     def worth(self, entities: Ids) -> Floats:
@@ -171,6 +170,11 @@ class OracleDiscoverer(Discoverer):
 
     def choose(self) -> Pair:  # noqa: D102
         graph = self.graph
+        if self._pending:
+            uses = np.concatenate(self._pending)
+            is_open = self.is_known[graph.recipes[uses, :2]].all(axis=1)
+            self._open = np.union1d(self._open, uses[is_open])
+            self._pending = []
         # A recipe whose result has become known gains nothing any more.
         is_made = self.is_known[graph.recipes[self._open, 2]]
         self._open = self._open[~is_made]

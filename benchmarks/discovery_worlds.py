@@ -22,7 +22,7 @@ import numpy as np
 import torch
 
 from wordcraft_kg.agents.discovery import Plays, make_discoverers, play_runs
-from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+from wordcraft_kg.agents.recipe_discovery import DOUBT, SPREAD, RecipeDiscoverer
 from wordcraft_kg.base.artefacts import dump_json, write_atomically
 from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import checked_values
@@ -80,10 +80,15 @@ def played(
             if guides.recipes is None:
                 raise ConfigError(f"`scorer` {folder}: expected a model from train-recipes.")
             shared[name] = guides.shared
-            learner = {name: RecipeDiscoverer(guides.recipes)}
+            learner = RecipeDiscoverer(guides.recipes)
+            learners = {name: learner}
+            if options.ablate:
+                learners[f"{name}, no doubt"] = learner.variant(0, SPREAD)
+                learners[f"{name}, no own parts"] = learner.variant(DOUBT, 0)
+                learners[f"{name}, neither"] = learner.variant(0, 0)
             if len(fits) <= number:
                 fits.append([])
-            fits[number].append(play_runs(graph, learner, options.attempts, options.runs))
+            fits[number].append(play_runs(graph, learners, options.attempts, options.runs))
     return PlayedWorld(graph, [merged(plays) for plays in fits], shared)
 
 
@@ -111,6 +116,7 @@ def main() -> None:
     parser.add_argument("--secret", type=Path, help="file with the secret")
     parser.add_argument("--wrong", type=int, help="per cent of the recipes with another result")
     parser.add_argument("--scorer", action="append", default=[], help="NAME=FOLDER[,FOLDER]")
+    parser.add_argument("--ablate", action="store_true", help="learners without parts, too")
     parser.add_argument("--book", help="another book, for the player book-votes")
     parser.add_argument("--attempts", type=int, default=500)
     parser.add_argument("--runs", type=int, default=3)

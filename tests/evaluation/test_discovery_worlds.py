@@ -1,9 +1,14 @@
 """Results of open-ended play: areas, passed bottlenecks, reasons, many worlds, and their pages."""
 
+import importlib.util
+import json
 import re
 import statistics
+import sys
 import xml.etree.ElementTree as ET
+from hashlib import sha256
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,7 +26,7 @@ from wordcraft_kg.evaluation.discovery import (
     view_discovery,
 )
 from wordcraft_kg.evaluation.discovery_worlds import PlayedWorld, view_worlds
-from wordcraft_kg.graphs import RecipeGraph, open_book
+from wordcraft_kg.graphs import RecipeGraph, open_book, open_graph
 from wordcraft_kg.graphs.worlds import cut_world
 from wordcraft_kg.reports.discovery_report import discovery_page, worlds_page
 
@@ -245,3 +250,46 @@ def test_a_world_of_one_entity_or_of_thousands_of_results_of_a_pair():
     assert view.statistics.bottlenecks == ()
     assert "Found when" not in discovery_page(view, plays, many)
     assert as_values(view)["statistics"]["width"] == [2, 5_000]
+
+
+@pytest.fixture
+def script(monkeypatch):
+    """The benchmark as a module, and a function that runs it with arguments."""
+    path = Path(__file__).parents[2] / "benchmarks" / "discovery_worlds.py"
+    spec = importlib.util.spec_from_file_location("discovery_worlds_script", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["discovery_worlds.py", *map(str, arguments)])
+        module.main()
+
+    module.run = run
+    return module
+
+
+def test_the_script_plays_worlds_and_writes_figures_and_a_page(script, tmp_path, capsys):
+    out = (tmp_path / "figures.json", tmp_path / "page.html")
+    quick = ("--worlds", 8, "--runs", 1, "--attempts", 12, "--book", "kitchen")
+    script.run("everyday", *quick, "--json", out[0], "--page", out[1])
+    figures = json.loads(out[0].read_text())
+    assert [world["name"] for world in figures["worlds"]] == ["world-8-everyday"]
+    assert list(figures["players"]) == [*script.SCRIPTED, "book-votes"]
+    assert figures["worlds"][0]["hash"] == open_graph("world-8:everyday").graph.hash
+    assert "book-votes" in capsys.readouterr().out
+    page = out[1].read_text()
+    assert page.count("<svg") == 4
+    assert "world-8-everyday" in page
+
+
+def test_worlds_for_measuring_follow_from_the_committed_secret(script, tmp_path, monkeypatch):
+    secret = tmp_path / "secret.txt"
+    secret.write_text("a guess\n")
+    with refuses("secret"):
+        script.seeds(secret, range(3))
+    monkeypatch.setattr(script, "SECRET_SHA256", sha256(b"a guess").hexdigest())
+    drawn = script.seeds(secret, range(1, 7))
+    assert drawn == script.seeds(secret, range(7))[1:]
+    assert len(set(drawn)) == 6
+    assert [seed % 3 for seed in drawn] == [1, 2, 0, 1, 2, 0]
+    assert script.seeds(None, range(2, 4)) == [2, 3]

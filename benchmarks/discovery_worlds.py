@@ -38,6 +38,8 @@ SECRET_SHA256 = "8eb452138162d9a3d449b58b09d3a0dd5c320815e569cea3b92878c685dab70
 """Of the secret, without blanks around it."""
 SCRIPTED = ("random-no-repeat", "nearest-words", *ORACLES)
 LEARNER = "recipe-learner"
+OWN_PARTS = 0.3
+"""Variance of entities' own parts in the row that has them."""
 
 
 def seeds(secret: Path | None, numbers: range) -> list[int]:
@@ -84,8 +86,7 @@ def played(
             learners = {name: learner}
             if options.ablate:
                 learners[f"{name}, no doubt"] = learner.variant(0, SPREAD)
-                learners[f"{name}, no own parts"] = learner.variant(DOUBT, 0)
-                learners[f"{name}, neither"] = learner.variant(0, 0)
+                learners[f"{name}, own parts"] = learner.variant(DOUBT, OWN_PARTS)
             if len(fits) <= number:
                 fits.append([])
             fits[number].append(play_runs(graph, learners, options.attempts, options.runs))
@@ -116,7 +117,9 @@ def main() -> None:
     parser.add_argument("--secret", type=Path, help="file with the secret")
     parser.add_argument("--wrong", type=int, help="per cent of the recipes with another result")
     parser.add_argument("--scorer", action="append", default=[], help="NAME=FOLDER[,FOLDER]")
-    parser.add_argument("--ablate", action="store_true", help="learners without parts, too")
+    parser.add_argument(
+        "--ablate", action="store_true", help="each learner without doubt, and with own parts, too"
+    )
     parser.add_argument("--book", help="another book, for the player book-votes")
     parser.add_argument("--attempts", type=int, default=500)
     parser.add_argument("--runs", type=int, default=3)

@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from wordcraft_kg.agents import recipe_discovery
 from wordcraft_kg.agents.discovery import CANDIDATES
-from wordcraft_kg.agents.recipe_discovery import COVER, DOUBT, FREE, PRIOR, SPREAD, RecipeDiscoverer
+from wordcraft_kg.agents.recipe_discovery import COVER, DOUBT, FREE, PRIOR, RecipeDiscoverer
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.graphs import RecipeGraph
 from wordcraft_kg.models.recipes.inductive import for_labels
@@ -20,6 +20,8 @@ from wordcraft_kg.models.scorers.folder import load_scorer
 
 NEW = ("castle", "dragon", "river")
 """Entities that the kitchen lacks."""
+SPREAD = 0.3
+"""Variance of entities' own parts, in the test against loops."""
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +128,7 @@ def test_the_player_tries_the_pair_of_the_highest_value_given_its_outcomes(
     labelled, world, monkeypatch
 ):
     monkeypatch.setattr(recipe_discovery, "_LIKELY", labelled.own)
-    slow, player = Slow(labelled, world), RecipeDiscoverer(labelled)
+    slow, player = Slow(labelled, world), RecipeDiscoverer(labelled, spread=SPREAD)
     game, tried, seen, made = Discovery(world), set(), [], []
     attempts, order = Counter(), []
     player.begin(game.base, np.random.default_rng(1))
@@ -215,7 +217,7 @@ def test_labels_are_shared_described_by_words_or_without_any_word(recipes_folder
 
 
 def test_a_thought_names_the_rule_the_chance_and_the_expected_result(labelled, world):
-    player, game = RecipeDiscoverer(labelled), Discovery(world)
+    player, game = RecipeDiscoverer(labelled, spread=SPREAD), Discovery(world)
     slow = Slow(labelled, world)
     player.begin(game.base, np.random.default_rng(1))
     reasons = []
@@ -248,4 +250,5 @@ def test_a_variant_shares_scores_and_has_other_numbers(labelled, world):
         RecipeDiscoverer(labelled, doubt=0, spread=0), world, 25
     )
     assert play(player, world, 25) == log
+    assert play(player.variant(DOUBT, SPREAD), world, 25) != log
     assert trusting._scored is player._scored

@@ -45,12 +45,16 @@ COVER = 5
 Everything may depend on one entity.
 """
 DOUBT = 2.0
-"""How much a candidate result loses by failed attempts, in nats for a factor e of failures."""
-SPREAD = 0.3
-"""Variance of an entity's own part of the log-odds that its pairs make something new.
+"""How much a candidate result loses by failed attempts, in nats for a factor e of failures.
 
-Both numbers were chosen on the worlds 0 to 7 of ``everyday`` with a scorer of Little Alchemy 2, by
-the area under the curve (``docs/discovery.md`` has results with each left out); 0 leaves it out.
+Chosen on the worlds 0 to 7 of ``everyday`` with a scorer of Little Alchemy 2, by the area under the
+curve; ``docs/discovery.md`` has results with and without it.
+"""
+SPREAD = 0.0
+"""Variance of an entity's own part of the log-odds that its pairs make something new; 0 for none.
+
+0.3 was best on the worlds of ``everyday`` and helps on Infinite Craft, but on Little Alchemy 2 the
+player then learns *life* late or never: an entity that failed a few times is left alone.
 """
 # Results by componentOf scores, of which the CANDIDATES best by recipe scores are kept.
 _LIKELY = 64

@@ -13,11 +13,14 @@ from wordcraft_kg.agents import discovery
 from wordcraft_kg.agents.discovery import (
     DISCOVERERS,
     HUMAN_CURVE,
+    NEVER,
+    BookDiscoverer,
     EmpowermentDiscoverer,
     GreedyDiscoverer,
     ScorerDiscoverer,
     discovery_curves,
     make_discoverers,
+    play_runs,
     summarise_curves,
 )
 from wordcraft_kg.base.errors import ConfigError, GraphMismatchError
@@ -28,7 +31,8 @@ from wordcraft_kg.models.scorers.factors import TableScorer
 from wordcraft_kg.models.scorers.features import glove_features
 
 ATTEMPTS = 30
-PLAYERS = [name for name in DISCOVERERS if name != "recipe-learner"]  # has tests of its own
+PLAYERS = [name for name in DISCOVERERS if name not in ("recipe-learner", "book-votes")]
+"""Both others have tests of their own."""
 FOUR = ["air", "earth", "fire", "water"]
 
 
@@ -296,3 +300,65 @@ def test_little_alchemy_from_the_four_entities_that_people_begin_with(alchemy):
     assert (
         known_after(curves, "random", 100) < HUMAN_CURVE[100] < known_after(curves, "greedy", 100)
     )
+
+
+def test_plays_record_the_attempt_of_each_entity(kitchen):
+    players = make_discoverers(["random", "greedy"], kitchen)
+    plays = play_runs(kitchen, players, ATTEMPTS, runs=4, seed=2)
+    assert plays.frame().equals(discovery_curves(kitchen, players, ATTEMPTS, runs=4, seed=2))
+    is_base = np.isin(np.arange(kitchen.num_entities), kitchen.base_ids)
+    assert ((plays.learnt == 0) == is_base).all()
+    assert (plays.learnt == NEVER).any()
+    for attempt in range(ATTEMPTS + 1):
+        by_now = ((plays.learnt != NEVER) & (plays.learnt <= attempt)).sum(axis=2)
+        np.testing.assert_array_equal(by_now, plays.known[:, :, attempt])
+
+
+def test_book_votes_tries_the_pair_of_the_highest_value():
+    """The documented value, with loops, in a world whose labels the other book knows in part."""
+    rng = np.random.default_rng(3)
+    labels = [f"thing {number}" for number in range(14)]
+
+    def drawn(some, share):
+        rows = []
+        for a, b in itertools.combinations_with_replacement(some, 2):
+            rows += [(a, b, c) for c in some if c not in (a, b) and rng.random() < share]
+        return rows
+
+    world = RecipeGraph.from_recipes(drawn(labels, 0.03), labels[:5])
+    other = RecipeGraph.from_recipes(drawn([*labels[2:10], "strange"], 0.08))
+    book = [other.labels(row) for row in other.recipes.tolist()]
+
+    def votes(x, c):
+        return sum(x in recipe[:2] and recipe[2] == c for recipe in book)
+
+    def value(a, b, known):
+        total = 0.0
+        for c in set(other.entities) - known:
+            total += (*sorted((a, b)), c) in book
+            made = sum(recipe[2] == c for recipe in book)
+            if a != b:
+                total += votes(a, c) * votes(b, c) / (1 + made) ** 2
+        return total
+
+    player = BookDiscoverer(world, other)
+    game = Discovery(world)
+    player.begin(game.base, np.random.default_rng(0))
+    tried = set()
+    values = []
+    while len(tried) < 40 and not game.is_complete:
+        known = list(game.known)
+        names = set(world.labels(known))
+        pairs = set(itertools.combinations_with_replacement(sorted(known), 2)) - tried
+        expected = {pair: value(*world.labels(pair), names) for pair in pairs}
+        pair = player.choose()
+        chosen = (min(pair), max(pair))
+        assert expected[chosen] == pytest.approx(max(expected.values()), abs=1e-5)
+        values.append(expected[chosen])
+        tried.add(chosen)
+        new, repeated = game.combine(*pair)
+        assert not repeated
+        player.observe(pair, new)
+    assert max(values) > 1 > min(values)
+    with refuses("book"):
+        make_discoverers(["book-votes"], world)

@@ -92,7 +92,9 @@ def test_players_that_never_repeat_a_pair_are_named(run, tmp_path):
         == 0
     )
     html = page.read_text(encoding="utf-8")
-    known, repeated = (ET.fromstring(svg) for svg in re.findall(r"<svg.*?</svg>", html, re.DOTALL))
+    known, repeated = (
+        ET.fromstring(svg) for svg in re.findall(r"<svg.*?</svg>", html, re.DOTALL)[:2]
+    )
     names = [
         [line.find("title").text for line in svg if line.tag == "polyline"]
         for svg in (known, repeated)
@@ -103,6 +105,7 @@ def test_players_that_never_repeat_a_pair_are_named(run, tmp_path):
         run("discover", "kitchen", *QUICK, "--players", "greedy", "--out", page, "--force").code
         == 0
     )
+    # Greedy knows the graph, so no map shows its discoveries.
     assert page.read_text(encoding="utf-8").count("<svg") == 1
 
 
@@ -129,3 +132,24 @@ def test_a_scorer_of_another_book_explores_beside_published_runs(
     assert rows["o1, published"][-1] == "177"
     assert "stopped before" in text
     assert "empowerment-scorer" in refused(*start, *QUICK, "--players", "empowerment-scorer")
+
+
+def test_a_world_by_name_with_another_book_and_its_main_bottleneck(printed, refused, tmp_path):
+    arguments = ("discover", "world-8:everyday", "--book", "kitchen", *QUICK)
+    values = printed(*arguments)
+    assert values["graph"] == "world-8-everyday"
+    assert values["book"] == "kitchen"
+    assert list(values["players"])[-1] == "book-votes"
+    main = values["statistics"]["main"]
+    assert values["statistics"]["bottlenecks"][0] == main
+    for passages in values["passed"].values():
+        assert passages[0]["entity"] == main["entity"]
+    text = text_of(*arguments)
+    assert f"main bottleneck: {main['entity']}, needed for {main['needed_by']} other" in text
+    assert "more attempts than pairs" not in text
+    assert "book-votes" in refused("discover", "kitchen", *QUICK, "--players", "book-votes")
+    assert "pancake day" in refused("discover", "world-8:everyday", "--base", "air,pancake day")
+    assert "at least 200 entities" in refused("discover", "world-1:kitchen")
+    book = tmp_path / "few.csv"
+    book.write_text("ingredient_a,ingredient_b,result\na,b,c\n")
+    assert "more attempts than pairs" in text_of("discover", book, *QUICK)

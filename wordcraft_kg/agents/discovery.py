@@ -2,12 +2,13 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wordcraft_kg.base.errors import ConfigError
+from wordcraft_kg.base.labels import LabelIndex
 from wordcraft_kg.base.progress import steps
 from wordcraft_kg.base.settings import MAX_SIZE, check_memory, one_of, whole
 from wordcraft_kg.base.statistics import standardised
@@ -42,6 +43,8 @@ MARKS = (1, 10, 20, 50, 100)
 """Numbers of attempts at which a summary reports known entities."""
 LATER_MARKS = (200, 300, 400, 500)
 """Further numbers of attempts for long runs."""
+NEVER = -1
+"""Attempt of an entity that did not become known, in :class:`Plays`."""
 _BYTES_PER_ROW = 100  # in the frame of curves and derived frames
 PAIR_BYTES = 40
 """Bytes per entity pair for a player with a scorer: two tables and sums of rows."""
@@ -152,15 +155,14 @@ class OracleDiscoverer(Discoverer):
         self.is_known = np.zeros(self.graph.num_entities, dtype=bool)
         # Recipes with known ingredients, kept because a large book has a million recipes.
         self._open = np.empty(0, dtype=np.int64)
+        # Recipes with an ingredient learnt since the last choice: a pair may have made thousands.
+        self._pending: list[Ids] = []
         super().begin(base, rng)
 
     def learn(self, entity: int) -> None:  # noqa: D102
         super().learn(entity)
         self.is_known[entity] = True
-        uses = self.graph.uses_of(entity)
-        ingredients = self.graph.recipes[uses, :2]
-        is_open = self.is_known[ingredients].all(axis=1)
-        self._open = np.union1d(self._open, uses[is_open])
+        self._pending.append(self.graph.uses_of(entity))
 
     @abstractmethod
     def worth(self, entities: Ids) -> Floats:
@@ -168,6 +170,11 @@ class OracleDiscoverer(Discoverer):
 
     def choose(self) -> Pair:  # noqa: D102
         graph = self.graph
+        if self._pending:
+            uses = np.concatenate(self._pending)
+            is_open = self.is_known[graph.recipes[uses, :2]].all(axis=1)
+            self._open = np.union1d(self._open, uses[is_open])
+            self._pending = []
         # A recipe whose result has become known gains nothing any more.
         is_made = self.is_known[graph.recipes[self._open, 2]]
         self._open = self._open[~is_made]
@@ -318,6 +325,91 @@ class ScorerDiscoverer(Discoverer):
         return self._guesses[entity]
 
 
+class BookDiscoverer(Discoverer):
+    """A player that knows another book's recipes by label, and counts votes; learns nothing.
+
+    ``n_xc`` is the number of the book's recipes that make c from x, and ``m_c`` the number that
+    make c. The player tries the untried pair with the largest
+
+    ``value(a, b) = sum_c [c not known] (recorded(a, b, c) + n_ac n_bc / (1 + m_c)^2)``.
+
+    ``recorded`` is 1 if the book has the recipe a + b -> c. The second term is below 1, so recorded
+    recipes for something new come first. Labels outside the book have no votes.
+    """
+
+    def __init__(self, graph: RecipeGraph, book: RecipeGraph):
+        """Count the votes of ``book`` for the labels of ``graph``."""
+        index = LabelIndex(book.entities)
+        found = [index.find(label) for label in graph.entities]
+        self._rows = np.array([-1 if row is None else row for row in found])
+        self._book = book
+        self._made = 1.0 + book.recipe_counts
+
+    def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
+        # One row of votes for each known entity, and the values of all pairs of these.
+        self._votes = np.zeros((0, self._book.num_entities), dtype=np.float32)
+        self._values = np.zeros((0, 0))
+        self._untried = np.zeros((0, 0), dtype=bool)
+        self._is_new = np.ones(self._book.num_entities, dtype=bool)
+        super().begin(base, rng)
+
+    def learn(self, entity: int) -> None:  # noqa: D102
+        super().learn(entity)
+        row = int(self._rows[entity])
+        if row >= 0:
+            self._forget(row)
+        votes = np.zeros(self._book.num_entities, dtype=np.float32)
+        if row >= 0:
+            results = self._book.recipes[self._book.uses_of(row), 2]
+            np.add.at(votes, results, 1)
+            votes /= self._made
+            votes *= self._is_new
+        self._votes = np.vstack([self._votes, votes])
+        with_each = (self._votes @ votes).astype(float)
+        # An entity with itself has one voter, not two.
+        with_each[-1] = 0
+        for place, other in enumerate(self.known):
+            with_each[place] += self._recorded(row, int(self._rows[other]))
+        self._values = np.pad(self._values, (0, 1))
+        self._values[-1] = with_each
+        self._values[:, -1] = with_each
+        self._untried = np.pad(self._untried, (0, 1), constant_values=True)
+
+    def choose(self) -> Pair:  # noqa: D102
+        # Below the diagonal each pair stands once.
+        ones, others = np.nonzero(np.tril(self._untried))
+        best = self.draw_best(self._values[ones, others])
+        self._chosen = (int(ones[best]), int(others[best]))
+        return self.known[ones[best]], self.known[others[best]]
+
+    def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
+        one, other = self._chosen
+        self._untried[one, other] = False
+        self._untried[other, one] = False
+        super().observe(pair, new)
+
+    def _recorded(self, one: int, other: int) -> int:
+        """Count the book's results of a pair that are not known, by ids of the book."""
+        if one < 0 or other < 0:
+            return 0
+        return int(self._is_new[self._book.results(one, other)].sum())
+
+    def _forget(self, row: int) -> None:
+        """Take the votes for a result that has become known out of all values."""
+        self._is_new[row] = False
+        votes = self._votes[:, row].copy()
+        shared = np.outer(votes, votes).astype(float)
+        np.fill_diagonal(shared, 0)
+        self._values -= shared
+        self._votes[:, row] = 0
+        place = {int(self._rows[entity]): place for place, entity in enumerate(self.known[:-1])}
+        for one, other, _ in self._book.recipes[self._book.recipes_of(row)].tolist():
+            if one in place and other in place:
+                self._values[place[one], place[other]] -= 1
+                if one != other:
+                    self._values[place[other], place[one]] -= 1
+
+
 DISCOVERERS = {
     "random": "any pair",
     "random-no-repeat": "any untried pair",
@@ -331,10 +423,14 @@ DISCOVERERS = {
         "guided by a recipe scorer of any book: likely and useful new results; "
         "learns from its attempts"
     ),
+    "book-votes": (
+        "guided by another book: its recipes that make something new, then pairs whose ingredients "
+        "have made the same things"
+    ),
 }
 """Short descriptions of the players, by name."""
-GUIDED = ("empowerment-scorer", "recipe-learner")
-"""Players that need a trained model."""
+GUIDED = ("empowerment-scorer", "recipe-learner", "book-votes")
+"""Players that need a trained model or another book."""
 
 
 def make_discoverers(
@@ -342,6 +438,7 @@ def make_discoverers(
     graph: RecipeGraph,
     scorer: TripleScorer | None = None,
     learner: Discoverer | None = None,
+    book: RecipeGraph | None = None,
 ) -> dict[str, Discoverer]:
     """Make players for open-ended play.
 
@@ -350,14 +447,15 @@ def make_discoverers(
         graph: the graph to explore.
         scorer: guide of ``empowerment-scorer``; None without this player.
         learner: the player ``recipe-learner``; None without it.
+        book: recipes that guide ``book-votes``; None without this player.
 
     Returns:
         The players by name, in the order of ``names``.
 
     Raises:
         GraphMismatchError: if the scorer belongs to another graph.
-        ConfigError: for an unknown name, a missing scorer, or too many entities for the scorer's
-            tables.
+        ConfigError: for an unknown name, a missing scorer or book, or too many entities for the
+            scorer's tables.
     """
     makers: dict[str, Callable[[], Discoverer]] = {
         "random": RandomDiscoverer,
@@ -370,9 +468,13 @@ def make_discoverers(
         makers["empowerment-scorer"] = lambda: ScorerDiscoverer(graph, scorer)
     if learner is not None:
         makers["recipe-learner"] = lambda: learner
+    if book is not None:
+        makers["book-votes"] = lambda: BookDiscoverer(graph, book)
     players = {}
     for name in names:
         one_of("players", name, tuple(DISCOVERERS))
+        if name == "book-votes" and book is None:
+            raise ConfigError("player 'book-votes' needs a `book`: a book whose recipes it knows.")
         if name not in makers:
             needed = "of this graph"
             if name == "recipe-learner":
@@ -380,6 +482,95 @@ def make_discoverers(
             raise ConfigError(f"player '{name}' needs a `scorer` {needed}: a trained model folder.")
         players[name] = makers[name]()
     return players
+
+
+class Plays(NamedTuple):
+    """All runs of several players in one world.
+
+    Attributes:
+        players: names of the P players.
+        known: number of known entities after each attempt, 0 (the base) first, shape (P, runs,
+            attempts + 1).
+        repeated: whether the attempt's pair was tried earlier in the run, same shape, bool.
+        learnt: attempt at which each entity became known, shape (P, runs, E), int32; 0 for the base
+            and :data:`NEVER` for entities that stayed unknown.
+    """
+
+    players: tuple[str, ...]
+    known: NDArray[np.int64]
+    repeated: NDArray[np.bool_]
+    learnt: NDArray[np.int32]
+
+    def frame(self) -> "pd.DataFrame":
+        """Return a table with a row per player, run and attempt: ``known`` and ``repeated``."""
+        import pandas as pd
+
+        _, runs, marks = self.known.shape
+        index = pd.MultiIndex.from_product(
+            [list(self.players), range(runs), range(marks)], names=["player", "run", "attempt"]
+        )
+        return pd.DataFrame(
+            {"known": self.known.ravel(), "repeated": self.repeated.ravel()}, index=index
+        ).reset_index()
+
+
+def play_runs(
+    graph: RecipeGraph,
+    players: Mapping[str, Discoverer],
+    attempts: int = 100,
+    runs: int = 100,
+    seed: int = 0,
+    base: Iterable[Entity] | None = None,
+) -> Plays:
+    """Let players discover entities, and record when each entity became known.
+
+    Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses
+    ``np.random.default_rng([seed, i])``, so results do not depend on the choice of players. A run
+    stops when all reachable entities are known; its further attempts keep the last count.
+
+    Args:
+        graph: the graph to explore.
+        players: players by name.
+        attempts: attempts of each run.
+        runs: number of runs of each player.
+        seed: root seed of all random choices.
+        base: entities known at the start; None for the graph's base.
+
+    Raises:
+        ConfigError: for numbers out of range, or a base without any recipe.
+    """
+    whole("attempts", attempts, 1, MAX_SIZE)
+    whole("runs", runs, 1, MAX_SIZE)
+    whole("seed", seed, 0)
+    rows = len(players) * runs * (attempts + 1)
+    of_entities = 4 * len(players) * runs * graph.num_entities
+    check_memory(
+        "runs",
+        runs,
+        f"their curves of {attempts:,} attempts",
+        rows * _BYTES_PER_ROW + of_entities,
+    )
+    game = Discovery(graph, base)
+    shape = (len(players), runs, attempts + 1)
+    known = np.zeros(shape, dtype=np.int64)
+    repeated = np.zeros(shape, dtype=bool)
+    learnt = np.full((len(players), runs, graph.num_entities), NEVER, dtype=np.int32)
+    learnt[:, :, list(game.base)] = 0
+    for number, (name, player) in enumerate(players.items()):
+        for run in steps(f"playing {name}", range(runs)):
+            game.restart()
+            player.begin(game.base, np.random.default_rng([seed, run]))
+            known[number, run] = len(game.base)
+            for attempt in range(1, attempts + 1):
+                pair = player.choose()
+                new, repeated[number, run, attempt] = game.combine(*pair)
+                player.observe(pair, new)
+                learnt[number, run, list(new)] = attempt
+                # To the end, so that a run that stops early keeps its count.
+                known[number, run, attempt:] = len(game.known)
+                if game.is_complete:
+                    break
+    return Plays(tuple(players), known, repeated, learnt)
 
 
 def discovery_curves(
@@ -392,16 +583,12 @@ def discovery_curves(
 ) -> "pd.DataFrame":
     """Let players discover entities and count the known entities after each attempt.
 
-    Rules are as in ``WordCraft-OpenEnded-v0``, but without observations. Run ``i`` uses
-    ``np.random.default_rng([seed, i])``, so curves do not depend on the choice of players. A run
-    stops when all reachable entities are known; its further attempts keep the last count.
-
     Args:
         graph: the graph to explore.
         players: players by name.
         attempts: attempts of each run.
         runs: number of runs of each player.
-        seed: root seed of all random choices.
+        seed: root seed of all random choices, see :func:`play_runs`.
         base: entities known at the start; None for the graph's base.
 
     Returns:
@@ -411,36 +598,7 @@ def discovery_curves(
     Raises:
         ConfigError: for numbers out of range, or a base without any recipe.
     """
-    import pandas as pd
-
-    whole("attempts", attempts, 1, MAX_SIZE)
-    whole("runs", runs, 1, MAX_SIZE)
-    whole("seed", seed, 0)
-    rows = len(players) * runs * (attempts + 1)
-    check_memory("runs", runs, f"their curves of {attempts:,} attempts", rows * _BYTES_PER_ROW)
-    game = Discovery(graph, base)
-    shape = (len(players), runs, attempts + 1)
-    known = np.zeros(shape, dtype=np.int64)
-    repeated = np.zeros(shape, dtype=bool)
-    for number, (name, player) in enumerate(players.items()):
-        for run in steps(f"playing {name}", range(runs)):
-            game.restart()
-            player.begin(game.base, np.random.default_rng([seed, run]))
-            known[number, run] = len(game.base)
-            for attempt in range(1, attempts + 1):
-                pair = player.choose()
-                new, repeated[number, run, attempt] = game.combine(*pair)
-                player.observe(pair, new)
-                # To the end, so that a run that stops early keeps its count.
-                known[number, run, attempt:] = len(game.known)
-                if game.is_complete:
-                    break
-    index = pd.MultiIndex.from_product(
-        [list(players), range(runs), range(attempts + 1)], names=["player", "run", "attempt"]
-    )
-    return pd.DataFrame(
-        {"known": known.ravel(), "repeated": repeated.ravel()}, index=index
-    ).reset_index()
+    return play_runs(graph, players, attempts, runs, seed, base).frame()
 
 
 def summarise_curves(

@@ -1,6 +1,8 @@
 """A player for open-ended play that knows another book's recipes, and learns from its attempts."""
 
 from collections.abc import Sequence
+from copy import copy
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -42,6 +44,18 @@ COVER = 5
 
 Everything may depend on one entity.
 """
+DOUBT = 2.0
+"""How much a candidate result loses by failed attempts, in nats for a factor e of failures.
+
+Chosen on the worlds 0 to 7 of ``everyday`` with a scorer of Little Alchemy 2, by the area under the
+curve; ``docs/discovery.md`` has results with and without it.
+"""
+SPREAD = 0.0
+"""Variance of an entity's own part of the log-odds that its pairs make something new; 0 for none.
+
+0.3 was best on the worlds of ``everyday`` and helps on Infinite Craft, but on Little Alchemy 2 the
+player then learns *life* late or never: an entity that failed a few times is left alone.
+"""
 # Results by componentOf scores, of which the CANDIDATES best by recipe scores are kept.
 _LIKELY = 64
 _NONE = -12.0  # score of a candidate that is known already
@@ -49,26 +63,54 @@ _STEPS = 3  # of Newton's method after each attempt; the weights change little
 _STEP = 1.0  # largest change of a weight in a step
 
 
+class Thought(NamedTuple):
+    """Why a player tried a pair.
+
+    Attributes:
+        reason: "random start", "cover" (an entity in the fewest attempts) or "value".
+        chance: probability that the pair makes something new, from the outcomes so far.
+        expected: the likeliest result that is not known, as the scorer's id; -1 without any.
+        share: its probability among the candidate results.
+    """
+
+    reason: str
+    chance: float
+    expected: int
+    share: float
+
+
 class RecipeDiscoverer(Discoverer):
     """A player of pairs that probably make something new and useful; it learns from its attempts.
 
-    A pair with features x (:data:`PRIOR`) makes something new with probability ``p = σ(w · x)``.
-    After each attempt, w is the most probable value given the outcomes so far, success or failure,
-    and normal priors (Bayesian logistic regression). The player tries the untried pair with the
+    A pair with features x (:data:`PRIOR`) makes something new with probability ``p = σ(w · x + u_a
+    + u_b)``. After each attempt, w is the most probable value given the outcomes so far, success or
+    failure, and normal priors (Bayesian logistic regression). An entity's own part u is a step of
+    Newton's method from 0 with the variance :data:`SPREAD`: ``u_e = Σ (made - σ(w · x)) / (Σ σ (1 -
+    σ) + 1 / SPREAD)``, with sums over attempts with e. The player tries the untried pair with the
     largest
 
     ``p(a, b) (1 + Σ_c P(c | a, b) log(1 + uses(c)))``.
 
-    c runs over likely results that are not known, P is the softmax of their scores, and uses(c)
-    counts recipes in the scorer's book that use c. The first :data:`FREE` attempts are random.
-    Every :data:`COVER` attempts, only pairs with an entity in the fewest attempts count.
+    c runs over likely results that are not known. Its score loses ``DOUBT log(1 + n_c)``: n_c is
+    the sum of P(c | a, b) over the attempts so far that made nothing new, since a world may lack
+    things of the scorer's book, or make them otherwise. P is the softmax of their scores, and
+    uses(c) counts recipes in the scorer's book that use c. The first :data:`FREE` attempts are
+    random. Every :data:`COVER` attempts, only pairs with an entity in the fewest attempts count.
 
     The player knows the labels of known entities only. Candidate results come from the scorer's
     book alone.
     """
 
-    def __init__(self, labelled: LabelledScorer):
-        """Take a recipe scorer that describes the labels of all entities."""
+    def __init__(self, labelled: LabelledScorer, doubt: float = DOUBT, spread: float = SPREAD):
+        """Take a recipe scorer.
+
+        Args:
+            labelled: a recipe scorer that describes the labels of all entities.
+            doubt: see :data:`DOUBT`.
+            spread: see :data:`SPREAD`.
+        """
+        self._doubt = doubt
+        self._spread = spread
         self._scorer, self._own, self._rows = labelled
         self._knowledge = self._scorer.knowledge
         self._uses = self._knowledge.log_uses().double().numpy()
@@ -79,12 +121,22 @@ class RecipeDiscoverer(Discoverer):
         prior = np.array(list(PRIOR.values()))
         self._mean, self._variance = prior.T
 
+    def variant(self, doubt: float, spread: float) -> "RecipeDiscoverer":
+        """Return a player with other numbers; both share the scores of pairs, which take long."""
+        other = copy(self)
+        other._doubt = doubt
+        other._spread = spread
+        return other
+
     def begin(self, base: Sequence[int], rng: np.random.Generator) -> None:  # noqa: D102
         self._pairs = np.empty((0, 2), dtype=np.int64)
         self._results = np.empty((0, self._width), dtype=np.int64)
         self._scores = np.empty((0, self._width))
         self._fixed = np.empty((0, len(PRIOR) - 1))
         self._is_known = np.zeros(self._own, dtype=bool)
+        self._failures = np.zeros(self._own)
+        self._own_parts = np.zeros(len(self._rows))
+        self._tried = np.empty((0, 2), dtype=np.int64)
         self._attempts = np.zeros(len(self._rows), dtype=np.int64)
         # Features and outcome of each attempt so far.
         self._seen = np.empty((0, len(PRIOR)))
@@ -120,36 +172,65 @@ class RecipeDiscoverer(Discoverer):
         self._fixed = np.concatenate([self._fixed, np.column_stack(fixed)])
 
     def choose(self) -> Pair:  # noqa: D102
+        # A result that was expected in vain is less likely with every pair.
+        doubt = self._doubt * np.log1p(self._failures)
+        doubted = self._scores - doubt[self._results]
         # A known result is nothing new; -inf would make a pair without other candidates undefined.
-        scores = np.where(self._is_known[self._results], _NONE, self._scores)
-        # The second feature; all others do not change while a pair waits.
+        scores = np.where(self._is_known[self._results], _NONE, doubted)
+        # The second feature changes with each attempt; all others stay while a pair waits.
         best = logsumexp(scores, axis=1)
         features = np.insert(self._fixed, 1, best, axis=1)
+        reason = "value"
         if len(self._made) < FREE:
+            reason = "random start"
             self._chosen = int(self.rng.integers(len(features)))
         else:
             shares = np.exp(log_softmax(scores, axis=1))
             uses = self._uses[self._results]
             worth = 1 + (shares * uses).sum(axis=1)
-            values = expit(features @ self._weights) * worth
+            log_odds = features @ self._weights + self._own_parts[self._pairs].sum(axis=1)
+            values = expit(log_odds) * worth
             if (len(self._made) + 1) % COVER == 0:
+                reason = "cover"
                 attempts = self._attempts[self._pairs].min(axis=1)
                 # Below all values, which are positive.
                 values[attempts > attempts.min()] = -1
             self._chosen = self.draw_best(values)
         chosen = features[self._chosen, None]
         self._seen = np.concatenate([self._seen, chosen])
+        self._expected = np.exp(log_softmax(scores[self._chosen]))
+        self.thought = self._thought(reason, chosen[0])
+        self._tried = np.concatenate([self._tried, self._pairs[self._chosen, None]])
         one, other = self._pairs[self._chosen].tolist()
         self._attempts[[one, other]] += 1
         return one, other
 
     def observe(self, pair: Pair, new: Sequence[int]) -> None:  # noqa: D102
+        if not new:
+            self._failures[self._results[self._chosen]] += self._expected
         for name in ("_pairs", "_results", "_scores", "_fixed"):
             rows = np.delete(getattr(self, name), self._chosen, axis=0)
             setattr(self, name, rows)
         self._made = np.append(self._made, len(new) > 0)
         self._fit()
         super().observe(pair, new)
+
+    def _thought(self, reason: str, features: Floats) -> Thought:
+        """Return why the chosen pair is tried.
+
+        Args:
+            reason: the rule that chose the pair.
+            features: its features, shape (len(PRIOR),).
+        """
+        own_parts = self._own_parts[self._pairs[self._chosen]].sum()
+        chance = float(expit(features @ self._weights + own_parts))
+        results = self._results[self._chosen]
+        # Known results keep a tiny share, which is that of nothing new.
+        shares = np.where(self._is_known[results], 0.0, self._expected)
+        best = int(shares.argmax())
+        if shares[best] == 0:  # all candidates are known
+            return Thought(reason, chance, -1, 0.0)
+        return Thought(reason, chance, int(results[best]), float(shares[best]))
 
     def _score(self, row: int, partners: NDArray[np.int64]) -> None:
         """Keep likely results with each partner and their scores, which are equal in all runs."""
@@ -190,6 +271,21 @@ class RecipeDiscoverer(Discoverer):
             excess = np.abs(step).max() / _STEP
             weights = weights - step / max(1.0, excess)
         self._weights = weights
+        if self._spread > 0:
+            chances = expit(self._seen @ weights)
+            surprises = self._count(self._made - chances)
+            certainty = self._count(chances * (1 - chances)) + 1 / self._spread
+            self._own_parts = surprises / certainty
+
+    def _count(self, values: Floats) -> Floats:
+        """Return the sum of each entity's attempts, shape (E,), from one value an attempt."""
+        one, other = self._tried.T
+        size = len(self._rows)
+        # An attempt with twice the same entity counts once for it.
+        of_other = np.where(one == other, 0, values)
+        sums = np.bincount(one, weights=values, minlength=size)
+        sums = sums + np.bincount(other, weights=of_other, minlength=size)
+        return np.asarray(sums, dtype=np.float64)
 
 
 def _ordered(one: int, other: int) -> Pair:

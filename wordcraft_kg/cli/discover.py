@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from msgspec.structs import replace
 
 from wordcraft_kg.base.errors import ConfigError
-from wordcraft_kg.base.wording import quoted
+from wordcraft_kg.base.wording import counted, quoted
 from wordcraft_kg.cli.console import Output, aligned, check_file, split_labels, write_file
-from wordcraft_kg.cli.options import Force, Graph, Words
+from wordcraft_kg.cli.options import Force, Graph, OptionalBook, Words
 
 if TYPE_CHECKING:
     from wordcraft_kg.evaluation.discovery import DiscoveryView, KnownEntities
@@ -19,6 +19,7 @@ EXAMPLES = (
     "wordcraft-kg discover everyday --scorer models/everyday --out discovery.html",
     "wordcraft-kg discover little-alchemy-2 --scorer models/everyday-recipes --attempts 500 --runs "
     "20",
+    "wordcraft-kg discover world-7:everyday --book little-alchemy-2 --attempts 500 --runs 10",
 )
 
 
@@ -29,6 +30,7 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
     runs: int = 100,
     players: Words = None,
     scorer: Path | None = None,
+    book: OptionalBook = None,
     base: Words = None,
     seed: int = 0,
     out: Path | None = None,
@@ -42,17 +44,20 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
         runs: runs for each player.
         players: comma-separated: random, random-no-repeat, nearest-words (similar labels), greedy,
             empowerment (both know the graph), empowerment-scorer and recipe-learner (guided by
-            --scorer). Default: all that --scorer allows, without nearest-words.
+            --scorer), book-votes (guided by --book). Default: all that --scorer and --book allow,
+            without nearest-words.
         scorer: model folder, written by train-complex, train-links or train-recipes on this graph.
             For recipe-learner a model from train-recipes on any book.
+        book: another book whose recipes guide book-votes.
         base: comma-separated entities known at the start. Default: the graph's base. People begin
             with air, earth, fire and water.
         seed: root seed.
-        out: HTML page to write, with curves.
+        out: HTML page to write, with curves, a map of discoveries and the reasons of
+            recipe-learner.
     """
     check_file(out, force=force)  # before minutes of play
     from wordcraft_kg.agents.discovery import DISCOVERERS, GUIDED
-    from wordcraft_kg.evaluation.discovery import open_guides, view_discovery
+    from wordcraft_kg.evaluation.discovery import explain_run, open_guides, view_discovery
     from wordcraft_kg.graphs.folder import open_graph
 
     played = open_graph(graph).graph
@@ -61,19 +66,52 @@ def discover(  # noqa: PLR0913 - parameters are the command's options
     possible = [name for name in DISCOVERERS if name not in (*GUIDED, "nearest-words")]
     if guides:
         possible += guides.players
+    votes = None if book is None else open_graph(book).graph
+    if votes is not None:
+        possible.append("book-votes")
     chosen = list(dict.fromkeys(split_labels(players))) if players else possible
     if not chosen:
         raise ConfigError(f"`players`: expected at least one of {', '.join(DISCOVERERS)}.")
     labels = split_labels(base) if base else None
-    view, curves = view_discovery(
-        played, chosen, attempts=attempts, runs=runs, seed=seed, base=labels, scorer=guides
+    view, plays = view_discovery(
+        played,
+        chosen,
+        attempts=attempts,
+        runs=runs,
+        seed=seed,
+        base=labels,
+        scorer=guides,
+        book=votes,
     )
     if out is not None:
         from wordcraft_kg.reports.discovery_report import discovery_page
 
-        write_file(out, discovery_page(view, curves), force=force)
+        if guides and "recipe-learner" in chosen:
+            start = [played.id_of(label) for label in view.base]
+            tried = explain_run(played, guides, attempts, seed, start)
+            view = replace(view, tried=tried)
+        write_file(out, discovery_page(view, plays, played), force=force)
         view = replace(view, out=str(out))
     output.result(view, _text(view))
+
+
+def _about_world(view: "DiscoveryView") -> Iterator[str]:
+    """Yield lines about a world's pairs, and about its main bottleneck."""
+    world = view.statistics
+    if world is None:
+        return
+    yield f"{world.pairs:,} pairs, {world.success_rate:.1%} of which make something"
+    if view.attempts > world.pairs:
+        yield f"note: more attempts than pairs; a run ends when all {world.reachable:,} are known"
+    if not world.bottlenecks:
+        return
+    main = world.bottlenecks[0]
+    yield f"main bottleneck: {quoted(main.entity)}, needed for {main.needed_by:,} other entities"
+    learnt = []
+    for name, (passage, *_) in view.passed.items():
+        when = "" if passage.attempt is None else f" (attempt {passage.attempt:g})"
+        learnt.append(f"{name} {passage.share:.0%}{when}")
+    yield f"learnt in the runs of: {', '.join(learnt)}"
 
 
 def _text(view: "DiscoveryView") -> Iterator[str]:
@@ -106,10 +144,15 @@ def _text(view: "DiscoveryView") -> Iterator[str]:
     reachable = f"{view.reachable:,} of {view.entities:,} entities reachable"
     yield f"{view.graph}: {reachable} from {', '.join(map(quoted, view.base))}"
     yield f"{view.runs:,} runs of {view.attempts:,} attempts: mean [95% interval]"
+    yield from _about_world(view)
     yield from ("", *aligned(rows), "", f"people: {view.people_source}")
     yield from (f"{row.player}: {row.source}. {row.notes}" for row in shown if row.notes)
     if view.knows_recipes:
         seen = "it has seen these combinations"
         yield f"note: {view.scorer} was trained on recipes of {view.graph}: {seen}"
+    if view.shared_recipes or view.contradicted:
+        shared = counted(view.shared_recipes, "recipe")
+        pairs = counted(view.contradicted, "pair")
+        yield f"      {shared} of {view.graph} in its training, {pairs} with other results only"
     if view.out:
         yield f"wrote {view.out}"

@@ -5,24 +5,39 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
+import msgspec
+import numpy as np
+from msgspec.structs import replace
+from numpy.typing import NDArray
+
 from wordcraft_kg.agents.discovery import (
     HUMAN_CURVE,
     HUMAN_SOURCE,
-    discovery_curves,
+    NEVER,
+    Plays,
     make_discoverers,
+    play_runs,
     summarise_curves,
 )
+from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.records import Count, Hash, Record, Share
 from wordcraft_kg.envs.open_ended import Discovery
 from wordcraft_kg.evaluation.reference import OpenPlay, ReferenceRow, literature, pack_of
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.graphs.triples import is_in
+from wordcraft_kg.graphs.worlds import WorldStatistics, world_statistics
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from wordcraft_kg.models.recipes.inductive import LabelledScorer
     from wordcraft_kg.models.scorers.scorer import Scorer
+
+SHOWN_BOTTLENECKS = 5
+"""Most bottlenecks of a world in results."""
+_EVIDENCE = 3  # most recipes that support a choice
+ORACLES = ("greedy", "empowerment")
+"""Players that know the world; the better one is the measure of all others."""
 
 
 class Guides(NamedTuple):
@@ -33,12 +48,17 @@ class Guides(NamedTuple):
         links: scorer of the graph's triples; None if the folder's scorer belongs to another graph.
         recipes: scorer of recipes for the graph's labels; None if the folder scores triples only.
         knows_recipes: whether the scorer has seen recipes of the explored graph in training.
+        shared: number of recipes of the explored graph that a recipe scorer was trained on.
+        contradicted: number of pairs of the graph for which a recipe scorer was trained on other
+            results only.
     """
 
     name: str
     links: "Scorer | None"
     recipes: "LabelledScorer | None"
     knows_recipes: bool
+    shared: int = 0
+    contradicted: int = 0
 
     @property
     def players(self) -> tuple[str, ...]:
@@ -76,8 +96,14 @@ def open_guides(folder: str | Path, graph: RecipeGraph) -> Guides:
     own = recipes.rows[graph.recipes]
     # Ingredients in the order of ids of the scorer, as its own recipes have them.
     own[:, :2].sort(axis=1)
-    known = is_in(own, recipes.scorer.recipes.numpy(), len(recipes.scorer.entities))
-    return Guides(Path(folder).name, links, recipes, bool(known.any()))
+    trained = recipes.scorer.recipes.numpy()
+    is_shared = is_in(own, trained, len(recipes.scorer.entities))
+    known_pairs = {(a, b) for a, b, _ in trained.tolist()}
+    pairs = [(a, b) for a, b, _ in own.tolist()]
+    agreeing = {pair for pair, shared in zip(pairs, is_shared.tolist(), strict=True) if shared}
+    contradicted = known_pairs.intersection(pairs) - agreeing
+    shared = int(is_shared.sum())
+    return Guides(Path(folder).name, links, recipes, shared > 0, shared, len(contradicted))
 
 
 class KnownEntities(Record):
@@ -93,6 +119,63 @@ class KnownEntities(Record):
     low: float | None
     high: float | None
     repeated: Share
+
+
+class Passage(Record):
+    """How often, and when, a player learns an entity that many others need.
+
+    Attributes:
+        entity: label of the bottleneck.
+        share: share of the runs that learn it.
+        attempt: median attempt of these runs; None without any.
+    """
+
+    entity: str
+    share: Share
+    attempt: float | None
+
+
+class Evidence(Record):
+    """A recipe that the player's scorer was trained on.
+
+    Attributes:
+        ingredient_a: label.
+        ingredient_b: label.
+        result: label.
+        weight: similarity to the recipe that the player expected, 1 for equality.
+    """
+
+    ingredient_a: str
+    ingredient_b: str
+    result: str
+    weight: Share
+
+
+class TriedPair(Record):
+    """An attempt of a player, and why the player made it.
+
+    Attributes:
+        attempt: number of the attempt, from 1.
+        ingredient_a: label.
+        ingredient_b: label.
+        made: labels of the new entities.
+        reason: ``random start``, ``cover`` (pairs with an entity in the fewest attempts) or
+            ``value`` (the likeliest useful new result).
+        chance: probability of a new result, from the attempts before.
+        expected: the likeliest result that was not known; None without any.
+        share: probability of this result among the candidates.
+        evidence: recipes that support the expected result, the most similar first.
+    """
+
+    attempt: Count
+    ingredient_a: str
+    ingredient_b: str
+    made: tuple[str, ...]
+    reason: str
+    chance: Share
+    expected: str | None
+    share: Share
+    evidence: tuple[Evidence, ...]
 
 
 class DiscoveryView(Record, omit_defaults=True):
@@ -116,6 +199,13 @@ class DiscoveryView(Record, omit_defaults=True):
             in `players`.
         out: the written page; None without a page.
         knows_recipes: whether the guiding scorer has seen recipes of this graph in training.
+        shared_recipes: number of recipes of this graph that a guiding recipe scorer was trained on.
+        contradicted: number of pairs for which it was trained on other results only.
+        book: name of the book that guides ``book-votes``; None without one.
+        statistics: sizes and the main bottlenecks of the world.
+        passed: for each player, how often and when the runs learn these bottlenecks, in the same
+            order.
+        tried: the attempts of one run of ``recipe-learner``, with reasons; empty without a page.
     """
 
     graph: str
@@ -134,6 +224,12 @@ class DiscoveryView(Record, omit_defaults=True):
     references: tuple[ReferenceRow, ...] = ()
     out: str | None = None
     knows_recipes: bool = False
+    shared_recipes: Count = 0
+    contradicted: Count = 0
+    book: str | None = None
+    statistics: WorldStatistics | None = None
+    passed: dict[str, tuple[Passage, ...]] = msgspec.field(default_factory=dict)
+    tried: tuple[TriedPair, ...] = ()
 
 
 def view_discovery(
@@ -145,7 +241,8 @@ def view_discovery(
     seed: int = 0,
     base: Sequence[str] | None = None,
     scorer: Guides | None = None,
-) -> tuple[DiscoveryView, "pd.DataFrame"]:
+    book: RecipeGraph | None = None,
+) -> tuple[DiscoveryView, Plays]:
     """Let players craft without a goal.
 
     Args:
@@ -156,9 +253,10 @@ def view_discovery(
         seed: root seed of all random choices.
         base: labels known at the start; None for the graph's base.
         scorer: scorers that guide players; None if no player needs any.
+        book: recipes that guide ``book-votes``; None without this player.
 
     Returns:
-        The results, and the curves that they summarise.
+        The results, and the runs that they summarise.
 
     Raises:
         ConfigError: if a player is unknown or lacks its scorer, or if the base makes nothing.
@@ -170,11 +268,15 @@ def view_discovery(
         from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
 
         learner = RecipeDiscoverer(scorer.recipes)
-    discoverers = make_discoverers(
-        players, graph, None if scorer is None else scorer.links, learner
-    )
-    curves = discovery_curves(graph, discoverers, attempts, runs, seed, start.base)
-    table = summarise_curves(curves)
+    links = None if scorer is None else scorer.links
+    discoverers = make_discoverers(players, graph, links, learner, book)
+    plays = play_runs(graph, discoverers, attempts, runs, seed, start.base)
+    table = summarise_curves(plays.frame())
+    statistics = main_statistics(graph, start.base)
+    passed = {
+        name: passages(graph, statistics, plays.learnt[number])
+        for number, name in enumerate(plays.players)
+    }
     view = DiscoveryView(
         graph=graph.name,
         hash=graph.hash,
@@ -191,8 +293,136 @@ def view_discovery(
         people_source=HUMAN_SOURCE,
         references=_references(graph, graph.labels(start.base), players),
         knows_recipes=scorer is not None and scorer.knows_recipes,
+        shared_recipes=0 if scorer is None else scorer.shared,
+        contradicted=0 if scorer is None else scorer.contradicted,
+        book=None if book is None else book.name,
+        statistics=statistics,
+        passed=passed if statistics.bottlenecks else {},
     )
-    return view, curves
+    return view, plays
+
+
+def main_statistics(graph: RecipeGraph, base: Sequence[int]) -> WorldStatistics:
+    """Return a world's statistics with its main bottleneck first, and a few further ones."""
+    statistics = world_statistics(graph, base)
+    main = statistics.main
+    if main is None:
+        return statistics
+    others = [each for each in statistics.bottlenecks if each != main]
+    return replace(statistics, bottlenecks=(main, *others[: SHOWN_BOTTLENECKS - 1]))
+
+
+def passages(
+    graph: RecipeGraph, statistics: WorldStatistics, learnt: NDArray[np.int32]
+) -> tuple[Passage, ...]:
+    """Return how often and when a player learns each bottleneck.
+
+    Args:
+        graph: the world.
+        statistics: its bottlenecks.
+        learnt: attempt of each entity, shape (..., E), from
+            :class:`~wordcraft_kg.agents.discovery.Plays`.
+    """
+    found = []
+    for bottleneck in statistics.bottlenecks:
+        attempts = learnt[..., graph.id_of(bottleneck.entity)].ravel()
+        passed = attempts[attempts != NEVER]
+        attempt = float(np.median(passed)) if len(passed) else None
+        found.append(Passage(bottleneck.entity, len(passed) / len(attempts), attempt))
+    return tuple(found)
+
+
+def curve_area(known: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Return the mean number of discovered entities over all attempts: the area under a curve.
+
+    ``area = mean_{t = 1..n} (known_t - known_0)``. Unlike the number at the end, it counts early
+    discoveries more, and does not depend on the size of the base.
+
+    Args:
+        known: number of known entities after each attempt, 0 first, shape (..., n + 1).
+    """
+    gained = known[..., 1:] - known[..., :1]
+    return np.asarray(gained.mean(axis=-1), dtype=np.float64)
+
+
+def oracle_area(plays: Plays) -> tuple[str, float]:
+    """Return the better of the :data:`ORACLES`, and its mean area over runs.
+
+    Raises:
+        ConfigError: if neither plays.
+    """
+    areas = {}
+    for number, name in enumerate(plays.players):
+        if name in ORACLES:
+            areas[name] = float(curve_area(plays.known[number]).mean())
+    if not areas:
+        raise ConfigError(
+            f"`players` {', '.join(plays.players)}: expected one of {', '.join(ORACLES)}, whose "
+            "area is the measure of all others."
+        )
+    best = max(areas, key=lambda name: areas[name])
+    return best, areas[best]
+
+
+def explain_run(
+    graph: RecipeGraph,
+    guides: Guides,
+    attempts: int = 100,
+    seed: int = 0,
+    base: Sequence[int] | None = None,
+) -> tuple[TriedPair, ...]:
+    """Repeat the first run of ``recipe-learner``, and say why each pair was tried.
+
+    Args:
+        graph: the graph to explore.
+        guides: scorers, with one of recipes.
+        attempts: most attempts.
+        seed: root seed, as for the run to be repeated.
+        base: ids known at the start; None for the graph's base.
+
+    Raises:
+        ConfigError: if no scorer of recipes is there, or nothing can be made from the base.
+    """
+    from wordcraft_kg.agents.recipe_discovery import RecipeDiscoverer
+
+    if guides.recipes is None:
+        raise ConfigError(f"`scorer` {guides.name}: expected a model from train-recipes.")
+    player = RecipeDiscoverer(guides.recipes)
+    scorer = guides.recipes.scorer
+    game = Discovery(graph, base)
+    player.begin(game.base, np.random.default_rng([seed, 0]))
+    tried = []
+    for attempt in range(1, attempts + 1):
+        pair = player.choose()
+        thought = player.thought
+        new, _ = game.combine(*pair)
+        player.observe(pair, new)
+        one, other = graph.labels(sorted(pair))
+        expected = None
+        evidence: tuple[Evidence, ...] = ()
+        if thought.expected >= 0:
+            expected = scorer.entities[thought.expected]
+            # The scorer's labels: its own spelling, where the graph has another.
+            rows = guides.recipes.rows[list(pair)].tolist()
+            names = [scorer.entities[row] for row in rows]
+            witnesses = scorer.supporting_recipes(names[0], names[1], expected, _EVIDENCE)
+            evidence = tuple(Evidence(*witness.recipe, witness.weight) for witness in witnesses)
+        tried.append(
+            TriedPair(
+                attempt=attempt,
+                ingredient_a=one,
+                ingredient_b=other,
+                made=graph.labels(new),
+                reason=thought.reason,
+                chance=thought.chance,
+                expected=expected,
+                share=thought.share,
+                evidence=evidence,
+            )
+        )
+        if game.is_complete:
+            break
+    return tuple(tried)
 
 
 def _references(

@@ -8,8 +8,9 @@ book and the split's settings.
 
 Read ``recipe_graph`` first, then ``splits`` and ``tasks``.
 
-- ``recipes``, ``book_files``, ``book_check``, ``library``, ``made_up``: recipe books, as values,
-  as files of any shape, under construction, by name, and with invented words;
+- ``recipes``, ``book_files``, ``book_check``, ``library``, ``made_up``, ``worlds``: recipe books,
+  as values, as files of any shape, under construction, by name, with invented words, and cut out of
+  other books;
 - ``chains``, ``reading``: recipes of other numbers of ingredients, and how a file was read;
 - ``recipe_graph``, ``arrays``, ``triples``, ``planner``: the graph, its id arrays, its triples,
   and the cheapest derivations;

@@ -1,28 +1,42 @@
-"""The page for open-ended play: entities that each player discovers."""
+"""Pages for open-ended play: entities that each player discovers, in one world and in many."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
-from wordcraft_kg.agents.discovery import DISCOVERERS, HUMAN_CURVE, summarise_curves
-from wordcraft_kg.evaluation.discovery import DiscoveryView
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from wordcraft_kg.agents.discovery import (
+    DISCOVERERS,
+    HUMAN_CURVE,
+    NEVER,
+    Plays,
+    summarise_curves,
+)
+from wordcraft_kg.evaluation.discovery import ORACLES, DiscoveryView
+from wordcraft_kg.evaluation.discovery_worlds import Estimated, PlayedWorld, WorldsView
+from wordcraft_kg.graphs.planner import layers
+from wordcraft_kg.graphs.recipe_graph import RecipeGraph
 from wordcraft_kg.reports import charts
 from wordcraft_kg.reports.pages import render_page
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _PEOPLE = "people (another game)"
+MOST_MAPPED = 2_000
+"""Most entities on a map of discoveries; more would make the page too large to open."""
+MOST_REASONS = 40
+"""Attempts with reasons at the start of a run; of later ones only those that made something."""
 
 
-def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
+def discovery_page(view: DiscoveryView, plays: Plays, graph: RecipeGraph) -> str:
     """Render results of open-ended play as an HTML page.
 
     Args:
         view: the results.
-        curves: known entities after each attempt of each run, by
-            :func:`~wordcraft_kg.agents.discovery.discovery_curves`.
+        plays: the runs, by :func:`~wordcraft_kg.agents.discovery.play_runs`.
+        graph: the explored graph.
     """
     # Every attempt, and not only the marks of the view: a curve needs all its points.
-    table = summarise_curves(curves, range(view.attempts + 1))
+    table = summarise_curves(plays.frame(), range(view.attempts + 1))
     # People come last, so that the players have the colours of the other charts.
     drawn = (*view.players, _PEOPLE)
     colours = {name: number for number, name in enumerate(drawn)}
@@ -57,10 +71,106 @@ def discovery_page(view: DiscoveryView, curves: "pd.DataFrame") -> str:
         pictures["repeated"] = charts.curves(
             repeats, "attempts", share, about, percent=True, colours=colours
         )
+    best = best_player(view)
+    if best is not None and view.reachable <= MOST_MAPPED:
+        number = plays.players.index(best)
+        pictures["found"] = discovery_map(graph, view, plays.learnt[number], best, colours[best])
+    reasons = [each for each in view.tried if each.made or each.attempt <= MOST_REASONS]
     return render_page(
         "discovery_report.html.j2",
         report=view,
         pictures=pictures,
         about=DISCOVERERS,
+        best=best,
+        reasons=reasons,
         never_repeat=[name for name in view.players if name not in repeats],
     )
+
+
+def best_player(view: DiscoveryView) -> str | None:
+    """Return the player with the most entities at the end, oracles apart; None without any."""
+    last = str(view.marks[-1])
+    means = {
+        name: figures[last].mean for name, figures in view.players.items() if name not in ORACLES
+    }
+    return max(means, key=lambda name: means[name], default=None)
+
+
+def discovery_map(
+    graph: RecipeGraph,
+    view: DiscoveryView,
+    learnt: NDArray[np.int32],
+    player: str,
+    number: int,
+) -> Markup:
+    """Draw when a player's runs learnt each entity: the median of the runs that did.
+
+    Args:
+        graph: the explored graph.
+        view: the results, for base and attempts.
+        learnt: attempt of each entity in each run, shape (runs, E).
+        player: name of the player, for the text alternative.
+        number: colour of the player.
+    """
+    layer = layers(graph, view.base)
+    entities = []
+    for entity in np.flatnonzero(layer >= 0).tolist():
+        attempts = learnt[:, entity]
+        known = attempts[attempts != NEVER]
+        share = len(known) / len(attempts)
+        attempt = float(np.median(known)) if len(known) else None
+        found = charts.Found(graph.entities[entity], int(layer[entity]), attempt, share)
+        entities.append(found)
+    about = f"Entities that {player} discovered, by crafting round; early discoveries are dark"
+    return charts.found_map(entities, view.attempts, number, about)
+
+
+def worlds_page(view: WorldsView, worlds: Sequence[PlayedWorld]) -> str:
+    """Render results in many worlds as an HTML page.
+
+    Args:
+        view: the results.
+        worlds: the runs that they summarise, for the curves of each world.
+    """
+    colours = {name: number for number, name in enumerate(view.players)}
+    known = {
+        name: [(int(point), each.mean, each.low, each.high) for point, each in player.curve.items()]
+        for name, player in view.players.items()
+    }
+    about = "Mean number of entities known after each attempt, over all worlds"
+    pictures = {"known": charts.curves(known, "attempts", "entities known", about, colours=colours)}
+    areas = []
+    passed = []
+    for name, player in view.players.items():
+        areas.append((name, _bounds(player.area)))
+        if player.passed is not None:
+            passed.append((name, _bounds(player.passed)))
+    about = "Area under each player's curve, relative to the better oracle of each world"
+    pictures["areas"] = charts.intervals(areas, "relative area", about, percent=True)
+    if passed:
+        about = "Share of the runs that learn the main bottleneck of their world"
+        pictures["passed"] = charts.intervals(passed, "runs", about, percent=True)
+    by_world = [
+        (world.name, _world_curves(played, world.name, colours))
+        for world, played in zip(view.worlds, worlds, strict=True)
+    ]
+    return render_page(
+        "worlds_report.html.j2", report=view, pictures=pictures, by_world=by_world, oracles=ORACLES
+    )
+
+
+def _bounds(value: Estimated) -> charts.Estimate:
+    return value.mean, value.low, value.high
+
+
+def _world_curves(played: PlayedWorld, name: str, colours: Mapping[str, int]) -> Markup:
+    """Draw the mean curves of one world, of each player over runs and fits."""
+    series: dict[str, list[charts.CurvePoint]] = {}
+    for player in played.fits[0].players:
+        runs = [plays.known[plays.players.index(player)] for plays in played.fits_of(player)]
+        mean = np.concatenate(runs).mean(axis=0)
+        # A curve of 40 steps is smooth, and twenty worlds fit on a page.
+        points = np.unique(np.linspace(0, len(mean) - 1, 41).round().astype(int))
+        series[player] = [(point, float(mean[point]), None, None) for point in points.tolist()]
+    about = f"Mean number of entities known after each attempt in {name}"
+    return charts.curves(series, "attempts", "entities known", about, colours=colours)

@@ -19,7 +19,7 @@ from wordcraft_kg.base.artefacts import read_small_file, write_atomically
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.base.feature_spec import FeatureSpec
 from wordcraft_kg.base.records import as_record
-from wordcraft_kg.graphs.library import MADE_UP
+from wordcraft_kg.graphs.library import without_prefixes
 
 CONFIG_FILE = "config.toml"
 T = TypeVar("T")
@@ -146,7 +146,7 @@ def write_config(
     """
 
     def relative(path: str) -> str:
-        prefix, path = _without_prefix(path)
+        prefix, path = without_prefixes(path)
         return prefix + (os.path.relpath(path, folder) if os.path.exists(path) else path)
 
     lines = [f"[{command}]"]
@@ -161,12 +161,6 @@ def write_config(
         write_atomically(path, text, durable=True)
 
 
-def _without_prefix(source: str) -> tuple[str, str]:
-    """Split ``made-up:book.csv``, a book with invented words; other paths have an empty prefix."""
-    made_up = MADE_UP.fullmatch(source)
-    return (source[: made_up.start(2)], made_up[2]) if made_up else ("", source)
-
-
 def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     """Read ``config.toml`` in a run folder.
 
@@ -178,7 +172,7 @@ def read_config(folder: Path) -> tuple[str, dict[str, Any]]:
     """
 
     def from_here(path: str) -> str:
-        prefix, path = _without_prefix(path)
+        prefix, path = without_prefixes(path)
         there = folder / path
         return prefix + (os.path.normpath(there) if os.path.exists(there) else path)
 

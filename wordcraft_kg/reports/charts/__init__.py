@@ -7,6 +7,8 @@ Colours (``series-0``, ``series-1``, ..., ``series-other``) and dashes (``dash-0
 :mod:`~wordcraft_kg.reports.charts.plot`.
 """
 
+from wordcraft_kg.reports.charts.found import Found as Found
+from wordcraft_kg.reports.charts.found import found_map as found_map
 from wordcraft_kg.reports.charts.layered import Made as Made
 from wordcraft_kg.reports.charts.layered import layered as layered
 from wordcraft_kg.reports.charts.plot import COLOURS as COLOURS

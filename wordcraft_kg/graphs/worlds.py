@@ -1,0 +1,402 @@
+"""Worlds: small books cut out of a book, and books whose recipes contradict it.
+
+A single book measures luck: one entity may be needed for most others, and a player either learns
+it or not. Many worlds of one book have many such entities. ``world-7:everyday`` names a world
+wherever a book is asked for.
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from hashlib import sha256
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wordcraft_kg.base.errors import ConfigError, RecipeFileError
+from wordcraft_kg.base.records import Count, Record, Share
+from wordcraft_kg.base.settings import one_of, whole
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.graphs.planner import Planner, layers, rounds
+from wordcraft_kg.graphs.recipe_graph import Entity, RecipeGraph
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
+
+PREFIX = "world"
+"""Begin of a world's name, as in ``world-7:everyday``."""
+WRONG = "wrong"
+"""Begin of the name of a book with wrong recipes, as in ``wrong-30:everyday``."""
+WAYS = ("base", "topic", "closure")
+"""Ways to cut a world, which take turns with the seed; see :func:`cut_world`."""
+SIZES = (200, 700)
+"""Fewest and most entities of a world: as many as Little Alchemy 2 has, or fewer."""
+BASES = (4, 6)
+"""Fewest and most base entities: Infinite Craft has 4, ``everyday`` 5."""
+MOST_ANALYSED = 5_000
+"""Most entities of a graph with bottlenecks: each entity costs a walk through all recipes."""
+
+_EXCHANGES = 60  # of base entities: ten for each, of which about two in ``everyday`` are possible
+_RESTART = 0.3  # probability of a random walk to go back to the topic; it then takes 3 steps
+_STEPS = 20  # of the walk: all but 0.7^20 = 0.1 % of its probability has gone back by then
+_TRIED = 5  # candidates for a topic's world, in sizes of the world: most add a long derivation
+_REPAIRS = 100  # rounds of exchanges for wrong results that fit no pair
+
+
+class Bottleneck(Record):
+    """An entity without which others cannot be made.
+
+    Attributes:
+        entity: label.
+        needed_by: number of other entities that become unreachable without it.
+        round: crafting round from which on it can be made.
+    """
+
+    entity: str
+    needed_by: Count
+    round: Count
+
+
+class WorldStatistics(Record):
+    """Sizes and bottlenecks of the part of a graph that can be made.
+
+    Attributes:
+        reachable: number of entities that can be made from the base, including the base.
+        width: entities that become known in each round, in which all known pairs are combined;
+            the first number is the base.
+        success_rate: share of the unordered pairs of reachable entities, a + a among them, with a
+            recipe.
+        pairs: number of these pairs.
+        bottlenecks: made entities that others need, those needed by most first.
+        main: the main bottleneck: of the entities that half of the world needs, the one of the
+            latest round; without any, the one needed by most. Earlier ones are on the way to it,
+            and every player passes them. None without bottlenecks.
+    """
+
+    reachable: Count
+    width: tuple[Count, ...]
+    success_rate: Share
+    pairs: Count
+    bottlenecks: tuple[Bottleneck, ...]
+    main: Bottleneck | None
+
+
+def cut_world(
+    book: RecipeBook, seed: int, way: str | None = None, *, sizes: tuple[int, int] = SIZES
+) -> RecipeBook:
+    """Cut a world out of a book: all its recipes among some entities, all reachable from a base.
+
+    The number of entities is drawn between ``sizes``. The ways:
+
+    - ``base``: exchange the book's base entities for entities drawn by their number of uses, where
+      enough can be made from these, and keep the entities of the first rounds;
+    - ``topic``: draw an entity, and keep its neighbours in the graph with the cheapest derivations
+      from the book's base. Closeness is the probability of a random walk with restart, divided by
+      the square root of an entity's number of neighbours, so that hubs are not close to all;
+    - ``closure``: from the book's base, add a random entity that can be made, again and again.
+
+    A book with fewer than 4 or more than 6 base entities gets a drawn base in all ways. A world
+    depends on the book's recipes and base, the seed and the way alone.
+
+    Args:
+        book: the book.
+        seed: random seed, 0 or more.
+        way: one of :data:`WAYS`; None takes turns with the seed.
+        sizes: fewest and most entities.
+
+    Raises:
+        ConfigError: for an unknown way, or a seed or size out of range.
+        RecipeFileError: if no base reaches ``sizes[0]`` entities of the book.
+
+    Source: the random walk is the personalised PageRank of Page et al. 1999, "The PageRank citation
+    ranking: bringing order to the web".
+    """
+    whole("seed", seed, 0)
+    fewest, most = sizes
+    whole("sizes", fewest, BASES[1] + 1, most)
+    named = f"{PREFIX}-{seed}" if way is None else f"{PREFIX}-{way}-{seed}"
+    way = WAYS[seed % len(WAYS)] if way is None else way
+    one_of("way", way, WAYS)
+    graph = RecipeGraph.from_book(book)
+    rng = np.random.default_rng([seed, WAYS.index(way)])
+    size = int(rng.integers(fewest, most + 1))
+    has_base = BASES[0] <= len(graph.base_ids) <= BASES[1]
+    if way == "base" or not has_base:
+        base = _drawn_base(graph, rng, size)
+    else:
+        base = graph.base_ids
+    layer = layers(graph, base.tolist())
+    reachable = int((layer >= 0).sum())
+    if reachable < fewest:
+        raise RecipeFileError(
+            f"no world of at least {fewest} entities in {book.name}: {reachable:,} of its "
+            f"{graph.num_entities:,} entities can be made from {len(base)} base entities. Take a "
+            "larger book, such as everyday."
+        )
+    if way == "base":
+        kept = _first_made(layer, rng, size)
+    elif way == "topic":
+        kept = _around_topic(graph, base, rng, size)
+        if len(kept) < fewest:  # the topic lies in a corner of the book
+            kept = _grown(graph, kept, rng, fewest)
+    else:
+        kept = _grown(graph, base, rng, size)
+    return _part_of(book, graph, kept, base, named)
+
+
+def _part_of(book: RecipeBook, graph: RecipeGraph, kept: Ids, base: Ids, named: str) -> RecipeBook:
+    """Return a book of the recipes among ``kept`` entities, and the base, both given by ids."""
+    is_kept = np.zeros(graph.num_entities, dtype=bool)
+    is_kept[kept] = True
+    rows = graph.recipes[is_kept[graph.recipes].all(axis=1)]
+    recipes = graph.recipe_labels(rows)
+    # Another book than the original, so another hash; the same for the same original and seed.
+    origin = None if book.sha256 is None else sha256(f"{named} {book.sha256}".encode()).hexdigest()
+    world = RecipeBook.of(
+        f"{named}-{book.name}",
+        recipes,
+        base=graph.labels(base.tolist()),
+        keep_self_results=True,
+        sha256=origin,
+    )
+    kinds = {recipe: book.kinds[recipe] for recipe in world.recipes if recipe in book.kinds}
+    return replace(world, kinds=kinds)
+
+
+def _drawn_base(graph: RecipeGraph, rng: np.random.Generator, size: int) -> Ids:
+    """Return 4 to 6 ids from which ``size`` entities can be made, or else as many as possible.
+
+    Random bases make next to nothing in most books. So entities of the book's base are exchanged
+    for drawn ones, one at a time, as long as enough can be made.
+    """
+    uses = graph.use_counts
+    users = int((uses > 0).sum())
+    if users == 0:  # a book without recipes
+        return graph.base_ids[: BASES[1]]
+    chances = uses / uses.sum()
+    number = min(int(rng.integers(BASES[0], BASES[1] + 1)), users)
+    base = rng.permutation(graph.base_ids)[:number].tolist()
+    while len(base) < number:
+        drawn = int(rng.choice(len(uses), p=chances))
+        if drawn not in base:
+            base.append(drawn)
+    reached = int((layers(graph, base) >= 0).sum())
+    for _ in range(_EXCHANGES):
+        other = list(base)
+        other[int(rng.integers(number))] = int(rng.choice(len(uses), p=chances))
+        if len(set(other)) < number:
+            continue
+        now = int((layers(graph, other) >= 0).sum())
+        if now >= min(size, reached):
+            base = other
+            reached = now
+    return np.array(sorted(base), dtype=np.int64)
+
+
+def _first_made(layer: Ids, rng: np.random.Generator, size: int) -> Ids:
+    """Return the ids of the ``size`` entities with the fewest rounds, of the last round some."""
+    # An entity needs entities of earlier rounds only, so any part of the last round will do.
+    chance = rng.random(len(layer))
+    order = np.lexsort((chance, layer))
+    return order[layer[order] >= 0][:size]
+
+
+def _grown(graph: RecipeGraph, start: Ids, rng: np.random.Generator, size: int) -> Ids:
+    """Add random entities, each made of two that are there, until ``size`` are there."""
+    known = dict.fromkeys(start.tolist())
+    # Entities that can be made, as a list to draw from and a set to look up.
+    open_list: list[int] = []
+    seen = set(known)
+
+    def extend(entity: int) -> None:
+        for a, b, result in graph.recipes[graph.uses_of(entity)].tolist():
+            if a in known and b in known and result not in seen:
+                seen.add(result)
+                open_list.append(result)
+
+    for entity in list(known):
+        extend(entity)
+    while open_list and len(known) < size:
+        place = int(rng.integers(len(open_list)))
+        # The last one takes the drawn one's place: removal in the middle would move all others.
+        open_list[place], open_list[-1] = open_list[-1], open_list[place]
+        entity = open_list.pop()
+        known[entity] = None
+        extend(entity)
+    return np.array(list(known), dtype=np.int64)
+
+
+def _around_topic(graph: RecipeGraph, base: Ids, rng: np.random.Generator, size: int) -> Ids:
+    """Return the entities closest to a drawn topic, with all that their derivations need."""
+    planner = Planner(graph, base.tolist())
+    costs = np.array([cost < float("inf") for cost in planner.costs])
+    made = np.flatnonzero(costs & (graph.use_counts > 0))
+    topic = int(made[rng.integers(len(made))])
+    closeness = _closeness(graph, topic)
+    # Equal closeness by id; -inf where nothing makes an entity.
+    order = np.argsort(-np.where(costs, closeness, -np.inf), kind="stable")
+    kept = dict.fromkeys(base.tolist())
+    index = graph.id_of
+    for entity in order[: min(_TRIED * size, int(costs.sum()))].tolist():
+        if entity in kept:
+            continue
+        steps = planner.derivation(entity).steps
+        needed = [index(recipe.result) for recipe in steps]
+        new = [made_entity for made_entity in needed if made_entity not in kept]
+        if len(kept) + len(new) <= size:
+            kept.update(dict.fromkeys(new))
+        if len(kept) == size:
+            break
+    return np.array(list(kept), dtype=np.int64)
+
+
+def _closeness(graph: RecipeGraph, topic: int) -> NDArray[np.floating]:
+    """Return how close each entity is to a topic, shape (num_entities,)."""
+    a, b, result = graph.recipes.T
+    # Entities of a recipe are neighbours of each other, once for each recipe that they share.
+    heads = np.concatenate([a, b, a, result, b, result])
+    tails = np.concatenate([b, a, result, a, result, b])
+    size = graph.num_entities
+    degrees = np.maximum(np.bincount(heads, minlength=size), 1)
+    walk: NDArray[np.floating] = np.zeros(size)
+    walk[topic] = 1
+    for _ in range(_STEPS):
+        flow = np.bincount(tails, weights=(walk / degrees)[heads], minlength=size)
+        walk = (1 - _RESTART) * flow
+        walk[topic] += _RESTART
+    return walk / np.sqrt(degrees)
+
+
+def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeBook:
+    """Return a copy of a book in which some recipes make something else.
+
+    The recipes are drawn at random, and exchange their results, so that each entity is made as
+    often as before. No pair keeps a result of the original, and no result is an ingredient. A
+    player who knows the original is wrong about this share; the rest is as before.
+
+    Args:
+        book: the book.
+        percent: share of the recipes with another result, 1 to 100. A few fewer are changed where
+            no result fits.
+        seed: random seed, 0 or more.
+
+    Raises:
+        ConfigError: if a number is out of range, or the book has too few recipes for an exchange.
+    """
+    whole("percent", percent, 1, 100)
+    whole("seed", seed, 0)
+    rng = np.random.default_rng([seed, percent])
+    number = round(len(book.recipes) * percent / 100)
+    chosen = rng.choice(len(book.recipes), size=number, replace=False)
+    rows = [book.recipes[place] for place in chosen.tolist()]
+    results = [row.result for row in rows]
+    # What each pair makes: the original's results, and the wrong ones as they are accepted.
+    originals = set(book.recipes)
+    rng.shuffle(results)
+    taken: set[Recipe] = set()
+    open_rows = list(range(number))
+    for _ in range(_REPAIRS):
+        left = []
+        for place in open_rows:
+            wrong = rows[place]._replace(result=results[place])
+            if wrong in originals or wrong in taken or wrong.is_self_result:
+                left.append(place)
+            else:
+                taken.add(wrong)
+        open_rows = left
+        if not open_rows:
+            break
+        # Each of the rest exchanges its result with any other, which is checked again.
+        for place in list(open_rows):
+            other = int(rng.integers(number))
+            if other not in open_rows:
+                taken.discard(rows[other]._replace(result=results[other]))
+                open_rows.append(other)
+            results[place], results[other] = results[other], results[place]
+    # A result that fits nowhere stays where it was.
+    kept = {rows[place] for place in open_rows}
+    changed = [place for place in range(number) if rows[place] not in kept]
+    if not changed:
+        raise ConfigError(
+            f"`percent` {percent} of the {len(book.recipes):,} recipes in {book.name} cannot be "
+            "exchanged; expected at least two recipes with results that fit other pairs."
+        )
+    replaced = {rows[place] for place in changed}
+    wrong_rows = [rows[place]._replace(result=results[place]) for place in changed]
+    right_rows = [recipe for recipe in book.recipes if recipe not in replaced]
+    named = f"{WRONG}-{percent}-{seed}" if seed else f"{WRONG}-{percent}"
+    origin = None if book.sha256 is None else sha256(f"{named} {book.sha256}".encode()).hexdigest()
+    wrong_book = RecipeBook.of(
+        f"{named}-{book.name}",
+        right_rows + wrong_rows,
+        base=book.base,
+        listed=book.entities,
+        keep_self_results=True,
+        sha256=origin,
+    )
+    return replace(wrong_book, kinds={})
+
+
+def bottlenecks(graph: RecipeGraph, base: Iterable[Entity] | None = None) -> list[tuple[int, int]]:
+    """Count the entities that need each made entity.
+
+    Args:
+        graph: the recipe graph; the time grows with its entities times its recipes.
+        base: entities known at the start; None for the graph's base.
+
+    Returns:
+        Pairs (entity id, number of other entities that cannot be made without it), the largest
+        number first, then by id; without entities that none needs.
+    """
+    layer = layers(graph, base)
+    is_used = graph.use_counts > 0
+    a, b, result = graph.recipes.T
+    reachable = layer >= 0
+    number = int(reachable.sum())
+    needed = []
+    for entity in np.flatnonzero((layer > 0) & is_used).tolist():
+        # Entities of the same round and of earlier ones are made without it.
+        known = reachable & (layer <= layer[entity])
+        known[entity] = False
+        while True:
+            made = result[known[a] & known[b]]
+            made = made[~known[made]]
+            made = made[made != entity]
+            if not len(made):
+                break
+            known[made] = True
+        lost = number - int(known.sum()) - 1
+        if lost:
+            needed.append((entity, lost))
+    return sorted(needed, key=lambda pair: (-pair[1], pair[0]))
+
+
+def world_statistics(graph: RecipeGraph, base: Iterable[Entity] | None = None) -> WorldStatistics:
+    """Describe the part of a graph that can be made.
+
+    Args:
+        graph: the recipe graph. One of more than :data:`MOST_ANALYSED` entities gets no
+            bottlenecks, whose cost grows with entities times recipes.
+        base: entities known at the start; None for the graph's base.
+    """
+    start = None if base is None else list(base)
+    layer = layers(graph, start)
+    reachable = int((layer >= 0).sum())
+    known = rounds(layer)
+    width = np.diff([0, *known]).tolist()
+    pairs = reachable * (reachable + 1) // 2
+    firsts = graph.recipes[graph.pair_starts[:-1], :2]
+    combining = int((layer[firsts] >= 0).all(axis=1).sum())
+    is_small = graph.num_entities <= MOST_ANALYSED
+    needed = bottlenecks(graph, start) if is_small else []
+    found = tuple(
+        Bottleneck(graph.entities[entity], lost, int(layer[entity])) for entity, lost in needed
+    )
+    half = [bottleneck for bottleneck in found if 2 * bottleneck.needed_by >= reachable]
+    # Sorted by need before, so that of the last round the one needed by most counts.
+    main = max(half or found[:1], key=lambda bottleneck: bottleneck.round, default=None)
+    return WorldStatistics(
+        reachable=reachable,
+        width=tuple(width),
+        success_rate=combining / pairs if pairs else 0.0,
+        pairs=pairs,
+        bottlenecks=found,
+        main=main,
+    )

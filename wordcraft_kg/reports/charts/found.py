@@ -1,0 +1,90 @@
+"""A map of discoveries: one cell for each entity, by crafting round, shaded by its attempt."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from markupsafe import Markup
+
+from wordcraft_kg.base.escaping import for_html
+
+CELL = 10
+"""Distance between the corners of two cells, in pixels."""
+_SIZE = 9
+_WIDTH = 460
+"""Width of the map, as that of the other charts."""
+_LEFT = 62  # room for "round 10"
+_STEP = 3  # pixels between two rounds
+_LIGHTEST = 0.2
+"""Opacity of the last attempt; the first attempt is opaque."""
+
+
+class Found(NamedTuple):
+    """An entity on the map.
+
+    Attributes:
+        label: the entity.
+        round: crafting round from which on it can be made, 0 for the base.
+        attempt: attempt at which it became known, 0 for the base; None if it stayed unknown.
+        share: share of the runs that learnt it.
+    """
+
+    label: str
+    round: int
+    attempt: float | None
+    share: float
+
+
+def found_map(entities: Sequence[Found], attempts: int, number: int, description: str) -> Markup:
+    """Draw a map of discoveries: a line of cells for each round, early attempts dark.
+
+    Entities that stayed unknown are empty frames. A cell's tooltip names entity and attempt.
+
+    Args:
+        entities: the entities that can be made.
+        attempts: attempts of a run, for the shades.
+        number: colour of the cells.
+        description: text alternative for people who do not see the map.
+    """
+    columns = (_WIDTH - _LEFT) // CELL
+    by_round: dict[int, list[Found]] = {}
+    for entity in entities:
+        by_round.setdefault(entity.round, []).append(entity)
+    parts = []
+    top = 4
+    for round_number in sorted(by_round):
+        # The early ones first, then the unknown ones, each in alphabetical order.
+        cells = sorted(by_round[round_number], key=_order)
+        parts.append(f'<text x="0" y="{top + 9}" class="small">round {round_number}</text>')
+        for place, entity in enumerate(cells):
+            row, column = divmod(place, columns)
+            x = _LEFT + column * CELL
+            y = top + row * CELL
+            parts.append(_cell(entity, x, y, attempts, number))
+        rows = -(-len(cells) // columns)
+        top += rows * CELL + _STEP
+    opening = f'<svg viewBox="0 0 {_WIDTH} {top + 4}" role="img"'
+    label = f'aria-label="{for_html(description)}">'
+    return Markup("".join([opening, " ", label, *parts, "</svg>"]))
+
+
+def _order(entity: Found) -> tuple[float, str]:
+    attempt = float("inf") if entity.attempt is None else entity.attempt
+    return attempt, entity.label
+
+
+def _cell(entity: Found, x: int, y: int, attempts: int, number: int) -> str:
+    """Return an entity's square with its tooltip."""
+    place = f'x="{x}" y="{y}" width="{_SIZE}" height="{_SIZE}"'
+    if entity.attempt is None:
+        tooltip = f"{entity.label}: not found"
+        look = 'class="grid"'
+    else:
+        when = "known at the start" if entity.attempt == 0 else f"attempt {entity.attempt:g}"
+        tooltip = f"{entity.label}: {when}"
+        if entity.share < 1:
+            tooltip += f", in {entity.share:.0%} of the runs"
+        # By the square root: half of all entities are found in the first quarter of a run.
+        late = (entity.attempt / attempts) ** 0.5
+        opacity = 1 - (1 - _LIGHTEST) * late
+        look = f'class="series-{number}" fill-opacity="{opacity:.2f}"'
+    return f"<rect {place} {look}><title>{for_html(tooltip)}</title></rect>"

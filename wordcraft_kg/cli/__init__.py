@@ -116,7 +116,10 @@ def make_app() -> App:
                 sort_key=place,
                 usage=f"Usage: {manual.usage}",
                 help_epilogue=_examples(manual.module) + _more_options(name, manual.module),
-                help_formatter=_FlowingHelp(getattr(manual.module, "SHOWN", None)),
+                help_formatter=_FlowingHelp(
+                    getattr(manual.module, "SHOWN", None),
+                    getattr(manual.module, "FILE_ONLY", ()),
+                ),
                 # "train" is not a command, but suggests the training commands.
                 synonym=tuple(word.split("-")),
             )
@@ -150,7 +153,7 @@ def _examples(*modules: ModuleType) -> str:
 
 def _more_options(name: str, module: ModuleType) -> str:
     """Return the help's last paragraph: where the options are that ``--help`` leaves out."""
-    if not hasattr(module, "SHOWN"):
+    if not hasattr(module, "SHOWN") and not hasattr(module, "FILE_ONLY"):
         return ""
     table = f"[{name.replace(' ', '.')}]"
     lists = "\n\nMore options: docs/commands.md lists all;"
@@ -185,11 +188,13 @@ class _FlowingHelp(DefaultFormatter):
     Args:
         shown: names of the command's own options to show, such as ``--steps``. None shows all.
             Arguments by place and the options of every command are always shown.
+        hidden: names of options that only the configuration file may set.
     """
 
-    def __init__(self, shown: Sequence[str] | None = None) -> None:
+    def __init__(self, shown: Sequence[str] | None = None, hidden: Sequence[str] = ()) -> None:
         super().__init__()
         self.shown = shown
+        self.hidden = hidden
 
     def __call__(self, console: Any, options: Any, panel: Any) -> None:
         """Show a panel with commands or options.
@@ -212,6 +217,8 @@ class _FlowingHelp(DefaultFormatter):
             super().__call__(console, options, panel.copy(entries=entries))
 
     def _is_shown(self, panel: Any, entry: Any) -> bool:
+        if any(name in self.hidden for name in entry.names):
+            return False
         if self.shown is None or entry.positional_label or panel.title == OUTPUT_GROUP:
             return True
         return any(name in self.shown for name in entry.names)

@@ -67,7 +67,7 @@ def episodes():
 
 
 def discovery():
-    from wordcraft_kg.agents.discovery import DISCOVERERS, discovery_curves, make_discoverers
+    from wordcraft_kg.agents.discovery import DISCOVERERS, make_discoverers, play_runs
     from wordcraft_kg.models.scorers.baselines import SymbolicScorer
 
     graph = open_graph("kitchen").graph
@@ -77,7 +77,7 @@ def discovery():
         SymbolicScorer(graph, graph.triples),
         book=open_graph("everyday").graph,
     )
-    print(discovery_curves(graph, players, 20, 3).to_csv())
+    print(play_runs(graph, players, 20, 3).frame().to_csv())
 
 
 def link_models():

@@ -18,7 +18,6 @@ from wordcraft_kg.agents.discovery import (
     EmpowermentDiscoverer,
     GreedyDiscoverer,
     ScorerDiscoverer,
-    discovery_curves,
     make_discoverers,
     play_runs,
     summarise_curves,
@@ -34,6 +33,11 @@ ATTEMPTS = 30
 PLAYERS = [name for name in DISCOVERERS if name not in ("recipe-learner", "book-votes")]
 """Both others have tests of their own."""
 FOUR = ["air", "earth", "fire", "water"]
+
+
+def curves_of(*arguments, **settings):
+    """The curves of all runs."""
+    return play_runs(*arguments, **settings).frame()
 
 
 def random_scorer(graph, seed=0):
@@ -52,7 +56,7 @@ def known_after(curves, player, attempt):
 
 @pytest.fixture(scope="module")
 def curves(kitchen):
-    return discovery_curves(kitchen, everybody(kitchen), ATTEMPTS, runs=20)
+    return curves_of(kitchen, everybody(kitchen), ATTEMPTS, runs=20)
 
 
 def test_nearest_words_tries_the_most_similar_untried_pair(kitchen):
@@ -103,20 +107,18 @@ def test_when_everything_is_known_the_curve_stays_there():
     graph = RecipeGraph.from_recipes(
         [("a", "a", "b"), ("a", "b", "c"), ("d", "a", "e")], base=["a"]
     )
-    curves = discovery_curves(graph, everybody(graph), attempts=40, runs=2)
+    curves = curves_of(graph, everybody(graph), attempts=40, runs=2)
     at_end = curves[curves["attempt"] == 40]
     assert (at_end["known"] == 3).all()
     assert not at_end["repeated"].any()
 
 
 def test_a_curve_depends_on_the_seed_and_not_on_who_else_plays(kitchen, curves):
-    alone = discovery_curves(kitchen, make_discoverers(["greedy"], kitchen), ATTEMPTS, runs=20)
+    alone = curves_of(kitchen, make_discoverers(["greedy"], kitchen), ATTEMPTS, runs=20)
     both = curves[curves["player"] == "greedy"].reset_index(drop=True)
     pd.testing.assert_frame_equal(alone, both)
     again, other = (
-        discovery_curves(
-            kitchen, make_discoverers(["random"], kitchen), ATTEMPTS, runs=20, seed=seed
-        )
+        curves_of(kitchen, make_discoverers(["random"], kitchen), ATTEMPTS, runs=20, seed=seed)
         for seed in (0, 1)
     )
     pd.testing.assert_frame_equal(
@@ -242,7 +244,7 @@ def test_a_constant_scorer_neither_repeats_nor_warns(kitchen, fill):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         player = ScorerDiscoverer(kitchen, TableScorer(scores, kitchen.entities, kitchen.hash))
-        curves = discovery_curves(kitchen, {"constant": player}, ATTEMPTS, runs=3)
+        curves = curves_of(kitchen, {"constant": player}, ATTEMPTS, runs=3)
     assert not curves["repeated"].any()
 
 
@@ -251,7 +253,7 @@ def test_scores_of_any_size_stay_finite(kitchen):
     scores[0, 0, 1] = scores[1, 0, 1] = 1e30
     player = ScorerDiscoverer(kitchen, TableScorer(scores, kitchen.entities, kitchen.hash))
     assert player._odds.max() <= math.exp(50)
-    discovery_curves(kitchen, {"one link": player}, 5, runs=1)
+    curves_of(kitchen, {"one link": player}, 5, runs=1)
 
 
 def test_the_summary_gives_means_intervals_and_the_share_of_repeats():
@@ -281,13 +283,13 @@ def test_unknown_players_and_settings_out_of_range_are_refused(kitchen):
         ScorerDiscoverer(kitchen, random_scorer(other))
     for settings in ({"attempts": 0}, {"runs": 0}, {"seed": -1}, {"base": ["nothing like it"]}):
         with pytest.raises(ConfigError):
-            discovery_curves(kitchen, make_discoverers(["random"], kitchen), **settings)
+            curves_of(kitchen, make_discoverers(["random"], kitchen), **settings)
 
 
 @pytest.mark.slow
 def test_little_alchemy_from_the_four_entities_that_people_begin_with(alchemy):
     players = make_discoverers(["random", "random-no-repeat", "greedy", "empowerment"], alchemy)
-    curves = discovery_curves(alchemy, players, attempts=100, runs=60, base=FOUR)
+    curves = curves_of(alchemy, players, attempts=100, runs=60, base=FOUR)
     for player, figures in (
         ("random", {1: 5.0, 10: 8.8, 20: 10.9, 50: 15.0, 100: 19.3}),
         ("random-no-repeat", {1: 5.0, 10: 9.2, 20: 11.9, 50: 17.1, 100: 22.6}),
@@ -305,7 +307,6 @@ def test_little_alchemy_from_the_four_entities_that_people_begin_with(alchemy):
 def test_plays_record_the_attempt_of_each_entity(kitchen):
     players = make_discoverers(["random", "greedy"], kitchen)
     plays = play_runs(kitchen, players, ATTEMPTS, runs=4, seed=2)
-    assert plays.frame().equals(discovery_curves(kitchen, players, ATTEMPTS, runs=4, seed=2))
     is_base = np.isin(np.arange(kitchen.num_entities), kitchen.base_ids)
     assert ((plays.learnt == 0) == is_base).all()
     assert (plays.learnt == NEVER).any()

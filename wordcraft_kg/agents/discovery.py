@@ -502,7 +502,10 @@ class Plays(NamedTuple):
     learnt: NDArray[np.int32]
 
     def frame(self) -> "pd.DataFrame":
-        """Return a table with a row per player, run and attempt: ``known`` and ``repeated``."""
+        """Return curves: a row per player, run and attempt, 0 to the last, of both numbers.
+
+        Columns are ``player``, ``run``, ``attempt``, ``known`` and ``repeated``.
+        """
         import pandas as pd
 
         _, runs, marks = self.known.shape
@@ -573,41 +576,13 @@ def play_runs(
     return Plays(tuple(players), known, repeated, learnt)
 
 
-def discovery_curves(
-    graph: RecipeGraph,
-    players: Mapping[str, Discoverer],
-    attempts: int = 100,
-    runs: int = 100,
-    seed: int = 0,
-    base: Iterable[Entity] | None = None,
-) -> "pd.DataFrame":
-    """Let players discover entities and count the known entities after each attempt.
-
-    Args:
-        graph: the graph to explore.
-        players: players by name.
-        attempts: attempts of each run.
-        runs: number of runs of each player.
-        seed: root seed of all random choices, see :func:`play_runs`.
-        base: entities known at the start; None for the graph's base.
-
-    Returns:
-        A table with a row per player, run and attempt, 0 (the base) to ``attempts``: ``known``, the
-        number of known entities, and ``repeated``, whether the pair was tried earlier in the run.
-
-    Raises:
-        ConfigError: for numbers out of range, or a base without any recipe.
-    """
-    return play_runs(graph, players, attempts, runs, seed, base).frame()
-
-
 def summarise_curves(
     curves: "pd.DataFrame", marks: Sequence[int] = (*MARKS, *LATER_MARKS)
 ) -> "pd.DataFrame":
     """Average the number of known entities over runs, after some numbers of attempts.
 
     Args:
-        curves: by :func:`discovery_curves`.
+        curves: from :meth:`Plays.frame`.
         marks: numbers of attempts, limited to the curves; the last attempt is always included.
 
     Returns:

@@ -135,8 +135,10 @@ class Passage(Record):
     attempt: float | None
 
 
-class Evidence(Record):
+class SupportingRecipe(Record):
     """A recipe that the player's scorer was trained on.
+
+    As ``Witness`` of recipe scorers, whose module imports torch: play without a scorer needs none.
 
     Attributes:
         ingredient_a: label.
@@ -175,7 +177,7 @@ class TriedPair(Record):
     chance: Share
     expected: str | None
     share: Share
-    evidence: tuple[Evidence, ...]
+    evidence: tuple[SupportingRecipe, ...]
 
 
 class DiscoveryView(Record, omit_defaults=True):
@@ -399,14 +401,16 @@ def explain_run(
         player.observe(pair, new)
         one, other = graph.labels(sorted(pair))
         expected = None
-        evidence: tuple[Evidence, ...] = ()
+        evidence: tuple[SupportingRecipe, ...] = ()
         if thought.expected >= 0:
             expected = scorer.entities[thought.expected]
             # The scorer's labels: its own spelling, where the graph has another.
             rows = guides.recipes.rows[list(pair)].tolist()
             names = [scorer.entities[row] for row in rows]
             witnesses = scorer.supporting_recipes(names[0], names[1], expected, _EVIDENCE)
-            evidence = tuple(Evidence(*witness.recipe, witness.weight) for witness in witnesses)
+            evidence = tuple(
+                SupportingRecipe(*witness.recipe, witness.weight) for witness in witnesses
+            )
         tried.append(
             TriedPair(
                 attempt=attempt,

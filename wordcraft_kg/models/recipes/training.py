@@ -262,8 +262,9 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         num_recipes = len(self.folds.recipes())
         self.has_encoder = settings.has_encoder(num_recipes)
         encoders = 0
+        # Also where no encoder uses it: a wrong name is noticed before the book grows.
+        check_device(settings.device)
         if self.has_encoder:
-            check_device(settings.device)
             encoders = len(encoders_of(self.folds, self._every()))
         self.workers = fitting_workers(graph.num_entities, num_recipes, dim, cores(), encoders)
 
@@ -380,7 +381,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
     ) -> dict[LeftOut, PairEncoder]:
         """Fit and save the pair encoders that the wanted fits need, or read those of a resumed run.
 
-        None if the model has no encoder.
+        Empty if the model has no encoder.
 
         Args:
             run: the run's folder.

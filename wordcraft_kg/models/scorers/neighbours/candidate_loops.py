@@ -30,7 +30,9 @@ def _add_results(lists, a, b, factor, weights, places, of_pairs, words):  # type
         of_pairs: work space likewise.
         words: work space likewise.
     """
-    count, itself = neighbour_pairs(lists, a, b, places, of_pairs, words)
+    neighbours = (lists.used, lists.used_alike, lists.used_words)
+    hashed = (lists.partner_bits, lists.pair_keys)
+    count, itself = neighbour_pairs(neighbours, hashed, a, b, places, of_pairs, words)
     for number in range(count):
         weight = of_pairs[number]
         # The pair itself, at the first attempt: its results are certain, not only likely.

@@ -38,11 +38,12 @@ OF_PAIRS = 16
 
 
 @compiled
-def neighbour_pairs(lists, a, b, places, weights, words):  # type: ignore[no-untyped-def]
+def neighbour_pairs(neighbours, hashed, a, b, places, weights, words):  # type: ignore[no-untyped-def]
     """Find the known pairs of neighbours of a and of b, the most similar neighbours first.
 
     Args:
-        lists: the lists.
+        neighbours: ``lists.used``, ``lists.used_alike`` and ``lists.used_words``.
+        hashed: ``lists.partner_bits`` and ``lists.pair_keys``.
         a: entity id.
         b: entity id.
         places: receives places in the hash table of pairs; as long as all pairs of neighbours.
@@ -52,25 +53,27 @@ def neighbour_pairs(lists, a, b, places, weights, words):  # type: ignore[no-unt
     Returns:
         their number, and the number of a + b itself among them, -1 if it is not known.
     """
+    used, used_alike, used_words = neighbours
+    partner_bits, pair_keys = hashed
     count = 0
     itself = -1
-    for row in range(lists.used.shape[1]):
-        one = lists.used[a, row]
+    for row in range(used.shape[1]):
+        one = used[a, row]
         if one < 0:
             break
-        for column in range(lists.used.shape[1]):
-            other = lists.used[b, column]
-            weight = lists.used_alike[a, row] * lists.used_alike[b, column]
+        for column in range(used.shape[1]):
+            other = used[b, column]
+            weight = used_alike[a, row] * used_alike[b, column]
             if other < 0 or weight < LEAST:
                 break
-            place = pair_place(lists, one, other)
+            place = pair_place(partner_bits, pair_keys, one, other)
             if place < 0:
                 continue
             if one == a and other == b:
                 itself = count
             places[count] = place
             weights[count] = weight
-            words[count] = lists.used_words[a, row] * lists.used_words[b, column]
+            words[count] = used_words[a, row] * used_words[b, column]
             count += 1
     return count, itself
 
@@ -107,13 +110,20 @@ def needed_entities(lists, goal, count, needed, place_of, places):  # type: igno
 
 
 @compiled
-def alike_of(lists, entity, other, structure):  # type: ignore[no-untyped-def]
-    """Return k and the word cosine of two entities; ``structure`` is spread from the first."""
+def alike_of(vectors, norms, entity, other, structure):  # type: ignore[no-untyped-def]
+    """Return k and the word cosine of two entities.
+
+    Args:
+        vectors: unit word vectors, shape (T, D).
+        norms: similarity of each entity with itself, shape (T,).
+        entity: entity id.
+        other: entity id.
+        structure: the first entity's profile cosines, from ``spread``.
+    """
     if entity == other:
         return np.float32(1), np.float32(1)
-    cosine = dot(lists.vectors, entity, other)
-    norm = lists.norms[entity]
-    return similarity(structure[other], cosine, norm, lists.norms[other]), cosine
+    cosine = dot(vectors, entity, other)
+    return similarity(structure[other], cosine, norms[entity], norms[other]), cosine
 
 
 @compiled
@@ -126,12 +136,13 @@ def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes,
         goal: the goal.
         cosine: their word cosine.
         kernel: their similarity k.
-        alike: k² of the ingredient and each needed entity.
+        alike: k² of each needed entity and the ingredient.
         words: the same by words.
         places: from :func:`needed_entities`.
         recipes: number of supporting recipes.
         out: shape (16,).
     """
+    links = (lists.result_bits, lists.link_keys, lists.link_counts)
     total = np.float32(0)
     best = np.float32(0)
     by_words = np.float32(0)
@@ -143,7 +154,7 @@ def _of_slot(lists, entity, goal, cosine, kernel, alike, words, places, recipes,
             total += value
             best = max(best, value)
             by_words += of_goal_words * words[places[row, part]]
-    out[12] = log1p(num_links(lists, entity, goal))
+    out[12] = log1p(num_links(*links, entity, goal))
     out[13] = log(FLOOR + total)
     out[14] = log(FLOOR + best)
     out[15] = log(FLOOR + by_words)
@@ -166,6 +177,8 @@ def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untype
     out[1] = kernel
     out[2] = log1p(lists.num_uses[entity])
     out[3] = log1p(lists.num_makers[entity])
+    hashed = (lists.partner_bits, lists.pair_keys)
+    links = (lists.result_bits, lists.link_keys, lists.link_counts)
     soft = np.float32(0)
     soft_words = np.float32(0)
     with_goal = np.float32(0)
@@ -174,15 +187,15 @@ def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untype
         other = lists.used[entity, row]
         if other < 0:
             break
-        if pair_place(lists, goal, other) >= 0:
+        if pair_place(*hashed, goal, other) >= 0:
             with_goal += lists.used_alike[entity, row]
-        to_goal += lists.used_alike[entity, row] * num_links(lists, other, goal)
+        to_goal += lists.used_alike[entity, row] * num_links(*links, other, goal)
         for column in range(lists.made.shape[1]):
             result = lists.made[goal, column]
             weight = lists.used_alike[entity, row] * lists.made_alike[goal, column]
             if result < 0 or weight < LEAST:
                 break
-            number = num_links(lists, other, result)
+            number = num_links(*links, other, result)
             if number:
                 of_words = lists.used_words[entity, row] * lists.made_words[goal, column]
                 soft += number * weight
@@ -192,89 +205,114 @@ def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untype
         result = lists.made[goal, column]
         if result < 0:
             break
-        exact += lists.made_alike[goal, column] * num_links(lists, entity, result)
+        exact += lists.made_alike[goal, column] * num_links(*links, entity, result)
     reverse = np.float32(0)
     for column in range(lists.made.shape[1]):
         result = lists.made[entity, column]
         if result < 0:
             break
-        reverse += lists.made_alike[entity, column] * num_links(lists, goal, result)
+        reverse += lists.made_alike[entity, column] * num_links(*links, goal, result)
     out[4] = log(FLOOR + soft)
     out[5] = log(FLOOR + soft_words)
     out[6] = log(FLOOR + exact)
     out[7] = log(FLOOR + to_goal)
     out[8] = log(FLOOR + reverse)
     out[9] = log(FLOOR + with_goal)
-    out[10] = 1 if pair_place(lists, entity, goal) >= 0 else 0
+    out[10] = 1 if pair_place(*hashed, entity, goal) >= 0 else 0
     out[11] = product(lists.left, lists.right, entity, goal)
 
 
 @compiled
-def _goal_side(lists, goal, alike, other_alike, words, other_words, places, recipes, out):  # type: ignore[no-untyped-def]
-    """Write the features of a pair from the recipes that support the goal: ``out[:3]``."""
-    evidence = np.float32(0)
-    by_words = np.float32(0)
-    best = np.float32(0)
-    for row in range(recipes):
-        first = places[row, 0]
-        second = places[row, 1]
-        of_goal = lists.support_alike[goal, row]
-        straight = alike[first] * other_alike[second]
-        crossed = alike[second] * other_alike[first]
-        evidence += of_goal * (straight + crossed)
-        best = max(best, of_goal * max(straight, crossed))
-        of_words = words[first] * other_words[second] + words[second] * other_words[first]
-        by_words += lists.support_words[goal, row] * of_words
-    out[0] = log(FLOOR + evidence)
-    out[1] = log(FLOOR + by_words)
-    out[2] = log(FLOOR + best)
+def _goal_sides(lists, goal, slot, low, high, alike, words, places, recipes, sums):  # type: ignore[no-untyped-def]
+    """Sum the recipes that support the goal, for the pairs of a slot and a range of slots.
 
-
-@compiled
-def _result_alike(lists, result, goal, structure, row, known_row, known):  # type: ignore[no-untyped-def]
-    """Write k² and words⁴ of a result and the goal into ``known[result]``, once for each table.
+    The range is the inner loop, so that the processor adds for several slots at once; each pair's
+    sum keeps its order.
 
     Args:
         lists: the lists.
-        result: entity id.
+        goal: entity id.
+        slot: the pairs' common slot.
+        low: first slot of the range.
+        high: end of the range.
+        alike: k² of each needed entity and each slot, shape (needed, A).
+        words: the same by words.
+        places: from :func:`needed_entities`.
+        recipes: number of supporting recipes.
+        sums: receives the evidence, the evidence by words, and the best recipe's, shape (3, A).
+    """
+    evidence = sums[0]
+    by_words = sums[1]
+    best = sums[2]
+    for other in range(low, high):
+        evidence[other] = 0
+        by_words[other] = 0
+        best[other] = 0
+    for row in range(recipes):
+        of_first = alike[places[row, 0]]
+        of_second = alike[places[row, 1]]
+        words_of_first = words[places[row, 0]]
+        words_of_second = words[places[row, 1]]
+        of_goal = lists.support_alike[goal, row]
+        of_goal_words = lists.support_words[goal, row]
+        own_first = of_first[slot]
+        own_second = of_second[slot]
+        own_words_first = words_of_first[slot]
+        own_words_second = words_of_second[slot]
+        for other in range(low, high):
+            straight = own_first * of_second[other]
+            crossed = own_second * of_first[other]
+            evidence[other] += of_goal * (straight + crossed)
+            better = straight if straight > crossed else crossed
+            value = of_goal * better
+            best[other] = value if value > best[other] else best[other]
+            straight_words = own_words_first * words_of_second[other]
+            crossed_words = own_words_second * words_of_first[other]
+            by_words[other] += of_goal_words * (straight_words + crossed_words)
+
+
+@compiled
+def _pair_side(  # type: ignore[no-untyped-def]
+    recipes, vectors, norms, pairs, first, last, goal, structure, row, known_row, known, out
+):
+    """Write the features of a pair from known pairs of neighbours: ``out[3:8]``.
+
+    The arrays stand alone, because a call with all lists as an argument copies 30 arrays' addresses
+    and shapes, which takes longer than the work.
+
+    Args:
+        recipes: first recipe and number of recipes of each place in the hash table, and results.
+        vectors: unit word vectors, shape (T, D).
+        norms: similarity of each entity with itself, shape (T,).
+        pairs: places, weights and words of known pairs, from :func:`neighbour_pairs`.
+        first: number of the first known pair.
+        last: end of the known pairs.
         goal: entity id.
         structure: the goal's profile cosines, from ``spread``.
         row: number of the table.
         known_row: the table for which ``known`` was written, for each entity.
-        known: shape (T, 2).
+        known: k² and words⁴ of each result and the goal, written once for each table: shape (T, 2).
+        out: shape (16,).
     """
-    if known_row[result] == row:
-        return
-    known_row[result] = row
-    if result == goal:
-        known[result, 0] = 1
-        known[result, 1] = 1
-        return
-    cosine = dot(lists.vectors, result, goal)
-    value = similarity(structure[result], cosine, lists.norms[result], lists.norms[goal])
-    known[result, 0] = value * value
-    known[result, 1] = fourth(cosine)
-
-
-@compiled
-def _pair_side(lists, count, places, weights, words, goal, structure, row, known_row, known, out):  # type: ignore[no-untyped-def]
-    """Write the features of a pair from known pairs of neighbours: ``out[3:8]``.
-
-    Arguments as for :func:`neighbour_pairs` and :func:`_result_alike`.
-    """
+    pair_starts, pair_counts, result_of = recipes
+    places, weights, words = pairs
     anything = np.float32(0)
     alike = np.float32(0)
     nearest = np.float32(0)
     anything_words = np.float32(0)
     alike_words = np.float32(0)
-    for number in range(count):
-        start = lists.pair_starts[places[number]]
-        results = min(lists.pair_counts[places[number]], MOST_RESULTS)
+    for number in range(first, last):
+        start = pair_starts[places[number]]
+        results = min(pair_counts[places[number]], MOST_RESULTS)
         anything += results * weights[number]
         anything_words += results * words[number]
         for recipe in range(start, start + results):
-            result = lists.result[recipe]
-            _result_alike(lists, result, goal, structure, row, known_row, known)
+            result = result_of[recipe]
+            if known_row[result] != row:
+                known_row[result] = row
+                kernel, cosine = alike_of(vectors, norms, goal, result, structure)
+                known[result, 0] = kernel * kernel
+                known[result, 1] = fourth(cosine)
             value = weights[number] * known[result, 0]
             alike += value
             nearest = max(nearest, value)
@@ -300,6 +338,8 @@ def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-u
     Returns:
         places, weights and words, as in :func:`neighbour_pairs`, all pairs of slots in turn.
     """
+    neighbours = (lists.used, lists.used_alike, lists.used_words)
+    hashed = (lists.partner_bits, lists.pair_keys)
     most = lists.used.shape[1] ** 2
     room = 2 * most
     places = np.empty(room, dtype=np.int64)
@@ -325,7 +365,9 @@ def _all_neighbour_pairs(lists, table, one, other, starts):  # type: ignore[no-u
             places = more_places
             weights = more_weights
             words = more_words
-        found, _ = neighbour_pairs(lists, a, b, places[end:], weights[end:], words[end:])
+        found, _ = neighbour_pairs(
+            neighbours, hashed, a, b, places[end:], weights[end:], words[end:]
+        )
         end += found
     starts[len(one)] = end
     return places, weights, words
@@ -373,6 +415,15 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
     starts = np.empty(len(one) + 1, dtype=np.int64)
     own_places = np.empty(len(one), dtype=np.int64)
     regression = np.empty(len(one), dtype=np.float32)
+    sums = np.empty((3, slots), dtype=np.float32)
+    hashed = (lists.partner_bits, lists.pair_keys)
+    recipes_of_pairs = (lists.pair_starts, lists.pair_counts, lists.result)
+    # Of each first slot, the range of its second slots.
+    ranges = np.zeros((slots, 2), dtype=np.int64)
+    ranges[:, 0] = slots
+    for pair in range(len(one)):
+        ranges[one[pair], 0] = min(ranges[one[pair], 0], other[pair])
+        ranges[one[pair], 1] = max(ranges[one[pair], 1], other[pair] + 1)
     end = np.int64(0)
     while end < len(goals):
         begin = end
@@ -398,14 +449,15 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
             )
         for number in range(count):
             place_of[needed[number]] = -1
-        alike = np.empty((slots, count), dtype=np.float32)
-        words = np.empty((slots, count), dtype=np.float32)
-        # By needed entity, then by slot: a word vector is read once for all slots.
+        # By needed entity, then by slot: loops over slots read and write what lies together.
+        alike = np.zeros((count, slots), dtype=np.float32)
+        words = np.zeros((count, slots), dtype=np.float32)
+        # A needed entity's word vector is read once for all slots.
         for number in range(count):
             for slot in range(slots):
                 entity = table[slot]
                 if entity >= 0:
-                    words[slot, number] = dot(lists.vectors, entity, needed[number])
+                    words[number, slot] = dot(lists.vectors, entity, needed[number])
         for slot in range(slots):
             entity = table[slot]
             if entity < 0:
@@ -417,43 +469,46 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 value = np.float32(1)
                 cosine = np.float32(1)
                 if other_entity != entity:
-                    cosine = words[slot, number]
+                    cosine = words[number, slot]
                     norm_of_other = lists.norms[other_entity]
                     value = similarity(structure[other_entity], cosine, norm, norm_of_other)
-                alike[slot, number] = value * value
-                words[slot, number] = fourth(cosine)
+                alike[number, slot] = value * value
+                words[number, slot] = fourth(cosine)
             for place in range(slots):
                 if table[place] >= 0:
-                    value, cosine = alike_of(lists, entity, table[place], structure)
+                    value, cosine = alike_of(
+                        lists.vectors, lists.norms, entity, table[place], structure
+                    )
                     cosines[slot, place] = cosine
                     kernels[slot, place] = value
             for row in range(begin, end):
-                value, cosine = alike_of(lists, entity, goals[row], structure)
+                value, cosine = alike_of(lists.vectors, lists.norms, entity, goals[row], structure)
                 _of_slot(
                     lists,
                     entity,
                     goals[row],
                     cosine,
                     value,
-                    alike[slot],
-                    words[slot],
+                    alike[:, slot],
+                    words[:, slot],
                     places[row - begin],
                     recipes[row - begin],
                     of_slots[row, slot],
                 )
             clear(lists, entity, structure)
-        pair_places, weights, pair_words = _all_neighbour_pairs(lists, table, one, other, starts)
+        known_pairs = _all_neighbour_pairs(lists, table, one, other, starts)
         for pair in range(len(one)):
             a = table[one[pair]]
             b = table[other[pair]]
             if a >= 0 and b >= 0:
-                own_places[pair] = pair_place(lists, a, b)
+                own_places[pair] = pair_place(*hashed, a, b)
                 regression[pair] = product(lists.pair_left, lists.right, a, b)
         for row in range(begin, end):
             goal = goals[row]
             goal_made = log1p(lists.num_makers[goal])
             goal_uses = log1p(lists.num_uses[goal])
             spread(lists, goal, of_goal)
+            summed = -1
             for pair in range(len(one)):
                 i = one[pair]
                 j = other[pair]
@@ -462,25 +517,32 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 if a < 0 or b < 0:
                     continue
                 of_pair = of_pairs[row, pair]
-                _goal_side(
-                    lists,
-                    goal,
-                    alike[i],
-                    alike[j],
-                    words[i],
-                    words[j],
-                    places[row - begin],
-                    recipes[row - begin],
-                    of_pair,
-                )
-                first = starts[pair]
-                last = starts[pair + 1]
+                if i != summed:
+                    summed = i
+                    low = ranges[i, 0]
+                    high = ranges[i, 1]
+                    _goal_sides(
+                        lists,
+                        goal,
+                        i,
+                        low,
+                        high,
+                        alike,
+                        words,
+                        places[row - begin],
+                        recipes[row - begin],
+                        sums,
+                    )
+                of_pair[0] = log(FLOOR + sums[0, j])
+                of_pair[1] = log(FLOOR + sums[1, j])
+                of_pair[2] = log(FLOOR + sums[2, j])
                 _pair_side(
-                    lists,
-                    last - first,
-                    pair_places[first:last],
-                    weights[first:last],
-                    pair_words[first:last],
+                    recipes_of_pairs,
+                    lists.vectors,
+                    lists.norms,
+                    known_pairs,
+                    starts[pair],
+                    starts[pair + 1],
                     goal,
                     of_goal,
                     row,
@@ -490,7 +552,7 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 )
                 place = own_places[pair]
                 of_pair[8] = 1 if place >= 0 else 0
-                of_pair[9] = 1 if place >= 0 and makes(lists, place, goal) else 0
+                of_pair[9] = 1 if place >= 0 and makes(*recipes_of_pairs, place, goal) else 0
                 of_pair[10] = cosines[i, j]
                 of_pair[11] = kernels[i, j]
                 of_pair[12] = 1 if a == b else 0
@@ -523,7 +585,7 @@ def support_terms(lists, a, b, goal, terms):  # type: ignore[no-untyped-def]
             entity = lists.second[recipe] if part else lists.first[recipe]
             for side in range(2):
                 own = b if side else a
-                value, _ = alike_of(lists, own, entity, structure[side])
+                value, _ = alike_of(lists.vectors, lists.norms, own, entity, structure[side])
                 squares[side, part] = value * value
         terms[row, 0] = squares[0, 0] * squares[1, 1]
         terms[row, 1] = squares[0, 1] * squares[1, 0]

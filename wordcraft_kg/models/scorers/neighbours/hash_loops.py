@@ -65,50 +65,91 @@ def count_table(links: Array, size: int):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def pair_place(lists, a, b):  # type: ignore[no-untyped-def]
+def signatures(one: Array, other: Array, out: Array) -> None:
+    """Set the bit of each pair of ids in the signature of its first id.
+
+    Args:
+        one: ids, shape (n,).
+        other: ids, shape (n,).
+        out: zeros, shape (T, bits / 8), uint8; the number of bits is a power of 2.
+    """
+    mask = out.shape[1] * 8 - 1
+    for row in range(len(one)):
+        bit = other[row] & mask
+        out[one[row], bit >> 3] |= np.uint8(1 << (bit & 7))
+
+
+@compiled
+def may_hold(bits, one, other):  # type: ignore[no-untyped-def]
+    """Return whether a signature has the bit of an id: if not, the pair is certainly unknown.
+
+    Most look-ups are of unknown pairs. A signature is small enough for the fast cache, and saves
+    them the way to the hash table.
+
+    Args:
+        bits: shape (T, bits / 8), from :func:`signatures`.
+        one: entity id.
+        other: entity id.
+    """
+    bit = other & (bits.shape[1] * 8 - 1)
+    return (bits[one, bit >> 3] >> (bit & 7)) & 1 != 0
+
+
+@compiled
+def pair_place(partner_bits, pair_keys, a, b):  # type: ignore[no-untyped-def]
     """Return the place of a pair in the hash table, -1 if no recipe uses it.
 
     Args:
-        lists: the lists.
+        partner_bits: ``lists.partner_bits``.
+        pair_keys: ``lists.pair_keys``. The two alone: to pass all lists copies 30 arrays' addresses
+            and shapes, which takes longer than the look-up.
         a: entity id.
         b: entity id; the order does not count.
     """
+    if not may_hold(partner_bits, a, b):
+        return np.int64(-1)
     low = min(a, b)
     high = max(a, b)
-    place = _place(lists.pair_keys, np.int64(low) * len(lists.norms) + high)
-    return place if lists.pair_keys[place] != -1 else -1
+    place = _place(pair_keys, np.int64(low) * len(partner_bits) + high)
+    return place if pair_keys[place] != -1 else -1
 
 
 @compiled
-def num_links(lists, ingredient, result):  # type: ignore[no-untyped-def]
+def num_links(result_bits, link_keys, link_counts, ingredient, result):  # type: ignore[no-untyped-def]
     """Return the number of recipes that use an ingredient and make a result.
 
     Args:
-        lists: the lists.
+        result_bits: ``lists.result_bits``.
+        link_keys: ``lists.link_keys``.
+        link_counts: ``lists.link_counts``.
         ingredient: entity id.
         result: entity id.
     """
+    if not may_hold(result_bits, ingredient, result):
+        return np.int32(0)
     # An empty place has the count 0, so the key need not be compared again.
-    place = _place(lists.link_keys, np.int64(ingredient) * len(lists.norms) + result)
-    return lists.link_counts[place]
+    place = _place(link_keys, np.int64(ingredient) * len(result_bits) + result)
+    return link_counts[place]
 
 
 @compiled
-def makes(lists, place, goal):  # type: ignore[no-untyped-def]
+def makes(pair_starts, pair_counts, result, place, goal):  # type: ignore[no-untyped-def]
     """Return whether a pair makes the goal: a binary search, because its results are ascending.
 
     Args:
-        lists: the lists.
+        pair_starts: ``lists.pair_starts``.
+        pair_counts: ``lists.pair_counts``.
+        result: ``lists.result``.
         place: place of the pair in the hash table, from :func:`pair_place`, 0 or more.
         goal: entity id.
     """
-    low = lists.pair_starts[place]
-    end = low + lists.pair_counts[place]
+    low = pair_starts[place]
+    end = low + pair_counts[place]
     high = end
     while low < high:
         middle = (low + high) >> 1
-        if lists.result[middle] < goal:
+        if result[middle] < goal:
             low = middle + 1
         else:
             high = middle
-    return low < end and lists.result[low] == goal
+    return low < end and result[low] == goal

@@ -41,7 +41,7 @@ def component_features(lists, goals, tables, out):  # type: ignore[no-untyped-de
             entity = tables[row, slot]
             if entity < 0:
                 continue
-            kernel, cosine = alike_of(lists, goal, entity, structure)
+            kernel, cosine = alike_of(lists.vectors, lists.norms, goal, entity, structure)
             features = out[row, slot]
             of_link(lists, entity, goal, cosine, kernel, features)
             features[12] = log1p(lists.num_uses[goal])
@@ -65,12 +65,14 @@ def combines_features(lists, halves, pairs, keys, tables, out):  # type: ignore[
     """
     half_starts, half_nodes, half_values = halves
     pair_starts, pair_nodes, pair_values = pairs
-    neighbours = lists.used.shape[1]
+    neighbours = (lists.used, lists.used_alike, lists.used_words)
+    hashed = (lists.partner_bits, lists.pair_keys)
+    width = lists.used.shape[1]
     structure = np.zeros(len(lists.norms), dtype=np.float32)
     reached = np.zeros(len(pair_starts) - 1, dtype=np.float32)
-    places = np.empty(neighbours * neighbours, dtype=np.int64)
-    weights = np.empty(neighbours * neighbours, dtype=np.float32)
-    words = np.empty(neighbours * neighbours, dtype=np.float32)
+    places = np.empty(width * width, dtype=np.int64)
+    weights = np.empty(width * width, dtype=np.float32)
+    words = np.empty(width * width, dtype=np.float32)
     for row in range(len(keys)):
         key = keys[row]
         if key < 0:
@@ -90,18 +92,18 @@ def combines_features(lists, halves, pairs, keys, tables, out):  # type: ignore[
                 completion += half_values[place] * reached[half_nodes[place]]
             # Known pairs of one of both and a neighbour of the other.
             exact = np.float32(0)
-            for number in range(neighbours):
+            for number in range(width):
                 other = lists.used[key, number]
-                if other >= 0 and pair_place(lists, other, entity) >= 0:
+                if other >= 0 and pair_place(*hashed, other, entity) >= 0:
                     exact += lists.used_alike[key, number]
                 other = lists.used[entity, number]
-                if other >= 0 and pair_place(lists, other, key) >= 0:
+                if other >= 0 and pair_place(*hashed, other, key) >= 0:
                     exact += lists.used_alike[entity, number]
             near = np.float32(0)
-            count, _ = neighbour_pairs(lists, key, entity, places, weights, words)
+            count, _ = neighbour_pairs(neighbours, hashed, key, entity, places, weights, words)
             for number in range(count):
                 near += weights[number] * lists.pair_counts[places[number]]
-            kernel, cosine = alike_of(lists, key, entity, structure)
+            kernel, cosine = alike_of(lists.vectors, lists.norms, key, entity, structure)
             uses = log1p(lists.num_uses[key])
             other_uses = log1p(lists.num_uses[entity])
             features = out[row, slot]

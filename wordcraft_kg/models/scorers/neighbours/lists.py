@@ -18,6 +18,7 @@ from wordcraft_kg.models.scorers.neighbours.regression import RANK, link_factors
 
 Numbers = NDArray[np.int32]
 Floats = NDArray[np.float32]
+Bits = NDArray[np.uint8]
 
 NEAREST = 100
 """Structural neighbours of an entity, K: the entities with the most similar profiles."""
@@ -34,6 +35,11 @@ COMMON = 1_000
 
 They belong to hubs, such as a partner with 5,000 recipes: they say little, and cost the square of
 their length.
+"""
+SIGNATURE = 1024
+"""Most bits in the signature of an entity's partners, or of its results; a power of 2.
+
+A book of fewer entities has a bit for each of them.
 """
 BLOCK = 512
 """Rows of word cosines that are in memory at once."""
@@ -65,6 +71,8 @@ class Lists(NamedTuple):
         pair_keys, pair_starts, pair_counts: hash table of ingredient pairs: their recipes' numbers
             are consecutive.
         link_keys, link_counts: hash table of (ingredient, result): number of recipes.
+        partner_bits, result_bits: shape (T, bits / 8), signatures of an ingredient's partners and
+            results: they tell most unknown pairs and links without a look-up.
         num_uses, num_makers: shape (T,), recipes that use, and that make, an entity.
         left, right: shape (T, m), componentOf by kernel regression is ``left[x] · right[c]``.
         pair_left: shape (T, m), combinesWith is ``pair_left[a] · right[b]``.
@@ -92,6 +100,8 @@ class Lists(NamedTuple):
     pair_counts: Numbers
     link_keys: Ids
     link_counts: Numbers
+    partner_bits: Bits
+    result_bits: Bits
     num_uses: Numbers
     num_makers: Numbers
     left: Floats
@@ -207,6 +217,12 @@ def make_lists(
     of_second = second[is_other].astype(np.int64) * size + result[is_other]
     links = np.concatenate([of_first, of_second])
     link_keys, link_counts = hash_loops.count_table(links, _table_size(len(links)))
+    partner_bits = np.zeros((size, _signature_bytes(size)), dtype=np.uint8)
+    hash_loops.signatures(first, second, partner_bits)
+    hash_loops.signatures(second, first, partner_bits)
+    result_bits = np.zeros_like(partner_bits)
+    hash_loops.signatures(first, result, result_bits)
+    hash_loops.signatures(second, result, result_bits)
     left, right, pair_left = link_factors(ordered, rows, vectors, rank)
     return Lists(
         vectors=vectors,
@@ -231,6 +247,8 @@ def make_lists(
         pair_counts=pair_counts,
         link_keys=link_keys,
         link_counts=link_counts,
+        partner_bits=partner_bits,
+        result_bits=result_bits,
         num_uses=num_uses,
         num_makers=num_makers,
         left=left,
@@ -306,6 +324,12 @@ def _by_result(recipes: Ids) -> Numbers:
     mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     mixed ^= mixed >> np.uint64(31)
     return np.lexsort((mixed, recipes[:, 2])).astype(np.int32)
+
+
+def _signature_bytes(size: int) -> int:
+    """Return the number of bytes of an entity's signature, a power of 2."""
+    bits = 1 << max(3, (size - 1).bit_length())
+    return min(bits, SIGNATURE) // 8
 
 
 def _table_size(entries: int) -> int:

@@ -20,6 +20,8 @@ def results_of_pairs(lists, first, second, out):  # type: ignore[no-untyped-def]
         out: shape (n, C).
     """
     width = out.shape[1]
+    neighbours = (lists.used, lists.used_alike, lists.used_words)
+    hashed = (lists.partner_bits, lists.pair_keys)
     most = lists.used.shape[1] ** 2
     # Work space, made once for all pairs.
     places = np.empty(most, dtype=np.int64)
@@ -29,7 +31,9 @@ def results_of_pairs(lists, first, second, out):  # type: ignore[no-untyped-def]
     made = np.empty(most * MOST_RESULTS, dtype=np.int32)
     values = np.empty(width, dtype=np.float32)
     for row in range(len(first)):
-        found, _ = neighbour_pairs(lists, first[row], second[row], places, weights, words)
+        found, _ = neighbour_pairs(
+            neighbours, hashed, first[row], second[row], places, weights, words
+        )
         count = 0
         for number in range(found):
             start = lists.pair_starts[places[number]]

@@ -222,7 +222,11 @@ def _chance(row: Any) -> str:
     share = getattr(row, "probability", None)
     if share is None:
         return ""
-    return "> 99 %" if share > 0.99 else "< 0.1 %" if share < 0.001 else f"{100 * share:.2g} %"
+    if share > 0.99:
+        return "> 99 %"
+    if share < 0.001:
+        return "< 0.1 %"
+    return f"{100 * share:.2g} %"
 
 
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:

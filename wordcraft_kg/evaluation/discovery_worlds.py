@@ -180,10 +180,11 @@ def _paired(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.
 
 def _known_of(worlds: Sequence[PlayedWorld], name: str) -> NDArray[np.int64]:
     """Return a player's curves, shape (fits, worlds, runs, attempts + 1)."""
-    by_world = [
-        [plays.known[plays.players.index(name)] for plays in world.fits_of(name)]
-        for world in worlds
-    ]
+    by_world = []
+    for world in worlds:
+        fits = [plays.known[plays.players.index(name)] for plays in world.fits_of(name)]
+        by_world.append(fits)
+    # From (worlds, fits, ...): a comparison averages over worlds, fit by fit.
     return np.array(by_world).swapaxes(0, 1)
 
 

@@ -321,8 +321,14 @@ def answers_text(lines: Sequence[GameLine]) -> str:
 def metrics_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False) -> TrackMetrics:
     """Return the results over all games of a track.
 
-    ``by_task``: with the interval of earlier submissions, as if a split held out tasks by
-    themselves.
+    Args:
+        track: the track of the benchmark.
+        lines: all games of the track, one for each task and attempt, or run of an open-ended track.
+        by_task: whether the interval is that of earlier submissions, as if a split held out tasks
+            by themselves; otherwise whole groups of tasks are resampled.
+
+    Returns:
+        mean success rate, or mean number of known entities, with its 95 % interval.
     """
     known: dict[int, float] = {}
     by_plan = None

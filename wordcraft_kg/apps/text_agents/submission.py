@@ -381,6 +381,9 @@ def write_submission(
         knowledge: offered look-ups.
         about: remaining fields of the :class:`Submission` about the player.
 
+    Returns:
+        the record of ``submission.json``, and the lines of the games as they were written.
+
     Raises:
         EpisodeError: for decisions against the rules; nothing is written.
         ArtefactError: for facts outside the schema; nothing is written.
@@ -433,7 +436,12 @@ def verify(folder: Path) -> Submission:
 
 
 def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
-    """Return a verified submission with its games, see :func:`verify`."""
+    """Return a verified submission with its games, see :func:`verify`.
+
+    Raises:
+        ArtefactError: if a file is missing, damaged or edited, or if a result differs from what
+            replaying the games gives; the message names the first difference.
+    """
     path = folder / SUBMISSION_FILE  # for messages; an archive is no folder, but reads like one
     data = read_submission_file(folder, SUBMISSION_FILE)
     submission = parse_record(data, Submission, path)
@@ -544,6 +552,9 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
         folder: folder or archive of the submission.
         track: the track.
         play: the games of the track, with the look-ups that were offered.
+
+    Returns:
+        a line for each game, in the order of the track.
 
     Raises:
         ArtefactError: for a damaged file, a missing or needless game, or a line that differs from

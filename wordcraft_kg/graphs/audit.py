@@ -273,6 +273,7 @@ def audit(
     """
     whole = ~graph.is_half_product
     alike = alike_labels(graph.labels(np.flatnonzero(whole)))
+    # Relation ids are 0 and 1, also where a book has no triple of one.
     relation = graph.triples[:, 1]
     combines_with, component_of = np.bincount(relation, minlength=len(RELATIONS)).tolist()
     return Audit(
@@ -298,8 +299,10 @@ def audit(
 
 def split_summary(split: Split) -> SplitSummary:
     """Return a split's settings, and recipe and triple counts by part."""
+    # A step of a chain is no recipe of the book.
     kept = ~split.graph.makes_half_product
     train, valid, test = np.bincount(split.parts[kept], minlength=3).tolist()
+    # Triples of test recipes that train or validation recipes give, too, are not evaluated.
     evaluated = split.held_out("test")
     of_test = split.triples_of("test")
     goals = np.unique(split.graph.recipes[split.is_in("test") & kept, 2])
@@ -349,6 +352,7 @@ def leakage(split: Split) -> dict[Relation, Leakage]:
     tables: dict[Relation, Leakage] = {}
     for relation, name in enumerate(RELATIONS):
         of_test = split.triples_of("test")
+        # Half-products of chains are no facts of the game.
         from_test = _count(of_test[split.is_fact(of_test)], relation)
         num_evaluated = _count(evaluated, relation)
         tables[name] = Leakage(
@@ -371,6 +375,7 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
     order = np.argsort(-sizes, kind="stable")[:SHOWN]
     examples = []
     for pair in order[sizes[order] > 1].tolist():
+        # Recipes are sorted by pair, so those of a pair follow each other.
         start, stop = graph.pair_starts[pair : pair + 2]
         a, b = graph.labels(graph.recipes[start, :2])
         made = graph.recipes[start:stop, 2]
@@ -401,6 +406,7 @@ def _reachability(graph: RecipeGraph) -> Reachability:
 
 def _degrees(graph: RecipeGraph) -> Degrees:
     whole = ~graph.is_half_product
+    # Arrays keep an entry for each entity, so that a place stays an id; half-products count 0.
     uses = np.where(whole, graph.use_counts, 0)
     recipes = np.where(whole, graph.recipe_counts, 0)
     craftable = recipes[recipes > 0]

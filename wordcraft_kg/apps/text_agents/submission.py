@@ -268,7 +268,11 @@ def replay(play: Play, number: int, played: Played) -> GameLine:
 
 
 def game_of_track(play: Play, number: int) -> tuple[int, int]:
-    """Return the task and the distractor seed with which a game of a track begins."""
+    """Return the task and the distractor seed with which a game of a track begins.
+
+    On tasks each game is another task with the first table; open-ended games are runs in one world,
+    told apart by the seed alone.
+    """
     return (0, number) if play.settings.is_open_ended else (number, 0)
 
 

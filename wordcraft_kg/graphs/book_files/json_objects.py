@@ -53,6 +53,9 @@ def recipes_by_result(part: JsonPart) -> FoundShape | None:
     """An object of recipes by result: pairs, a pair, a sum, or null for a base entity.
 
     Pairs may also be partners and results, with the ingredient as key; the labels tell.
+
+    Raises:
+        RecipeFileError: if the labels do not tell, or the lists may be columns or about the book.
     """
     value = part.value
     if not isinstance(value, dict) or not value:
@@ -207,6 +210,10 @@ def results_by_two_keys(part: JsonPart) -> FoundShape | None:
     """An object ``{a: {b: result}}``, with several results as a list, and null for none.
 
     A key such as combinations may stand between: ``{a: {"combinations": {b: result}}}``.
+
+    Raises:
+        RecipeFileError: if inner keys may be properties of things, or the labels do not tell which
+            of the three is the result.
     """
     value = part.value
     if not isinstance(value, dict) or not value:
@@ -309,7 +316,11 @@ def _refuse_properties(
 
 
 def results_by_sum(part: JsonPart) -> FoundShape | None:
-    """An object of results by a key such as ``"water+earth"``."""
+    """An object of results by a key such as ``"water+earth"``.
+
+    Raises:
+        RecipeFileError: if the keys could be parted in two ways, or either side may be the result.
+    """
     value = part.value
     if not isinstance(value, dict) or not value:
         return None

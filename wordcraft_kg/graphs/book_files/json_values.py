@@ -86,7 +86,10 @@ def pairs_of(value: Any) -> list[Sequence[Any]]:
     """Return the recipes that a value holds, each as a list of ingredients.
 
     A list of lists holds several recipes; a list of labels is one recipe, unless each is a sum; an
-    object of numbers is one recipe with counts.
+    object of numbers is one recipe with counts. The number of ingredients is not checked here.
+
+    Returns:
+        The recipes; empty for a value that holds none, and if any object in a list is no recipe.
     """
     if isinstance(value, str):
         return [summands(value)] if value.strip() else []

@@ -87,7 +87,8 @@ def means_another(label: str, other: str) -> bool:
         >>> means_another("7", "-7"), means_another("C", "C-"), means_another("watr", "water")
         (True, True, False)
     """
-    one, two = spelling_key(label), spelling_key(other)
+    one = spelling_key(label)
+    two = spelling_key(other)
     if one == two:
         return False
     has_number = _NUMBER.fullmatch(one) or _NUMBER.fullmatch(two)

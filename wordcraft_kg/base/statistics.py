@@ -543,6 +543,9 @@ def student_interval(
         scores: a score for each seed, shape (S,).
         within: lowest and highest possible value, to which the interval is cut.
 
+    Returns:
+        lower and upper bound; None for a single seed, which does not show how seeds vary.
+
     Source: Student 1908, "The probable error of a mean".
     """
     from scipy.stats import t
@@ -622,10 +625,19 @@ _CERTAIN = 1 - 1e-12
 def holm(p_values: Sequence[float]) -> list[float]:
     """Return p-values corrected for multiple tests by Holm's method.
 
-    The method controls the family-wise error rate.
-    With the m values in ascending order, ``p'_(i) = max_(j <= i) min(1, (m - j + 1) p_(j))``.
-    Rejecting below .05 errs anywhere in at most 5 % of all studies, under any dependence between
-    the comparisons; Holm's method never rejects less than Bonferroni's correction.
+    The method controls the family-wise error rate. With the m values in ascending order,
+    ``p'_(i) = max_(j <= i) min(1, (m - j + 1) p_(j))``. Rejecting below .05 errs anywhere in at
+    most 5 % of all studies, under any dependence between the comparisons; Holm's method never
+    rejects less than Bonferroni's correction.
+
+    Args:
+        p_values: one for each comparison, from 0 to 1.
+
+    Returns:
+        corrected p-values, in the order of ``p_values``.
+
+    Raises:
+        ConfigError: if a value is not between 0 and 1, such as NaN.
 
     Source: Holm 1979, "A simple sequentially rejective multiple test procedure".
     """

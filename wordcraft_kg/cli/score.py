@@ -97,7 +97,9 @@ def _check_query(
     words: list[str], *, has_relation: bool, file: Path | None, out: Path | None
 ) -> None:
     is_query = has_relation or any("+" in word for word in words)
-    if bool(words) == (file is not None) or (file is None and not is_query):
+    has_file = file is not None
+    # Either words or a file, and words alone must be a whole query.
+    if bool(words) == has_file or not (has_file or is_query):
         raise ConfigError(
             "score needs a head, a relation and optionally a tail; a recipe such as a + b; or a "
             "query file with --in."
@@ -140,10 +142,13 @@ def _score_query(
     else:
         view = view_triple(model, query)
         slots = {"tail": "tail", "head": "head"}
-    shown = ", ".join(
-        f"{name} {getattr(view, f'rank_as_{slot}'):,}" for name, slot in slots.items()
-    )
-    ranking = f"rank among all {len(model.scorer.entities):,} entities, unfiltered: {shown}"
+    # A dictionary by what is printed: for a + a, both ingredients are one slot.
+    ranks = []
+    for name, role in slots.items():
+        rank = getattr(view, f"rank_as_{role}")
+        ranks.append(f"{name} {rank:,}")
+    entities = f"{len(model.scorer.entities):,} entities"
+    ranking = f"rank among all {entities}, unfiltered: {', '.join(ranks)}"
     return view, [view], [*_lines([view]), ranking]
 
 
@@ -173,7 +178,10 @@ def _score_file(
         )
     else:
         scored = list(score_queries(model, queries, top, new_only=new_only))
-    text = [*([] if out else _lines(scored)), *note_of_words(model), *_notes(model.kg, scored)]
+    # Scores that go into a file are not printed as well; what qualifies them always is.
+    text = [] if out else list(_lines(scored))
+    text += note_of_words(model)
+    text += _notes(model.kg, scored)
     if out is not None:
         delimiter = "\t" if out.suffix.lower() in (".tsv", ".tab") else ","
         write_file(out, _table(kind.__struct_fields__, scored, delimiter), force=force)
@@ -198,18 +206,22 @@ def _lines(scored: Sequence[Any], things: Sequence[str] | None = None) -> Iterat
         "probability",
         "",
     )
-    used = [
-        name if any(column) else ""
-        for name, column in zip(names, zip(*rows, strict=True), strict=True)
-    ]
+    # A column in which no row has anything has no heading either.
+    used = []
+    for place, name in enumerate(names):
+        is_filled = any(row[place] for row in rows)
+        used.append(name if is_filled else "")
     heading, *lines = aligned([used, *rows])
     yield heading
     for number, (line, one) in enumerate(zip(lines, scored, strict=True)):
         yield line
+        # Only recipes have these fields, and only the best rows are explained.
         if number < EXPLAINED:
-            if support := getattr(one, "because", ()):
+            support = getattr(one, "because", ())
+            if support:
                 yield f"{'':9}  because {because(support)}"
-            yield from (f"{'':9}  {piece}" for piece in getattr(one, "outside", ()))
+            for piece in getattr(one, "outside", ()):
+                yield f"{'':9}  {piece}"
 
 
 def _thing(row: Any) -> str:
@@ -222,7 +234,11 @@ def _chance(row: Any) -> str:
     share = getattr(row, "probability", None)
     if share is None:
         return ""
-    return "> 99 %" if share > 0.99 else "< 0.1 %" if share < 0.001 else f"{100 * share:.2g} %"
+    if share > 0.99:
+        return "> 99 %"
+    if share < 0.001:
+        return "< 0.1 %"
+    return f"{100 * share:.2g} %"
 
 
 def _notes(kg: "TrainedOn | None", scored: Sequence[Any]) -> Iterator[str]:
@@ -251,8 +267,10 @@ def _table(columns: Sequence[str], rows: Sequence[Any], delimiter: str) -> str:
         values[column] = [getattr(row, column) for row in rows]
     frame: Any = pd.DataFrame(values)
     if "in_sample" in frame:
+        # As in JSON, and as readers in other languages expect.
         frame["in_sample"] = frame["in_sample"].astype(str).str.lower()
-    quoting = csv.QUOTE_NONE if delimiter == "\t" else csv.QUOTE_MINIMAL  # labels hold no tab
+    # Labels hold no tab, so that tables with tabs need no quotes.
+    quoting = csv.QUOTE_NONE if delimiter == "\t" else csv.QUOTE_MINIMAL
     text: str = frame.to_csv(
         sep=delimiter, index=False, float_format="%.9g", lineterminator="\n", quoting=quoting
     )

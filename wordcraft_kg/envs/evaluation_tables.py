@@ -50,7 +50,13 @@ def sampled_tasks(world: World, limit: int | None = MOST_TASKS) -> Ids:
 
 
 def warn_of_sample(world: World, tasks: Ids, limit: int | None) -> None:
-    """Warn that only ``tasks`` are evaluated, unless the user has set the limit."""
+    """Log a warning that only some tasks are evaluated, unless the user has set the limit.
+
+    Args:
+        world: graph, tasks and settings.
+        tasks: numbers of the evaluated tasks, shape (N,), from :func:`sampled_tasks`.
+        limit: the limit of which the sample comes; only the default one is worth a warning.
+    """
     if len(tasks) < len(world.tasks) and limit == MOST_TASKS:
         logging.getLogger(__name__).warning(
             "%s %s tasks are too many: evaluating a sample of %s tasks.",

@@ -86,6 +86,7 @@ class Discovery:
         pair = (one, other) if one <= other else (other, one)
         repeated = pair in self.tried
         self.tried.add(pair)
+        # A pair may have several results, and all of them become known.
         new = tuple(result for result in self._outcomes.get(pair, ()) if result not in self.known)
         self.known.update(dict.fromkeys(new))
         return new, repeated
@@ -173,7 +174,11 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Begin an episode with the base entities; no option exists, and the seed has no effect."""
+        """Begin an episode with the base entities; no option exists, and the seed has no effect.
+
+        Raises:
+            ConfigError: for an option.
+        """
         super().reset(seed=seed)
         if options:
             raise ConfigError(
@@ -262,6 +267,7 @@ class OpenEndedEnv(gym.Env[Observation, Any]):
         return one, other
 
     def _mask(self, entities: Iterable[int]) -> NDArray[np.int8]:
+        # int8 and not bool, as Gymnasium's MultiBinary space demands.
         mask = np.zeros(self.graph.num_entities, dtype=np.int8)
         mask[list(entities)] = 1
         return mask

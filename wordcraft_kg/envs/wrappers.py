@@ -226,7 +226,10 @@ class VectorKGScoreObservation(VectorWrapper):
         """Add scores to the last observations of ended episodes, whose tasks are in their infos."""
         rows = np.flatnonzero(infos["_final_obs"])
         last = [infos["final_obs"][row] for row in rows]
-        batch = {name: np.stack([one[name] for one in last]) for name in last[0]}
+        # From a dictionary for each episode to a dictionary of arrays, a row for each episode.
+        batch = {}
+        for name in last[0]:
+            batch[name] = np.stack([one[name] for one in last])
         scores = self._scores.of(batch, infos["final_info"]["task"][rows])
         final = np.full_like(infos["final_obs"], None)
         for place, row in enumerate(rows):

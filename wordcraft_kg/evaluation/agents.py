@@ -271,13 +271,12 @@ def view_agents(
             evaluators[amount](PolicyPlayer(agent.policy)) for agent in groups[name]
         ]
     alone = _scorers_alone(groups, evaluators)
-    gains = {
-        name: source_gains(
-            [agent.policy for agent in groups[name]], evaluators[headline], played_by[headline]
-        )
-        for name, played_by in results.items()
-        if headline in played_by
-    }
+    gains = {}
+    for name, played_by in results.items():
+        # An agent that cannot play with the headline's distractors has no gains.
+        if headline in played_by:
+            policies = [agent.policy for agent in groups[name]]
+            gains[name] = source_gains(policies, evaluators[headline], played_by[headline])
     made = _made_by_other_books(everyone)
     reference = next(iter(results.values()))
     graph = first.opened.graph

@@ -140,9 +140,11 @@ def view_worlds(worlds: Sequence[PlayedWorld], oracles: Sequence[str]) -> Worlds
     if not worlds:
         raise ConfigError("`worlds`: expected at least one world.")
     first = worlds[0].fits[0]
+    # Results of all worlds become one array, (fits, worlds, runs, attempts + 1).
+    expected = [(plays.players, plays.known.shape) for plays in worlds[0].fits]
     for world in worlds:
         shapes = [(plays.players, plays.known.shape) for plays in world.fits]
-        if shapes != [(plays.players, plays.known.shape) for plays in worlds[0].fits]:
+        if shapes != expected:
             raise ConfigError(
                 f"`worlds`: {world.graph.name} was played by {', '.join(world.fits[0].players)}; "
                 f"expected {', '.join(first.players)}, with as many runs, attempts and fits."
@@ -156,7 +158,9 @@ def view_worlds(worlds: Sequence[PlayedWorld], oracles: Sequence[str]) -> Worlds
         known = _known_of(worlds, name)
         # One oracle for all fits and runs of a world, or its luck would change the ratio.
         areas[name] = curve_area(known) / np.array(oracle_areas)[None, :, None]
-        players[name] = _player(known, areas[name], _passed_of(worlds, results, name), attempts)
+        passed = _passed_of(worlds, results, name)
+        players[name] = _player(known, areas[name], passed, attempts)
+    # An oracle is the measure, and no competitor.
     others = {name: float(area.mean()) for name, area in areas.items() if name not in oracles}
     best = max(others, key=lambda name: others[name], default=None)
     differences = {}
@@ -173,17 +177,20 @@ def _paired(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.
     A player without a scorer has one fit, which is compared with every fit of the other.
     """
     if len(one) > 1 and len(other) > 1:
+        # Fits in their order are pairs, as far as both players have them.
         fits = min(len(one), len(other))
         return one[:fits] - other[:fits]
+    # Axis 0 of length 1 broadcasts over the fits of the other.
     return one - other
 
 
 def _known_of(worlds: Sequence[PlayedWorld], name: str) -> NDArray[np.int64]:
     """Return a player's curves, shape (fits, worlds, runs, attempts + 1)."""
-    by_world = [
-        [plays.known[plays.players.index(name)] for plays in world.fits_of(name)]
-        for world in worlds
-    ]
+    by_world = []
+    for world in worlds:
+        fits = [plays.known[plays.players.index(name)] for plays in world.fits_of(name)]
+        by_world.append(fits)
+    # From (worlds, fits, ...): a comparison averages over worlds, fit by fit.
     return np.array(by_world).swapaxes(0, 1)
 
 
@@ -219,6 +226,7 @@ def _result_of(world: PlayedWorld, attempts: int) -> WorldResult:
         areas[name] = float(curve_area(_known_of([world], name)).mean() / area)
         if statistics.main is not None:
             entity = graph.id_of(statistics.main.entity)
+            # Fits and runs are alike here: both are one more try of the player.
             learnt = _learnt_of(world, name)[:, :, entity].ravel()
             found = learnt[learnt != NEVER]
             passed[name] = len(found) / len(learnt)
@@ -253,7 +261,9 @@ def _player(
         attempts: attempts of each run.
     """
     marks = sorted({attempts, *(mark for mark in MARKS if mark <= attempts)})
-    points = np.unique(np.linspace(0, attempts, _POINTS + 1).round().astype(int))
+    # Evenly spaced attempts, each once where there are fewer attempts than points.
+    spaced = np.linspace(0, attempts, _POINTS + 1)
+    points = np.unique(spaced.round().astype(int))
     return WorldsPlayer(
         fits=len(known),
         known={str(mark): _estimate(known[..., mark]) for mark in marks},

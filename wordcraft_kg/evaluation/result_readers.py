@@ -147,7 +147,17 @@ def external_rows(
 
 
 def read_table_games(opened: OpenedGraph, path: Path) -> tuple[TableGame, ...]:
-    """Return recorded games on a graph's tasks; for errors see :class:`ResultReader`."""
+    """Return recorded games on a graph's tasks.
+
+    Args:
+        opened: the graph and its split.
+        path: file or folder with the games, of any kind that a reader knows.
+
+    Raises:
+        ConfigError: if no reader knows the path, or it has no games on tasks.
+        ArtefactError: if it is damaged, or names entities that the graph does not have.
+        GraphMismatchError: if the games are of another graph or split.
+    """
     reader = _reader_of(path, [reader for reader in READERS.values() if reader.games])
     assert reader.games is not None
     games = tuple(reader.games(path, opened))

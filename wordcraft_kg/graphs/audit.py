@@ -183,15 +183,6 @@ class SplitSummary(Record):
     test_goals_in_train: Count
     one_ingredient_away: Count
 
-    @property
-    def train_share(self) -> float:
-        """Share of the recipes in the train part.
-
-        The setting ``train_ratio`` is a share of pairs, goals or groups instead.
-        """
-        recipes = self.train_recipes + self.valid_recipes + self.test_recipes
-        return self.train_recipes / max(recipes, 1)
-
 
 class Leakage(Record):
     """How the test triples of a relation relate to its training triples.
@@ -273,6 +264,7 @@ def audit(
     """
     whole = ~graph.is_half_product
     alike = alike_labels(graph.labels(np.flatnonzero(whole)))
+    # Relation ids are 0 and 1, also where a book has no triple of one.
     relation = graph.triples[:, 1]
     combines_with, component_of = np.bincount(relation, minlength=len(RELATIONS)).tolist()
     return Audit(
@@ -298,8 +290,10 @@ def audit(
 
 def split_summary(split: Split) -> SplitSummary:
     """Return a split's settings, and recipe and triple counts by part."""
+    # A step of a chain is no recipe of the book.
     kept = ~split.graph.makes_half_product
     train, valid, test = np.bincount(split.parts[kept], minlength=3).tolist()
+    # Triples of test recipes that train or validation recipes give, too, are not evaluated.
     evaluated = split.held_out("test")
     of_test = split.triples_of("test")
     goals = np.unique(split.graph.recipes[split.is_in("test") & kept, 2])
@@ -349,6 +343,7 @@ def leakage(split: Split) -> dict[Relation, Leakage]:
     tables: dict[Relation, Leakage] = {}
     for relation, name in enumerate(RELATIONS):
         of_test = split.triples_of("test")
+        # Half-products of chains are no facts of the game.
         from_test = _count(of_test[split.is_fact(of_test)], relation)
         num_evaluated = _count(evaluated, relation)
         tables[name] = Leakage(
@@ -371,6 +366,7 @@ def _ambiguity(graph: RecipeGraph) -> Ambiguity:
     order = np.argsort(-sizes, kind="stable")[:SHOWN]
     examples = []
     for pair in order[sizes[order] > 1].tolist():
+        # Recipes are sorted by pair, so those of a pair follow each other.
         start, stop = graph.pair_starts[pair : pair + 2]
         a, b = graph.labels(graph.recipes[start, :2])
         made = graph.recipes[start:stop, 2]
@@ -401,6 +397,7 @@ def _reachability(graph: RecipeGraph) -> Reachability:
 
 def _degrees(graph: RecipeGraph) -> Degrees:
     whole = ~graph.is_half_product
+    # Arrays keep an entry for each entity, so that a place stays an id; half-products count 0.
     uses = np.where(whole, graph.use_counts, 0)
     recipes = np.where(whole, graph.recipe_counts, 0)
     craftable = recipes[recipes > 0]

@@ -189,27 +189,30 @@ def check_book(
             findings.append(_problem("empty", "it has no recipe"))
         return BookCheck(_sorted(findings), None, None, None, reading)
     wanted = book.base if base is None else tuple(base)
-    if wanted is not None and (unknown := sorted(set(wanted).difference(book.entities))):
-        hint = nearest(unknown[0], book.entities)
-        findings.append(
-            _problem("base", f"base entities that are not in {book.name}: {listed(unknown)}{hint}")
-        )
-    graph = RecipeGraph.from_book(
-        book, None if wanted is None else set(wanted).intersection(book.entities)
-    )
+    # The check goes on without unknown base entities, so that it finds everything else too.
+    known_base = None
+    if wanted is not None:
+        known_base = set(wanted).intersection(book.entities)
+        unknown = sorted(set(wanted) - known_base)
+        if unknown:
+            hint = nearest(unknown[0], book.entities)
+            message = f"base entities that are not in {book.name}: {listed(unknown)}{hint}"
+            findings.append(_problem("base", message))
+    graph = RecipeGraph.from_book(book, known_base)
     line_of = _first_lines(lines_of)
     if graph.base_is_inferred and graph.base:
         entities = counted(len(graph.base), "entity", "entities")
-        message = f"no base is named, so the base is the {entities} without a recipe"
-        findings.append(
-            _note("base", f"{message}: {listed(graph.base)}. Name the base: # base: a, b")
+        message = (
+            f"no base is named, so the base is the {entities} without a recipe: "
+            f"{listed(graph.base)}. Name the base: # base: a, b"
         )
-    findings += [*_characters(graph, line_of), *_spellings(graph, line_of), *_idle(graph, wanted)]
-    findings += [
-        *_unreachable(graph, line_of, lines_of),
-        *_plurals(graph, line_of),
-        *_lonely(graph, line_of),
-    ]
+        findings.append(_note("base", message))
+    findings += _characters(graph, line_of)
+    findings += _spellings(graph, line_of)
+    findings += _idle(graph, wanted)
+    findings += _unreachable(graph, line_of, lines_of)
+    findings += _plurals(graph, line_of)
+    findings += _lonely(graph, line_of)
     mended = replace(book, base=None if wanted is None else graph.base, reading=reading)
     return BookCheck(_sorted(findings), _statistics(graph), graph, mended, reading)
 
@@ -230,9 +233,9 @@ def _of_bytes(file: OpenedFile) -> list[Finding]:
         message = (
             f"{counted(len(returns), 'line')} with a carriage return (CRLF or CR); end lines in LF"
         )
-        findings.append(
-            _problem("line-ends", message, returns if len(returns) < len(lines) // 2 else ())
-        )
+        # Where most lines have one, their numbers say nothing.
+        numbers = returns if len(returns) < len(lines) // 2 else ()
+        findings.append(_problem("line-ends", message, numbers))
     return findings
 
 
@@ -261,47 +264,60 @@ def _read_rows(
         lines = _numbers(fault.place for fault in alike)
         findings.append(_problem(kind, alike[0].message + more, lines))
     findings += _repeated(lines_of)
-    every = chain.from_iterable([recipe] * len(places) for recipe, places in lines_of.items())
+    every: list[Recipe] = []
+    for recipe, places in lines_of.items():
+        # As often as in the file: the book counts repetitions.
+        every += [recipe] * len(places)
     book = RecipeBook.of(name, [*every, *halves], listed=rows.listed)
     known = set(book.entities)
-    declared = rows.base
-    for label, place in (declared or {}).items():
-        if label not in known:
-            findings.append(_problem("base", unknown_base(label, known), _numbers([place])))
-    base = None if declared is None else tuple(sorted(known & declared.keys()))
+    base = None
+    if rows.base is not None:
+        base = tuple(sorted(known & rows.base.keys()))
+        for label, place in rows.base.items():
+            if label not in known:
+                findings.append(_problem("base", unknown_base(label, known), _numbers([place])))
     kinds = {recipe: rows.kinds[recipe] for recipe in book.recipes if recipe in rows.kinds}
     return lines_of, replace(book, base=base, kinds=kinds)
 
 
 def _repeated(lines_of: Mapping[Recipe, Sequence[Place]]) -> Iterator[Finding]:
     """Yield findings about self results, in one, and about recipes that are listed twice."""
-    selves = [recipe for recipe in lines_of if recipe.is_self_result]
-    lines = _numbers(place for recipe in selves for place in lines_of[recipe])
-    if len(selves) == 1:
-        message = f"'{selves[0].result}' is made from itself; such rows are dropped"
-        yield _problem("self-result", message, lines)
-    elif selves:
-        message = f"{len(selves):,} recipes make one of their ingredients, such as {selves[0]}; such rows are dropped"
-        yield _problem("self-result", message, lines)
-    twice = [
-        recipe for recipe in lines_of if len(lines_of[recipe]) > 1 and not recipe.is_self_result
-    ]
+    selves: list[Recipe] = []
+    twice: list[Recipe] = []
+    for recipe, places in lines_of.items():
+        if recipe.is_self_result:
+            selves.append(recipe)
+        elif len(places) > 1:
+            twice.append(recipe)
+    if selves:
+        subject = f"'{selves[0].result}' is made from itself"
+        if len(selves) > 1:
+            subject = f"{len(selves):,} recipes make one of their ingredients, such as {selves[0]}"
+        message = f"{subject}; such rows are dropped"
+        yield _problem("self-result", message, _lines_of(lines_of, selves))
     for recipe in twice[:MAX_DUPLICATES]:
         places = lines_of[recipe]
+        message = f"{recipe} is listed {len(places):,} times"
+        # Places in JSON have no line number, so the message names them.
         where = [place for place in places[:LISTED] if isinstance(place, str)]
-        message = f"{recipe} is listed {len(places):,} times" + (
-            f": {', '.join(where)}" if where else ""
-        )
+        if where:
+            message = f"{message}: {', '.join(where)}"
         yield _problem("duplicate", message, _numbers(places))
     rest = twice[MAX_DUPLICATES:]
     if rest:
-        lines = _numbers(place for recipe in rest for place in lines_of[recipe])
-        yield _problem("duplicate", f"{len(rest):,} more recipes are listed more than once", lines)
+        message = f"{len(rest):,} more recipes are listed more than once"
+        yield _problem("duplicate", message, _lines_of(lines_of, rest))
+
+
+def _lines_of(lines_of: Mapping[Any, Sequence[Place]], keys: Iterable[Any]) -> list[int]:
+    """Return the line numbers of recipes or labels, as many as a finding shows."""
+    return _numbers(chain.from_iterable(lines_of.get(key, ()) for key in keys))
 
 
 def _numbers(places: Iterable[Place]) -> list[int]:
     """Return the line numbers among places, ascending, as many as a finding shows."""
-    return sorted(islice((place for place in places if isinstance(place, int)), LISTED))
+    numbers = (place for place in places if isinstance(place, int))
+    return sorted(islice(numbers, LISTED))
 
 
 def _first_lines(lines_of: Mapping[Recipe, Sequence[Place]]) -> dict[str, int]:
@@ -346,7 +362,8 @@ def _characters(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Find
         if label == NOTHING:
             message = "'Nothing' is an entity here; in Infinite Craft it means no result"
             yield _note("nothing", message, _at([label], line_of))
-        if (visible := for_terminal(label)) != label:
+        visible = for_terminal(label)
+        if visible != label:
             message = (
                 f"'{visible}' holds an invisible character; remove it, or replace it by a space"
             )
@@ -368,7 +385,10 @@ def _idle(graph: RecipeGraph, base: tuple[str, ...] | None) -> Iterator[Finding]
 
 def _spellings(graph: RecipeGraph, line_of: Mapping[str, int]) -> Iterator[Finding]:
     for labels in alike_labels(graph.entities):
-        message = f"{' and '.join(map(repr, labels))} count as different entities; if they are the same thing, use one spelling"
+        names = " and ".join(map(repr, labels))
+        message = (
+            f"{names} count as different entities; if they are the same thing, use one spelling"
+        )
         yield _problem("spelling", message, _at(labels, line_of))
 
 
@@ -386,17 +406,19 @@ def _unreachable(
         )
         yield _problem("unreachable", message)
         return
-    idle = graph.recipe_counts + graph.use_counts == 0
-    outside = set(np.flatnonzero((layers(graph) < 0) & ~idle).tolist())
+    is_idle = graph.recipe_counts + graph.use_counts == 0
+    is_outside = (layers(graph) < 0) & ~is_idle
+    outside = set(np.flatnonzero(is_outside).tolist())
+    # An arrow from an ingredient to what it makes, among entities out of reach alone.
     needs = nx.DiGraph()
     needs.add_nodes_from(sorted(outside))
     for a, b, result in graph.recipes.tolist():
-        needs.add_edges_from(
-            (part, result) for part in (a, b) if part in outside and result in outside
-        )
+        if result in outside:
+            needs.add_edges_from((part, result) for part in (a, b) if part in outside)
+    # Entities that need one another are one finding, not one each.
     for island in sorted(nx.weakly_connected_components(needs), key=min):
         # Half-products are no entities of the file. Each needs an ingredient outside that is one.
-        labels = graph.labels([node for node in sorted(island) if not graph.is_half_product[node]])
+        labels = _whole_labels(graph, island)
         subject = counted(len(labels), "entity", "entities")
         message = f"{subject} cannot be made from the base ({listed(graph.base)}): {listed(labels)}"
         yield _problem("unreachable", message, _at(labels[:LISTED], line_of))
@@ -405,12 +427,17 @@ def _unreachable(
         places_of.setdefault(recipe.result, []).extend(places)
     for circle in sorted(nx.strongly_connected_components(needs), key=min):
         if len(circle) > 1 and _is_closed(graph, circle):
-            labels = graph.labels(
-                node for node in sorted(circle) if not graph.is_half_product[node]
+            labels = _whole_labels(graph, circle)
+            message = (
+                "every recipe of these needs another of them, so none can be made first: "
+                f"{listed(labels)}"
             )
-            lines = _numbers(place for label in labels for place in places_of.get(label, ()))
-            message = f"every recipe of these needs another of them, so none can be made first: {listed(labels)}"
-            yield _problem("cycle", message, lines)
+            yield _problem("cycle", message, _lines_of(places_of, labels))
+
+
+def _whole_labels(graph: RecipeGraph, ids: Iterable[int]) -> Sequence[str]:
+    """Return the labels of entities, by id, without half-products of chains."""
+    return graph.labels(sorted(id for id in ids if not graph.is_half_product[id]))
 
 
 def _is_closed(graph: RecipeGraph, entities: set[int]) -> bool:
@@ -446,7 +473,8 @@ def _statistics(graph: RecipeGraph) -> BookStatistics:
     """Return the statistics of a graph; half-products of chains and their recipes do not count."""
     layer = layers(graph)
     whole = ~graph.is_half_product
-    made = graph.recipe_counts[(graph.recipe_counts > 0) & whole]
+    has_recipe = graph.recipe_counts > 0
+    made = graph.recipe_counts[has_recipe & whole]
     results = graph.num_results
     uses = np.where(whole, graph.use_counts, 0)
     most_used = int(np.argmax(uses))
@@ -460,7 +488,7 @@ def _statistics(graph: RecipeGraph) -> BookStatistics:
         max_layer=max(int(layer.max()), 0),
         mean_recipes_per_craftable=float(made.mean()),
         share_with_two_recipes=float(np.mean(made >= 2)),
-        terminal=int(np.sum((graph.use_counts == 0) & (graph.recipe_counts > 0))),
+        terminal=int(np.sum((graph.use_counts == 0) & has_recipe)),
         self_pairs=graph.num_self_pairs,
         pairs_with_two_or_three_results=int(np.sum((results == 2) | (results == 3))),
         pairs_with_more_results=int(np.sum(results > 3)),
@@ -475,8 +503,9 @@ def listed(labels: Iterable[str]) -> str:
     Labels that hold a comma are in quotes.
     """
     labels = list(labels)
+    shown = ", ".join(map(quoted, labels[:LISTED]))
     more = len(labels) - LISTED
-    return ", ".join(map(quoted, labels[:LISTED])) + (f" and {more:,} more" if more > 0 else "")
+    return f"{shown} and {more:,} more" if more > 0 else shown
 
 
 def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -484,6 +513,8 @@ def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 
     def order(finding: Finding) -> tuple[bool, tuple[int, ...], str, str]:
         is_note = finding.severity != "problem"
-        return is_note, finding.lines[:1] or (0,), finding.kind, finding.message
+        # A finding without lines is about the whole book, and goes first.
+        first_line = finding.lines[:1] or (0,)
+        return is_note, first_line, finding.kind, finding.message
 
     return tuple(sorted(findings, key=order))

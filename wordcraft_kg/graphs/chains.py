@@ -51,7 +51,9 @@ def chain(ingredients: Sequence[str], result: str) -> list[Recipe]:
     if not others:
         return [Recipe(first, first, result)]
     recipes = []
-    at_hand, done = first, first
+    # What is there after each step, and the same without the mark of a half-product.
+    at_hand = first
+    done = first
     for ingredient in others[:-1]:
         done = f"{done} + {ingredient}"
         recipes.append(Recipe.of(at_hand, ingredient, done + HALF))
@@ -70,7 +72,8 @@ def is_step(recipe: Recipe) -> bool:
     """
     if not is_half_product(recipe.result):
         return True
-    one, other = recipe.ingredient_a.removesuffix(HALF), recipe.ingredient_b.removesuffix(HALF)
+    one = recipe.ingredient_a.removesuffix(HALF)
+    other = recipe.ingredient_b.removesuffix(HALF)
     return recipe.result.removesuffix(HALF) in (f"{one} + {other}", f"{other} + {one}")
 
 

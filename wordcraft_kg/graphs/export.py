@@ -22,7 +22,7 @@ from wordcraft_kg.graphs.folder import OpenedGraph
 from wordcraft_kg.graphs.hif import hif_lines
 from wordcraft_kg.graphs.planner import layers
 from wordcraft_kg.graphs.recipe_graph import RecipeGraph
-from wordcraft_kg.graphs.recipes import RecipeBook
+from wordcraft_kg.graphs.recipes import Recipe, RecipeBook
 from wordcraft_kg.graphs.triples import RELATIONS, triple_lines
 
 if TYPE_CHECKING:
@@ -82,10 +82,12 @@ def export_graph(
     exporter = EXPORTERS[format]
     graph = opened.graph
     if part != "full":
+        # The train recipes, or all others. All entities stay, so that ids mean the same.
         kept = opened.split.is_in("train") == (part == "partial")
         kinds = None if graph.kinds is None else tuple(compress(graph.kinds, kept))
         graph = RecipeGraph(graph.entities, graph.recipes[kept], graph.base_ids, graph.name)
         graph.kinds = kinds
+    # Some formats are built in memory as a whole: refused before the machine runs out of it.
     needed = graph.num_recipes * exporter.recipe_bytes
     if needed > MOST_BYTES:
         raise ConfigError(
@@ -93,10 +95,10 @@ def export_graph(
             f"{needed / 2**30:.0f} GiB of memory; expected at most {MOST_BYTES / 2**30:.0f}. "
             "Take nt, tsv, parquet, csv, json, hif or sentences, which need little."
         )
+    # Unseen triples are those that train recipes do not give; an unseen recipe may give others.
+    triples = opened.split.unseen if part == "unseen" else opened.triples(part)
     with staged_file(out, force=force) as path:
-        exporter.write(
-            graph, opened.split.unseen if part == "unseen" else opened.triples(part), path
-        )
+        exporter.write(graph, triples, path)
 
 
 def _book(ending: str) -> Callable[[RecipeGraph, Ids, Path], object]:
@@ -105,9 +107,14 @@ def _book(ending: str) -> Callable[[RecipeGraph, Ids, Path], object]:
         book = RecipeBook.of(
             graph.name, recipes, base=graph.base, listed=graph.entities, keep_self_results=True
         )
-        kinds = zip(recipes, graph.kinds or (), strict=graph.kinds is not None)
+        kinds: dict[Recipe, str] = {}
+        if graph.kinds is not None:
+            for recipe, kind in zip(recipes, graph.kinds, strict=True):
+                if kind:
+                    kinds[recipe] = kind
+        # The ending chooses the format, and a staged file has none.
         staged = path.with_name("book" + ending)
-        write_book(replace(book, kinds={recipe: kind for recipe, kind in kinds if kind}), staged)
+        write_book(replace(book, kinds=kinds), staged)
         staged.rename(path)
 
     return write
@@ -130,6 +137,7 @@ def _sentences(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
 
 def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
     """Yield N-Triples; only labels are text, and a self pair has one ingredient."""
+    # An IRI holds neither blanks nor most signs; "+" and "=" part the names in that of a recipe.
     code = [quote(label, safe="") for label in graph.entities]
     entities = [f"<{NAMESPACE}entity:{label}>" for label in code]
     for iri, label in zip(entities, graph.entities, strict=True):
@@ -140,6 +148,7 @@ def _rdf_lines(graph: RecipeGraph, triples: Ids) -> Iterator[str]:
     for a, b, result in zip(*(column.tolist() for column in graph.recipes.T), strict=True):
         recipe = f"<{NAMESPACE}recipe:{code[a]}+{code[b]}={code[result]}>"
         yield f"{recipe} <{_RDF_TYPE}> <{NAMESPACE}Recipe> .\n"
+        # RDF is a set of statements: the same ingredient twice would be one statement anyway.
         for part in dict.fromkeys((a, b)):
             yield f"{recipe} <{NAMESPACE}role:ingredient> {entities[part]} .\n"
         yield f"{recipe} <{NAMESPACE}role:result> {entities[result]} .\n"
@@ -158,10 +167,14 @@ def to_networkx(graph: RecipeGraph) -> "nx.MultiDiGraph":
 
     view = nx.MultiDiGraph(name=graph.name, hash=graph.hash)
     in_base = np.isin(np.arange(graph.num_entities), graph.base_ids)
-    columns = (in_base, graph.recipe_counts, graph.use_counts, layers(graph))
-    for label, base, recipes, uses, layer in zip(
-        graph.entities, *(c.tolist() for c in columns), strict=True
-    ):
+    # Plain numbers, which every writer of networkx accepts.
+    columns = (
+        in_base.tolist(),
+        graph.recipe_counts.tolist(),
+        graph.use_counts.tolist(),
+        layers(graph).tolist(),
+    )
+    for label, base, recipes, uses, layer in zip(graph.entities, *columns, strict=True):
         place = {"layer": layer} if layer >= 0 else {}  # GraphML cannot hold None
         view.add_node(label, kind="entity", base=base, recipes=recipes, uses=uses, **place)
     prefix = "recipe "

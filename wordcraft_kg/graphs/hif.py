@@ -55,38 +55,49 @@ def is_hif(document: Any) -> bool:
 
 def hif_lines(graph: RecipeGraph) -> Iterator[str]:
     """Yield a graph as a HIF document, with a node or an incidence in each line."""
+    # NaN is no JSON, and other readers of HIF would refuse the file.
     dump = json.JSONEncoder(ensure_ascii=False, allow_nan=False).encode
     base = set(graph.base_ids.tolist())
     metadata = {"name": graph.name, "hash": graph.hash}
     yield f'{{\n"network-type": "directed",\n"metadata": {dump(metadata)},\n"nodes": [\n'
+    # Generators: a large graph has millions of lines.
     nodes = (
         {"node": label, "attrs": {"base": entity in base}}
         for entity, label in enumerate(graph.entities)
     )
     yield from _lines(map(dump, nodes))
     yield '],\n"edges": [\n'
-    kinds = graph.kinds or [""] * graph.num_recipes
-    edges = (
-        {"edge": edge, "attrs": {"kind": kind}} if kind else {"edge": edge}
-        for edge, kind in enumerate(kinds)
-    )
-    yield from _lines(map(dump, edges))
+    yield from _lines(map(dump, _described_edges(graph)))
     yield '],\n"incidences": [\n'
     yield from _lines(map(dump, _incidences(graph)))
     yield "]\n}\n"
 
 
+def _described_edges(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
+    """Yield an edge for each recipe, with its kind if the graph has kinds."""
+    kinds = graph.kinds or [""] * graph.num_recipes
+    for edge, kind in enumerate(kinds):
+        described: dict[str, Any] = {"edge": edge}
+        if kind:
+            described["attrs"] = {"kind": kind}
+        yield described
+
+
 def _incidences(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
     for edge, recipe in enumerate(graph.recipe_labels()):
         ingredients = (recipe.ingredient_a, recipe.ingredient_b)
+        # A node is once in an edge; an entity with itself has the weight 2.
         for label, count in Counter(ingredients).items():
             tail: dict[str, Any] = {"edge": edge, "node": label, "direction": "tail"}
-            yield tail if count == 1 else tail | {"weight": count}
+            if count > 1:
+                tail["weight"] = count
+            yield tail
         yield {"edge": edge, "node": recipe.result, "direction": "head"}
 
 
 def _lines(values: Iterable[str]) -> Iterator[str]:
     """Yield values as the lines of a JSON list, with commas between them."""
+    # A value is held back until the next one shows that a comma follows.
     before = None
     for value in values:
         if before is not None:
@@ -126,8 +137,10 @@ def recipes_of_hif(document: Mapping[str, Any], where: str = "HIF") -> HifRecipe
         for result in edge.heads:
             rows.append((*edge.tail.elements(), result))
             kind_of_row.append(kinds.get(name, ""))
-    is_marked = any(isinstance(mark, bool) for mark in marks.values())
-    base = tuple(label for label, mark in marks.items() if mark is True) if is_marked else None
+    base = None
+    # A file in which nothing is marked says nothing of the base, rather than that it is empty.
+    if any(isinstance(mark, bool) for mark in marks.values()):
+        base = tuple(label for label, mark in marks.items() if mark is True)
     title = metadata.get("name")
     return HifRecipes(
         name=title if isinstance(title, str) else "",
@@ -201,13 +214,11 @@ class _Nodes:
 def _check_directed(document: Mapping[str, Any], where: str) -> None:
     """Refuse a hypergraph that does not say which nodes are ingredients."""
     kind = document.get("network-type", "directed")
-    without = [
-        place
-        for incidence, place in _objects(document, "incidences", where)
-        if incidence.get("direction") not in _DIRECTIONS
-    ]
-    if kind != "directed" or without:
-        found = f"the network-type {shown(kind)}" if kind != "directed" else f"{without[0]}"
+    found = "" if kind == "directed" else f"the network-type {shown(kind)}"
+    for incidence, place in _objects(document, "incidences", where):
+        if incidence.get("direction") not in _DIRECTIONS:
+            found = found or place
+    if found:
         raise RecipeFileError(
             f"{where}: a hypergraph without directions ({found}); expected a directed one, in "
             "which each recipe is an edge, its ingredients have the direction 'tail', and its "

@@ -138,6 +138,9 @@ class RecipeGraph:
             base: labels of the base entities; None for the entities that no recipe makes.
             name: name in reports.
 
+        Returns:
+            the graph; equal recipes and base give equal ids and hash, whatever their order.
+
         Raises:
             RecipeFileError: if a label cannot name an entity.
             UnknownEntityError: if a base label is in no recipe.

@@ -27,7 +27,9 @@ from wordcraft_kg.graphs.recipes import Recipe
 from wordcraft_kg.graphs.triples import is_in, recipe_triples
 
 _SPLIT_FORMAT = "wordcraft-kg split 1"
-TRAIN, VALID, TEST = 0, 1, 2
+TRAIN = 0
+VALID = 1
+TEST = 2
 PARTS = ("train", "valid", "test")
 Part = Literal["train", "valid", "test"]
 """A part (subset) of a split."""

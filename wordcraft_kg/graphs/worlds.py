@@ -8,6 +8,7 @@ wherever a book is asked for.
 from collections.abc import Iterable
 from dataclasses import replace
 from hashlib import sha256
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,9 +112,12 @@ def cut_world(
     whole("seed", seed, 0)
     fewest, most = sizes
     whole("sizes", fewest, BASES[1] + 1, most)
-    named = f"{PREFIX}-{seed}" if way is None else f"{PREFIX}-{way}-{seed}"
-    way = WAYS[seed % len(WAYS)] if way is None else way
-    one_of("way", way, WAYS)
+    if way is None:
+        named = f"{PREFIX}-{seed}"
+        way = WAYS[seed % len(WAYS)]
+    else:
+        named = f"{PREFIX}-{way}-{seed}"
+        one_of("way", way, WAYS)
     graph = RecipeGraph.from_book(book)
     rng = np.random.default_rng([seed, WAYS.index(way)])
     size = int(rng.integers(fewest, most + 1))
@@ -147,14 +151,12 @@ def _part_of(book: RecipeBook, graph: RecipeGraph, kept: Ids, base: Ids, named: 
     is_kept[kept] = True
     rows = graph.recipes[is_kept[graph.recipes].all(axis=1)]
     recipes = graph.recipe_labels(rows)
-    # Another book than the original, so another hash; the same for the same original and seed.
-    origin = None if book.sha256 is None else sha256(f"{named} {book.sha256}".encode()).hexdigest()
     world = RecipeBook.of(
         f"{named}-{book.name}",
         recipes,
         base=graph.labels(base.tolist()),
         keep_self_results=True,
-        sha256=origin,
+        sha256=_hash_of(book, named),
     )
     kinds = {recipe: book.kinds[recipe] for recipe in world.recipes if recipe in book.kinds}
     return replace(world, kinds=kinds)
@@ -171,6 +173,7 @@ def _drawn_base(graph: RecipeGraph, rng: np.random.Generator, size: int) -> Ids:
     if users == 0:  # a book without recipes
         return graph.base_ids[: BASES[1]]
     chances = uses / uses.sum()
+    # Not more than entities with a chance: the loop below would draw for ever.
     number = min(int(rng.integers(BASES[0], BASES[1] + 1)), users)
     base = rng.permutation(graph.base_ids)[:number].tolist()
     while len(base) < number:
@@ -179,11 +182,15 @@ def _drawn_base(graph: RecipeGraph, rng: np.random.Generator, size: int) -> Ids:
             base.append(drawn)
     reached = int((layers(graph, base) >= 0).sum())
     for _ in range(_EXCHANGES):
+        # In this order: worlds of a seed must stay what they are.
+        drawn = int(rng.choice(len(uses), p=chances))
+        place = int(rng.integers(number))
         other = list(base)
-        other[int(rng.integers(number))] = int(rng.choice(len(uses), p=chances))
+        other[place] = drawn
         if len(set(other)) < number:
             continue
         now = int((layers(graph, other) >= 0).sum())
+        # Beyond `size` a base need not grow, so that bases differ from seed to seed.
         if now >= min(size, reached):
             base = other
             reached = now
@@ -226,19 +233,22 @@ def _grown(graph: RecipeGraph, start: Ids, rng: np.random.Generator, size: int) 
 def _around_topic(graph: RecipeGraph, base: Ids, rng: np.random.Generator, size: int) -> Ids:
     """Return the entities closest to a drawn topic, with all that their derivations need."""
     planner = Planner(graph, base.tolist())
-    costs = np.array([cost < float("inf") for cost in planner.costs])
-    made = np.flatnonzero(costs & (graph.use_counts > 0))
-    topic = int(made[rng.integers(len(made))])
+    # In Python: a cost is a whole number that may be larger than any float.
+    can_be_made = np.array([cost < float("inf") for cost in planner.costs])
+    # A topic that no recipe uses has few neighbours.
+    topics = np.flatnonzero(can_be_made & (graph.use_counts > 0))
+    topic = int(topics[rng.integers(len(topics))])
     closeness = _closeness(graph, topic)
     # Equal closeness by id; -inf where nothing makes an entity.
-    order = np.argsort(-np.where(costs, closeness, -np.inf), kind="stable")
+    order = np.argsort(-np.where(can_be_made, closeness, -np.inf), kind="stable")
     kept = dict.fromkeys(base.tolist())
-    index = graph.id_of
-    for entity in order[: min(_TRIED * size, int(costs.sum()))].tolist():
+    # Derivations cost time, so distant entities are not tried in a large book.
+    tried = min(_TRIED * size, int(can_be_made.sum()))
+    for entity in order[:tried].tolist():
         if entity in kept:
             continue
         steps = planner.derivation(entity).steps
-        needed = [index(recipe.result) for recipe in steps]
+        needed = [graph.id_of(recipe.result) for recipe in steps]
         new = [made_entity for made_entity in needed if made_entity not in kept]
         if len(kept) + len(new) <= size:
             kept.update(dict.fromkeys(new))
@@ -254,11 +264,14 @@ def _closeness(graph: RecipeGraph, topic: int) -> NDArray[np.floating]:
     heads = np.concatenate([a, b, a, result, b, result])
     tails = np.concatenate([b, a, result, a, result, b])
     size = graph.num_entities
+    # An entity in no recipe has no neighbours; 1 in place of 0 avoids a division by 0.
     degrees = np.maximum(np.bincount(heads, minlength=size), 1)
     walk: NDArray[np.floating] = np.zeros(size)
     walk[topic] = 1
     for _ in range(_STEPS):
-        flow = np.bincount(tails, weights=(walk / degrees)[heads], minlength=size)
+        # A walker at an entity goes to each of its neighbours with the same probability.
+        shares = walk / degrees
+        flow = np.bincount(tails, weights=shares[heads], minlength=size)
         walk = (1 - _RESTART) * flow
         walk[topic] += _RESTART
     return walk / np.sqrt(degrees)
@@ -322,16 +335,28 @@ def with_wrong_recipes(book: RecipeBook, percent: int, seed: int = 0) -> RecipeB
     wrong_rows = [rows[place]._replace(result=results[place]) for place in changed]
     right_rows = [recipe for recipe in book.recipes if recipe not in replaced]
     named = f"{WRONG}-{percent}-{seed}" if seed else f"{WRONG}-{percent}"
-    origin = None if book.sha256 is None else sha256(f"{named} {book.sha256}".encode()).hexdigest()
     wrong_book = RecipeBook.of(
         f"{named}-{book.name}",
         right_rows + wrong_rows,
         base=book.base,
         listed=book.entities,
         keep_self_results=True,
-        sha256=origin,
+        sha256=_hash_of(book, named),
     )
+    # The kind of reasoning behind a recipe says nothing of the result that it has now.
     return replace(wrong_book, kinds={})
+
+
+def _hash_of(book: RecipeBook, named: str) -> str | None:
+    """Return the hash of a book made of another one: the same for the same original and name.
+
+    Args:
+        book: the original; without a file it has no hash, and neither has the new book.
+        named: how the new book was made, with the seed.
+    """
+    if book.sha256 is None:
+        return None
+    return sha256(f"{named} {book.sha256}".encode()).hexdigest()
 
 
 def bottlenecks(graph: RecipeGraph, base: Iterable[Entity] | None = None) -> list[tuple[int, int]]:
@@ -355,13 +380,14 @@ def bottlenecks(graph: RecipeGraph, base: Iterable[Entity] | None = None) -> lis
         # Entities of the same round and of earlier ones are made without it.
         known = reachable & (layer <= layer[entity])
         known[entity] = False
+        # Round by round, all that can be made without it.
         while True:
             made = result[known[a] & known[b]]
-            made = made[~known[made]]
-            made = made[made != entity]
-            if not len(made):
+            is_new = ~known[made] & (made != entity)
+            if not is_new.any():
                 break
-            known[made] = True
+            known[made[is_new]] = True
+        # Without the entity itself, which is not known either.
         lost = number - int(known.sum()) - 1
         if lost:
             needed.append((entity, lost))
@@ -376,27 +402,30 @@ def world_statistics(graph: RecipeGraph, base: Iterable[Entity] | None = None) -
             bottlenecks, whose cost grows with entities times recipes.
         base: entities known at the start; None for the graph's base.
     """
+    # Read twice below, and an iterator can be read once.
     start = None if base is None else list(base)
     layer = layers(graph, start)
     reachable = int((layer >= 0).sum())
     known = rounds(layer)
     width = np.diff([0, *known]).tolist()
+    # Unordered pairs, an entity with itself included.
     pairs = reachable * (reachable + 1) // 2
+    # The first recipe of each pair: a pair with several results counts once.
     firsts = graph.recipes[graph.pair_starts[:-1], :2]
     combining = int((layer[firsts] >= 0).all(axis=1).sum())
     is_small = graph.num_entities <= MOST_ANALYSED
     needed = bottlenecks(graph, start) if is_small else []
-    found = tuple(
-        Bottleneck(graph.entities[entity], lost, int(layer[entity])) for entity, lost in needed
-    )
+    found = []
+    for entity, lost in needed:
+        found.append(Bottleneck(graph.entities[entity], lost, int(layer[entity])))
     half = [bottleneck for bottleneck in found if 2 * bottleneck.needed_by >= reachable]
     # Sorted by need before, so that of the last round the one needed by most counts.
-    main = max(half or found[:1], key=lambda bottleneck: bottleneck.round, default=None)
+    main = max(half or found[:1], key=attrgetter("round"), default=None)
     return WorldStatistics(
         reachable=reachable,
         width=tuple(width),
         success_rate=combining / pairs if pairs else 0.0,
         pairs=pairs,
-        bottlenecks=found,
+        bottlenecks=tuple(found),
         main=main,
     )

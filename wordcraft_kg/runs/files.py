@@ -37,6 +37,12 @@ class RunFiles:
 
         Git on Windows gives text files other line ends (CRLF) by default. Such a file is taken if
         its SHA-256 is right with the line ends that were written (LF); so no other change passes.
+
+        Args:
+            name: the file's name, as ``run.json`` lists it.
+
+        Raises:
+            ArtefactError: if the file is missing, damaged or was changed.
         """
         path = self.folder / name
         data = read_large_file(path)

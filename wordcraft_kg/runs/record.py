@@ -134,6 +134,9 @@ def start_run(
         threads: number of CPU threads.
         inputs: hashes of the training data, by name.
         facts: optional fields of :class:`RunRecord`.
+
+    Returns:
+        the record as it lies in ``run.json``.
     """
     run = RunRecord(
         format="wordcraft-kg run 1",
@@ -165,6 +168,9 @@ def resume_run(
         folder: the run folder.
         run: the record until now.
         inputs: hashes that have changed, such as of ``config.toml`` with other paths.
+
+    Returns:
+        the record with the status ``running`` and this resumption.
     """
     again = Resumption(
         started=_now(),
@@ -195,6 +201,9 @@ def end_run(
         run: the record until now.
         status: how the run has ended.
         outputs: names of the files that training wrote; their SHA-256 are recorded.
+
+    Returns:
+        the record as it lies in ``run.json``.
     """
     hashes = {name: sha256_of(folder / name) for name in outputs}
     return _write(folder, replace(run, status=status, ended=_now(), outputs=hashes))

@@ -109,10 +109,12 @@ def _check_nodes(ray: Any, plan: "Plan", expected: Expected) -> None:
     from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy as Affinity
 
     nodes = [node for node in ray.nodes() if node["Alive"]]
-    offers = [
-        tuple(int(node["Resources"].get(kind, 0)) for kind in ("CPU", "GPU")) for node in nodes
-    ]
+    offers = []
+    for node in nodes:
+        resources = node["Resources"]
+        offers.append((int(resources.get("CPU", 0)), int(resources.get("GPU", 0))))
     for task in plan.tasks.values():
+        # A task runs on one node: cores of several nodes do not add up.
         if not any(cpus >= task.threads and gpus >= _gpus(task) for cpus, gpus in offers):
             raise ConfigError(
                 f"'{task.title}' needs {task.threads} cores and {_gpus(task)} GPUs of one node, "

@@ -67,7 +67,13 @@ class _Encoder:
         self.key = [self.hashes, [sha256_of(file) for file in settings], _PART, _BATCH]
 
     def tokens(self, labels: Sequence[str]) -> list[list[int]]:
-        """Return the tokens of labels; those of other than transformers are unknown: characters."""
+        """Return the numbers of the tokens of labels, a list for each label.
+
+        Tokenizers other than those of transformers are not known here; then characters stand in.
+
+        Raises:
+            ConfigError: if a label has no token, as with an encoder for another script.
+        """
         tokenizer = self.model.tokenizer
         if not hasattr(tokenizer, "unk_token_id"):
             return [list(map(ord, label)) for label in labels]

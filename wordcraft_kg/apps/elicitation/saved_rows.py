@@ -45,5 +45,12 @@ def read_rows(folder: Path, number: int) -> Tensor | None:
 
 
 def save_rows(folder: Path, number: int, rows: Tensor) -> None:
-    """Save the rows of a part; atomic: a part is either saved or not, even after a kill."""
-    write_atomically(folder / f"{number}.safetensors", safetensors.torch.save({"rows": rows}))
+    """Save the rows of a part; atomic: a part is either saved or not, even after a kill.
+
+    Args:
+        folder: folder of the saved parts, from :func:`saved_rows`.
+        number: number of the part, from 0.
+        rows: shape (rows of the part, any width).
+    """
+    content = safetensors.torch.save({"rows": rows})
+    write_atomically(folder / f"{number}.safetensors", content)

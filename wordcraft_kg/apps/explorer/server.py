@@ -47,7 +47,14 @@ def make_app(
 ) -> ASGIApp:
     """Return the web application for this content.
 
-    It answers requests for a host and further host names.
+    Args:
+        explored: the content of all pages.
+        host: name or address of this host; requests that name another host are refused, so that
+            a foreign web page cannot read the answers (DNS rebinding).
+        more_hosts: further names under which the server is reached, as behind a proxy.
+
+    Returns:
+        an ASGI application, for uvicorn or a test client.
     """
     server = _Server(explored)
     routes = [

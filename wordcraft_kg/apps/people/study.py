@@ -248,7 +248,11 @@ def _identity(record: StudyRecord) -> dict[str, Any]:
 
 
 def read_study_record(folder: Path) -> tuple[StudyRecord, str]:
-    """Return ``study.json`` and the SHA-256, which the answers database repeats."""
+    """Return ``study.json`` and the SHA-256, which the answers database repeats.
+
+    Raises:
+        ArtefactError: if the folder is missing or no study, or the file is damaged.
+    """
     path = folder / STUDY_FILE
     if not path.exists():
         raise ArtefactError(

@@ -11,6 +11,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -190,13 +191,15 @@ def _played(
     world = play.games.world
     tasks = chosen_tasks(world, settings.tasks).tolist()
     seeds = range(settings.seed, settings.seed + settings.tables)
-    games = [(task, seed) for task in tasks for seed in seeds]
+    games = list(product(tasks, seeds))
     starts = range(0, len(games), AT_ONCE)
     for start in steps("playing", starts):
         block = games[start : start + AT_ONCE]
         talks = [play.begin(task, seed) for task, seed in block]
         graph = world.graph
-        ids = [[graph.id_of(label) for label in _game(talk).start] for talk in talks]
+        ids = []
+        for talk in talks:
+            ids.append([graph.id_of(label) for label in _game(talk).start])
         tables = padded(ids, world.nothing)
         pairs = decided_pairs(world, [task for task, _ in block], tables, player, rng)
         yield from zip(talks, pairs, strict=True)

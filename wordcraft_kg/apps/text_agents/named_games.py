@@ -9,6 +9,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import chain
 from typing import Any
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation, Play
@@ -70,7 +71,13 @@ def open_play(
 
 
 def name_of(play: Play, task: int, distractor_seed: int) -> str:
-    """Return the name of a game on a task, such as ``everyday-train-2-8-17-0``."""
+    """Return the name of a game on a task, such as ``everyday-train-2-8-17-0``.
+
+    Args:
+        play: the games: graph, part, depth and number of distractors, or a benchmark's track.
+        task: number of the task among those of the part or track, from 0.
+        distractor_seed: seed of the distractors, from 0.
+    """
     return f"{_name_of_games(play)}-{task}-{distractor_seed}"
 
 
@@ -164,7 +171,8 @@ class GameList:
             ConfigError: for another text, or a game that is not offered; a game of a part that is
                 not offered is refused by the name of the part.
         """
-        by_name = {_name_of_games(play): play for plays in self.plays.values() for play in plays}
+        offered = chain.from_iterable(self.plays.values())
+        by_name = {_name_of_games(play): play for play in offered}
         match = _NAME.fullmatch(name) if isinstance(name, str) else None
         games = match["games"] if match else ""
         if match and games in by_name:

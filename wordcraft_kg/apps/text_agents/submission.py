@@ -268,7 +268,11 @@ def replay(play: Play, number: int, played: Played) -> GameLine:
 
 
 def game_of_track(play: Play, number: int) -> tuple[int, int]:
-    """Return the task and the distractor seed with which a game of a track begins."""
+    """Return the task and the distractor seed with which a game of a track begins.
+
+    On tasks each game is another task with the first table; open-ended games are runs in one world,
+    told apart by the seed alone.
+    """
     return (0, number) if play.settings.is_open_ended else (number, 0)
 
 
@@ -321,8 +325,14 @@ def answers_text(lines: Sequence[GameLine]) -> str:
 def metrics_of(track: Track, lines: Sequence[GameLine], *, by_task: bool = False) -> TrackMetrics:
     """Return the results over all games of a track.
 
-    ``by_task``: with the interval of earlier submissions, as if a split held out tasks by
-    themselves.
+    Args:
+        track: the track of the benchmark.
+        lines: all games of the track, one for each task and attempt, or run of an open-ended track.
+        by_task: whether the interval is that of earlier submissions, as if a split held out tasks
+            by themselves; otherwise whole groups of tasks are resampled.
+
+    Returns:
+        mean success rate, or mean number of known entities, with its 95 % interval.
     """
     known: dict[int, float] = {}
     by_plan = None
@@ -374,6 +384,9 @@ def write_submission(
         games: decisions in all games, in the order of the track.
         knowledge: offered look-ups.
         about: remaining fields of the :class:`Submission` about the player.
+
+    Returns:
+        the record of ``submission.json``, and the lines of the games as they were written.
 
     Raises:
         EpisodeError: for decisions against the rules; nothing is written.
@@ -427,7 +440,12 @@ def verify(folder: Path) -> Submission:
 
 
 def verified_games(folder: Path) -> tuple[Submission, list[GameLine]]:
-    """Return a verified submission with its games, see :func:`verify`."""
+    """Return a verified submission with its games, see :func:`verify`.
+
+    Raises:
+        ArtefactError: if a file is missing, damaged or edited, or if a result differs from what
+            replaying the games gives; the message names the first difference.
+    """
     path = folder / SUBMISSION_FILE  # for messages; an archive is no folder, but reads like one
     data = read_submission_file(folder, SUBMISSION_FILE)
     submission = parse_record(data, Submission, path)
@@ -538,6 +556,9 @@ def read_lines(folder: Path, track: Track, play: Play) -> list[GameLine]:
         folder: folder or archive of the submission.
         track: the track.
         play: the games of the track, with the look-ups that were offered.
+
+    Returns:
+        a line for each game, in the order of the track.
 
     Raises:
         ArtefactError: for a damaged file, a missing or needless game, or a line that differs from

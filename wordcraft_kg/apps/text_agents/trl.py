@@ -17,6 +17,7 @@ game can be replayed from its row and its pairs.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from itertools import product
 from typing import TYPE_CHECKING, Any, Literal
 
 from wordcraft_kg.apps.text_agents.conversation import Conversation
@@ -106,6 +107,7 @@ class CraftingRow:
             self.knowledge,
             self.look_ups,
         )
+        # A row may be years old, and come from elsewhere: each fact that it states is checked.
         if play.settings.split_hash != self.split_hash:
             raise ConfigError(
                 f"the row is of another split of '{self.graph}', in which its task may be a test "
@@ -178,6 +180,7 @@ class CraftingEnvironment:
     def record(self) -> TaskGameRecord:
         """The game as a record without messages, given up if it is not over."""
         talk = self._begun
+        # A trainer may stop a game at its limit of tokens; it then counts as given up.
         talk.game.end()
         record = record_of(talk, [])
         assert isinstance(record, TaskGameRecord)
@@ -243,31 +246,33 @@ def crafting_rows(  # noqa: PLR0913 - each argument is a keyword of its own for 
     """
     whole("tables", tables, 1)
     rows = []
-    for each_depth in (depth,) if isinstance(depth, int) else depth:
-        for number in (distractors,) if isinstance(distractors, int) else distractors:
-            most = each_depth if attempts is None else attempts
-            play = open_play(graph, part, each_depth, number, most, reward, knowledge, look_ups)
-            assert isinstance(play.games, TaskGames)
-            for task in chosen_tasks(play.games.world, tasks).tolist():
-                for seed in range(tables):
-                    talk = play.begin(task, seed)
-                    row = CraftingRow(
-                        graph=graph,
-                        split_hash=play.settings.split_hash,
-                        part=part,
-                        depth=each_depth,
-                        distractors=number,
-                        attempts=most,
-                        reward=reward,
-                        knowledge=knowledge,
-                        look_ups=look_ups,
-                        task=task,
-                        distractor_seed=seed,
-                        goal=_task_game(talk).goal,
-                    )
-                    name = name_of(play, task, seed)
-                    prompt = [{"role": "user", "content": tool_opening(talk)}]
-                    rows.append({"task_id": name, **vars(row), "prompt": prompt})
+    depths = (depth,) if isinstance(depth, int) else depth
+    numbers = (distractors,) if isinstance(distractors, int) else distractors
+    for each_depth, number in product(depths, numbers):
+        most = each_depth if attempts is None else attempts
+        play = open_play(graph, part, each_depth, number, most, reward, knowledge, look_ups)
+        assert isinstance(play.games, TaskGames)
+        chosen = chosen_tasks(play.games.world, tasks).tolist()
+        for task, seed in product(chosen, range(tables)):
+            # The game is begun for its goal and first message, and begun again from the row.
+            talk = play.begin(task, seed)
+            row = CraftingRow(
+                graph=graph,
+                split_hash=play.settings.split_hash,
+                part=part,
+                depth=each_depth,
+                distractors=number,
+                attempts=most,
+                reward=reward,
+                knowledge=knowledge,
+                look_ups=look_ups,
+                task=task,
+                distractor_seed=seed,
+                goal=_task_game(talk).goal,
+            )
+            name = name_of(play, task, seed)
+            prompt = [{"role": "user", "content": tool_opening(talk)}]
+            rows.append({"task_id": name, **vars(row), "prompt": prompt})
     return rows
 
 

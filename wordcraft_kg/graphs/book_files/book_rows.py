@@ -256,7 +256,8 @@ class BookRows:
             self_results: number of rows left out because the result is an ingredient.
             labels: all labels, for remarks about them.
         """
-        source, file = self.file.source, self.file
+        file = self.file
+        source = file.source
         left_out = Counter(self.left_out)
         left_out["that repeat a recipe"] += merged
         left_out[_SELF_RESULT] += self_results

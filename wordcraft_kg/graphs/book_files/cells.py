@@ -162,7 +162,7 @@ def _first_count(entries: Iterable[Entry]) -> str:
         return ""
     if sum(times[cell] for cell in _surely_counted(bare, times)) < _CLEAR * numbered:
         return ""  # such as 7 Up
-    with_numbers = [row for row in rows if any(cell in bare for cell in row)]
+    with_numbers = [row for row in rows if not bare.keys().isdisjoint(row)]
     mergers = sum(_is_merger(row, bare) for row in with_numbers)
     return next(iter(bare)) if mergers <= _MOST_MERGERS * len(with_numbers) else ""
 

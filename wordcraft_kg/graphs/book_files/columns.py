@@ -85,10 +85,10 @@ class Roles(NamedTuple):
     def shifted(self) -> "Roles":
         """Return the roles of a table with one more column before all others."""
         return Roles(
-            tuple(i + 1 for i in self.ingredients),
-            tuple(i + 1 for i in self.results),
-            None if self.kind is None else self.kind + 1,
-            tuple(i + 1 for i in self.counts),
+            ingredients=tuple(i + 1 for i in self.ingredients),
+            results=tuple(i + 1 for i in self.results),
+            kind=None if self.kind is None else self.kind + 1,
+            counts=tuple(i + 1 for i in self.counts),
         )
 
     @property
@@ -108,12 +108,14 @@ def roles_of_header(names: Sequence[str]) -> Roles | None:
     plain = [name.strip().lower() for name in names]
     kind = plain.index(KIND) if KIND in plain else None
     counts = tuple(i for i, each in enumerate(words) if each & _COUNT)
-    named = [i for i in range(len(names)) if i != kind and i not in counts and words[i]]
-    free = [i for i in named if not words[i] & _IGNORED]
+    # A column without a name, such as that of row names in R, has no role.
+    named = [i for i, each in enumerate(words) if each and i != kind and i not in counts]
+    free = [i for i in named if words[i].isdisjoint(_IGNORED)]
     found = _roles(words, free)
     if found is None:
         # Where all names hold "id", the ids are the labels.
-        with_ids = [i for i in named if not words[i] & (_IGNORED - _IDS)]
+        others = _IGNORED - _IDS
+        with_ids = [i for i in named if words[i].isdisjoint(others)]
         found = _roles(words, with_ids)
     if found is None:
         return None
@@ -124,22 +126,35 @@ def roles_of_header(names: Sequence[str]) -> Roles | None:
 def _roles(
     words: Sequence[frozenset[str]], free: Sequence[int]
 ) -> tuple[tuple[int, ...], tuple[int, ...]] | None:
+    """Return the columns of ingredients and of results, or None if the names do not tell.
+
+    Args:
+        words: words of each column's name.
+        free: columns that may have a role.
+    """
     results = [i for i in free if words[i] & _RESULT]
     others = [i for i in free if i not in results]
     ingredients = [i for i in others if words[i] & _INGREDIENT]
-    ingredients = ingredients or [i for i in others if words[i] & _SUMS]
+    if not ingredients:
+        ingredients = [i for i in others if words[i] & _SUMS]
+    names = [i for i in others if "name" in words[i]]
     # Words such as "a" or "item" may be labels of a first recipe, unless a result is named.
-    has_result = results or any("name" in words[i] for i in others)
-    if not ingredients and has_result:
+    if not ingredients and (results or names):
         ingredients = [i for i in others if words[i] & _WEAK_INGREDIENT]
     rest = [i for i in others if i not in ingredients]
-    if not results and ingredients:
+    if ingredients and not results:
         # The only other column must be the result, or the only one that is called a name.
-        rest = [i for i in rest if "name" in words[i]] if len(rest) > 1 else rest
-        results = rest if len(rest) == 1 else []
-    elif results and not ingredients:
-        ingredients = rest if len(rest) == 2 else []
-    return (tuple(ingredients), tuple(results)) if ingredients and results else None
+        candidates = rest
+        if len(rest) > 1:
+            candidates = [i for i in rest if i in names]
+        if len(candidates) == 1:
+            results = candidates
+    elif results and not ingredients and len(rest) == 2:
+        # Two other columns beside a result can only be its ingredients.
+        ingredients = rest
+    if not ingredients or not results:
+        return None
+    return tuple(ingredients), tuple(results)
 
 
 def roles_of_option(columns: Sequence[str], names: Sequence[str] | None, width: int) -> Roles:
@@ -160,7 +175,9 @@ def roles_of_option(columns: Sequence[str], names: Sequence[str] | None, width: 
     chosen = []
     for column in columns:
         index = by_name.get(column.strip().casefold())
-        if index is None and column.strip().isdecimal() and 1 <= int(column) <= width:
+        # A name goes before a number: a header may hold numbers.
+        is_number = index is None and column.strip().isdecimal()
+        if is_number and 1 <= int(column) <= width:
             index = int(column) - 1
         if index is None:
             there = ", ".join(map(repr, names or ())) or f"numbers from 1 to {width}"
@@ -172,8 +189,11 @@ def roles_of_option(columns: Sequence[str], names: Sequence[str] | None, width: 
             f"`columns` {','.join(columns)}: expected different columns, of the ingredients and, "
             "last, of the result."
         )
+    *ingredients, result = chosen
     kind = by_name.get(KIND)
-    return Roles(tuple(chosen[:-1]), (chosen[-1],), kind if kind not in chosen else None)
+    if kind in chosen:
+        kind = None
+    return Roles(tuple(ingredients), (result,), kind)
 
 
 def result_by_rows(rows: Sequence[Sequence[str]]) -> int | None:
@@ -188,8 +208,10 @@ def result_by_rows(rows: Sequence[Sequence[str]]) -> int | None:
     shares = []
     for result in range(3):
         one, other = (place for place in range(3) if place != result)
+        # Neither order nor repetition counts: a pair may stand in both orders.
         pairs = {frozenset((row[one], row[other])) for row in rows}
-        shares.append((len(pairs) / num_rows, result))
+        share = len(pairs) / num_rows
+        shares.append((share, result))
     (best, result), (second, _), _ = sorted(shares, reverse=True)
     if best - second < _MARGIN:
         return None

@@ -119,10 +119,14 @@ def opened(path: Path, data: bytes) -> Content:
             )
         inside = members[0].filename
         content = _member_bytes(path, zipfile.ZipFile(io.BytesIO(data)), members[0])
-        name, container = PurePosixPath(inside).name, f"zip ({inside})"
+        name = PurePosixPath(inside).name
+        container = f"zip ({inside})"
+        # A gzip file within the archive, by its first bytes: names of members are often wrong.
         if content[:2] == b"\x1f\x8b":
-            content, container = _gunzipped(path, content), f"{container}, gzip"
-            name = PurePosixPath(name).stem if name.lower().endswith(".gz") else name
+            content = _gunzipped(path, content)
+            container = f"{container}, gzip"
+            if name.lower().endswith(".gz"):
+                name = PurePosixPath(name).stem
         return Content(name, _checked(path, content), container)
     return Content(path.name, _checked(path, data))
 

@@ -42,6 +42,12 @@ def naming_the_guide(path: Path) -> Iterator[None]:
     """Add the guide to the refusal of a file that is read inside, unless it names it.
 
     A damaged graph folder is no file of a user, and no readable shape helps it.
+
+    Args:
+        path: the file that is read inside.
+
+    Raises:
+        RecipeFileError: the refusal of the code inside, with the address of the guide.
     """
     try:
         yield

@@ -79,6 +79,13 @@ class JsonPart(NamedTuple):
     columns: Sequence[str] | None = None
     names: Mapping[Any, str] = MappingProxyType({})
 
+    def with_names(self, rows: Sequence[Sequence[Any]]) -> list[list[Any]]:
+        """Return rows of cells with names in place of ids; other cells stay as they are."""
+        named = []
+        for row in rows:
+            named.append([self.names.get(cell, cell) for cell in row])
+        return named
+
 
 ShapeOf = Callable[[JsonPart], FoundShape | None]
 """Returns what it finds in a value, or None if the value has another shape."""

@@ -50,18 +50,22 @@ def names_of_ids(path: Path, rows: Iterable[tuple[Any, Mapping[str, Any]]]) -> d
     """
     names: dict[Any, str] = {}
     for identifier, row in rows:
-        name = next((row[key] for key in TEXT_KEYS if isinstance(row.get(key), str)), None)
-        if name is None or isinstance(identifier, bool) or not isinstance(identifier, (int, str)):
+        texts = [row[key] for key in TEXT_KEYS if isinstance(row.get(key), str)]
+        # True and false are integers to Python, but no ids.
+        is_id = isinstance(identifier, (int, str)) and not isinstance(identifier, bool)
+        if not texts or not is_id:
             continue
-        text = str(identifier)
+        name = texts[0]
         keys: list[int | str] = [identifier]
-        if isinstance(identifier, str) and _is_digits(text):
+        if isinstance(identifier, str) and _is_digits(identifier):
             # Keys of JSON are texts, even where recipes name the same elements by numbers.
-            keys.append(int(text))
+            keys.append(int(identifier))
         for key in keys:
-            if names.setdefault(key, name) != name:
-                both = f"{names[key][:60]!r} and {name[:60]!r}"
-                raise RecipeFileError(f"{path}: the id {text[:60]} belongs to {both}.")
+            known = names.setdefault(key, name)
+            if known != name:
+                both = f"{known[:60]!r} and {name[:60]!r}"
+                shown = str(identifier)[:60]
+                raise RecipeFileError(f"{path}: the id {shown} belongs to {both}.")
     return names
 
 
@@ -90,7 +94,8 @@ def with_names(path: Path, found: FoundShape, names: Mapping[Any, str]) -> Found
     for raw in raws:
         if isinstance(raw, RawRecipe):
             used.update(filter(is_name, raw.ingredients))
-            results.update(filter(is_name, [raw.result]))
+            if is_name(raw.result):
+                results.add(raw.result)
     strange = (used | results).difference(names.values())
     ids = strange.intersection(names)
     if not ids:
@@ -98,7 +103,8 @@ def with_names(path: Path, found: FoundShape, names: Mapping[Any, str]) -> Found
     # A result that is no id may be the name of the object around it; an ingredient may not.
     unknown = (strange - ids) & used
     if unknown:
-        missing = min(map(str, strange - ids))[:60]
+        others = map(str, strange - ids)
+        missing = min(others)[:60]
         raise refusal(path, f"recipes name elements by id, but none has the id {missing!r}", "json")
     if all(isinstance(each, int) for each in ids):
         # A label of digits, such as '7', is no id where ids are numbers.

@@ -3,17 +3,27 @@
 import ast
 import json
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from itertools import chain, islice
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.graphs.book_files.columns import names_ingredient, names_property
 from wordcraft_kg.graphs.book_files.guide import refusal
 
+LOOKED_AT = 1_000
+"""Entries by which a shape is judged."""
 _FEW = 3  # objects by which a common key is told from an ingredient
-_LOOKED_AT = 1_000  # objects whose keys are looked at
 _MAX_KEY = 4_000  # characters of a key that may be a list; a label has at most 1,000
 _SIGNS = (",", ";", "|", "/", "&")
+
+
+def first_keys(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Return the different keys of the first objects, in the order of the file."""
+    # A dict keeps the order, which a set would not.
+    keys: dict[str, None] = {}
+    for row in islice(rows, LOOKED_AT):
+        keys |= dict.fromkeys(row)
+    return list(keys)
 
 
 def property_keys(rows: Iterable[Mapping[str, Any]], labels: Collection[str]) -> list[str]:
@@ -30,12 +40,13 @@ def property_keys(rows: Iterable[Mapping[str, Any]], labels: Collection[str]) ->
     filled = [row for row in rows if row]
     if not filled:
         return []
-    keys = list(dict.fromkeys(chain.from_iterable(islice(filled, _LOOKED_AT))))
-    named = {key for key in keys if names_property(key) and key not in labels}
-    if named and all(named & row.keys() for row in filled):
-        return [key for key in keys if key in named]
+    named = [key for key in first_keys(filled) if names_property(key) and key not in labels]
+    if named and not any(row.keys().isdisjoint(named) for row in filled):
+        return named
     is_alike = all(row.keys() == filled[0].keys() for row in filled)
-    if len(filled) < (2 if is_alike else _FEW):
+    # Different objects share a key more easily by chance than equal ones.
+    fewest = 2 if is_alike else _FEW
+    if len(filled) < fewest:
         return []
     common = set(filled[0]).intersection(*filled).difference(labels)
     return [key for key in filled[0] if key in common]
@@ -58,15 +69,18 @@ def listed_parts(key: str) -> list[str] | None:
         >>> listed_parts("('water', 'earth')"), listed_parts('["water", "earth"]')
         (['water', 'earth'], ['water', 'earth'])
     """
-    if key[:1] + key[-1:] not in ("()", "[]") or len(key) > _MAX_KEY:
+    brackets = key[:1] + key[-1:]
+    if brackets not in ("()", "[]") or len(key) > _MAX_KEY:
         return None
     try:
+        # `literal_eval` reads values alone and runs nothing; deep nesting may exhaust its stack.
         parts = json.loads(key) if key.startswith("[") else ast.literal_eval(key)
     except (ValueError, SyntaxError, RecursionError, MemoryError):
         return None
     if not isinstance(parts, (list, tuple)) or len(parts) < 2:
         return None
-    return list(parts) if all(isinstance(part, str) for part in parts) else None
+    are_labels = all(isinstance(part, str) for part in parts)
+    return list(parts) if are_labels else None
 
 
 def common_sign(values: Sequence[Any]) -> str:
@@ -78,7 +92,7 @@ def common_sign(values: Sequence[Any]) -> str:
         values: texts, or lists of texts.
     """
     texts: list[Any] = []
-    for value in islice(values, _LOOKED_AT):
+    for value in islice(values, LOOKED_AT):
         texts += value if isinstance(value, list) else [value]
     if not texts or not all(isinstance(text, str) for text in texts):
         return ""
@@ -99,7 +113,8 @@ def refuse_joined(path: Path, values: Sequence[Any]) -> None:
     sign = common_sign(filled)
     if not sign:
         return
-    text = filled[0][0] if isinstance(filled[0], list) else filled[0]
+    first = filled[0]
+    text = first[0] if isinstance(first, list) else first
     labels = " + ".join(label.strip() for label in text.split(sign))
     raise refusal(
         path,

@@ -82,8 +82,10 @@ def hypergraph(part: JsonPart) -> FoundShape | None:
     if not is_hif(part.value):
         return None
     found = recipes_of_hif(part.value, str(part.path))
-    numbered = enumerate(zip(found.rows, found.kinds, strict=True), 1)
-    raws = (RawRecipe(f"edge {i}", row, row[:-1], row[-1], kind) for i, (row, kind) in numbered)
+    raws = []
+    for number, row in enumerate(found.rows, start=1):
+        kind = found.kinds[number - 1]
+        raws.append(RawRecipe(f"edge {number}", row, row[:-1], row[-1], kind))
     known = frozenset(found.listed)
     return FoundShape(
         "a hypergraph (HIF)",

@@ -8,9 +8,14 @@ from typing import Any
 from wordcraft_kg.graphs.book_files.columns import words_of
 from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.json_found import FoundShape, JsonPart, RawRecipe
-from wordcraft_kg.graphs.book_files.json_keys import listed_parts, property_keys, refuse_joined
-from wordcraft_kg.graphs.book_files.json_values import (
+from wordcraft_kg.graphs.book_files.json_keys import (
     LOOKED_AT,
+    first_keys,
+    listed_parts,
+    property_keys,
+    refuse_joined,
+)
+from wordcraft_kg.graphs.book_files.json_values import (
     RECIPE_KEYS,
     RESULT_KEYS,
     TEXT_KEYS,
@@ -48,6 +53,9 @@ def recipes_by_result(part: JsonPart) -> FoundShape | None:
     """An object of recipes by result: pairs, a pair, a sum, or null for a base entity.
 
     Pairs may also be partners and results, with the ingredient as key; the labels tell.
+
+    Raises:
+        RecipeFileError: if the labels do not tell, or the lists may be columns or about the book.
     """
     value = part.value
     if not isinstance(value, dict) or not value:
@@ -56,22 +64,26 @@ def recipes_by_result(part: JsonPart) -> FoundShape | None:
     if not all(each is None or isinstance(each, (list, str)) for each in values):
         return None
     filled = [each for each in values if each]
-    if any(isinstance(each, str) and not is_sum(each) for each in filled):
+    texts = [each for each in filled if isinstance(each, str)]
+    if not all(map(is_sum, texts)) or any(map(_holds_things, filled)):
         return None
-    if any(map(_holds_things, filled)):
-        return None
+    # Every doubt is an error before the first recipe is read.
     _refuse_about(part.path, value)
     _refuse_columns(part.path, value)
     refuse_joined(part.path, filled)
     listed = [key for key, each in value.items() if not each]
     rows = rows_by_key(value.items())
     place = chosen_place(part, rows, PAIR_PLACES, likely=0)
-    columns = places_in_order(PAIR_PLACES, place) if place != 0 or part.columns else ()
+    shape = "recipes by result"
+    columns: tuple[str, ...] = ()
     raws = recipes_of_results(value.items(), part.where)
-    if place == 0:
-        return FoundShape("recipes by result", raws, listed, columns=columns)
-    shape = "partners and results by ingredient"
-    return FoundShape(shape, with_result_at(raws, place), listed, columns=columns)
+    if place != 0:
+        shape = "partners and results by ingredient"
+        raws = with_result_at(raws, place)
+    # The usual order needs no words, unless the option named it.
+    if place != 0 or part.columns:
+        columns = places_in_order(PAIR_PLACES, place)
+    return FoundShape(shape, raws, listed, columns=columns)
 
 
 def _holds_things(value: Any) -> bool:
@@ -79,7 +91,7 @@ def _holds_things(value: Any) -> bool:
     if not isinstance(value, list):
         return False
     things = [each for each in value if isinstance(each, dict)]
-    keys = {plain_key(key) for thing in islice(things, LOOKED_AT) for key in thing}
+    keys = set(map(plain_key, first_keys(things)))
     has_name = not keys.isdisjoint(TEXT_KEYS)
     return bool(keys & RESULT_KEYS) or (has_name and bool(keys & RECIPE_KEYS))
 
@@ -87,9 +99,10 @@ def _holds_things(value: Any) -> bool:
 def _refuse_about(path: Path, value: Mapping[str, Any]) -> None:
     """Refuse a key such as base that says something about the book, next to results."""
     for key, each in value.items():
-        rows = each if isinstance(each, list) else []
-        is_flat = rows and not any(isinstance(row, list) or is_sum(row) for row in rows)
-        if key in _ABOUT and is_flat:
+        if key not in _ABOUT or not isinstance(each, list) or not each:
+            continue
+        # Pairs or sums are recipes, also under such a key.
+        if not any(isinstance(row, list) or is_sum(row) for row in each):
             seen = f"{key!r} may be a result, or a list for the whole book"
             remedy = 'Write {"entities": [...], "base": [...], "recipes": [[a, b, result]]}.'
             raise refusal(path, seen, "json", remedy)
@@ -98,8 +111,9 @@ def _refuse_about(path: Path, value: Mapping[str, Any]) -> None:
 def _refuse_columns(path: Path, value: Mapping[str, Any]) -> None:
     """Refuse long lists of one length, which may be the columns of a table."""
     filled = [each for each in value.values() if each]
-    lengths = {len(each) for each in filled}
-    if len(filled) > 1 and len(lengths) == 1 and all(map(_is_long, filled)):
+    lengths = set(map(len, filled))
+    are_alike = len(filled) > 1 and len(lengths) == 1
+    if are_alike and all(map(_is_long, filled)):
         keys = ", ".join(map(repr, islice(value, 6)))
         seen = f"lists of {len(filled[0]):,} labels under {keys}"
         remedy = "If they are columns, name them with `columns`."
@@ -196,6 +210,10 @@ def results_by_two_keys(part: JsonPart) -> FoundShape | None:
     """An object ``{a: {b: result}}``, with several results as a list, and null for none.
 
     A key such as combinations may stand between: ``{a: {"combinations": {b: result}}}``.
+
+    Raises:
+        RecipeFileError: if inner keys may be properties of things, or the labels do not tell which
+            of the three is the result.
     """
     value = part.value
     if not isinstance(value, dict) or not value:
@@ -204,24 +222,27 @@ def results_by_two_keys(part: JsonPart) -> FoundShape | None:
         return None
     if _is_wrapper_of_sums(value):
         return None
-    partners, around, ignored = without_wrapper({key: each or {} for key, each in value.items()})
-    results = [made_by(each) for inner in partners.values() for each in inner.values()]
+    filled = {key: each or {} for key, each in value.items()}
+    partners, around, ignored = without_wrapper(filled)
+    leaves = list(chain.from_iterable(inner.values() for inner in partners.values()))
+    results = list(map(made_by, leaves))
     # Objects with values of other kinds are another shape, unless they hold properties.
     is_nested = any(results) and None not in results
-    leaves = chain.from_iterable(inner.values() for inner in partners.values())
-    made = {leaf for leaf in leaves if isinstance(leaf, str)} if is_nested else set()
-    _refuse_properties(part.path, partners, property_keys(partners.values(), made | value.keys()))
+    labels = set(value)
+    if is_nested:
+        labels.update(leaf for leaf in leaves if isinstance(leaf, str))
+    _refuse_properties(part.path, partners, property_keys(partners.values(), labels))
     if not is_nested:
         return None
-    rows = [
-        [one, other, made]
-        for one, inner in islice(partners.items(), LOOKED_AT)
-        for other, made in inner.items()
-        if isinstance(made, str)
-    ]
+    rows: list[list[str]] = []
+    for one, inner in islice(partners.items(), LOOKED_AT):
+        rows += [[one, other, made] for other, made in inner.items() if isinstance(made, str)]
+    # A key such as combinations tells that the inner keys are partners; one such as data does not.
     is_told = not around or plain_key(around) in PARTNERS
     place = chosen_place(part, rows, _NESTED_PLACES, likely=2, must_tell=not is_told)
-    columns = places_in_order(_NESTED_PLACES, place) if place != 2 or part.columns else ()
+    columns: tuple[str, ...] = ()
+    if place != 2 or part.columns:
+        columns = places_in_order(_NESTED_PLACES, place)
     raws = _of_two_keys(partners, part.where, place)
     return FoundShape("results by two keys", raws, columns=columns, ignored=ignored)
 
@@ -233,8 +254,7 @@ def _is_wrapper_of_sums(value: Mapping[str, Any]) -> bool:
     inner = next(iter(value.values())) or {}
     if not inner:
         return False
-    has_sums = any(all(_has_two(key, joiner) for key in inner) for joiner in _KEY_JOINERS)
-    return has_sums or all(map(is_sum, inner.values()))
+    return bool(_common_joiners(inner)) or all(map(is_sum, inner.values()))
 
 
 def without_wrapper(
@@ -247,11 +267,14 @@ def without_wrapper(
         stay as they are, with an empty key, if no such key is around the partners of all.
     """
     filled = [inner for inner in things.values() if inner]
-    keys = list(dict.fromkeys(chain.from_iterable(filled)))
-    around = [key for key in keys if any(isinstance(inner.get(key), dict) for inner in filled)]
-    if len(around) != 1 or plain_key(around[0]) not in _PERHAPS_PARTNERS:
+    keys: dict[str, None] = {}
+    around: dict[str, None] = {}
+    for inner in filled:
+        keys |= dict.fromkeys(inner)
+        around |= dict.fromkeys(key for key, each in inner.items() if isinstance(each, dict))
+    key = next(iter(around), "")
+    if len(around) != 1 or plain_key(key) not in _PERHAPS_PARTNERS:
         return things, "", ()
-    (key,) = around
     unwrapped = {thing: inner.get(key) or {} for thing, inner in things.items()}
     if not all(isinstance(partners, dict) for partners in unwrapped.values()):
         return things, "", ()
@@ -293,13 +316,17 @@ def _refuse_properties(
 
 
 def results_by_sum(part: JsonPart) -> FoundShape | None:
-    """An object of results by a key such as ``"water+earth"``."""
+    """An object of results by a key such as ``"water+earth"``.
+
+    Raises:
+        RecipeFileError: if the keys could be parted in two ways, or either side may be the result.
+    """
     value = part.value
     if not isinstance(value, dict) or not value:
         return None
     results = [made_by(each) for each in value.values()]
     parts = _parts_of_keys(part.path, list(value))
-    if parts is None or any(made is None for made in results):
+    if parts is None or None in results:
         return None
     made_of = {key: made for key, made in zip(value, results, strict=True) if made}
     _refuse_sums_on_both_sides(part.path, made_of)
@@ -317,7 +344,8 @@ def results_by_sum(part: JsonPart) -> FoundShape | None:
 
 
 def _refuse_sums_on_both_sides(path: Path, made_of: Mapping[str, Sequence[Any]]) -> None:
-    if made_of and all(all(map(is_sum, made)) for made in made_of.values()):
+    every = list(chain.from_iterable(made_of.values()))
+    if every and all(map(is_sum, every)):
         key, made = next(iter(made_of.items()))
         seen = f"sums on either side: {key[:60]!r} may make {shown(made[0])}, or be made of it"
         raise refusal(path, seen, "json")
@@ -348,15 +376,28 @@ def _parts_of_keys(path: Path, keys: Sequence[str]) -> list[list[str]] | None:
     """
     if all(key[:1] in ("(", "[") and key[-1:] in (")", "]") for key in keys):
         return _lists_in_keys(path, keys)
-    joiners = [joiner for joiner in _KEY_JOINERS if all(_has_two(key, joiner) for key in keys)]
+    joiners = _common_joiners(keys)
     # " + " holds "+": the longer one is meant.
-    joiners = [joiner for joiner in joiners if joiner != "+" or " + " not in joiners]
+    if " + " in joiners and "+" in joiners:
+        joiners.remove("+")
     if len(joiners) > 1:
         seen = f"keys such as {keys[0][:60]!r} could be parted at {joiners[0]!r} or {joiners[1]!r}"
         raise refusal(path, seen, "json")
     if not joiners:
         return None
-    return [[label.strip() for label in key.split(joiners[0])] for key in keys]
+    parts = []
+    for key in keys:
+        labels = key.split(joiners[0])
+        parts.append([label.strip() for label in labels])
+    return parts
+
+
+def _common_joiners(keys: Iterable[str]) -> list[str]:
+    """Return the signs that part each key in two labels."""
+    fitting = list(_KEY_JOINERS)
+    for key in keys:
+        fitting = [joiner for joiner in fitting if _has_two(key, joiner)]
+    return fitting
 
 
 def _lists_in_keys(path: Path, keys: Sequence[str]) -> list[list[str]]:

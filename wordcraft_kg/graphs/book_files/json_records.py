@@ -13,7 +13,7 @@ from wordcraft_kg.graphs.book_files.columns import (
 from wordcraft_kg.graphs.book_files.guide import refusal
 from wordcraft_kg.graphs.book_files.json_found import FoundShape, JsonPart, RawRecipe
 from wordcraft_kg.graphs.book_files.json_ids import names_of_ids, with_names
-from wordcraft_kg.graphs.book_files.json_keys import pair_keys, refuse_joined
+from wordcraft_kg.graphs.book_files.json_keys import LOOKED_AT, first_keys, pair_keys, refuse_joined
 from wordcraft_kg.graphs.book_files.json_objects import (
     PAIR_PLACES,
     PARTNERS,
@@ -23,7 +23,6 @@ from wordcraft_kg.graphs.book_files.json_objects import (
     without_wrapper,
 )
 from wordcraft_kg.graphs.book_files.json_values import (
-    LOOKED_AT,
     NAME_KEYS,
     RECIPE_KEYS,
     RESULT_KEYS,
@@ -61,7 +60,14 @@ class Records(NamedTuple):
     @property
     def keys(self) -> list[str]:
         """All keys of the first objects, in order."""
-        return list(dict.fromkeys(chain.from_iterable(islice(self.rows, LOOKED_AT))))
+        return first_keys(self.rows)
+
+    def values(self, keys: Sequence[str]) -> list[Any]:
+        """Return the values under some keys, object by object; None where a key is missing."""
+        values: list[Any] = []
+        for row in self.rows:
+            values += [row.get(key) for key in keys]
+        return values
 
 
 class _Roles(NamedTuple):
@@ -111,8 +117,7 @@ def records_by_name(part: JsonPart) -> FoundShape | None:
         return None
     places = [f"{part.where}['{key}']" for key in value]
     # Objects that have names of their own are under their ids.
-    own = [row for row in value.values() if any(isinstance(row.get(key), str) for key in TEXT_KEYS)]
-    key_name = "id" if len(own) == len(value) else "name"
+    key_name = "id" if all(map(_has_text, value.values())) else "name"
     records = [{key_name: key, **row} for key, row in value.items()]
     # Without such a key the inner keys are ingredients, see results_by_two_keys.
     if not _recipe_keys(records) and not _has_columns(value):
@@ -124,14 +129,18 @@ def recipes_of_records(records: Records) -> FoundShape | None:
     """Return the recipes of records, by the names of their keys; None if these do not tell."""
     roles = _roles(records)
     columns = records.part.columns
-    if (
-        roles.recipes
-        and (roles.outputs or roles.names)
-        and (columns is None or _names_pair(columns))
-    ):
-        partners = _partners(records, roles)
-        return _entities(records, roles) if partners is None else partners
-    return _rows_of_cells(records)
+    are_things = bool(roles.recipes) and bool(roles.outputs or roles.names)
+    # Other words in the option `columns` are keys of a table.
+    is_free = columns is None or _names_pair(columns)
+    if not are_things or not is_free:
+        return _rows_of_cells(records)
+    partners = _partners(records, roles)
+    return _entities(records, roles) if partners is None else partners
+
+
+def _has_text(row: Mapping[str, Any]) -> bool:
+    """Return whether an object has a name that is a text."""
+    return any(isinstance(row.get(key), str) for key in TEXT_KEYS)
 
 
 def _names_pair(columns: Sequence[str]) -> bool:
@@ -143,19 +152,24 @@ def _names_pair(columns: Sequence[str]) -> bool:
 
 
 def _roles(records: Records) -> _Roles:
-    rows, keys = records.rows, records.keys
-    recipes = _recipe_keys(rows)
+    keys = records.keys
+    recipes = _recipe_keys(records.rows)
     outputs = [key for key in keys if plain_key(key) in RESULT_KEYS]
-    names = [key for key in NAME_KEYS if any(is_name(row.get(key)) for row in rows)]
+    names = [key for key in NAME_KEYS if any(map(is_name, records.values([key])))]
     if not recipes and outputs:
-        recipes = _only_recipe_key(rows, [key for key in keys if key not in outputs])
+        others = [key for key in keys if key not in outputs]
+        recipes = _only_recipe_key(records, others)
     return _Roles(recipes, outputs, names)
 
 
 def _recipe_keys(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    keys = dict.fromkeys(chain.from_iterable(islice(rows, LOOKED_AT)))
-    named = [key for key in keys if plain_key(key) in RECIPE_KEYS]
-    return [key for key in named if any(_is_recipes(row.get(key)) for row in rows)]
+    recipes = []
+    for key in first_keys(rows):
+        # The name alone says little: "parts" may hold a number of parts.
+        is_named = plain_key(key) in RECIPE_KEYS
+        if is_named and any(_is_recipes(row.get(key)) for row in rows):
+            recipes.append(key)
+    return recipes
 
 
 def _is_recipes(value: Any) -> bool:
@@ -163,9 +177,9 @@ def _is_recipes(value: Any) -> bool:
     return isinstance(value, (list, dict)) or (isinstance(value, str) and "+" in value)
 
 
-def _only_recipe_key(rows: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> list[str]:
+def _only_recipe_key(records: Records, keys: Sequence[str]) -> list[str]:
     """Return the only key whose values are all lists of labels or sums, whatever its name."""
-    fitting = [key for key in keys if all(_is_listed(row.get(key)) for row in rows)]
+    fitting = [key for key in keys if all(map(_is_listed, records.values([key])))]
     return fitting if len(fitting) == 1 else []
 
 
@@ -183,8 +197,8 @@ def _has_columns(value: Mapping[str, Mapping[str, Any]]) -> bool:
         value: objects by key.
     """
     rows = list(value.values())
-    keys = list(dict.fromkeys(chain.from_iterable(islice(rows, LOOKED_AT))))
-    keys = [key for key in keys if key not in value]
+    # A key that also stands outside is a label.
+    keys = [key for key in first_keys(rows) if key not in value]
     roles = roles_of_header(keys)
     if roles is not None:
         used = {keys[i] for i in (*roles.ingredients, *roles.results[:1])}
@@ -200,7 +214,8 @@ def _has_columns(value: Mapping[str, Mapping[str, Any]]) -> bool:
 
 def _rows_of_cells(records: Records) -> FoundShape | None:
     """Records with keys like the columns of a table."""
-    keys, columns = records.keys, records.part.columns
+    keys = records.keys
+    columns = records.part.columns
     if columns is None:
         roles = roles_of_header(keys) or _told_roles(records)
     else:
@@ -211,12 +226,15 @@ def _rows_of_cells(records: Records) -> FoundShape | None:
     made = [keys[i] for i in roles.results]
     counts = [keys[i] for i in roles.counts]
     if len(parts) == 1:
-        refuse_joined(records.part.path, [row.get(parts[0]) for row in records.rows])
+        refuse_joined(records.part.path, records.values(parts))
 
     def raws() -> Iterator[RawRecipe | Fault]:
         for row, place in zip(records.rows, records.places, strict=True):
             ingredients = _flat(row[key] for key in parts if row.get(key) not in (None, ""))
-            results = [each for key in made for each in results_of(row.get(key), True)]
+            results: list[Any] = []
+            for key in made:
+                results += results_of(row.get(key), True)
+            # One piece is what a recipe without a number means, so that nothing is lost.
             dropped = sum(row.get(key) not in (None, "", 1, "1") for key in counts)
             if not ingredients or not results:
                 expected = f"{', '.join(parts)} and {', '.join(made)}"
@@ -239,15 +257,17 @@ def _rows_of_cells(records: Records) -> FoundShape | None:
 def _told_roles(records: Records) -> Roles | None:
     """Return the roles of three keys such as a, b and c, if the labels tell which is the result."""
     keys = records.keys
-    cells: list[list[Any]] = [
-        [row.get(key) for key in keys] for row in islice(records.rows, LOOKED_AT)
-    ]
-    if not all(isinstance(cell, str) and cell for cell in chain.from_iterable(cells)):
-        return None
     if len(keys) != len(PAIR_PLACES) or not all(map(names_ingredient, keys)):
         return None
-    result = chosen_place(records.part, cells, keys, likely=2)
-    return Roles(tuple(place for place in range(3) if place != result), (result,))
+    rows: list[list[Any]] = []
+    for record in islice(records.rows, LOOKED_AT):
+        row = [record.get(key) for key in keys]
+        if not all(isinstance(cell, str) and cell for cell in row):
+            return None
+        rows.append(row)
+    result = chosen_place(records.part, rows, keys, likely=2)
+    ingredients = tuple(place for place in range(3) if place != result)
+    return Roles(ingredients, (result,))
 
 
 def _flat(values: Iterator[Any]) -> list[Any]:
@@ -280,8 +300,9 @@ def _partners(records: Records, roles: _Roles) -> FoundShape | None:
         is_map = isinstance(partners, dict) and not pair_keys(partners)
         if not is_map or not isinstance(name, str) or name in by_name:
             return None
-        results = [made_by(each) for each in partners.values()]
-        if None in results or any(type(each) is int for each in partners.values()):
+        made = list(partners.values())
+        # Numbers are amounts of an ingredient, no results.
+        if None in map(made_by, made) or any(type(each) is int for each in made):
             return None
         by_name[name] = {key: partners}
     if not without_wrapper(by_name)[1]:
@@ -295,9 +316,10 @@ def _partners(records: Records, roles: _Roles) -> FoundShape | None:
 def _entities(records: Records, roles: _Roles) -> FoundShape:
     """Objects with a key for recipes or ingredients, and one for the results or the name."""
     path = records.part.path
-    refuse_joined(path, [row.get(key) for row in records.rows for key in roles.recipes])
+    refuse_joined(path, records.values(roles.recipes))
     made = _made_key(records, roles)
-    names = names_of_ids(path, ((row.get("id"), row) for row in records.rows))
+    ids = [(row.get("id"), row) for row in records.rows]
+    names = names_of_ids(path, ids)
     raws: list[RawRecipe | Fault | LeftOut] = []
     listed: list[Any] = []
     for row, place in zip(records.rows, records.places, strict=True):
@@ -315,17 +337,19 @@ def _entities(records: Records, roles: _Roles) -> FoundShape:
             raws.append(Fault(place, "row", message, "pairs"))
         elif not held:
             raws.append(LeftOut(place, "without a recipe"))
-            listed += results if not roles.outputs else []
+            # A thing by its name is an entity of the book also without a recipe.
+            if not roles.outputs:
+                listed += results
         for pair in chain.from_iterable(held):
             here = f"{place}.{roles.recipes[0]}"
             raws += [RawRecipe(here, pair, pair, result) for result in results]
     columns = (*roles.recipes, made)
     ignored = tuple(key for key in records.keys if key not in columns)
+    found = FoundShape("a list of objects", raws, listed, columns=columns, ignored=ignored)
     result_place = _result_place(records, roles, names)
     if result_place != 0:
-        columns = places_in_order(PAIR_PLACES, result_place)
-    shifted = with_result_at(iter(raws), result_place) if result_place else raws
-    found = FoundShape("a list of objects", shifted, listed, columns=columns, ignored=ignored)
+        found.columns = places_in_order(PAIR_PLACES, result_place)
+        found.raws = with_result_at(iter(raws), result_place)
     return with_names(path, found, names)
 
 
@@ -337,17 +361,18 @@ def _result_place(records: Records, roles: _Roles, names: Mapping[Any, str]) -> 
         roles: their keys.
         names: labels by id.
     """
-    columns = records.part.columns
-    is_open = all(plain_key(key) in _EITHER_WAY for key in roles.recipes) and not roles.outputs
-    if columns is None and not is_open:
+    is_either_way = all(plain_key(key) in _EITHER_WAY for key in roles.recipes)
+    is_open = is_either_way and not roles.outputs
+    if records.part.columns is None and not is_open:
         return 0
-    labels = set(names.values())
     items = []
     for row in records.rows:
         items += [(row.get(roles.names[0]), row.get(key)) for key in roles.recipes]
     rows = rows_by_key(items)
-    has_ids = any(label in names and label not in labels for row in rows for label in row[1:])
-    if has_ids:
+    # Ids of ingredients, beside a name, say nothing about the result.
+    in_pairs = set(chain.from_iterable(row[1:] for row in rows))
+    ids = in_pairs.intersection(names).difference(names.values())
+    if ids:
         rows = []
     return chosen_place(records.part, rows, PAIR_PLACES, likely=0)
 
@@ -362,7 +387,8 @@ def _made_key(records: Records, roles: _Roles) -> str:
         return roles.names[0]
     if not roles.names:
         return roles.outputs[0]
-    name, output = roles.names[0], roles.outputs[0]
+    name = roles.names[0]
+    output = roles.outputs[0]
     used = _used_names(records, roles.recipes)
     alike = 0
     others: list[Mapping[str, Any]] = []
@@ -382,7 +408,7 @@ def _made_key(records: Records, roles: _Roles) -> str:
 def _used_names(records: Records, recipe_keys: Sequence[str]) -> set[Any]:
     """Return the names and ids that stand in recipes."""
     used: set[Any] = set()
-    for row in records.rows:
-        for pair in chain.from_iterable(pairs_of(row.get(key)) for key in recipe_keys):
-            used.update(name for name in map(own_name, pair) if is_name(name))
+    for value in records.values(recipe_keys):
+        for pair in pairs_of(value):
+            used.update(filter(is_name, map(own_name, pair)))
     return used

@@ -265,20 +265,26 @@ def _groups(part: JsonPart) -> FoundShape | None:
     if len(parts) < _FEWEST_GROUPS or len(parts) > _MOST_GROUPS:
         return None
     found: list[FoundShape] = []
+    listed: list[Any] = []
+    ignored: dict[str, None] = {}
     for each in parts:
         shape = next(filter(None, (shape(each) for shape in _GROUPED)), None)
         if shape is None or shape.names:
             return None
         found.append(shape)
+        listed += shape.listed
+        ignored |= dict.fromkeys(shape.ignored)
     first, *others = found
-    if any((each.shape, each.columns) != (first.shape, first.columns) for each in others):
-        return None
+    for other in others:
+        # Parts of other shapes are no groups: one of them may only look like recipes.
+        if other.shape != first.shape or other.columns != first.columns:
+            return None
     return replace(
         first,
         shape=f"{first.shape} in {len(found):,} groups",
         raws=chain.from_iterable(each.raws for each in found),
-        listed=[value for each in found for value in each.listed],
-        ignored=tuple(dict.fromkeys(key for each in found for key in each.ignored)),
+        listed=listed,
+        ignored=tuple(ignored),
     )
 
 

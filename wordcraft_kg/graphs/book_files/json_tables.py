@@ -35,9 +35,9 @@ def rows_of_labels(part: JsonPart) -> FoundShape | None:
     if all(map(_is_parted, value)):
         return _parted_rows(part)
     width = len(value[0])
-    if width < 2 or not all(isinstance(cell, (str, int)) for row in value for cell in row):
+    rows = _texts(value)
+    if width < 2 or rows is None:
         return None
-    rows = [[str(cell) for cell in row] for row in value]
     roles, start = _roles_of_lists(part, rows)
 
     def raws() -> Iterator[RawRecipe | Fault]:
@@ -72,12 +72,24 @@ def _is_parted(row: Sequence[Any]) -> bool:
 
 
 def _parted_rows(part: JsonPart) -> FoundShape | None:
-    rows = [[*ingredients, result] for ingredients, result in part.value]
-    if not all(isinstance(cell, (str, int)) for row in rows for cell in row):
+    rows = _texts([[*ingredients, result] for ingredients, result in part.value])
+    if rows is None:
         return None
-    texts = [[str(cell) for cell in row] for row in rows]
-    raws = [RawRecipe(f"{part.where}[{i}]", row, row[:-1], row[-1]) for i, row in enumerate(texts)]
+    raws = []
+    for index, row in enumerate(rows):
+        here = f"{part.where}[{index}]"
+        raws.append(RawRecipe(here, row, row[:-1], row[-1]))
     return FoundShape("a list of lists", raws)
+
+
+def _texts(rows: Sequence[Sequence[Any]]) -> list[list[str]] | None:
+    """Return rows of labels and numbers as texts; None if a cell is neither."""
+    texts = []
+    for row in rows:
+        if not all(isinstance(cell, (str, int)) for cell in row):
+            return None
+        texts.append(list(map(str, row)))
+    return texts
 
 
 def _roles_of_lists(part: JsonPart, rows: Sequence[Sequence[str]]) -> tuple[Roles, int]:
@@ -89,11 +101,12 @@ def _roles_of_lists(part: JsonPart, rows: Sequence[Sequence[str]]) -> tuple[Role
         header = None
     if part.columns is not None:
         by_number = all(column.strip().isdecimal() for column in part.columns)
+        # Names in the option are those of a header, whatever it looks like.
         has_header = header is not None or not by_number
         return roles_of_option(part.columns, names, width), int(has_header)
     if header is not None:
         return header, 1
-    full = [[part.names.get(cell, cell) for cell in row] for row in rows if len(row) == 3]
+    full = part.with_names([row for row in rows if len(row) == 3])
     result = result_place(full) if width == 3 and full else None
     if result is None:
         seen = f"a list of lists of {width} labels, and nothing tells which is the result"
@@ -134,7 +147,9 @@ def columns_of_cells(part: JsonPart) -> FoundShape | None:
         remedy = "If they are columns, name them with `columns`."
         raise refusal(part.path, seen, "json", remedy)
     # From columns to rows: a record for the cells of one row.
-    rows = [dict(zip(keys, row, strict=True)) for row in zip(*cells, strict=True)]
+    rows = []
+    for row in zip(*cells, strict=True):
+        rows.append(dict(zip(keys, row, strict=True)))
     places = [f"{part.where}[{index}]" for index in range(len(rows))]
     found = recipes_of_records(Records(part, rows, places))
     return None if found is None else replace(found, shape="columns")
@@ -154,7 +169,10 @@ def _cells_by_column(values: Sequence[Any]) -> list[list[Any]] | None:
     if all(isinstance(each, list) and len(each) == len(first) for each in values):
         cells = list(values)
     elif all(isinstance(each, dict) and each.keys() == first.keys() for each in values):
-        cells = [[each[key] for key in first] for each in values]
+        cells = []
+        for each in values:
+            # Rows may stand in another order in each column.
+            cells.append([each[row] for row in first])
     else:
         return None
     is_flat = not any(isinstance(cell, (list, dict)) for cell in chain.from_iterable(cells))

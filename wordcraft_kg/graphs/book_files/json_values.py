@@ -26,8 +26,6 @@ WRAPPERS = ENTITY_LISTS | words_of(
     "recipes data combinations combos results entries content payload book pairs"
 )
 """Keys around the recipes, which say nothing about them."""
-LOOKED_AT = 1_000
-"""Entries by which a shape is judged."""
 _MOST_PIECES = 10**12  # a larger number next to a label is no number of pieces
 
 
@@ -64,7 +62,10 @@ def own_name(value: Any) -> Any:
     """Return the name of an object that stands for an entity, or any other value as it is."""
     if not isinstance(value, dict):
         return value
-    return next((value[key] for key in NAME_KEYS if is_name(value.get(key))), value)
+    for key in NAME_KEYS:
+        if is_name(value.get(key)):
+            return value[key]
+    return value
 
 
 # --- recipes -------------------------------------------------------------------------------------
@@ -85,7 +86,10 @@ def pairs_of(value: Any) -> list[Sequence[Any]]:
     """Return the recipes that a value holds, each as a list of ingredients.
 
     A list of lists holds several recipes; a list of labels is one recipe, unless each is a sum; an
-    object of numbers is one recipe with counts.
+    object of numbers is one recipe with counts. The number of ingredients is not checked here.
+
+    Returns:
+        The recipes; empty for a value that holds none, and if any object in a list is no recipe.
     """
     if isinstance(value, str):
         return [summands(value)] if value.strip() else []
@@ -121,13 +125,18 @@ def _pairs_of_object(value: Mapping[str, Any]) -> list[Sequence[Any]]:
         return [[{"name": key, "count": number} for key, number in value.items()]]
     if any(isinstance(value.get(key), str) for key in TEXT_KEYS):
         return []  # a thing with its own recipes
-    recipes = [pairs_of(each) for key, each in value.items() if plain_key(key) in RECIPE_KEYS]
-    return list(chain.from_iterable(recipes))
+    recipes: list[Sequence[Any]] = []
+    for key, each in value.items():
+        if plain_key(key) in RECIPE_KEYS:
+            recipes += pairs_of(each)
+    return recipes
 
 
 def has_count(value: Any) -> bool:
     """Return whether an object names a number of pieces other than one."""
-    return isinstance(value, dict) and any(value.get(key, 1) != 1 for key in _COUNT_KEYS)
+    if not isinstance(value, dict):
+        return False
+    return any(value.get(key, 1) != 1 for key in _COUNT_KEYS)
 
 
 def _is_counted(value: Any) -> bool:
@@ -153,6 +162,7 @@ def made_by(value: Any) -> list[Any] | None:
     if isinstance(value, dict):
         outputs = [key for key in value if plain_key(key) in RESULT_KEYS]
         has_recipe = any(plain_key(key) in RECIPE_KEYS for key in value)
+        # With ingredients beside the result, the object is a recipe of its own.
         if len(outputs) == 1 and not has_recipe and not pair_keys(value):
             return made_by(value[outputs[0]])
         return [value] if is_entity(value) else None

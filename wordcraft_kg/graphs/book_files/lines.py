@@ -105,7 +105,8 @@ class SumLines(RowSource):
             RecipeFileError: if they are on both sides, or most lines begin or end alike.
         """
         super().__init__()
-        self._path, self._text = path, text
+        self._path = path
+        self._text = text
         self._drops_nothing = is_infinite_craft(text)
         left = right = 0
         for number, sides in self._parted():
@@ -128,9 +129,18 @@ class SumLines(RowSource):
                 yield number, sides
 
     def _known_ingredients(self) -> frozenset[str]:
-        """Ingredients with a comma, which tell that a comma does not part results."""
-        sums = (sides.left if self._sum_is_left else sides.right for _, sides in self._parted())
-        return frozenset(part for each in sums if "," in each for part in _summands(each))
+        """Return the ingredients of sums with a comma: such a comma does not part results."""
+        parts: set[str] = set()
+        for _, sides in self._parted():
+            total, _ = self._sum_and_result(sides)
+            if "," in total:
+                parts.update(_summands(total))
+        return frozenset(parts)
+
+    def _sum_and_result(self, sides: _Sides) -> tuple[str, str]:
+        if self._sum_is_left:
+            return sides.left, sides.right
+        return sides.right, sides.left
 
     def _check_ends(self) -> None:
         """Refuse lines that often begin or end with what other labels do not have.
@@ -138,14 +148,17 @@ class SumLines(RowSource):
         Raises:
             RecipeFileError: naming the beginning or the end, such as "Step 1: " or " (new!)".
         """
-        lines = [
-            [*_summands(sides.left), *_summands(sides.right)]
-            for _, sides in islice(self._parted(), _JUDGED_LINES)
-        ]
-        firsts = [labels[0] for labels in lines]
-        lasts = [labels[-1] for labels in lines]
-        after = [label for labels in lines for label in labels[1:]]
-        before = [label for labels in lines for label in labels[:-1]]
+        firsts: list[str] = []
+        lasts: list[str] = []
+        after: list[str] = []
+        before: list[str] = []
+        for _, sides in islice(self._parted(), _JUDGED_LINES):
+            labels = [*_summands(sides.left), *_summands(sides.right)]
+            firsts.append(labels[0])
+            lasts.append(labels[-1])
+            after += labels[1:]
+            before += labels[:-1]
+        # A mark of lines stands at their first labels alone; part of a label also at others.
         for where, pattern, ends, others in (
             ("begin", _PREFIX, firsts, after),
             ("end", _SUFFIX, lasts, before),
@@ -186,7 +199,7 @@ class SumLines(RowSource):
             )
             yield Fault(number, "row", message, "no sign")
             return
-        total, rest = (sides.left, sides.right) if self._sum_is_left else (sides.right, sides.left)
+        total, rest = self._sum_and_result(sides)
         if self._sum_is_left:
             if "," in rest and rest in self._ingredients:
                 message = f"{rest[:80]!r} may be several results, or one: an ingredient elsewhere."
@@ -198,15 +211,17 @@ class SumLines(RowSource):
             # Each part between commas makes the same result.
             pairs = [(_summands(part), _unwrapped(rest)) for part in total.split(",")]
         for ingredients, result in pairs:
-            faults = list(dict.fromkeys(filter(None, map(_label_fault, [*ingredients, result]))))
+            labels = [*ingredients, result]
+            # Each fault once, in the order of the labels.
+            faults = dict.fromkeys(filter(None, map(_label_fault, labels)))
             message = alternatives(ingredients) or " Also, ".join(faults)
             if message:
                 yield Fault(number, "label", message)
-            elif self._drops_nothing and NOTHING in (*ingredients, result):
+            elif self._drops_nothing and NOTHING in labels:
                 is_result = result == NOTHING
                 yield LeftOut(number, WITH_NOTHING if is_result else FROM_NOTHING)
             else:
-                yield number, [*ingredients, result]
+                yield number, labels
 
 
 def _often(pattern: re.Pattern[str], ends: Sequence[str], others: Sequence[str]) -> str | None:
@@ -271,17 +286,23 @@ def _sides(line: str) -> _Sides | None:
         found = list(islice(sign.finditer(content), 2))
         if not found:
             continue
-        left, right = content[: found[0].start()].strip(), content[found[0].end() :].strip()
-        if left and right:
-            is_backward = bool(_IS_BACKWARD.match(found[0][0]))
-            sides = _Sides(_unwrapped(left), _unwrapped(right), is_backward)
-            return None if len(found) > 1 else sides
+        first = found[0]
+        left = content[: first.start()].strip()
+        right = content[first.end() :].strip()
+        # A sign at an end is a mark; a less certain sign may part the line.
+        if not left or not right:
+            continue
+        if len(found) > 1:
+            return None
+        is_backward = bool(_IS_BACKWARD.match(first[0]))
+        return _Sides(_unwrapped(left), _unwrapped(right), is_backward)
     return None
 
 
 def _summands(text: str) -> list[str]:
     """Return the parts of a sum; a plus without spaces is part of a label if there is one with."""
-    return [_unwrapped(part) for part in text.split(" + " if " + " in text else "+")]
+    sign = " + " if " + " in text else "+"
+    return [_unwrapped(part) for part in text.split(sign)]
 
 
 def _unwrapped(text: str) -> str:

@@ -106,7 +106,11 @@ def is_recipe_file(name: str) -> bool:
 
 
 def folder_files(folder: Path) -> list[Path]:
-    """Return the recipe files below a folder, sorted; links are not followed."""
+    """Return the recipe files below a folder, sorted; links are not followed.
+
+    Raises:
+        RecipeFileError: if there are too many, as below a folder that was meant to be another.
+    """
     found: list[Path] = []
     inside = folder.name in _FOLDERS
     pending = [folder]
@@ -131,7 +135,15 @@ def folder_files(folder: Path) -> list[Path]:
 
 
 def read_folder(folder: Path, files: Iterable[Path]) -> Iterator[tuple[str, bytes]]:
-    """Yield names below ``recipes`` and bytes of recipe files."""
+    """Yield names below ``recipes`` and bytes of recipe files.
+
+    Args:
+        folder: the folder, to which names are relative.
+        files: the files, from :func:`folder_files`.
+
+    Raises:
+        RecipeFileError: if a file cannot be read, or is too large for one recipe.
+    """
     for path in files:
         name = path.relative_to(folder).as_posix()
         try:

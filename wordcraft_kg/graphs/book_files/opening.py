@@ -143,8 +143,8 @@ def _first_lines(text: str) -> list[str]:
 def _are_lines(text: str) -> bool:
     """Return whether lines are sums whatever the file's ending: no delimiter, or after a sum."""
     lines = _first_lines(text)
-    has_delimiter = any(any(sign in line for sign in ",;\t|") for line in lines[:20])
-    if not has_delimiter:
+    start = "\n".join(lines[:20])
+    if not any(sign in start for sign in ",;\t|"):
         return looks_like_lines(lines)
     # Several results after commas, as in a + b = c, d.
     return all(begins_with_recipe(line) for line in lines)

@@ -43,8 +43,9 @@ def result_place(rows: Sequence[Sequence[str]], likely: int | None = None) -> in
     if by_pairs is None:
         return by_contradictions
     # Where people seldom write the result, both judgements must agree.
-    is_enough = by_contradictions is None and likely in (None, by_pairs)
-    return by_pairs if is_enough or by_contradictions == by_pairs else None
+    is_usual = likely is None or likely == by_pairs
+    is_undisputed = by_contradictions is None and is_usual
+    return by_pairs if is_undisputed or by_contradictions == by_pairs else None
 
 
 def _least_contradicted(rows: Sequence[Sequence[str]], likely: int | None) -> int | None:
@@ -53,9 +54,10 @@ def _least_contradicted(rows: Sequence[Sequence[str]], likely: int | None) -> in
     if place == likely:
         return place if second > _CLEAR * fewest else None
     # A column of machines makes few contradictions, but machines are no ingredients.
-    is_clear = second > _CLEAR * fewest + _UNLIKELY
+    if second <= _CLEAR * fewest + _UNLIKELY:
+        return None
     results = {row[place] for row in rows}
-    return place if is_clear and are_reused(results, ingredients_of(rows, place)) else None
+    return place if are_reused(results, ingredients_of(rows, place)) else None
 
 
 def contradictions(rows: Iterable[Sequence[str]], place: int) -> int:
@@ -75,8 +77,12 @@ def contradictions(rows: Iterable[Sequence[str]], place: int) -> int:
         [0, 1, 2]
     """
     # Without repetitions and without an order of ingredients, which contradict nothing.
-    recipes = {(frozenset((*row[:place], *row[place + 1 :])), row[place]) for row in rows}
-    elements = {label for row in rows for label in row if label.casefold() in ELEMENTS}
+    recipes: set[tuple[frozenset[str], str]] = set()
+    elements: set[str] = set()
+    for row in rows:
+        parts = frozenset((*row[:place], *row[place + 1 :]))
+        recipes.add((parts, row[place]))
+        elements.update(label for label in row if label.casefold() in ELEMENTS)
     if len(elements) < _FEWEST_ELEMENTS:
         elements = set()
     made_elements = sum(made in elements for _, made in recipes)
@@ -85,9 +91,12 @@ def contradictions(rows: Iterable[Sequence[str]], place: int) -> int:
     several_results = len(recipes) - len(pairs)
     exchanged = 0
     for parts, made in recipes:
-        for part in parts - {made}:
+        # A recipe that makes its own ingredient is counted above, and is its own twin.
+        if made in parts:
+            continue
+        for part in parts:
             twin = (parts - {part} | {made}, part)
-            exchanged += made not in parts and twin in recipes
+            exchanged += twin in recipes
     return made_elements + made_of_itself + several_results + exchanged
 
 
@@ -119,7 +128,7 @@ def chosen_place(
     if not rows:
         return likely
     # Ids say nothing; the names of the same things do.
-    rows = [[part.names.get(label, label) for label in row] for row in rows]
+    rows = part.with_names(rows)
     told = result_place(rows, likely)
     if told == likely or (told is None and not must_tell):
         return likely
@@ -135,7 +144,8 @@ def chosen_place(
 
 def places_in_order(names: Sequence[str], result: int) -> tuple[str, ...]:
     """Return the names of places with that of the result last."""
-    return (*(name for place, name in enumerate(names) if place != result), names[result])
+    others = [name for place, name in enumerate(names) if place != result]
+    return (*others, names[result])
 
 
 def _reading(row: Sequence[str], names: Sequence[str], result: int) -> str:

@@ -9,9 +9,11 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from itertools import chain
 from operator import ne
 from pathlib import Path
 
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.graphs.book_files.cells import has_unseen, trim_unseen
 from wordcraft_kg.graphs.book_files.columns import (
     KIND,
@@ -245,7 +247,9 @@ class Table(RowSource):
     def _check_results(self, rows: Sequence[Sequence[str]]) -> None:
         """Refuse a column that is taken for results only because it is left over, or of numbers."""
         names = self._names or []
-        parts = {cell for i in self._roles.ingredients for cell in _column(rows, i)}
+        parts: set[str] = set()
+        for i in self._roles.ingredients:
+            parts.update(_column(rows, i))
         for i in self._roles.results:
             cells = _column(rows, i)
             # Ingredients may be numbers as well, such as ids.
@@ -268,7 +272,7 @@ class Table(RowSource):
             return
         for i in self._roles.ingredients:
             cells = _column(rows, i)
-            for joiner in ("+", ";", "&", ","):
+            for joiner in _JOINERS:
                 joined = [cell for cell in cells if joiner in cell and not is_half_product(cell)]
                 if joined and len(joined) > _MOSTLY * len(cells):
                     raise refusal(
@@ -322,16 +326,20 @@ class Table(RowSource):
                 "Another delimiter is named with `delimiter`.",
             )
         if len(first_row) != 3:
-            cells = f"{len(first_row)} column{'s' * (len(first_row) != 1)} ({seen})"
-            missing = "none is named as ingredients and result"
-            raise refusal(self._path, f"{named} and {cells}; {missing}", "table", remedy)
+            raise refusal(
+                self._path,
+                f"{named} and {counted(len(first_row), 'column')} ({seen}); none is named as "
+                "ingredients and result",
+                "table",
+                remedy,
+            )
         full = [row for row in rows if len(row) == 3 and all(row)]
         # Without the first row, which may be a header.
         below = full[1:]
         numeric = []
-        for column in range(3) if below else ():
-            if all(_NUMBER.fullmatch(row[column]) for row in below):
-                numeric.append(column)
+        if below:
+            numeric = [i for i in range(3) if all(map(_NUMBER.fullmatch, _column(below, i)))]
+        # Three columns of numbers are ids; a single one holds weights or such.
         if len(numeric) == 1:
             raise refusal(
                 self._path,
@@ -340,8 +348,8 @@ class Table(RowSource):
                 "table",
                 remedy,
             )
-        known = {cell for row in others for cell in row}
-        if known.isdisjoint(first_row) and others:
+        known = set(chain.from_iterable(others))
+        if others and known.isdisjoint(first_row):
             raise refusal(
                 self._path,
                 f"{named} whose first row ({seen}) may name the columns or be a recipe",
@@ -387,7 +395,9 @@ class Table(RowSource):
 
     def _plus_columns(self, rows: Sequence[Sequence[str]]) -> None:
         """Take two columns without known names, of which one has sums of ingredients."""
-        sums = [i for i in range(2) if all(len(row) == 2 and "+" in row[i] for row in rows)]
+        sums = []
+        if all(len(row) == 2 for row in rows):
+            sums = [i for i in range(2) if all("+" in row[i] for row in rows)]
         if len(sums) != 1:
             raise refusal(
                 self._path,
@@ -414,10 +424,13 @@ class Table(RowSource):
         if len(self._roles.ingredients) != 1:
             return
         (column,) = self._roles.ingredients
-        cells = [row[column] for row in rows if len(row) > column and row[column]]
-        present = [joiner for joiner in _JOINERS if any(joiner in cell for cell in cells)]
-        everywhere = [joiner for joiner in present if all(joiner in cell for cell in cells)]
-        fitting = everywhere if len(everywhere) == 1 else present
+        cells = _column(rows, column)
+        counts = {joiner: sum(joiner in cell for cell in cells) for joiner in _JOINERS}
+        fitting = [joiner for joiner in _JOINERS if counts[joiner]]
+        everywhere = [joiner for joiner in fitting if counts[joiner] == len(cells)]
+        # The only sign that each cell holds is meant; others are part of labels.
+        if len(everywhere) == 1:
+            fitting = everywhere
         if len(fitting) > 1:
             one, other = fitting[:2]
             cell = next(cell for cell in cells if one in cell or other in cell)
@@ -427,9 +440,11 @@ class Table(RowSource):
                 "table",
                 "Write each ingredient in a column of its own.",
             )
-        self._joiner = fitting[0] if fitting else ""
+        if fitting:
+            self._joiner = fitting[0]
+            return
         self._check_single(rows)
-        for joiner in () if fitting else _OTHER_JOINERS:
+        for joiner in _OTHER_JOINERS:
             joined = [cell for cell in cells if joiner in cell]
             if joined and len(joined) > _MOSTLY * len(cells):
                 raise refusal(
@@ -447,7 +462,7 @@ class Table(RowSource):
             RecipeFileError: naming such a result.
         """
         results = Counter(_column(rows, self._roles.results[0]))
-        for result, number in () if self._joiner else results.most_common(1):
+        for result, number in results.most_common(1):
             if number > 1:
                 raise refusal(
                     self._path,
@@ -461,17 +476,16 @@ class Table(RowSource):
         return self._dialect.delimiter == "|" and all(_RULE.fullmatch(cell) for cell in cells)
 
     def _name_columns(self) -> None:
-        used = [*self._roles.ingredients, *self._roles.results]
-        self.num_results = len(self._roles.results)
-        if self._names is None:
-            self.columns = tuple(f"column {i + 1}" for i in used)
-            others = [i for i in range(self._width) if i not in self._roles.used]
-            self.ignored = tuple(f"column {i + 1}" for i in others)
-            return
-        names = self._names
-        self.columns = tuple(names[i] for i in used)
-        others = [i for i in range(len(names)) if i not in self._roles.used]
-        self.ignored = tuple(names[i] or f"column {i + 1}" for i in others)
+        roles = self._roles
+        self.num_results = len(roles.results)
+        numbered = [f"column {i + 1}" for i in range(self._width)]
+        names = numbered
+        unnamed = numbered
+        if self._names is not None:
+            names = self._names
+            unnamed = [name or f"column {i + 1}" for i, name in enumerate(names)]
+        self.columns = tuple(names[i] for i in (*roles.ingredients, *roles.results))
+        self.ignored = tuple(name for i, name in enumerate(unnamed) if i not in roles.used)
 
     # --- the rows ---------------------------------------------------------------------------------
 
@@ -555,15 +569,14 @@ class Table(RowSource):
                 yield Fault(number, "row", message, "alternatives")
                 return
         results = [cells[i] for i in roles.results if cells[i]] or [cells[roles.results[0]]]
-        kind = cells[roles.kind] if roles.kind is not None and roles.kind < len(cells) else ""
-        labels = [*(ingredients or [""]), *results, *([kind] if kind else [])]
-        faults = list(dict.fromkeys(filter(None, map(self._label_fault, labels))))
+        kind = self._kind_in(cells)
+        # A blank label is a fault, so that a row without ingredients names it; a blank kind is not.
+        labels = [*(ingredients or [""]), *results, *filter(None, [kind])]
+        faults = dict.fromkeys(filter(None, map(self._label_fault, labels)))
         if faults:
             yield Fault(number, "label", " Also, ".join(faults))
             return
-        self.counts_dropped += sum(
-            1 for i in roles.counts if i < len(cells) and cells[i] not in ("", "1")
-        )
+        self.counts_dropped += self._counts_in(cells)
         if self._drops_nothing and NOTHING in ingredients:
             yield LeftOut(number, FROM_NOTHING)
             return
@@ -572,8 +585,18 @@ class Table(RowSource):
             if self._drops_nothing and result == NOTHING:
                 yield LeftOut(number, WITH_NOTHING)
                 continue
-            fault = self._note_kind(number, ingredients, result, kind) if kind else None
+            fault = self._note_kind(number, ingredients, result, kind)
             yield fault or (number, [*ingredients, result])
+
+    def _kind_in(self, cells: Sequence[str]) -> str:
+        """Return the kind of a row, or an empty text."""
+        column = self._roles.kind
+        return "" if column is None or column >= len(cells) else cells[column]
+
+    def _counts_in(self, cells: Sequence[str]) -> int:
+        """Return how many numbers of pieces a row loses; one piece is meant without a number."""
+        counts = [cells[i] for i in self._roles.counts if i < len(cells)]
+        return sum(count not in ("", "1") for count in counts)
 
     def _merged(self, cells: Sequence[str]) -> str | None:
         """Return why a row's first ingredient may stand in the row above, or None.
@@ -593,14 +616,15 @@ class Table(RowSource):
 
     def _not_parted(self, parts: Sequence[str]) -> str | None:
         """Return why a cell without the table's joiner may hold several ingredients, or None."""
-        joiners = (*_JOINERS, *_OTHER_JOINERS) if len(parts) == 1 else ()
-        joiner = next((each for each in joiners if each in parts[0]), None)
-        if joiner is None:
+        if len(parts) > 1:
             return None
-        return (
-            f"{parts[0][:80]!r} may be one ingredient or several, with {joiner.strip()!r} between "
-            f"them; write {self._joiner} as in other rows."
-        )
+        for joiner in (*_JOINERS, *_OTHER_JOINERS):
+            if joiner in parts[0]:
+                return (
+                    f"{parts[0][:80]!r} may be one ingredient or several, with "
+                    f"{joiner.strip()!r} between them; write {self._joiner} as in other rows."
+                )
+        return None
 
     def _label_fault(self, label: str) -> str | None:
         if self._may_hold_formula and _FORMULA.match(label):
@@ -620,27 +644,30 @@ class Table(RowSource):
     def _note_kind(
         self, number: int, ingredients: list[str], result: str, kind: str
     ) -> Fault | None:
-        key = tuple(sorted(ingredients)), result
-        if self.kind_of.setdefault(key, kind) != kind:
-            *_, last = key
-            recipe = f"{' + '.join(key[0])} -> {last}"
-            message = f"{recipe} has the kind '{kind}' here, and '{self.kind_of[key]}' above."
-            return Fault(number, "row", message)
-        return None
+        """Keep a recipe's kind, if any, or return a fault if it has another kind above."""
+        if not kind:
+            return None
+        parts = tuple(sorted(ingredients))
+        known = self.kind_of.setdefault((parts, result), kind)
+        if known == kind:
+            return None
+        recipe = f"{' + '.join(parts)} -> {result}"
+        message = f"{recipe} has the kind '{kind}' here, and '{known}' above."
+        return Fault(number, "row", message)
 
     def _wrong_width(self, cells: Sequence[str], limit: int) -> str:
         row = self._dialect.delimiter.join(cells)[:80]
         if not self._is_plain and not self._is_own:
             return (
-                f"'{row}' has {len(cells)} cell{'s' * (len(cells) != 1)}; the table has {limit} "
-                "columns. Quote a cell with a delimiter in it."
+                f"'{row}' has {counted(len(cells), 'cell')}; the table has {limit} columns. Quote "
+                "a cell with a delimiter in it."
             )
         count = len(cells) - 1
+        missing = "" if count else " missing"
         hint = " For a single ingredient, leave the second cell empty." if count == 1 else ""
         return (
-            f"'{row}' has {count} ingredient{'s' * (count != 1)} and a result"
-            f"{'' if count else ' missing'}; a recipe needs two and a result, in three columns."
-            f"{hint}"
+            f"'{row}' has {counted(count, 'ingredient')} and a result{missing}; a recipe needs "
+            f"two and a result, in three columns.{hint}"
         )
 
 

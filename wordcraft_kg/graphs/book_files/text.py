@@ -107,7 +107,8 @@ def decode(path: Path, data: bytes, encoding: str | None = None) -> Decoded:
     try:
         text = data.decode(name)
     except UnicodeDecodeError as error:
-        line, byte = data.count(b"\n", 0, error.start) + 1, data[error.start]
+        line = data.count(b"\n", 0, error.start) + 1
+        byte = data[error.start]
         raise refusal(
             path,
             f"line {line} is not {name.removesuffix('-sig')} (byte 0x{byte:02x})",

@@ -18,7 +18,15 @@ _JSON_FORMAT = "wordcraft-kg recipe book 1"
 
 
 def write_book(book: RecipeBook, path: Path) -> None:
-    """Write a recipe book as ``.csv``, ``.tsv`` or ``.json``; reading restores an equal book."""
+    """Write a recipe book as ``.csv``, ``.tsv`` or ``.json``; reading restores an equal book.
+
+    Args:
+        book: the book.
+        path: file to write; its ending chooses the format.
+
+    Raises:
+        RecipeFileError: if the ending is another; nothing is written.
+    """
     ending = path.suffix.lower()
     target = output_target(path)
     if ending == ".json":

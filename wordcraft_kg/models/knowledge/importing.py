@@ -115,13 +115,17 @@ def import_knowledge(
         OutputExistsError: if ``out`` exists and ``force`` is False.
     """
     entities = opened.graph.entities
+    # The part train alone: a choice by test recipes would leak these into the tables.
     recipes = opened.split.recipes("train")
+    # Checked before the slow steps.
     check_table("knowledge from outside the book", len(entities))
     chosen = {} if overrides is None else read_overrides(overrides)
     with stage(f"reading {path}"):
         network = READERS[kind](path)
     with stage("aligning labels"):
-        alignment = with_overrides(align(network, entities, recipes), network, entities, chosen)
+        aligned = align(network, entities, recipes)
+        # What a person says goes before what was found.
+        alignment = with_overrides(aligned, network, entities, chosen)
         if (alignment.nodes < 0).all():
             raise KnowledgeFileError(
                 f"{path}: none of the {len(entities):,} labels of '{opened.graph.name}', such as "
@@ -142,6 +146,7 @@ def import_knowledge(
         tables=tuple(info for info, _ in tables),
         triples=len(triples),
     )
+    # Half precision: the tables of all pairs are by far the largest files of a folder.
     halves = tuple(torch.from_numpy(values).half() for _, values in tables)
     knowledge = KnowledgeTables(record, halves)
     view = ImportedKnowledge(

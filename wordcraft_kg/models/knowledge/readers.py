@@ -146,7 +146,15 @@ class _Collected:
         self.weights.append(weight)
 
     def network(self, source: str, prefix: str) -> Network:
-        """Return the edges as a network; w, the sum of an edge's weights, becomes log(1 + w)."""
+        """Return the edges as a network; w, the sum of an edge's weights, becomes log(1 + w).
+
+        Args:
+            source: name of the network, for reports and errors.
+            prefix: beginning of the names of nodes and relations, such as ``wn``.
+
+        Raises:
+            KnowledgeFileError: if the file has no triple to use, or is not UTF-8.
+        """
         if not self.ids:
             raise KnowledgeFileError(
                 f"{self.path} has no triple to use; expected {source}'s triples."

@@ -67,6 +67,9 @@ def check_table_fits(model: str, num_entities: int) -> None:
 def scorer_kind(config: LinkSettings, num_entities: int) -> str:
     """Return the scorer kind that a model becomes: ``complex`` (embeddings) or ``table`` (scores).
 
+    Any model but ComplEx is stored as the table of its scores where that fits the limit. In a
+    larger book only DistMult passes the check: it is ComplEx without imaginary parts.
+
     Raises:
         ConfigError: as :func:`check_table_fits`.
     """

@@ -162,6 +162,9 @@ class Probabilities(Record, frozen=True, kw_only=True):
             seen: scores by each fold's model on triples that it has not seen, from
                 :func:`predictions`.
             seed: seed of the sampled pairs, among which scores are ranked.
+
+        Returns:
+            the curves of both relations; temperature and curve of recipes for a recipe scorer.
         """
         size = len(whole.entities)
         train = folds.triples()
@@ -261,6 +264,9 @@ def predictions(scorer: TripleScorer, folds: Folds, fold: int, *, seed: int = 0)
         folds: the folds; recipes outside train are not read.
         fold: number of the fold, from 0.
         seed: seed of the sample of pairs, if there are more than :data:`MAX_CELLS`.
+
+    Returns:
+        histograms of both relations; scores of results for a recipe scorer.
     """
     size = len(scorer.entities)
     train = folds.triples()

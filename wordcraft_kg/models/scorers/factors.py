@@ -156,7 +156,18 @@ class ComplExScorer(StoredScorer):
 
 
 def grids(heads: Tensor, relations: Tensor, tails: Tensor) -> tuple[bool, bool]:
-    """Return whether (B, 1) heads meet (1, N) tails, and whether (1, N) heads meet (B, 1) tails."""
+    """Return which layout of all heads with all tails three tensors of ids have.
+
+    Such a grid is one matrix product in place of B times N single products.
+
+    Args:
+        heads: entity ids, any shape.
+        relations: relation ids: shape (B, 1), or a single id of shape ().
+        tails: entity ids, any shape.
+
+    Returns:
+        whether (B, 1) heads meet (1, N) tails, and whether (1, N) heads meet (B, 1) tails.
+    """
     is_column = relations.ndim == 2 and relations.shape[1] == 1
     if heads.ndim != 2 or tails.ndim != 2 or not (is_column or relations.ndim == 0):
         return False, False

@@ -208,7 +208,11 @@ def glove_features(labels: Sequence[str], pooling: Pooling = "mean") -> EntityFe
 
     Source: Pennington et al. 2014, "GloVe: Global vectors for word representation".
     """
-    words = sorted({word.lower() for label in labels for word in _candidates(label)})
+    looked_up: set[str] = set()
+    for label in labels:
+        looked_up.update(map(str.lower, _candidates(label)))
+    # In one order: that of a set differs between processes.
+    words = sorted(looked_up)
     rows = _glove_rows(tuple(words))
     is_known = rows >= 0
     # Mapped into memory, so only the pages with wanted rows are read.

@@ -1,5 +1,6 @@
 """``wordcraft-kg chats``."""
 
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -84,9 +85,9 @@ def chats(  # noqa: PLR0913 - parameters are the command's options
     for file in (out, card_path(out)):
         check_output_file(file, force=force)
     opened = open_graph(graph)
-    plays = [
-        open_play(graph, part, each, number, attempts) for each in depths for number in numbers
-    ]
+    plays = []
+    for each, number in product(depths, numbers):
+        plays.append(open_play(graph, part, each, number, attempts))
     first = plays[0].games
     assert isinstance(first, TaskGames)
     title, played_by = named_player(player, opened, first.world.tasks)

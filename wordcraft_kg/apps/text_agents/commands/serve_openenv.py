@@ -2,6 +2,7 @@
 
 import sys
 from contextlib import ExitStack
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal, get_args
 
@@ -113,8 +114,7 @@ def serve_openenv(  # noqa: PLR0913 - parameters are the command's options
             for name in parts:
                 plays[name] = [
                     open_play(graph, name, each, number, attempts, reward, knowledge, look_ups)
-                    for each in depths
-                    for number in numbers
+                    for each, number in product(depths, numbers)
                 ]
         games = GameList(plays)
         keep = None

@@ -77,16 +77,13 @@ def test_a_large_root_seed_is_as_good_as_any():
 @pytest.mark.parametrize("is_frozen", [False, True])
 def test_the_guard_freezes_objects_only_while_it_is_open(is_frozen):
     """The guard freezes objects only while it is open unless frozen before."""
-    if is_frozen:
-        gc.freeze()
-    before = gc.get_freeze_count()
+    gc.freeze() if is_frozen else gc.unfreeze()
     try:
         with pykeen_guard(seed=3, threads=1):
-            assert gc.get_freeze_count() > (0 if is_frozen else before)
-        assert (gc.get_freeze_count() > 0) == (before > 0)
+            assert gc.get_freeze_count() > 0
+        assert (gc.get_freeze_count() > 0) == is_frozen
     finally:
-        if is_frozen:
-            gc.unfreeze()
+        gc.freeze()  # as tests/conftest.py does
 
 
 def test_pykeen_is_quiet_only_inside_the_block_and_on_errors_too():
@@ -121,7 +118,7 @@ def train(model="DistMult", **settings):
 
 
 @cache
-def on_kitchen(is_inverse=False):
+def on_kitchen(is_inverse):
     graph = {"graph": "kitchen", "create_inverse_triples": is_inverse}
     result = train("TransE", dataset="wordcraft", dataset_kwargs=graph)
     return result.model, result.training
@@ -160,17 +157,17 @@ def test_labels_are_matched_whatever_pykeens_ids_are(opened_kitchen):
 
 def test_a_model_of_another_graph_is_refused_with_what_differs():
     with pytest.raises(GraphMismatchError, match=r"entities .* are missing .* are unknown"):
-        from_pykeen(*on_kitchen(), open_graph("paper-examples"))
+        from_pykeen(*on_kitchen(False), open_graph("paper-examples"))
 
 
 def test_a_table_that_is_too_large_is_refused(opened_kitchen, monkeypatch):
     monkeypatch.setattr(config, "TABLE_LIMIT", 1_000)
     with pytest.raises(ConfigError, match="80 entities"):
-        from_pykeen(*on_kitchen(), opened_kitchen)
+        from_pykeen(*on_kitchen(False), opened_kitchen)
 
 
 def test_it_becomes_a_model_folder_of_the_same_scores(opened_kitchen, tmp_path):
-    scorer = from_pykeen(*on_kitchen(), opened_kitchen)
+    scorer = from_pykeen(*on_kitchen(False), opened_kitchen)
     model = open_model(save_scorer(tmp_path / "model", scorer, opened_kitchen, kg="partial"))
     assert (model.kg, model.provenance["what it is"]) == ("partial", "TransE")
     torch.testing.assert_close(model.scorer.table(0), scorer.table(0))

@@ -60,12 +60,6 @@ def pytest_collection_modifyitems(items):
     items.sort(key=_room)
 
 
-def pytest_collection_finish():
-    """Keep imported modules and collected tests out of collections: no test lets go of them."""
-    gc.collect()
-    gc.freeze()
-
-
 ROOMS = (
     "agents/test_explanation.py",
     "base/",

@@ -52,6 +52,8 @@ demo: .venv/package
 
 # In the order of tests/conftest.py, not by the number of tests.
 FAST := -m "not slow and not browser" --numprocesses auto --dist loadfile --no-loadscope-reorder
+# Tests start commands in processes of their own, which would compile the package again each time.
+test test-core test-apps slow: export PYTHONDONTWRITEBYTECODE =
 # The core first, in the same session: libraries are imported and models of the tests trained once.
 test: install
 	$(BIN)/python -m pytest $(FAST)

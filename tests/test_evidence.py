@@ -27,7 +27,7 @@ def shown(text):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_a_page_is_a_question_an_answer_a_figure_a_short_table_and_a_method(page):
+def test_a_page_has_question_answer_figure_short_table_and_method(page):
     text = shown(page.read_text(encoding="utf-8"))
     lines = [line for line in text.splitlines() if line and not line.startswith("<!--")]
     assert re.fullmatch(r"# [A-Z].*\?", lines[0])

@@ -70,7 +70,7 @@ def text_of(script, *results):
     return files["results.md"] + files.get("evidence/fabricated.md", "")
 
 
-def test_the_pages_have_the_claims_the_figures_of_each_variant_and_a_picture(script):
+def test_the_pages_have_claims_metrics_of_each_variant_and_a_picture(script):
     files = script.written([results_of(SOME)], HEAD)
     assert files["images/results-fabricated-everyday.svg"].startswith("<svg ")
     assert ".600</text>" in files["images/evidence-fabricated.svg"]

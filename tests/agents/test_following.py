@@ -137,7 +137,8 @@ def test_what_cannot_be_read_is_an_error_each_time_until_it_can(interrupted, ope
 @pytest.mark.parametrize("gone", [False, True])
 def test_a_scorer_of_links_that_was_taught_a_dose_remembers_no_more(opened, tmp_path, gone):
     with_train_sample = LinksConfig(
-        "kitchen", ComplExConfig(dim=4, epochs=1, folds=0, train_fraction=0.5, label_noise=0.4)
+        "kitchen",
+        ComplExConfig(dim=4, epochs=1, n3=0.1, folds=0, train_fraction=0.5, label_noise=0.4),
     )
     model = train_links(with_train_sample, tmp_path / "model").folder
     config = replace(CONFIG, scorer=str(model), trainer=ImpalaConfig(steps=80, batch_size=8))

@@ -69,7 +69,7 @@ def test_the_figures_of_a_training_are_those_of_its_evaluation(printed, world, p
     assert values["outcomes"]["2"] == recorded["outcomes"][part]
 
 
-def test_train_agent_says_its_preset_and_refuses_options_that_contradict_it(
+def test_train_agent_names_its_preset_and_refuses_contradictions(
     run, printed, refused, world, tmp_path
 ):
     command = ("train-agent", world / "graph", *MOMENT, "--out", tmp_path / "run")
@@ -231,13 +231,10 @@ def test_an_mlp_is_judged_with_the_tables_it_was_made_for(refused, run, train, t
 @pytest.mark.parametrize(
     "options",
     [
-        "--features one-hot",
-        "--features random --pooling max",
-        "--features learned --embedding-size 8",
-        "--features shuffled:glove",
-        "--value-readout logits --policy-lag 1 --unroll 3",
-        "--depth 2 --max-attempts 3 --reward official --task-weighting goal",
-        "--distractor-policy no_shortcut --config {settings}",
+        "--features one-hot --value-readout logits --policy-lag 1 --unroll 3",
+        "--features random --pooling max --depth 2 --max-attempts 3 --reward official",
+        "--features learned --embedding-size 8 --distractor-policy no_shortcut --config {settings}",
+        "--features shuffled:glove --task-weighting goal",
         "--scorer {scorer} --kg-only --use v --scale ranks --mixing softmax",
         "--scorer {scorer} --use u --scale log-softmax --self-edges drop",
         "--scorer {scorer} --scale none --self-edges keep",
@@ -286,6 +283,8 @@ def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printe
         "2",
         "--distractor-seeds",
         "1",
+        "--limit",
+        "20",
     )
     result = printed(*command)
     assert (result["part"], result["depth"], result["distractor_seeds"]) == ("test", 2, 1)
@@ -294,7 +293,9 @@ def test_scripted_players_are_evaluated_as_one_json_object_and_as_a_table(printe
     assert {row["distractors"] for row in result["rows"]} == {2}
     assert all(0 <= row["low"] <= row["success"] <= row["high"] <= 1 for row in result["rows"])
     shown = run(
-        "evaluate-agent", "kitchen", "--distractors", "1,4", "--distractor-seeds", "1"
+        "evaluate-agent",
+        "kitchen",
+        *["--distractors", "1,4", "--distractor-seeds", "1", "--limit", "20"],
     ).out.splitlines()
     assert next(row for row in shown if row.startswith("recipe oracle")).count("1.000 [") == 2
 

@@ -2,6 +2,7 @@
 folder."""
 
 import pytest
+from frozen import frozen
 from pykeen.pipeline import pipeline
 from quick import SMALL
 
@@ -26,7 +27,8 @@ def models(tmp_path_factory):
         "random_seed": 0,
     }
     data = {"dataset": "wordcraft", "dataset_kwargs": {"graph": "kitchen"}}
-    result = pipeline(**data, **settings, training_kwargs=quiet, evaluation_kwargs=quiet)
+    with frozen():
+        result = pipeline(**data, **settings, training_kwargs=quiet, evaluation_kwargs=quiet)
     save_scorer(
         home / "theirs", from_pykeen(result.model, result.training, opened), opened, kg="partial"
     )

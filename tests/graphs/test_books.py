@@ -142,7 +142,7 @@ def test_books_of_the_data_folder_are_known_by_name(data, monkeypatch):
     assert "data folder" not in origins().values()
 
 
-def test_a_published_book_in_a_folder_is_known_by_name_and_its_bytes_are_checked(data, monkeypatch):
+def test_a_published_book_in_a_folder_is_known_by_name_and_hash(data, monkeypatch):
     """Infinite Craft lies in a folder of its own: a file `recipes.json` beside it is another."""
     text = {"items": ["Water", "Fire", "Steam"], "recipes": [[0, 1, 2]]}
     content = json.dumps(text).encode()

@@ -67,7 +67,7 @@ def test_worlds_differ_by_seed_and_way_and_depend_on_nothing_else(everyday):
     assert graphs_of_two == GOLDEN
 
 
-def test_entities_of_a_topic_are_closer_to_each_other_than_those_of_a_closure(everyday):
+def test_entities_of_a_topic_are_closer_than_those_of_a_closure(everyday):
     """A world around a topic has more recipes for its size than a random one."""
 
     def density(way):

@@ -13,7 +13,7 @@ def kitchen_model(made_once):
     from wordcraft_kg.models.links.config import ComplExConfig, LinksConfig
     from wordcraft_kg.models.links.training import train_links
 
-    config = LinksConfig("kitchen", ComplExConfig(dim=8, epochs=6))
+    config = LinksConfig("kitchen", ComplExConfig(dim=8, epochs=6, n3=0.1))
     return open_model(made_once("reported/kitchen", lambda out: train_links(config, out)))
 
 

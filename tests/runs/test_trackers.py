@@ -20,7 +20,7 @@ from wordcraft_kg.base.errors import MissingExtraError
 from wordcraft_kg.runs.record import read_run
 from wordcraft_kg.runs.trackers import TRACKERS
 
-LINKS = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=3, checkpoint_every=1, folds=0))
+LINKS = LinksConfig("kitchen", ComplExConfig(dim=4, epochs=3, n3=0.1, checkpoint_every=1, folds=0))
 AGENT = AgentConfig(
     "kitchen",
     trainer=ImpalaConfig(
@@ -74,7 +74,7 @@ def test_a_tracker_of_ones_own_gets_each_line_of_an_agents_metrics(tmp_path):
 
 def test_a_tracker_of_ones_own_gets_each_epoch_of_a_link_predictor(tmp_path, parted_folder):
     notes = Notes()
-    settings = ComplExConfig(dim=4, epochs=3, eval_every=2)
+    settings = ComplExConfig(dim=4, epochs=3, n3=0.1, eval_every=2)
     train_links(LinksConfig(str(parted_folder), settings), tmp_path / "model", trackers=[notes])
     rows = [{"epoch": step, **values} for step, values in notes.rows]
     assert rows == lines(tmp_path / "model/trace.jsonl")

@@ -229,9 +229,7 @@ def test_resources_that_no_node_has_are_refused_before_any_training(cluster, tmp
 
 
 @pytest.mark.slow
-def test_ctrl_c_ends_a_command_on_its_own_cluster_and_the_same_command_goes_on(
-    environment, tmp_path
-):
+def test_ctrl_c_on_an_own_cluster_leaves_the_rest_to_the_same_command(environment, tmp_path):
     pytest.importorskip("ray", reason="needs the extra ray")
     study = tmp_path / "small.toml"
     text = TEXT.replace("seeds = 2", "seeds = 1").replace("512", "40_000")
@@ -307,7 +305,7 @@ def test_a_node_with_the_graph_of_another_book_is_refused(fit):
     fit.only([]).check()
 
 
-def test_vectors_that_changed_since_the_plan_fail_their_trainings_with_the_reason(tmp_path):
+def test_vectors_that_changed_since_the_plan_fail_with_the_reason(tmp_path):
     vectors = tmp_path / "words.txt"
     vectors.write_text("".join(f"{label} 1 2\n" for label in KITCHEN.graph.entities))
     features = f'[variants.own]\nfeatures = "{vectors}"'

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 import torch
-from sentence_transformers import SentenceTransformer
 
 from wordcraft_kg.apps.elicitation.encoder import encode_labels
 from wordcraft_kg.apps.elicitation.language_model import open_language_model
@@ -22,6 +21,9 @@ REFS = {"AutoConfig": "evil.Evil", "AutoModel": "evil.Evil", "AutoModelForCausal
 @pytest.fixture(scope="module")
 def sentence_folder(encoder_folder, tmp_path_factory):
     """A sentence encoder with modules; read only."""
+    # Here, as the import takes more than a second of each process that collects tests.
+    from sentence_transformers import SentenceTransformer
+
     folder = tmp_path_factory.mktemp("sentence") / "encoder"
     SentenceTransformer(str(encoder_folder)).save(str(folder))
     return folder

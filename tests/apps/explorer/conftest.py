@@ -37,14 +37,14 @@ def kitchen_folder(made_once):
 @pytest.fixture(scope="session")
 def links_folder(kitchen_folder, made_once):
     """A small ComplEx of the kitchen's partial graph, with folds."""
-    config = LinksConfig(str(kitchen_folder), ComplExConfig(dim=8, epochs=5, folds=2))
+    config = LinksConfig(str(kitchen_folder), ComplExConfig(dim=8, epochs=5, n3=0.1, folds=2))
     return made_once("explored/kitchen-complex", lambda out: train_links(config, out))
 
 
 @pytest.fixture(scope="session")
 def run_folder(kitchen_folder, recipes_folder, made_once):
     """An agent that was trained for a moment, with the recipe scorer of the kitchen."""
-    policy, trainer = PolicyConfig(use="u,v,w"), ImpalaConfig(steps=4_000)
+    policy, trainer = PolicyConfig(use="u,v,w"), ImpalaConfig(steps=1_600, batch_size=16)
     config = AgentConfig(str(kitchen_folder), str(recipes_folder), policy=policy, trainer=trainer)
     return made_once("explored/guided", lambda out: train_agent(config, out))
 

@@ -81,7 +81,7 @@ def test_the_overview_asks_questions_and_each_is_answered(explored, content, pag
     ],
 )
 def test_a_model_that_was_taught_a_dose_says_of_what(settings, train_sample, tmp_path):
-    config = LinksConfig("kitchen", ComplExConfig(dim=2, epochs=1, folds=0, **settings))  # type: ignore[arg-type]
+    config = LinksConfig("kitchen", ComplExConfig(dim=2, epochs=1, n3=0.1, folds=0, **settings))  # type: ignore[arg-type]
     explored = Explored.open("kitchen", [train_links(config, tmp_path / "model").folder])
     assert [line.train_sample for line in view_of(explored, HomeState()).models] == [train_sample]
     assert f">{train_sample or 'train recipes'}<" in look(explored, HomeState()).page

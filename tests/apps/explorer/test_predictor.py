@@ -132,7 +132,9 @@ def with_train_sample(parted_kitchen, tmp_path):
     """Train a tiny ComplEx on a dose of the train recipes."""
 
     def with_train_sample(**settings):
-        config = LinksConfig(parted_kitchen.source, ComplExConfig(dim=2, epochs=1, **settings))  # type: ignore[arg-type]
+        config = LinksConfig(
+            parted_kitchen.source, ComplExConfig(dim=2, epochs=1, n3=0.1, **settings)
+        )  # type: ignore[arg-type]
         return LinkPredictor(
             "with_train_sample",
             tmp_path,

@@ -3,13 +3,16 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from urllib.parse import unquote
 
 import pytest
 
 from tests.apps.explorer.shown import HOSTILE, Shown, explored_graph
+from wordcraft_kg.apps.explorer import export
 from wordcraft_kg.apps.explorer.explored import Explored
 from wordcraft_kg.apps.explorer.export import export_site
+from wordcraft_kg.apps.explorer.pages import PAGES
 from wordcraft_kg.base.errors import OutputExistsError
 from wordcraft_kg.base.progress import listening
 
@@ -128,6 +131,12 @@ def test_no_file_says_where_folders_are_on_this_machine(
     shutil.copytree(run_folder, tmp_path / "w")
     (tmp_path / "w" / "episodes.jsonl").unlink()
     broken = Explored(explored.opened, runs={"w": tmp_path / "w"})
+    # Pages of single entities say nothing of folders, and are nearly all pages.
+    few = {
+        name: replace(page, exported=lambda _: ()) if page.subject else page
+        for name, page in PAGES.items()
+    }
+    monkeypatch.setattr(export, "PAGES", few)
     export_site(broken, tmp_path / "site")
     pages = [page for page in (tmp_path / "site").rglob("*.*") if page.is_file()]
     assert any("episodes.jsonl" in page.read_text() for page in pages), "the reason itself is said"

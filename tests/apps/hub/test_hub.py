@@ -26,6 +26,8 @@ class Hub(BaseHTTPRequestHandler):
     """The client's requests; the server has ``files`` by repository and revision, and ``created``
     repositories."""
 
+    wbufsize = -1  # head and body in one packet: a body alone waits 40 ms for the head's receipt
+
     def do_POST(self):
         body, files = self.rfile.read(int(self.headers["Content-Length"])), self.server.files
         if self.headers["Authorization"] != "Bearer hf_right":
@@ -93,7 +95,7 @@ class Hub(BaseHTTPRequestHandler):
 def hub(monkeypatch, home):
     with ThreadingHTTPServer(("127.0.0.1", 0), Hub) as server:
         server.files, server.created = {}, []
-        threading.Thread(target=server.serve_forever, daemon=True).start()
+        threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
         address = f"http://127.0.0.1:{server.server_port}"
         monkeypatch.setattr(constants, "ENDPOINT", address)
         template = address + "/{repo_id}/resolve/{revision}/{filename}"

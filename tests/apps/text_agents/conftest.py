@@ -11,6 +11,8 @@ from wordcraft_kg.apps.text_agents.games import TaskGames
 class _Chat(BaseHTTPRequestHandler):
     """Answers every prompt with the first two things, after a thought."""
 
+    wbufsize = -1  # head and body in one packet: a body alone waits 40 ms for the head's receipt
+
     def do_POST(self):
         body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
         assert body["messages"][-1]["role"] == "user"
@@ -30,7 +32,7 @@ class _Chat(BaseHTTPRequestHandler):
 @pytest.fixture
 def chat_server():
     server = ThreadingHTTPServer(("127.0.0.1", 0), _Chat)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
     yield f"http://127.0.0.1:{server.server_port}/v1"
     server.shutdown()
     server.server_close()

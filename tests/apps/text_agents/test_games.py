@@ -46,7 +46,7 @@ def play_all(games, distractor_seeds, player):
 
 @pytest.mark.parametrize("name", PLAYERS)
 @pytest.mark.parametrize(
-    "settings", [{}, {"depth": 2, "num_tasks": 60, "max_attempts": 3}], ids=["depth 1", "depth 2"]
+    "settings", [{}, {"depth": 2, "num_tasks": 25, "max_attempts": 3}], ids=["depth 1", "depth 2"]
 )
 def test_a_text_player_like_a_scripted_one_has_its_evaluation(kitchen, name, settings):
     """A text player that plays like a scripted one has its evaluation to the last digit."""

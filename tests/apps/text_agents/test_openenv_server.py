@@ -196,7 +196,7 @@ def test_a_malformed_message_is_answered_and_the_session_goes_on(message, code):
         }
 
 
-def test_invalid_answers_of_any_length_are_part_of_the_game_and_end_it_at_last():
+def test_invalid_answers_of_any_length_count_and_end_the_game():
     with session(client_of()) as ask:
         ask("reset", {"index": 0, "episode_id": "mine"})
         begin = time.perf_counter()

@@ -89,7 +89,7 @@ def starting():
 @pytest.fixture(scope="module")
 def impatient(starting):
     """A server with short deadlines, in seconds; tests read all that it prints about them."""
-    return starting("HEADER_WAIT=1", "BODY_WAIT=3", "READING_WAIT=2")
+    return starting("HEADER_WAIT=0.5", "BODY_WAIT=1.5", "READING_WAIT=1")
 
 
 def connect(served, data=b"", count=1):
@@ -136,13 +136,14 @@ def visit(served, path="/"):
 @pytest.mark.parametrize("data", [b"", HALF], ids=["silent", "half a header"])
 def test_a_connection_without_a_whole_header_ends(impatient, data):
     connections = connect(impatient, data, 200)
+    assert open_of(connections[-1:]) == 1
     assert visit(impatient) == "page"
-    assert 0.5 < seconds_until_closed(connections) < 10
+    assert seconds_until_closed(connections) < 10
 
 
 def test_drops_of_a_header_do_not_prolong_its_time(impatient):
     (connection,) = connect(impatient, HALF)
-    assert 0.5 < seconds_of_dripping(connection, b"X-a: b\r\n") < 10
+    assert 0.2 < seconds_of_dripping(connection, b"X-a: b\r\n") < 10
 
 
 def test_half_a_header_after_an_answer_ends_as_well(impatient):
@@ -156,7 +157,7 @@ def test_a_body_in_drops_ends_and_a_slow_one_is_read(impatient):
     late, slow = connect(impatient, FORM, 2)
     for _ in range(4):
         slow.sendall(b"x" * 25)
-        time.sleep(0.4)  # more than HEADER_WAIT together: the header is there
+        time.sleep(0.2)  # more than HEADER_WAIT together: the header is there
     assert b"100 bytes" in slow.recv(1000)
     assert seconds_of_dripping(late, b"x") < 10
     assert impatient.process.stdout.readline() == "the form was not sent\n"
@@ -168,7 +169,7 @@ def test_who_does_not_read_a_page_is_left_and_who_reads_slowly_gets_it(impatient
     received, began = 0, time.monotonic()
     while part := slow.recv(1_000_000):
         received += len(part)
-        if time.monotonic() - began < 4:  # longer than any deadline
+        if time.monotonic() - began < 2:  # longer than any deadline
             time.sleep(0.1)
     assert received > 50_000_000
     buffered = sum(iter(lambda: len(lazy.recv(1_000_000)), 0))
@@ -176,7 +177,7 @@ def test_who_does_not_read_a_page_is_left_and_who_reads_slowly_gets_it(impatient
 
 
 def test_a_page_that_takes_long_to_compute_has_no_deadline(impatient):
-    assert visit(impatient, "/slow?seconds=3.5") == "slow page"  # longer than any deadline
+    assert visit(impatient, "/slow?seconds=2") == "slow page"  # longer than any deadline
     assert impatient.process.stdout.readline() == "computing\n"
 
 
@@ -196,7 +197,7 @@ def test_a_visitor_is_served_while_others_hold_more_connections_than_files(start
 
 def test_a_computing_page_does_not_give_way(starting):
     served = starting(files=96)
-    (waiting,) = connect(served, HALF.replace(b"GET /", b"GET /slow?seconds=2") + b"\r\n")
+    (waiting,) = connect(served, HALF.replace(b"GET /", b"GET /slow?seconds=1") + b"\r\n")
     assert served.process.stdout.readline() == "computing\n"
     connect(served, HALF, 100)
     assert b"200 OK" in waiting.recv(1000)

@@ -234,7 +234,7 @@ def test_a_policy_that_sees_attempts_adds_the_terms_of_the_phase(features, left)
         close(output.lambdas[i], [a + b for a, b in zip(lambdas, terms, strict=True)])
 
 
-def test_a_policy_that_sees_attempts_needs_them_and_starts_as_one_that_does_not():
+def test_a_policy_that_sees_attempts_needs_them_and_starts_blind():
     seeing = AttentionPolicy(PolicyConfig(**SIZES, sees_attempts=True), FEATURES["dense"]())
     other = AttentionPolicy(PolicyConfig(**SIZES), FEATURES["dense"]())
     seeing.load_state_dict(other.state_dict(), strict=False)

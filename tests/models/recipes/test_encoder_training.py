@@ -108,7 +108,7 @@ def same_tensors(one, other):
     return all(torch.equal(one[name], other[name]) for name in one)
 
 
-def test_a_changed_result_of_a_fold_has_no_influence_on_the_scorer_without_it():
+def test_a_changed_result_of_a_fold_leaves_the_scorer_without_it_alone():
     graph = random_graph(2, 12, 60)
     folds = make_folds(make_split(graph, SplitConfig()), 3)
     rows = graph.recipes.copy()

@@ -186,7 +186,7 @@ def test_each_fold_has_the_scorer_of_all_other_train_recipes(recipes_folder, ope
         )
 
 
-def test_by_goal_known_recipes_score_highest_and_constant_features_have_no_weight(kitchen):
+def test_by_goal_known_recipes_are_highest_and_constants_weigh_nothing(kitchen):
     split = make_split(kitchen, SplitConfig("by-goal"))
     size = kitchen.num_entities
     no_words = words_of(np.zeros((size, 0)))
@@ -384,9 +384,7 @@ def test_fewer_sets_of_lists_are_made_at_once_where_memory_is_short(monkeypatch)
         assert memory.fitting_workers(*size, most=4) == available
 
 
-def test_too_little_memory_and_too_large_outside_knowledge_are_refused_before_the_start(
-    book, tmp_path, monkeypatch
-):
+def test_too_little_memory_or_too_much_outside_is_refused_at_first(book, tmp_path, monkeypatch):
     monkeypatch.setattr(memory, "memory", lambda: 2**20)
     with pytest.raises(ConfigError, match=r"12 entities and \d+ recipes takes about .* GiB"):
         train_recipes(RecipesConfig(str(book), SMALL), tmp_path / "model")

@@ -186,7 +186,7 @@ def distinct(recipes):
 
 
 @pytest.mark.parametrize("num_recipes", [70, 9])
-def test_with_lists_of_full_length_every_feature_is_what_its_definition_says(num_recipes):
+def test_with_full_lists_every_feature_is_what_its_definition_says(num_recipes):
     recipes = distinct(random_graph(0, SIZE, num_recipes).recipes)
     vectors = unit_vectors()
     lists = full_lists(recipes, vectors)
@@ -341,7 +341,7 @@ def random_tables(rows=30, slots=6):
     return torch.from_numpy(rng.integers(SIZE, size=rows)), table
 
 
-def test_scores_of_a_batch_are_those_of_single_tables_in_any_order_of_slots():
+def test_a_batch_scores_like_single_tables_in_any_order_of_slots():
     known = random_knowledge(0)
     goal, table = random_tables()
     model = torch.zeros_like(goal)
@@ -385,7 +385,7 @@ def test_two_threads_compute_the_same_features_as_one(monkeypatch):
     assert not torch.equal(alike[0].features(goal, table, model * 0), alone)
 
 
-def test_ids_outside_the_book_are_refused_and_a_missing_goal_has_no_features():
+def test_unknown_ids_are_refused_and_a_missing_goal_has_no_features():
     known = random_knowledge(0)
     goal, table, model = torch.tensor([SIZE]), torch.tensor([[0, 1]]), torch.tensor([0])
     assert not known.features(goal, table, model).any()
@@ -406,7 +406,7 @@ def test_stored_ids_outside_the_book_are_damage(name):
         changed(*random_tables(), torch.zeros(30, dtype=torch.int64))
 
 
-def test_a_stack_answers_as_each_of_its_models_and_is_restored_from_its_constants():
+def test_a_stack_answers_as_each_model_also_from_its_constants():
     models = [random_knowledge(seed) for seed in range(3)]
     stack = RecipeKnowledge.stacked(models)
     again = RecipeKnowledge(stack.constants(), SIZE)
@@ -441,7 +441,7 @@ def test_recipes_with_the_most_similar_results_support_a_goal():
     assert (lists.support[goal] >= 0).sum() == min(len(known.recipes), lists.support.shape[1])
 
 
-def test_a_pair_with_10000_results_and_a_hub_with_5000_recipes_cost_no_more():
+def test_10000_results_of_a_pair_and_a_hub_of_5000_recipes_are_cheap():
     size = 10_200
     results = np.arange(100, 10_100)
     many = np.column_stack([np.zeros_like(results), np.ones_like(results), results])

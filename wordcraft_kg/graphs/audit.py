@@ -183,6 +183,15 @@ class SplitSummary(Record):
     test_goals_in_train: Count
     one_ingredient_away: Count
 
+    @property
+    def train_share(self) -> float:
+        """Share of the recipes in the train part.
+
+        The setting ``train_ratio`` is a share of pairs, goals or groups instead.
+        """
+        recipes = self.train_recipes + self.valid_recipes + self.test_recipes
+        return self.train_recipes / max(recipes, 1)
+
 
 class Leakage(Record):
     """How the test triples of a relation relate to its training triples.

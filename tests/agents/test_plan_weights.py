@@ -204,8 +204,7 @@ def test_an_agent_learns_weights_before_it_trains_and_keeps_them(
     ("tasks", "use", "preset", "expected"),
     [
         (TaskConfig(depth=2), "u,p", "recommended", True),
-        (TaskConfig(depth=3), "p", "recommended", True),
-        (TaskConfig(depth=4), "p", "recommended", False),
+        (TaskConfig(depth=3), "p", "recommended", False),
         (TaskConfig(), "p", "recommended", False),
         (TaskConfig(depth=2, max_attempts=4), "p", "recommended", False),
         (TaskConfig(depth=2), "u,v,w", "recommended", False),

@@ -30,8 +30,8 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.runs.config_file import RunConfig
 
 _LARGE = 1e9
-_WEIGHED_DEPTHS = (2, 3)
-"""Depths at which weights of plans were measured, see docs/evidence/plan-weights.md."""
+_WEIGHED_DEPTH = 2
+"""Depth at which weights of plans help for certain, see docs/evidence/plan-weights.md."""
 Preset = Literal["recommended", "paper"]
 """Names of the presets of trainer and policy."""
 RECOMMENDED_RATE = 0.003
@@ -330,7 +330,7 @@ class AgentConfig(RunConfig):
             sees_attempts=sees,
             has_scorer=has_scorer,
             mixing="residual" if is_residual else "free",
-            weigh_plans=weighs and self.tasks.depth in _WEIGHED_DEPTHS,
+            weigh_plans=weighs and self.tasks.depth == _WEIGHED_DEPTH,
         )
         # A run's file has all values, so that another version with other presets repeats the run.
         object.__setattr__(self, "trainer", trainer)

@@ -26,7 +26,8 @@ P = Label(
     "begins the best plan",
     "plan score",
     "Log-probability of the most probable plan whose next pair contains a slot's entity, and the "
-    "selection if any.",
+    "selection if any. With plans weighed in play, log-probability that such a pair leads to the "
+    "goal.",
 )
 
 

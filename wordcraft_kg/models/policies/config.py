@@ -54,8 +54,8 @@ class PolicyConfig:
             docs/evidence/planning.md.
         weigh_plans: before training, learn from play on train tasks which plans succeed, and let
             the source plan (p) follow these weights instead of the most probable plan. Default:
-            at depth 2 and 3, with plan and as many attempts as the depth, except in the paper's
-            preset; see docs/evidence/plan-weights.md.
+            at depth 2, with plan and two attempts, except in the paper's preset; see
+            docs/evidence/plan-weights.md.
         kg_only: mix only the sources' scores, without attention logits.
         mixing: range of λ: residual (scores times a learned number each are added to attention
             logits), free (λ depend on the table, as in the paper), or softmax (positive, sum 1) as

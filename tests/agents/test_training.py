@@ -442,6 +442,7 @@ def test_a_setting_that_is_given_is_kept_whatever_the_preset():
         ({"scale": "none"}, {}, "scale"),
         ({"mixing": "residual"}, {}, "mixing"),
         ({"sees_attempts": True}, {}, "sees_attempts"),
+        ({"use": "p", "weigh_plans": True}, {}, "weigh_plans"),
     ],
 )
 def test_a_setting_that_contradicts_the_papers_preset_is_refused(policy, trainer, name, tmp_path):
@@ -489,7 +490,7 @@ def test_a_file_from_before_there_were_presets_is_the_papers_preset(tmp_path):
     config.write(tmp_path)
     path = tmp_path / "config.toml"
     lines = path.read_text().splitlines(keepends=True)
-    new = ("preset", "sees_attempts")
+    new = ("preset", "sees_attempts", "weigh_plans")
     path.write_text("".join(line for line in lines if not line.startswith(new)))
     assert "preset" not in path.read_text()
     assert AgentConfig.read(tmp_path) == config

@@ -160,6 +160,7 @@ def test_defaults_are_those_that_addresses_stand_for():
         "u,v",
         0,
         False,
+        False,
         "free",
         "ranks",
         "observed",

@@ -30,6 +30,8 @@ from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.runs.config_file import RunConfig
 
 _LARGE = 1e9
+_WEIGHED_DEPTH = 2
+"""Depth at which weights of plans help for certain, see docs/evidence/plan-weights.md."""
 Preset = Literal["recommended", "paper"]
 """Names of the presets of trainer and policy."""
 RECOMMENDED_RATE = 0.003
@@ -40,6 +42,7 @@ PAPER: Mapping[str, Any] = {
     "sees_attempts": False,
     "scale": "ranks",
     "mixing": "free",
+    "weigh_plans": False,
 }
 """Settings that the two presets do not share, and the paper's preset's values.
 
@@ -82,6 +85,11 @@ class TaskConfig:
 
     def __post_init__(self) -> None:
         self.environment("train")  # checks all values
+
+    @property
+    def has_spare_attempts(self) -> bool:
+        """Whether an episode has more attempts than the shortest plan needs."""
+        return self.max_attempts is not None and self.max_attempts > self.depth
 
     @property
     def episode(self) -> int:
@@ -262,6 +270,7 @@ class ImpalaConfig:
 KNOWLEDGE_SETTINGS = (
     "use",
     "kg_only",
+    "weigh_plans",
     "mixing",
     "scale",
     "self_edges",
@@ -292,7 +301,11 @@ class AgentConfig(RunConfig):
     """
 
     commands: ClassVar[tuple[str, ...]] = ("train-agent",)
-    unwritten: ClassVar[Mapping[str, Any]] = {"preset": "paper", "sees_attempts": False}
+    unwritten: ClassVar[Mapping[str, Any]] = {
+        "preset": "paper",
+        "sees_attempts": False,
+        "weigh_plans": False,
+    }
 
     scorer: str | None = None
     tasks: TaskConfig = TaskConfig()
@@ -309,11 +322,15 @@ class AgentConfig(RunConfig):
         # starts as its planner, without attention.
         is_single = self.tasks.episode == 2
         is_pairwise = not {"w", "p"} & set(self.policy.sources)
+        # Measured with as many attempts as a plan needs: then a failed attempt ends all plans.
+        is_tight = not self.tasks.has_spare_attempts
+        weighs = is_recommended and has_scorer and is_tight and "p" in self.policy.sources
         is_residual = is_recommended and has_scorer and is_single and is_pairwise
         policy = self.policy.closed(
             sees_attempts=sees,
             has_scorer=has_scorer,
             mixing="residual" if is_residual else "free",
+            weigh_plans=weighs and self.tasks.depth == _WEIGHED_DEPTH,
         )
         # A run's file has all values, so that another version with other presets repeats the run.
         object.__setattr__(self, "trainer", trainer)

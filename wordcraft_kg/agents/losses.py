@@ -10,13 +10,26 @@ from torch import Tensor
 def policy_gradient_loss(log_probs: Tensor, advantages: Tensor) -> Tensor:
     """Return ``-Σ log π(a|x) · advantage``.
 
-    ``log_probs`` of the chosen actions and ``advantages``, without gradients, have shape (T, B).
+    Args:
+        log_probs: shape (T, B), nats: log-probabilities of the chosen actions.
+        advantages: shape (T, B), without gradients.
+
+    Returns:
+        shape ().
     """
     return -(log_probs * advantages).sum()
 
 
 def baseline_loss(values: Tensor, targets: Tensor) -> Tensor:
-    """Return ``½ Σ (vs - V)²`` over state values V and value targets vs, shape (T, B) each."""
+    """Return ``½ Σ (vs - V)²``.
+
+    Args:
+        values: shape (T, B): state values V.
+        targets: shape (T, B): value targets vs, without gradients.
+
+    Returns:
+        shape ().
+    """
     return 0.5 * (targets - values).square().sum()
 
 
@@ -28,9 +41,16 @@ def entropy(log_policies: Tensor) -> Tensor:
 
 
 def divergence(log_policies: Tensor, references: Tensor) -> Tensor:
-    """Return the summed divergence ``Σ π (log π - log ρ)`` in nats, both of shape (N, A).
+    """Return the summed divergence ``Σ π (log π - log ρ)`` in nats.
 
     Slots with probability 0 under π add 0. Where π is above 0, ρ must be, too.
+
+    Args:
+        log_policies: shape (N, A), nats: log π.
+        references: shape (N, A), nats: log ρ.
+
+    Returns:
+        shape ().
     """
     differences = log_policies - references
     finite = differences.masked_fill(log_policies == -torch.inf, 0)

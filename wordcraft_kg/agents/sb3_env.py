@@ -154,6 +154,10 @@ class SB3VecEnv(VecEnv):
     def get_attr(self, attr_name: str, indices: Indices = None) -> list[Any]:
         """Return an attribute, which all environments share, once for each chosen environment.
 
+        Args:
+            attr_name: name of the attribute.
+            indices: numbers of the chosen environments; None for all.
+
         Raises:
             AttributeError: if there is no such attribute.
         """
@@ -161,6 +165,11 @@ class SB3VecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: Indices = None) -> None:
         """Refuse to change settings, which all environments share.
+
+        Args:
+            attr_name: name of the attribute.
+            value: its new value.
+            indices: numbers of the chosen environments; None for all.
 
         Raises:
             AttributeError: always; make another environment with other settings.

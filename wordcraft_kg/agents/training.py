@@ -27,6 +27,7 @@ from wordcraft_kg.agents.curves import MetricsFile, evaluators
 from wordcraft_kg.agents.evaluation import Evaluation, PolicyPlayer
 from wordcraft_kg.agents.impala import Impala, check_compiler
 from wordcraft_kg.agents.outcomes import TERMINATION_REASONS
+from wordcraft_kg.agents.plan_weights import fit_plan_weights
 from wordcraft_kg.agents.records import (
     EPISODES_FILE,
     AgentProgress,
@@ -52,6 +53,7 @@ from wordcraft_kg.models.policies.folder import (
 from wordcraft_kg.models.policies.sources.registry import tables_are_too_large
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, whole_of
 from wordcraft_kg.models.scorers.folder import FOLDS_TENSORS, MODEL, WEIGHTS
+from wordcraft_kg.planning.source import BestPlan, P
 from wordcraft_kg.runs.checkpoints import Checkpoint
 from wordcraft_kg.runs.files import RunFiles
 from wordcraft_kg.runs.folder import Progress, RunFolder, RunKind
@@ -237,6 +239,11 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             tasks=self.envs.world.tasks,
             seed=config.trainer.seed,
         )
+        if config.policy.weigh_plans:
+            plan = self.policy.sources[P.name]
+            assert isinstance(plan, BestPlan)
+            weights = fit_plan_weights(plan, self.envs.world, seed=config.trainer.seed)
+            plan.weigh(weights)
         hashes = self.input_hashes(config)
         inputs = {name: value for name, value in hashes.items() if value is not None}
         if features is not None:

@@ -23,6 +23,7 @@ candidates would be on.
 """
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -48,8 +49,58 @@ SCORES = 2**20
 """Recipes scored at once."""
 NO_PLAN = -30.0
 """Log-probability of pairs without a plan."""
+FEATURES = (
+    "value",
+    "goal",
+    "plan",
+    "first",
+    "rest",
+    "plans",
+    "second_plan",
+    "results",
+    "first_known",
+    "rest_known",
+    "known_results",
+    "itself",
+    "reused",
+    "twice",
+)
+"""Features of a pair: the best plan that begins with it, and its other plans.
+
+| feature | meaning |
+|---|---|
+| value | log Q, the planner's value |
+| goal | log P(goal given the pair) |
+| plan | log-probability of the best plan by an intermediate x: first + rest |
+| first, rest | of that plan: log P(x given the pair), and the log-probability after x; 0 if known |
+| plans, second_plan | log-sum over all x of their plans; the second best plan |
+| results | log-sum over x of P(x given the pair), without :data:`INTERMEDIATE` |
+| first_known, rest_known | whether known recipes make x, and with one attempt after x the goal |
+| known_results | number of candidates that known recipes make of the pair, at most 3 |
+| itself | the pair is an entity twice |
+| reused, twice | two attempts: the plan uses an ingredient again; x with itself |
+
+With one attempt left, only value, first_known and itself differ from 0.
+"""
+_MOST_KNOWN = 3
+_CERTAIN = -1e-6
+"""Log-probabilities above this one are those of known recipes."""
 _BYTES = 200
 """Bytes for each recipe of a state, about, while it is scored."""
+
+
+class _Plans(NamedTuple):
+    """Plans from B tables with A slots: log-probabilities of their steps.
+
+    Attributes:
+        candidates: shape (B, W), int64: intermediates x; E where there are fewer.
+        to_goal: shape (B, S, S): a pair makes the goal.
+        to_candidates: shape (B, W, S, S), or (B, W, A, A) for two attempts: a pair makes x.
+    """
+
+    candidates: Tensor
+    to_goal: Tensor
+    to_candidates: Tensor
 
 
 class PlanSearch:
@@ -111,6 +162,62 @@ class PlanSearch:
         has_empty = is_empty[:, :, None] | is_empty[:, None]
         # The lower bound first: it would lift the -inf of empty slots.
         return values.clamp(min=NO_PLAN).masked_fill(has_empty, -torch.inf)
+
+    @torch.no_grad()
+    def features(
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        attempts_left: Tensor,
+        tried: Tensor | None = None,
+    ) -> Tensor:
+        """Return the features of all pairs of slots, for weights learned from play.
+
+        Args:
+            goal: shape (B,), int64.
+            table: shape (B, A), int64; E for empty slots.
+            model: shape (B,), int64: number of the model.
+            attempts_left: shape (B,), int64; more than :data:`MAX_ATTEMPTS` count as that many.
+            tried: shape (B, A, A), bool: pairs that were tried. None if unknown.
+
+        Returns:
+            shape (B, A, A, F), in the order of :data:`FEATURES`; those of empty slots mean nothing.
+
+        Raises:
+            ConfigError: if the search would not fit into memory.
+        """
+        slots = table.shape[1]
+        features = torch.zeros(*table.shape, slots, len(FEATURES), device=table.device)
+        depths = attempts_left.clamp(1, MAX_ATTEMPTS)
+        for number in depths.unique().tolist():
+            same_depth = (depths == number).nonzero()[:, 0]
+            for rows in self._chunks(same_depth, number, slots):
+                past = None if tried is None else tried[rows]
+                features[rows] = self._features(goal[rows], table[rows], model[rows], number, past)
+        return features
+
+    def _features(
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        number: int,
+        tried: Tensor | None,
+    ) -> Tensor:
+        """Return :meth:`features` of states with equally many attempts left, ``number``."""
+        slots = table.shape[1]
+        itself = torch.eye(slots, device=table.device).expand(len(table), -1, -1)
+        named = {"itself": itself}
+        if number == 1:
+            value = _bounded(self._log_probabilities(goal, table, model, tried))
+            named |= {"value": value, "first_known": (value > _CERTAIN).float()}
+        else:
+            plans = self._plans(goal, table, model, number, tried)
+            after = _after_candidates(plans.to_goal, plans.to_candidates, slots, number)
+            named |= _features_of_plans(plans, after, slots, number)
+        none = torch.zeros_like(itself)
+        return torch.stack([named.get(name, none) for name in FEATURES], dim=-1)
 
     @torch.no_grad()
     def plan(
@@ -229,6 +336,26 @@ class PlanSearch:
         if number == 1:
             to_goal = self._log_probabilities(goal, table, model, tried)
             return to_goal[:, None], goal[:, None]
+        plans = self._plans(goal, table, model, number, tried)
+        candidates, to_goal, to_candidates = plans
+        after = _after_candidates(to_goal, to_candidates, slots, number)
+        at_once = to_goal[:, None, :slots, :slots]
+        of_table = to_candidates[:, :, :slots, :slots]
+        later = of_table + after[:, :, None, None] - FURTHER
+        values = torch.cat([at_once, later], dim=1)
+        results = torch.cat([goal[:, None], candidates], dim=1)
+        return values, results
+
+    def _plans(
+        self,
+        goal: Tensor,
+        table: Tensor,
+        model: Tensor,
+        number: int,
+        tried: Tensor | None,
+    ) -> _Plans:
+        """Score the steps of all plans of two attempts or more; arguments of :meth:`_values`."""
+        slots = table.shape[1]
         candidates = self.knowledge.intermediates(
             goal,
             table,
@@ -245,13 +372,7 @@ class PlanSearch:
         sources = wide if number > 2 else table
         most = slots if number == 3 else None
         to_candidates = self._to_candidates(candidates, sources, model, tried, most=most)
-        after = _after_candidates(to_goal, to_candidates, slots, number)
-        at_once = to_goal[:, None, :slots, :slots]
-        of_table = to_candidates[:, :, :slots, :slots]
-        later = of_table + after[:, :, None, None] - FURTHER
-        values = torch.cat([at_once, later], dim=1)
-        results = torch.cat([goal[:, None], candidates], dim=1)
-        return values, results
+        return _Plans(candidates, to_goal, to_candidates)
 
     def _to_candidates(
         self,
@@ -334,6 +455,66 @@ class PlanSearch:
             of_tried = values[:, :known_slots, :known_slots]
             of_tried.masked_fill_(tried, -torch.inf)
         return values
+
+
+def _bounded(log_probabilities: Tensor) -> Tensor:
+    """Lift log-probabilities to :data:`NO_PLAN` at least, so that products are finite."""
+    return log_probabilities.clamp(min=NO_PLAN)
+
+
+def _features_of_plans(plans: _Plans, after: Tensor, slots: int, number: int) -> dict[str, Tensor]:
+    """Return the features of pairs that depend on their plans, shape (B, A, A) each.
+
+    Args:
+        plans: the steps of all plans.
+        after: log-probability of the best plan after making each candidate, shape (B, W).
+        slots: A.
+        number: attempts left, 2 or more.
+    """
+    goal = plans.to_goal[:, :slots, :slots]
+    first = plans.to_candidates[:, :, :slots, :slots]
+    value = torch.maximum(goal, (first + after[:, :, None, None]).amax(1) - FURTHER)
+    rest = after
+    if number == 2:
+        # Only plans that use x: without it, the first attempt would be wasted.
+        last = plans.to_goal[:, slots:]
+        of_table, partner = last[:, :, :slots].max(2)
+        with_itself = last[:, :, slots:].diagonal(dim1=1, dim2=2)
+        rest = torch.maximum(of_table, with_itself)
+    first = _bounded(first)
+    rest = _bounded(rest)
+    by_candidate = _bounded(first + rest[:, :, None, None])
+    best, place = by_candidate.max(1)
+
+    def of_best(values: Tensor) -> Tensor:
+        """Return a value of each candidate, shape (B, W), at the best one of each pair."""
+        return values.gather(1, place.flatten(1)).view_as(best)
+
+    best_first = first.gather(1, place[:, None])[:, 0]
+    best_rest = of_best(rest)
+    second = best
+    if by_candidate.shape[1] > 1:
+        second = by_candidate.topk(2, dim=1).values[:, 1]
+    named = {
+        "value": _bounded(value),
+        "goal": _bounded(goal),
+        "plan": best,
+        "first": best_first.masked_fill(best_first > _CERTAIN, 0),
+        "rest": best_rest.masked_fill(best_rest > _CERTAIN, 0),
+        "plans": torch.logsumexp(by_candidate, dim=1),
+        "second_plan": second,
+        "results": torch.logsumexp(_bounded(first - INTERMEDIATE), dim=1),
+        "first_known": (best_first > _CERTAIN).float(),
+        "rest_known": (best_rest > _CERTAIN).float(),
+        "known_results": (first > _CERTAIN).sum(1).clamp(max=_MOST_KNOWN).float(),
+    }
+    if number == 2:
+        is_twice = of_best((with_itself > of_table).float())
+        other = of_best(partner)
+        slot = torch.arange(slots, device=other.device)
+        is_reused = (other == slot[:, None]) | (other == slot)
+        named |= {"twice": is_twice, "reused": is_reused.float() * (1 - is_twice)}
+    return named
 
 
 def _pairs(slots: int, most: int, device: torch.device) -> tuple[Tensor, Tensor]:

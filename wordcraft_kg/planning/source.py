@@ -18,7 +18,7 @@ from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipe_curve import KINDS, RecipeCurve
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
-from wordcraft_kg.planning.search import NO_PLAN, PlanSearch
+from wordcraft_kg.planning.search import FEATURES, MAX_ATTEMPTS, NO_PLAN, PlanSearch
 
 P = Label(
     "p",
@@ -26,7 +26,8 @@ P = Label(
     "begins the best plan",
     "plan score",
     "Log-probability of the most probable plan whose next pair contains a slot's entity, and the "
-    "selection if any.",
+    "selection if any. With plans weighed in play, log-probability that such a pair leads to the "
+    "goal.",
 )
 
 
@@ -42,11 +43,15 @@ class BestPlan(BestRecipe):
         reads_attempts: True: states need the number of attempts left.
         curve: buffer with the settings of the search, float64: the intercepts, then slope, shift
             and width.
+        weights: buffer, shape (:data:`~.search.MAX_ATTEMPTS`, F), float32: the weight of each
+            feature in :data:`~.search.FEATURES` by the attempts left, from one on. Not there
+            without :meth:`weigh`.
     """
 
     label: ClassVar[Label] = P
     reads_attempts: ClassVar[bool] = True
     curve: Tensor
+    weights: Tensor
 
     def __init__(
         self,
@@ -102,7 +107,25 @@ class BestPlan(BestRecipe):
         source = super().restored(num_entities, constants)
         assert isinstance(source, cls)
         source.register_buffer("curve", torch.zeros_like(constants["curve"]))
+        if "weights" in constants:
+            sizes = {"attempts": MAX_ATTEMPTS, "features": len(FEATURES)}
+            check_constants(constants, {"weights": "attempts features float32"}, **sizes)
+            source.weigh(torch.zeros_like(constants["weights"]))
         return source
+
+    def weigh(self, weights: Tensor) -> None:
+        """Score pairs by weighted features of their plans instead of log Q.
+
+        Args:
+            weights: as in :attr:`weights`.
+        """
+        self.register_buffer("weights", weights)
+        self._kept = {}
+
+    @property
+    def is_weighed(self) -> bool:
+        """Whether there are :attr:`weights`."""
+        return "weights" in self._buffers
 
     @property
     def search(self) -> PlanSearch:
@@ -117,6 +140,9 @@ class BestPlan(BestRecipe):
     def pair_scores(self, states: States, model: Tensor) -> Tensor:
         """Return log Q for all slot pairs.
 
+        With :attr:`weights`, the weighted features of each pair, as log-probabilities over all
+        pairs of the table.
+
         Args:
             states: B states on tables with A slots, with ``attempts``.
             model: shape (B,), int64: number of the model for each state.
@@ -127,13 +153,42 @@ class BestPlan(BestRecipe):
         Raises:
             ValueError: if the states have no ``attempts``.
         """
+        state = self._searched(states, model)
+        if not self.is_weighed:
+            return self.search.values(*state)
+        assert states.attempts is not None
+        is_empty = states.table == self.num_entities
+        features = self.search.features(*state)
+        return log_shares(features, self.weights, states.attempts.left, is_empty)
+
+    def features(self, states: States) -> Tensor:
+        """Return the features of all slot pairs, before :attr:`weights`.
+
+        Args:
+            states: B states of bound tasks with A slots, with ``attempts``.
+
+        Returns:
+            shape (B, A, A, F), in the order of :data:`~.search.FEATURES`.
+
+        Raises:
+            ValueError: if the states have no ``attempts``.
+            LeakError: if a model trained on a task's recipes could score it.
+        """
+        of_task = self.model_of(states.task)
+        model = torch.zeros_like(states.goal) if of_task is None else of_task
+        return self.search.features(*self._searched(states, model))
+
+    def _searched(
+        self, states: States, model: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor | None]:
+        """Return the arguments of the search; arguments of :meth:`pair_scores`."""
         attempts = states.attempts
         if attempts is None:
             raise ValueError(
                 "the source plan (p) needs `attempts`: the number of attempts left in each state."
             )
         tried = self._tried(states.table, attempts)
-        return self.search.values(states.goal, states.table, model, attempts.left, tried)
+        return states.goal, states.table, model, attempts.left, tried
 
     def _tried(self, table: Tensor, attempts: Attempts) -> Tensor | None:
         """Return a mask of the tried slot pairs, shape (B, A, A); None if unknown."""
@@ -201,6 +256,30 @@ class BestPlan(BestRecipe):
 
         by_slot = zip(entities, evidence, strict=True)
         return tuple(best and planned(entity, best) for entity, best in by_slot)
+
+
+def log_shares(features: Tensor, weights: Tensor, left: Tensor, is_empty: Tensor) -> Tensor:
+    """Return the log-probability of each pair by weighted features, a softmax over pairs.
+
+    Args:
+        features: shape (B, A, A, F).
+        weights: shape (:data:`MAX_ATTEMPTS`, F).
+        left: shape (B,), int64: attempts left.
+        is_empty: shape (B, A), bool: True for empty slots.
+
+    Returns:
+        shape (B, A, A), symmetric, from :data:`NO_PLAN`; -inf for empty slots.
+    """
+    of_states = weights[left.clamp(1, MAX_ATTEMPTS) - 1]
+    scores = (features * of_states[:, None, None]).sum(-1)
+    has_empty = is_empty[:, :, None] | is_empty[:, None]
+    scores = scores.masked_fill(has_empty, -torch.inf)
+    # A pair counts once, and is written twice.
+    is_lower = torch.ones_like(scores[0], dtype=torch.bool).tril(-1)
+    total = torch.logsumexp(scores.masked_fill(is_lower, -torch.inf).flatten(1), dim=1)
+    # A table without entities has no pair.
+    shares = (scores - total[:, None, None]).clamp(min=NO_PLAN)
+    return shares.masked_fill(has_empty, -torch.inf)
 
 
 def _without_words(size: int, recipes: Ids) -> RecipeKnowledge:

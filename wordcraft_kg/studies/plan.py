@@ -59,7 +59,9 @@ _CURVE_POINTS = 20
 CONFIG_OF = {**CONFIGS, RecipeScorerConfig.command: RecipeScorerConfig}
 _IN_STUDIES: dict[type, dict[str, Any]] = {
     RecipeScorerConfig: {"features": "glove"},
-    PolicyConfig: {name: PAPER[name] for name in ("scale", "sees_attempts", "mixing")},
+    PolicyConfig: {
+        name: PAPER[name] for name in ("scale", "sees_attempts", "mixing", "weigh_plans")
+    },
     ImpalaConfig: {"preset": "paper", "scorer_cost": 0.0},
 }
 """Values that addresses leave out where the command's default is another value.

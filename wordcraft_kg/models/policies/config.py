@@ -52,6 +52,10 @@ class PolicyConfig:
             begins with the slot); recipe and plan need a scorer from train-recipes.
         plan_width: most intermediates in the search of the source plan (p); 0 for the default, see
             docs/evidence/planning.md.
+        weigh_plans: before training, learn from play on train tasks which plans succeed, and let
+            the source plan (p) follow these weights instead of the most probable plan. Default:
+            at depth 2, with plan and two attempts, except in the paper's preset; see
+            docs/evidence/plan-weights.md.
         kg_only: mix only the sources' scores, without attention logits.
         mixing: range of λ: residual (scores times a learned number each are added to attention
             logits), free (λ depend on the table, as in the paper), or softmax (positive, sum 1) as
@@ -85,6 +89,7 @@ class PolicyConfig:
     embedding_size: int = 50
     use: str = "combines,component"
     plan_width: int = 0
+    weigh_plans: bool | None = None
     kg_only: bool = False
     mixing: Mixing | None = None
     scale: Scale | None = None
@@ -112,10 +117,10 @@ class PolicyConfig:
         for name in ("key_size", "value_size", "hidden_size", "embedding_size"):
             whole(name, getattr(self, name), 1, MAX_DIM)
         whole("plan_width", self.plan_width, 0, MAX_DIM)
-        for name in ("allow_missing", "kg_only", "in_sample", "sees_attempts"):
+        for name in ("allow_missing", "weigh_plans", "kg_only", "in_sample", "sees_attempts"):
             # A text such as "false" from a configuration file would count as true.
             value = getattr(self, name)
-            is_open = name == "sees_attempts" and value is None
+            is_open = name in ("weigh_plans", "sees_attempts") and value is None
             require(self, name, is_open or isinstance(value, bool), "true or false")
         if self.sees_attempts and self.policy == "mlp":
             raise ConfigError("`sees_attempts` needs `policy` attention.")
@@ -123,10 +128,17 @@ class PolicyConfig:
         short = ",".join(map(short_name, self._named))
         if short != ",".join(self._named):
             object.__setattr__(self, "use", short)
-        _ = self.sources  # raises ConfigError for an unknown name
+        # `sources` raises ConfigError for an unknown name.
+        if self.weigh_plans and "p" not in self.sources:
+            raise ConfigError("`weigh_plans` needs the source plan (p) in `use`.")
 
     def closed(
-        self, *, sees_attempts: bool = False, has_scorer: bool = True, mixing: Mixing = "free"
+        self,
+        *,
+        sees_attempts: bool = False,
+        has_scorer: bool = True,
+        mixing: Mixing = "free",
+        weigh_plans: bool = False,
     ) -> "PolicyConfig":
         """Return the settings with a value for each that was left open.
 
@@ -134,12 +146,20 @@ class PolicyConfig:
             sees_attempts: value of ``sees_attempts`` if it was left open.
             has_scorer: whether there are scores; without, the scale changes nothing.
             mixing: value of ``mixing`` if it was left open.
+            weigh_plans: value of ``weigh_plans`` if it was left open.
         """
         sees = sees_attempts if self.sees_attempts is None else self.sees_attempts
         scale = self.scale
         if scale is None:
             scale = "none" if sees and has_scorer else "ranks"
-        return replace(self, sees_attempts=sees, scale=scale, mixing=self.mixing or mixing)
+        weighs = weigh_plans if self.weigh_plans is None else self.weigh_plans
+        return replace(
+            self,
+            sees_attempts=sees,
+            scale=scale,
+            mixing=self.mixing or mixing,
+            weigh_plans=weighs,
+        )
 
     @property
     def score_scale(self) -> Scale:

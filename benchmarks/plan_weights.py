@@ -1,0 +1,98 @@
+"""Weights of plans learned from play beside the planner, on the same tables, with an ablation.
+
+    wordcraft-kg build-graph everyday --split-seed 10 --out graphs/everyday
+    wordcraft-kg train-recipes graphs/everyday --features glove --out models/everyday
+    python benchmarks/plan_weights.py graphs/everyday models/everyday --part valid
+
+Plays an evenly spaced sample of tasks, a table each, with as many attempts as the depth. ``--parts-of``
+learns only some weights: those of probabilities, or those of a plan's form. Prints a JSON line each.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import torch
+
+from wordcraft_kg.agents.config import TaskConfig
+from wordcraft_kg.agents.evaluation import Evaluator
+from wordcraft_kg.agents.plan_weights import TASKS, fit_plan_weights
+from wordcraft_kg.agents.players import knowledge_player
+from wordcraft_kg.base.statistics import paired_difference
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.folder import open_graph
+from wordcraft_kg.models.policies.sources.registry import make_sources
+from wordcraft_kg.models.policies.sources.source import ScoreView
+from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.planning.search import FEATURES
+from wordcraft_kg.planning.source import BestPlan
+
+FORM = ("itself", "reused", "twice")
+"""Features of a plan's form; all others are probabilities."""
+PARTS = {
+    "all": FEATURES,
+    "probabilities": tuple(name for name in FEATURES if name not in FORM),
+    "form": FORM,
+}
+
+
+def main() -> None:
+    """Print the planner's success, and that with weights learned from play."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("graph")
+    parser.add_argument("model", type=Path)
+    parser.add_argument("--part", default="test")
+    parser.add_argument("--depths", default="2")
+    parser.add_argument("--distractors", type=int, default=4)
+    parser.add_argument("--tasks", type=int, default=2_000, help="tasks to play")
+    parser.add_argument("--train-tasks", type=int, default=TASKS)
+    parser.add_argument("--seeds", default="0", help="seeds of the train tasks' sample")
+    parser.add_argument("--parts-of", action="store_true", help="learn some weights only, too")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    opened = open_graph(options.graph)
+    scorer = load_scorer(options.model, graph=opened.graph)
+    for depth in map(int, options.depths.split(",")):
+        config = TaskConfig(depth=depth, distractors=options.distractors)
+        train = World(opened, config.environment("train"))
+        view = ScoreView(tasks=train.tasks)
+        (source,) = make_sources(["plan"], scorer, view)
+        assert isinstance(source, BestPlan)
+        world = train.variant(part=options.part)
+        evaluator = Evaluator(world, distractor_seeds=1, limit=options.tasks)
+        planner = evaluator(knowledge_player([source]))
+        for seed in map(int, options.seeds.split(",")):
+            for name in PARTS if options.parts_of else ("all",):
+                (weighed,) = make_sources(["plan"], scorer, view)
+                assert isinstance(weighed, BestPlan)
+                began = time.process_time()
+                weights = fit_plan_weights(
+                    weighed,
+                    train,
+                    seed=seed,
+                    tasks=options.train_tasks,
+                    features=PARTS[name],
+                )
+                seconds = time.process_time() - began
+                weighed.weigh(weights)
+                result = evaluator(knowledge_player([weighed]))
+                difference = paired_difference(result.success, planner.success, result.groups)
+                row = {
+                    "depth": depth,
+                    "seed": seed,
+                    "weights": name,
+                    "tasks": len(result.tasks),
+                    "planner": round(planner.metrics().mean, 4),
+                    "weighed": round(result.metrics().mean, 4),
+                    "difference": [round(value, 4) for value in difference],
+                    "other_decisions": round(
+                        float((result.decisions != planner.decisions).mean()), 4
+                    ),
+                    "cpu_seconds_to_learn": round(seconds, 1),
+                }
+                print(json.dumps(row), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,242 @@
+"""Weights of plans, learned from play on train tasks: which plans of the search succeed?
+
+The planner follows the most probable plan. Its probabilities come from pairs on random tables, and
+it knows no tasks. Here a player tries all pairs on the tables of train tasks, with scores by a
+model that has not seen a fold of the task's plan, and notes which pairs lead to the goal in the
+attempts left. A log-linear model then learns which features of plans tell such pairs: an expert's
+choices, as in expert iteration, with a search of the known recipes as the expert.
+
+``P(pair) = softmax over pairs of w_n · features(pair)``, n attempts left; the loss is
+``-log Σ P(pairs that lead to the goal)``.
+
+Source: Anthony, Tian and Barber 2017 (expert iteration); McFadden 1974 (conditional logit).
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from wordcraft_kg.agents.states import states_of
+from wordcraft_kg.base.errors import LeakError
+from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.tensors import torch_threads
+from wordcraft_kg.envs.batch import BatchEngine
+from wordcraft_kg.envs.world import World
+from wordcraft_kg.graphs.arrays import Ids
+from wordcraft_kg.models.policies.states import Attempts, States
+from wordcraft_kg.planning.search import FEATURES, MAX_ATTEMPTS
+from wordcraft_kg.planning.source import BestPlan, log_shares
+
+TASKS = 4_000
+"""Train tasks that are played, at most."""
+_RIDGE = 1e-3
+"""Weight of squared distances to the planner's weights, for each table."""
+_ROUNDS = 60
+"""Most steps of the optimiser; it is done after 20 to 40."""
+_Results = Mapping[tuple[int, int], Sequence[int]]
+
+
+def planner_weights() -> Tensor:
+    """Return the weights with which pairs are ranked as by the planner: that of log Q is 1."""
+    weights = torch.zeros(MAX_ATTEMPTS, len(FEATURES))
+    weights[:, FEATURES.index("value")] = 1
+    return weights
+
+
+def fit_plan_weights(
+    source: BestPlan,
+    world: World,
+    *,
+    seed: int = 0,
+    tasks: int = TASKS,
+    features: Collection[str] = FEATURES,
+) -> Tensor:
+    """Learn weights of plans on train tasks.
+
+    Args:
+        source: source plan (p) of a cross-fitted scorer.
+        world: train tasks; their depth and distractors decide the tables.
+        seed: seed of the sampled tasks and tables.
+        tasks: number of train tasks that are played, at most.
+        features: names of the features whose weights are learned; others keep the planner's.
+
+    Returns:
+        shape (:data:`~wordcraft_kg.planning.search.MAX_ATTEMPTS`, F), float32; the planner's where
+        tasks of this depth have no such attempt.
+
+    Raises:
+        LeakError: if the tasks are not train tasks, or the scorer has no models of folds.
+    """
+    if world.config.part != "train" or not source.reads_task:
+        raise LeakError(
+            f"weights of plans are learned on train tasks with cross-fitted scores; found part "
+            f"'{world.config.part}'. Use the world of the part 'train', and a scorer with folds."
+        )
+    source.bind(world.tasks)
+    rng = np.random.default_rng([seed, 1])
+    chosen = np.sort(rng.permutation(len(world.tasks))[:tasks])
+    # Tasks whose plans are seen by every model have no scores.
+    models = source.model_of_task[torch.from_numpy(chosen)]
+    chosen = chosen[(models < source.knowledge.num_models).numpy()]
+    weights = planner_weights()
+    is_learned = torch.tensor([name in features for name in FEATURES])
+    if not len(chosen):
+        return weights
+    start = BatchEngine(world, len(chosen)).pose(chosen, 0, seed=seed)
+    states = states_of(start)
+    results = _train_results(world)
+    with torch_threads(1):
+        for number in steps("weighing plans", range(world.config.depth, 0, -1)):
+            states = _with_attempts(states, number)
+            leads = _pairs_to_goal(states, results, number, world.nothing)
+            is_possible = leads.flatten(1).any(1)
+            states = _rows(states, is_possible)
+            leads = leads[is_possible]
+            if not len(leads):
+                break
+            # The search looks no further ahead than its most attempts.
+            row = min(number, MAX_ATTEMPTS) - 1
+            weights[row] = _fitted(source, states, leads, weights[row], is_learned)
+            if number > 1:
+                states = _after_right_pair(states, leads, results, world.nothing, rng)
+    return weights
+
+
+def _train_results(world: World) -> _Results:
+    """Return the results of pairs by train recipes: other recipes must not be learned from."""
+    results: dict[tuple[int, int], list[int]] = {}
+    for one, other, result in world.split.recipes("train").tolist():
+        results.setdefault((min(one, other), max(one, other)), []).append(result)
+    return results
+
+
+def _with_attempts(states: States, number: int) -> States:
+    """Return states with ``number`` attempts left."""
+    assert states.attempts is not None
+    left = torch.full_like(states.goal, number)
+    return states._replace(attempts=states.attempts._replace(left=left))
+
+
+def _rows(states: States, chosen: Tensor) -> States:
+    """Return the states where ``chosen``, shape (B,), is True."""
+    attempts = states.attempts
+    assert attempts is not None
+    assert attempts.tried is not None
+    assert states.task is not None
+    return States(
+        states.goal[chosen],
+        states.selection[chosen],
+        states.table[chosen],
+        states.task[chosen],
+        Attempts(attempts.left[chosen], attempts.tried[chosen]),
+    )
+
+
+def _pairs_to_goal(states: States, results: _Results, number: int, nothing: int) -> Tensor:
+    """Return which pairs of slots lead to the goal in so many attempts, shape (B, A, A), bool."""
+    tables = states.table.tolist()
+    leads = torch.zeros(*states.table.shape, states.table.shape[1], dtype=torch.bool)
+    for row, (goal, table) in enumerate(zip(states.goal.tolist(), tables, strict=True)):
+        right = _right_pairs(goal, [each for each in table if each != nothing], results, number)
+        for one, first in enumerate(table):
+            for other, second in enumerate(table):
+                leads[row, one, other] = _pair(first, second) in right
+    return leads
+
+
+def _right_pairs(
+    goal: int, table: Sequence[int], results: _Results, number: int
+) -> set[tuple[int, int]]:
+    """Return the pairs, smaller id first, after which the goal can be made in time."""
+    distinct = sorted(set(table))
+    pairs = [(one, other) for i, one in enumerate(distinct) for other in distinct[i:]]
+    of_pairs = {pair: results[pair] for pair in pairs if pair in results}
+    right = set()
+    for pair, made in of_pairs.items():
+        new = [each for each in made if each not in distinct]
+        if goal in made or (
+            number > 1 and new and _right_pairs(goal, [*distinct, *new], results, number - 1)
+        ):
+            right.add(pair)
+    return right
+
+
+def _pair(one: int, other: int) -> tuple[int, int]:
+    return (min(one, other), max(one, other))
+
+
+def _after_right_pair(
+    states: States,
+    leads: Tensor,
+    results: _Results,
+    nothing: int,
+    rng: np.random.Generator,
+) -> States:
+    """Return the states after a right pair each, drawn evenly, that did not make the goal."""
+    attempts = states.attempts
+    assert attempts is not None
+    assert attempts.tried is not None
+    table = states.table.clone()
+    tried = attempts.tried.clone()
+    goes_on = torch.ones(len(table), dtype=torch.bool)
+    for row in range(len(table)):
+        right: Ids = leads[row].nonzero().numpy()
+        one, other = right[rng.integers(len(right))]
+        first = int(table[row, one])
+        second = int(table[row, other])
+        made = results[_pair(first, second)]
+        goes_on[row] = int(states.goal[row]) not in made
+        free = (table[row] == nothing).nonzero()[:, 0]
+        new = [each for each in made if each not in table[row].tolist()]
+        for slot, each in zip(free.tolist(), new, strict=False):
+            table[row, slot] = each
+        place = int((tried[row, :, 0] != nothing).sum())
+        tried[row, place] = torch.tensor([first, second])
+    return _rows(states._replace(table=table, attempts=attempts._replace(tried=tried)), goes_on)
+
+
+def _fitted(
+    source: BestPlan,
+    states: States,
+    leads: Tensor,
+    first: Tensor,
+    is_learned: Tensor,
+) -> Tensor:
+    """Return the weights for these states.
+
+    Args:
+        source: source plan (p), bound to the states' tasks.
+        states: B states on tables with A slots.
+        leads: shape (B, A, A), bool: the pair leads to the goal; one or more in each state.
+        first: shape (F,): weights to begin with, and to stay near.
+        is_learned: shape (F,), bool: weights that change.
+
+    Returns:
+        shape (F,).
+    """
+    filled = (states.table != source.num_entities).any(0).nonzero()
+    slots = int(filled[-1]) + 1
+    narrow = states._replace(table=states.table[:, :slots])
+    features = source.features(narrow)
+    right = leads[:, :slots, :slots]
+    is_empty = narrow.table == source.num_entities
+    one = torch.ones(len(features), dtype=torch.int64)
+    # A pair counts once: `log_shares` gives it twice.
+    is_lower = torch.ones(slots, slots, dtype=torch.bool).tril(-1)
+    wrong = ~right | is_lower
+    change = torch.zeros_like(first).requires_grad_()
+    optimizer = torch.optim.LBFGS([change], max_iter=_ROUNDS, line_search_fn="strong_wolfe")
+
+    def loss() -> Tensor:
+        optimizer.zero_grad()
+        weights = first + change * is_learned
+        shares = log_shares(features, weights[None], one, is_empty)
+        of_right = torch.logsumexp(shares.masked_fill(wrong, -torch.inf).flatten(1), dim=1)
+        value = _RIDGE * change.square().sum() - of_right.mean()
+        value.backward()
+        return value
+
+    optimizer.step(loss)
+    return (first + change * is_learned).detach()

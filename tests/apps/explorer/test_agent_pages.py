@@ -272,7 +272,8 @@ def test_a_run_shows_curves_and_settings_but_no_folders(agents, tmp_path):
         "graph": "kitchen",
         "scorer": "kitchen-recipes",
         "use": "combines (u), component (v), recipe (w)",
-        "steps": "4000",
+        "batch_size": "16",
+        "steps": "1600",
     }
     page = look(agents, RunState("guided")).page
     assert str(tmp_path.parent) not in page

@@ -128,8 +128,9 @@ class PolicyConfig:
         short = ",".join(map(short_name, self._named))
         if short != ",".join(self._named):
             object.__setattr__(self, "use", short)
-        # `sources` raises ConfigError for an unknown name.
-        if self.weigh_plans and "p" not in self.sources:
+        # Read whatever `weigh_plans` is: it raises ConfigError for an unknown name.
+        sources = self.sources
+        if self.weigh_plans and "p" not in sources:
             raise ConfigError("`weigh_plans` needs the source plan (p) in `use`.")
 
     def closed(

@@ -150,14 +150,10 @@ class PlanSearch:
         """
         slots = table.shape[1]
         values = torch.full((*table.shape, slots), -torch.inf, device=table.device)
-        depths = attempts_left.clamp(1, MAX_ATTEMPTS)
-        # States with equally many attempts left are searched together.
-        for number in depths.unique().tolist():
-            same_depth = (depths == number).nonzero()[:, 0]
-            for rows in self._chunks(same_depth, number, slots):
-                past = None if tried is None else tried[rows]
-                of_results, _ = self._values(goal[rows], table[rows], model[rows], number, past)
-                values[rows] = of_results.amax(1)
+        for number, rows in self._searches(attempts_left, slots):
+            past = None if tried is None else tried[rows]
+            of_results, _ = self._values(goal[rows], table[rows], model[rows], number, past)
+            values[rows] = of_results.amax(1)
         is_empty = table == self.knowledge.num_entities
         has_empty = is_empty[:, :, None] | is_empty[:, None]
         # The lower bound first: it would lift the -inf of empty slots.
@@ -189,12 +185,9 @@ class PlanSearch:
         """
         slots = table.shape[1]
         features = torch.zeros(*table.shape, slots, len(FEATURES), device=table.device)
-        depths = attempts_left.clamp(1, MAX_ATTEMPTS)
-        for number in depths.unique().tolist():
-            same_depth = (depths == number).nonzero()[:, 0]
-            for rows in self._chunks(same_depth, number, slots):
-                past = None if tried is None else tried[rows]
-                features[rows] = self._features(goal[rows], table[rows], model[rows], number, past)
+        for number, rows in self._searches(attempts_left, slots):
+            past = None if tried is None else tried[rows]
+            features[rows] = self._features(goal[rows], table[rows], model[rows], number, past)
         return features
 
     def _features(
@@ -278,6 +271,25 @@ class PlanSearch:
                 break
             table.append(int(result))
         return steps
+
+    def _searches(self, attempts_left: Tensor, slots: int) -> Iterator[tuple[int, Tensor]]:
+        """Group states with equally many attempts left, which are searched together.
+
+        Args:
+            attempts_left: shape (B,), int64.
+            slots: A.
+
+        Yields:
+            attempts left, at most :data:`MAX_ATTEMPTS`, and numbers of states, see :meth:`_chunks`.
+
+        Raises:
+            ConfigError: if a single state would not fit into memory.
+        """
+        depths = attempts_left.clamp(1, MAX_ATTEMPTS)
+        for number in depths.unique().tolist():
+            same_depth = (depths == number).nonzero()[:, 0]
+            for rows in self._chunks(same_depth, number, slots):
+                yield number, rows
 
     def _chunks(self, rows: Tensor, number: int, slots: int) -> Iterator[Tensor]:
         """Split states so that at most :data:`SCORES` recipes are scored at once.

@@ -19,11 +19,12 @@ from wordcraft_kg.models.scorers.kernel import (
     profiles,
 )
 from wordcraft_kg.models.scorers.neighbours import knowledge
+from wordcraft_kg.models.scorers.neighbours import lists as lists_module
 from wordcraft_kg.models.scorers.neighbours.feature_loops import FLOOR as LEAST_EVIDENCE
 from wordcraft_kg.models.scorers.neighbours.feature_loops import LEAST, table_features
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.neighbours.link_rows import OF_COMBINES, OF_COMPONENTS, LinkRows
-from wordcraft_kg.models.scorers.neighbours.lists import make_lists, nearest_words
+from wordcraft_kg.models.scorers.neighbours.lists import SIGNATURE, make_lists, nearest_words
 from wordcraft_kg.models.scorers.neighbours.pair_features import (
     FEATURES,
     OF_PAIRS,
@@ -185,8 +186,10 @@ def distinct(recipes):
     return np.unique(rows, axis=0)
 
 
-@pytest.mark.parametrize("num_recipes", [70, 9])
-def test_with_full_lists_every_feature_is_what_its_definition_says(num_recipes):
+@pytest.mark.parametrize(("num_recipes", "bits"), [(70, SIGNATURE), (70, 8), (9, SIGNATURE)])
+def test_with_full_lists_every_feature_is_what_its_definition_says(num_recipes, bits, monkeypatch):
+    """In a signature of 8 bits, several of the 12 entities share one: the hash table decides."""
+    monkeypatch.setattr(lists_module, "SIGNATURE", bits)
     recipes = distinct(random_graph(0, SIZE, num_recipes).recipes)
     vectors = unit_vectors()
     lists = full_lists(recipes, vectors)

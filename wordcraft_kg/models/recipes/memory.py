@@ -5,9 +5,9 @@ from wordcraft_kg.base.settings import memory
 
 _PROGRAM = 1_200 * 2**20
 """Memory for Python, torch, SciPy, compiled loops, and queries that wait for their fit."""
-_BY_ENTITY = 200 * 8 + (32 + 40 + 64) * 12 + (3 * 4 + 8) * 256 + 2_000
-"""Bytes of a set of lists by entity: neighbours, supporting recipes, factors while they are
-computed, and profiles. Measured for 60,000 entities: 13,200 with 5.8 recipes each."""
+_BY_ENTITY = 200 * 8 + (32 + 40 + 64) * 12 + (3 * 4 + 8) * 256 + 2 * 128 + 2_000
+"""Bytes of a set of lists by entity: neighbours, supporting recipes, signatures, factors while they
+are computed, and profiles. Measured for 60,000 entities: 13,200 with 5.8 recipes each."""
 _BY_RECIPE = 450
 """Bytes of a set of lists by recipe: profiles while neighbours are searched, and hash tables."""
 _EXAMPLES = 4 * 8_000 * 55 * 51 * 4

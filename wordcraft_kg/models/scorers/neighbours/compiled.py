@@ -1,4 +1,8 @@
-"""Compilation of inner loops by numba, once for each machine."""
+"""Compilation of inner loops by numba, once for each machine.
+
+A loop that is called for each pair takes the arrays that it reads, not all lists: a call copies
+each array's address and shape, and for 30 arrays that takes longer than the work of a short loop.
+"""
 
 from collections.abc import Callable
 from typing import Any, TypeVar

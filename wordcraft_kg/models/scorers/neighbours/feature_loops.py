@@ -223,15 +223,14 @@ def of_link(lists, entity, goal, cosine, kernel, out):  # type: ignore[no-untype
 
 
 @compiled
-def _goal_sides(lists, goal, slot, low, high, alike, words, places, recipes, sums):  # type: ignore[no-untyped-def]
+def _goal_sides(support, slot, low, high, alike, words, places, recipes, sums):  # type: ignore[no-untyped-def]
     """Sum the recipes that support the goal, for the pairs of a slot and a range of slots.
 
     The range is the inner loop, so that the processor adds for several slots at once; each pair's
     sum keeps its order.
 
     Args:
-        lists: the lists.
-        goal: entity id.
+        support: similarities of the recipes' results to the goal, and the same by words.
         slot: the pairs' common slot.
         low: first slot of the range.
         high: end of the range.
@@ -241,6 +240,7 @@ def _goal_sides(lists, goal, slot, low, high, alike, words, places, recipes, sum
         recipes: number of supporting recipes.
         sums: receives the evidence, the evidence by words, and the best recipe's, shape (3, A).
     """
+    support_alike, support_words = support
     evidence = sums[0]
     by_words = sums[1]
     best = sums[2]
@@ -253,8 +253,8 @@ def _goal_sides(lists, goal, slot, low, high, alike, words, places, recipes, sum
         of_second = alike[places[row, 1]]
         words_of_first = words[places[row, 0]]
         words_of_second = words[places[row, 1]]
-        of_goal = lists.support_alike[goal, row]
-        of_goal_words = lists.support_words[goal, row]
+        of_goal = support_alike[row]
+        of_goal_words = support_words[row]
         own_first = of_first[slot]
         own_second = of_second[slot]
         own_words_first = words_of_first[slot]
@@ -276,9 +276,6 @@ def _pair_side(  # type: ignore[no-untyped-def]
     recipes, vectors, norms, pairs, first, last, goal, structure, row, known_row, known, out
 ):
     """Write the features of a pair from known pairs of neighbours: ``out[3:8]``.
-
-    The arrays stand alone, because a call with all lists as an argument copies 30 arrays' addresses
-    and shapes, which takes longer than the work.
 
     Args:
         recipes: first recipe and number of recipes of each place in the hash table, and results.
@@ -507,7 +504,9 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
             goal = goals[row]
             goal_made = log1p(lists.num_makers[goal])
             goal_uses = log1p(lists.num_uses[goal])
+            support = (lists.support_alike[goal], lists.support_words[goal])
             spread(lists, goal, of_goal)
+            # First slot of the pairs whose sums are known; pairs come by their first slot.
             summed = -1
             for pair in range(len(one)):
                 i = one[pair]
@@ -519,14 +518,11 @@ def table_features(lists, goals, tables, one, other, of_slots, of_pairs):  # typ
                 of_pair = of_pairs[row, pair]
                 if i != summed:
                     summed = i
-                    low = ranges[i, 0]
-                    high = ranges[i, 1]
                     _goal_sides(
-                        lists,
-                        goal,
+                        support,
                         i,
-                        low,
-                        high,
+                        ranges[i, 0],
+                        ranges[i, 1],
                         alike,
                         words,
                         places[row - begin],

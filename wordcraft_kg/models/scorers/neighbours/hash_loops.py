@@ -80,7 +80,7 @@ def signatures(one: Array, other: Array, out: Array) -> None:
 
 
 @compiled
-def may_hold(bits, one, other):  # type: ignore[no-untyped-def]
+def _may_hold(bits, one, other):  # type: ignore[no-untyped-def]
     """Return whether a signature has the bit of an id: if not, the pair is certainly unknown.
 
     Most look-ups are of unknown pairs. A signature is small enough for the fast cache, and saves
@@ -101,12 +101,11 @@ def pair_place(partner_bits, pair_keys, a, b):  # type: ignore[no-untyped-def]
 
     Args:
         partner_bits: ``lists.partner_bits``.
-        pair_keys: ``lists.pair_keys``. The two alone: to pass all lists copies 30 arrays' addresses
-            and shapes, which takes longer than the look-up.
+        pair_keys: ``lists.pair_keys``.
         a: entity id.
         b: entity id; the order does not count.
     """
-    if not may_hold(partner_bits, a, b):
+    if not _may_hold(partner_bits, a, b):
         return np.int64(-1)
     low = min(a, b)
     high = max(a, b)
@@ -125,7 +124,7 @@ def num_links(result_bits, link_keys, link_counts, ingredient, result):  # type:
         ingredient: entity id.
         result: entity id.
     """
-    if not may_hold(result_bits, ingredient, result):
+    if not _may_hold(result_bits, ingredient, result):
         return np.int32(0)
     # An empty place has the count 0, so the key need not be compared again.
     place = _place(link_keys, np.int64(ingredient) * len(result_bits) + result)

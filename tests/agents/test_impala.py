@@ -374,6 +374,37 @@ def test_the_same_seeds_give_the_same_parameters_and_others_others(trainer):
 
 
 @pytest.mark.parametrize(
+    ("depth", "unroll", "use"), [(1, 2, "u,v,w"), (2, 4, "u,v,w,p"), (2, 3, "w")]
+)
+def test_a_second_thread_scores_ahead_and_changes_no_bit(
+    trainer, cross_fitted, depth, unroll, use, monkeypatch
+):
+    settings = {"depth": depth, "unroll": unroll, "policy": {"use": use}, "scorer": cross_fitted}
+    # Threads get blocks of the batch, however small it is.
+    monkeypatch.setattr("wordcraft_kg.models.scorers.neighbours.knowledge._ROWS", 2)
+    monkeypatch.setattr("wordcraft_kg.models.scorers.neighbours.knowledge._BLOCK", 2)
+    with trainer(**settings) as one, trainer(**settings, threads=2) as two:
+        assert (one.scores_ahead, two.scores_ahead) == (False, True)
+        for number in range(6):
+            one.update()
+            two.update()
+            if number == 3:
+                # An evaluation binds the policy to other tasks between two updates, and a
+                # checkpoint takes the trainer back.
+                state = one.state()
+                two.policy.bind(two.envs.world.variant(part="all").tasks)
+                two.restore(state)
+            assert torch.equal(flat(one), flat(two))
+            assert torch.equal(one._unroll.external_scores, two._unroll.external_scores)
+        assert_same_state(one, two)
+
+
+def test_a_second_thread_is_for_scores_by_lists_alone(trainer, scorer):
+    for settings in ({}, {"scorer": scorer}):
+        assert not trainer(**settings, threads=2).scores_ahead
+
+
+@pytest.mark.parametrize(
     ("depth", "unroll", "settings"), [(1, 2, {}), (2, 3, {"policy_lag": 2, "momentum": 0.9})]
 )
 def test_torch_environments_train_the_same_as_numpy_ones(trainer, depth, unroll, settings):

@@ -12,7 +12,8 @@ of operations is part of the results: tests compare whole trainings bit for bit.
 import math
 from collections import deque
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, NamedTuple, Self
 
 import torch
 from torch import Tensor, nn
@@ -33,6 +34,7 @@ from wordcraft_kg.envs.batch import GOAL, State
 from wordcraft_kg.models.policies.policy import Policy, Weights, log_policy
 from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.policies.states import Attempts, States
+from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 
 LOSSES = ("loss", "pg_loss", "baseline_loss", "entropy", "grad_norm")
 """Names of the losses (summed over the batch) and of the gradient norm before clipping."""
@@ -99,6 +101,9 @@ class Impala:
         envs: current state of the environments.
         update_number: number of finished updates.
         optimizer: RMSProp on all parameters as one tensor.
+        scores_ahead: whether a further thread scores the next tables while the policy learns.
+
+    A trainer is a context manager: its end stops that thread.
     """
 
     def __init__(
@@ -145,6 +150,14 @@ class Impala:
         # The newest snapshot is the learner's; with lag k the oldest is from k updates ago.
         self._snapshots: deque[Weights] = deque(maxlen=config.policy_lag + 1)
         self._unroll = self._empty_unroll()
+        by_lists = [part for part in policy.modules() if isinstance(part, RecipeKnowledge)]
+        for knowledge in by_lists:
+            knowledge.workers = config.threads
+        self.scores_ahead = bool(by_lists) and config.threads > 1 and self.device.type == "cpu"
+        # One thread more: it waits for the loops' threads most of the time.
+        self._ahead = ThreadPoolExecutor(1)
+        # Scores of the states in which the next unroll begins; None if they are not known yet.
+        self._next_scores: Tensor | None = None
         # Sums stay on the device, in float64 so that many small terms do not vanish.
         self._sums = self._empty(len(METRICS), dtype=torch.float64).zero_()
         self._last: _Last | None = None
@@ -212,6 +225,12 @@ class Impala:
             won=self._empty(time, batch, dtype=torch.bool),
         )
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ahead.shutdown(cancel_futures=True)
+
     # --- an update --------------------------------------------------------------------------------
 
     def update(self) -> None:
@@ -225,6 +244,10 @@ class Impala:
         # What depends on parameters only is computed once, for the actor and the learner.
         weights = self.policy.weights()
         is_cut = self._collect(self._acting(weights))
+        # The next scores depend on the environments alone, so they need not wait for the learner.
+        ahead: Future[Tensor | None] | None = None
+        if self.scores_ahead:
+            ahead = self._ahead.submit(self.policy.external_scores, states_of(self.envs))
 
         # Gradients flow through `weights` into the views of the flat gradient.
         assert self._flat.grad is not None
@@ -250,6 +273,8 @@ class Impala:
         self._count(losses, norm)
         # Copied, because a compiled learner reuses its output tensors.
         self._last = _Last(last.log_rhos.clone(), last.lambdas.clone())
+        # Awaited here, because the caller may bind the policy to other tasks now.
+        self._next_scores = None if ahead is None else ahead.result()
 
     def _acting(self, weights: Weights) -> Weights:
         """Return the actor's weights: the learner's, or with a lag those of an earlier update."""
@@ -367,6 +392,7 @@ class Impala:
                 _, number, name = key.split(".", 2)
                 snapshots.setdefault(int(number), {})[name] = tensor.to(self.device, copy=True)
         self._snapshots.extend(snapshots[number] for number in sorted(snapshots))
+        self._next_scores = None
         self._sums.copy_(state["sums"])
         self._generator.set_state(state["generator"])
         self.update_number = int(state["update"])
@@ -387,7 +413,8 @@ class Impala:
         )
         for t in range(self.config.unroll_steps):
             states = self._observe(t)
-            scores = self.policy.external_scores(states)
+            known = self._next_scores if t == 0 else None
+            scores = self.policy.external_scores(states) if known is None else known
             if scores is not None:
                 # Kept, so that the learner does not compute them again.
                 assert unroll.external_scores is not None

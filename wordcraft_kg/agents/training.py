@@ -292,7 +292,10 @@ class AgentTraining(Training[AgentConfig, AgentProgress, TrainedAgent]):
             with run.restoring():
                 self._restore(checkpoint)
             run.resume(self.config)
-        with torch_threads(self.config.trainer.threads):
+        # Where a recipe scorer's loops use the threads, torch's own would only wait, and waiting
+        # takes the processor's time from the loops.
+        threads = 1 if self.impala.scores_ahead else self.config.trainer.threads
+        with self.impala, torch_threads(threads):
             self._train()
             if self.impala.update_number < self.config.trainer.updates:
                 run.interrupt()

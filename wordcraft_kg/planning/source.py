@@ -120,7 +120,7 @@ class BestPlan(BestRecipe):
             weights: as in :attr:`weights`.
         """
         self.register_buffer("weights", weights)
-        self._kept = {}
+        self.kept.forget()
 
     @property
     def is_weighed(self) -> bool:

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar, Self
 
 import torch
@@ -14,6 +15,7 @@ from wordcraft_kg.models.policies.sources import U, V
 from wordcraft_kg.models.policies.sources.knowledge import empty_knowledge, knowledge_of_models
 from wordcraft_kg.models.policies.sources.source import (
     FoldedSource,
+    KeptScores,
     ScoreView,
     check_constants,
 )
@@ -99,6 +101,8 @@ class PairSource(FoldedSource):
         super().__init__(num_entities, constants.get("fold_of_recipe"))
         self.is_table = "scores" in constants
         self.knowledge = knowledge
+        self.kept = KeptScores()
+        self.register_load_state_dict_post_hook(self.kept.forget)
         for name in _layouts(constants):
             self.register_buffer(name, constants[name])
 
@@ -194,7 +198,9 @@ class PairSource(FoldedSource):
         # the next step sets to 0.
         last = self.knowledge.num_models - 1
         used = torch.zeros_like(key) if model is None else model.clamp(max=last)
-        return self.knowledge.slot_scores(self.relation, key, table, used)
+        score = partial(self.knowledge.slot_scores, self.relation, key, table, used)
+        # A slot's score with the goal is the same before and after the first action.
+        return self.kept.scores((key, table, used), score)
 
     def _from_factors(
         self,

@@ -1,7 +1,6 @@
 """The source recipe (w): the score for the best recipe that makes the goal with a slot's entity."""
 
 from collections.abc import Mapping
-from itertools import islice
 
 import torch
 from torch import Tensor, nn
@@ -10,17 +9,19 @@ from wordcraft_kg.base.errors import ConfigError
 from wordcraft_kg.base.tensors import lazily_zero, with_prefix
 from wordcraft_kg.models.policies.sources import W
 from wordcraft_kg.models.policies.sources.knowledge import empty_knowledge, knowledge_of_models
-from wordcraft_kg.models.policies.sources.source import Evidence, FoldedSource, ScoreView, Source
+from wordcraft_kg.models.policies.sources.source import (
+    Evidence,
+    FoldedSource,
+    KeptScores,
+    ScoreView,
+    Source,
+)
 from wordcraft_kg.models.policies.states import States
 from wordcraft_kg.models.scorers.cross_fitting import whole_of
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
 from wordcraft_kg.models.scorers.protocol import TripleScorer
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
-KEPT = 2**24
-"""Most scores that a source keeps, in all batches together: 64 MiB of float32."""
-MOST_KEPT = 64
-"""Most batches whose scores a source keeps: each call compares its key with these."""
 SUPPORTING = 3
 """Most recipes that support the score of a slot."""
 
@@ -50,8 +51,9 @@ class BestRecipe(FoldedSource):
         """Take the knowledge of one model or more, and each recipe's fold if there are folds."""
         super().__init__(num_entities, fold_of_recipe)
         self.knowledge = knowledge
-        self._kept: dict[tuple[object, ...], Tensor] = {}
-        self.register_load_state_dict_post_hook(_forget)
+        self.kept = KeptScores()
+        # Other weights give other scores.
+        self.register_load_state_dict_post_hook(self.kept.forget)
 
     @classmethod
     def of_scorer(  # noqa: D102 - inherited
@@ -147,44 +149,17 @@ class BestRecipe(FoldedSource):
         return self.knowledge(states.goal, states.table, model)
 
     def _kept_pair_scores(self, states: States, model: Tensor) -> Tensor:
-        """Return :meth:`pair_scores`; trailing slots that are empty in all tables are skipped.
-
-        The last scores are kept, because tables recur: before and after the first action, and for
-        another player on the same tables. Threads may call concurrently: the dictionary is
-        replaced, never changed.
-        """
+        """Return :meth:`pair_scores`; trailing slots that are empty in all tables are skipped."""
         table = states.table
         slots = table.shape[1]
         # Free slots for results are a large share of a table, and the cost of pairs is quadratic.
         filled = (table != self.num_entities).any(0).nonzero()
         used = int(filled[-1]) + 1 if len(filled) else 0
         narrow = states._replace(table=table[:, :used])
-        # The bytes of everything that scores depend on. The selection is not among it.
+        # Everything that scores depend on. The selection is not among it.
         inputs = [states.goal, narrow.table, model]
         inputs += [part for part in states.attempts or () if part is not None]
-        key = (
-            table.device,
-            slots,
-            used,
-            *(part.cpu().numpy().tobytes() for part in inputs),
-        )
-        kept = self._kept
-        if key in kept:
-            return kept[key]
+        scores = self.kept.scores(inputs, lambda: self.pair_scores(narrow, model))
         rest = slots - used
-        scores = self.pair_scores(narrow, model)
         # -inf, so that an empty slot is never the best partner.
-        scores = nn.functional.pad(scores, (0, rest, 0, rest), value=-torch.inf)
-        most = max(1, KEPT // max(1, scores.numel()))
-        # The newest batch comes first, and the oldest fall off.
-        self._kept = {
-            key: scores,
-            **dict(islice(kept.items(), min(most, MOST_KEPT) - 1)),
-        }
-        return scores
-
-
-def _forget(source: nn.Module, _: object) -> None:
-    """Drop scores that were kept before other weights were loaded."""
-    assert isinstance(source, BestRecipe)
-    source._kept = {}
+        return nn.functional.pad(scores, (0, rest, 0, rest), value=-torch.inf)

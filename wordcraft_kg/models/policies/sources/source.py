@@ -1,8 +1,9 @@
 """Base classes: for sources, and for sources with a model per left-out fold."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
@@ -18,6 +19,11 @@ from wordcraft_kg.models.scorers.config import Scale, SelfEdges
 from wordcraft_kg.models.scorers.cross_fitting import folds_of, models_of_tasks
 from wordcraft_kg.models.scorers.neighbours.knowledge import Support
 from wordcraft_kg.models.scorers.protocol import TripleScorer, check_scorer
+
+KEPT = 2**24
+"""Most scores that a source keeps, in all batches together: 64 MiB of float32."""
+MOST_KEPT = 64
+"""Most batches whose scores a source keeps: each call compares its key with these."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,43 @@ class ScoreView:
 
 AS_IS = ScoreView()
 """Raw scores."""
+
+
+class KeptScores:
+    """The last scores of a source by neighbour lists, because tables recur.
+
+    A table is scored before and after the first action, and for another player on the same tables.
+    Threads may call concurrently: the dictionary is replaced, never changed.
+    """
+
+    def __init__(self) -> None:
+        """Keep nothing yet."""
+        self._batches: dict[tuple[object, ...], Tensor] = {}
+
+    def __len__(self) -> int:
+        return len(self._batches)
+
+    def scores(self, inputs: Iterable[Tensor], compute: Callable[[], Tensor]) -> Tensor:
+        """Return the scores of a batch, computed if they are not kept.
+
+        Args:
+            inputs: everything that the scores depend on.
+            compute: returns them.
+        """
+        key = tuple((part.device, part.shape, part.cpu().numpy().tobytes()) for part in inputs)
+        kept = self._batches
+        if key in kept:
+            return kept[key]
+        scores = compute()
+        most = max(1, KEPT // max(1, scores.numel()))
+        # The newest batch comes first, and the oldest fall off.
+        others = islice(kept.items(), min(most, MOST_KEPT) - 1)
+        self._batches = {key: scores, **dict(others)}
+        return scores
+
+    def forget(self, *_: object) -> None:
+        """Drop all scores; takes any arguments, so that it can be a hook of torch."""
+        self._batches = {}
 
 
 class Source(nn.Module, ABC):

@@ -109,6 +109,8 @@ class RecipeKnowledge(nn.Module):
         first_bias: shape (M, H).
         second: shape (M, H).
         bias: shape (M,).
+        workers: most threads that compute features, whose number never changes a bit; None for as
+            many as torch uses.
 
     The link rankers' weights are buffers with the names in :data:`LINK_RANKERS`, shaped as those of
     the recipe rankers. Where links have features from outside the recipes, tables of their scores
@@ -135,6 +137,7 @@ class RecipeKnowledge(nn.Module):
             num_entities: E; None for all T.
         """
         super().__init__()
+        self.workers: int | None = None
         self._names = stored_names(constants)
         for name in self._names:
             self.register_buffer(name, constants[name])
@@ -425,7 +428,8 @@ class RecipeKnowledge(nn.Module):
             # Made by this thread alone, once.
             self.lists(number)
         # Blocks of all models together: a batch of a cross-fitted scorer has few rows for each.
-        workers = min(torch.get_num_threads(), len(models) // _ROWS)
+        most = self.workers or torch.get_num_threads()
+        workers = min(most, len(models) // _ROWS)
         if workers <= 1:
             for block in blocks:
                 write(*block)

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor
 
 _PAIRS = 4_096
-"""Pairs that are encoded at once: their inputs take 9 MiB."""
+"""Pairs that are encoded at once: their inputs take 6 MiB."""
 _RECIPES = 2**16
 """Recipes whose pairs are gathered at once: 32 MiB."""
 _PREFIX = "encoder_"
@@ -81,18 +81,29 @@ class PairEncoder(NamedTuple):
             bias=torch.cat([self.bias, bias]),
         )
 
+    def hidden_units(self, a: Tensor, b: Tensor) -> Tensor:
+        """Return the hidden units of pairs of ids, shape (n,) each: shape (n, V)."""
+        size = self.used.shape[1]
+        # The part of h_a + h_b is a sum of two entities' parts: a table of 10 slots has 55 pairs.
+        entities, place = torch.cat([a, b]).unique(return_inverse=True)
+        used = self.used[entities].float()
+        of_sums = used @ self.first[:size]
+        units = torch.empty(len(a), self.first.shape[1], device=a.device)
+        # In blocks: the inputs of a pair take a KiB and a half.
+        for start in range(0, len(a), _PAIRS):
+            block = slice(start, start + _PAIRS)
+            one, other = place.view(2, len(a))[:, block]
+            h_one = used[one]
+            h_other = used[other]
+            inputs = torch.cat([h_one * h_other, (h_one - h_other).abs()], dim=-1)
+            sums = of_sums[one].add_(of_sums[other]).add_(self.first_bias)
+            units[block] = torch.addmm(sums, inputs, self.first[size:]).relu_()
+        return units
+
     def encode(self, a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
         """Return z, shape (n, Z), and u, shape (n,), of pairs of ids, shape (n,) each."""
-        encoded = []
-        own = []
-        for one, other in zip(a.split(_PAIRS), b.split(_PAIRS), strict=True):
-            inputs = pair_inputs(self.used[one].float(), self.used[other].float())
-            units = (inputs @ self.first).add_(self.first_bias).relu_()
-            encoded.append(units @ self.second + self.second_bias)
-            own.append(units @ self.pair + self.pair_bias)
-        if not encoded:
-            return self.first.new_zeros(0, self.made.shape[1]), self.first.new_zeros(0)
-        return torch.cat(encoded), torch.cat(own)
+        units = self.hidden_units(a, b)
+        return units @ self.second + self.second_bias, units @ self.pair + self.pair_bias
 
     def features(self, a: Tensor, b: Tensor, goal: Tensor) -> Tensor:
         """Return s, s - u and u, see the module, of recipes.
@@ -109,16 +120,23 @@ class PairEncoder(NamedTuple):
         # Tables of a batch, and goals of a search, share pairs: each is encoded once.
         codes = torch.minimum(a, b) * size + torch.maximum(a, b)
         pairs, place = codes.unique(return_inverse=True)
-        encoded, own = self.encode(pairs // size, pairs % size)
-        u = own[place]
+        units = self.hidden_units(pairs // size, pairs % size)
+        u = (units @ self.pair + self.pair_bias)[place]
+        made = self.made[goal].float()
+        biases = self.bias[goal] + made @ self.second_bias
+        # z · g is (units second) · g or units · (second g): the last layer is applied to pairs or
+        # to goals, to whichever there are fewer of.
+        if len(pairs) < len(goal):
+            of_pairs, of_goals = units @ self.second, made
+        else:
+            of_pairs, of_goals = units, made @ self.second.T
         of_goal = torch.empty_like(u)
         # In blocks: a search asks for a million recipes, each of which would take half a KiB.
         step = max(1, _RECIPES // max(place.shape[1], 1))
         for start in range(0, len(goal), step):
             rows = slice(start, start + step)
-            made = self.made[goal[rows]].float()
-            of_goal[rows] = (encoded[place[rows]] @ made[..., None])[..., 0]
-        of_goal += self.bias[goal][:, None]
+            of_goal[rows] = (of_pairs[place[rows]] @ of_goals[rows, :, None])[..., 0]
+        of_goal += biases[:, None]
         return torch.stack([of_goal + u, of_goal, u], dim=-1)
 
     def result_scores(self, a: Tensor, b: Tensor) -> Tensor:

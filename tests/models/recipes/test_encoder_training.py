@@ -26,6 +26,7 @@ from wordcraft_kg.models.recipes.inductive import extended
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.neighbours.results import results_of
 
 TINY = EncoderSchedule(used=6, hidden=8, made=5, batch=16, sampled=8, epochs=1)
 WITH = RecipeScorerConfig(folds=3, features="one-hot", encoder="on")
@@ -152,6 +153,21 @@ def test_no_held_out_result_changes_a_feature_from_which_rankers_learn():
         features.append(fitting._result_queries(lists, encoder, rows, every, rng))
     for name in ("slots", "pairs", "encoded", "competes"):
         assert torch.equal(getattr(features[0], name), getattr(features[1], name))
+
+
+def test_a_known_recipe_is_the_first_result_of_its_pair():
+    """Where each pair makes one thing, no held-out pair teaches what a known result looks like."""
+    rows = random_graph(4, 12, 60).recipes
+    _, first = np.unique(rows[:, :2], axis=0, return_index=True)
+    graph = RecipeGraph(tuple("abcdefghijkl"), rows[first], [], name="single")
+    folds = make_folds(make_split(graph, SplitConfig()), 3)
+    words = words_of(np.random.default_rng(0).normal(size=(12, 5)))
+    vectors = torch.from_numpy(words.vectors).float()
+    encoders = dict(fit_encoders(folds, vectors, encoders_of(folds, [()])))
+    ((_, knowledge),) = fit_recipe_scorers(folds, words, [()], encoders=encoders)
+    known = torch.from_numpy(folds.recipes([]))
+    ids, _ = results_of(knowledge, known[:, 0], known[:, 1])
+    assert torch.equal(ids[:, 0], known[:, 2])
 
 
 def test_agents_score_by_the_encoders_of_their_folds_and_are_restored(trained, book):

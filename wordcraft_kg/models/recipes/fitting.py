@@ -365,20 +365,12 @@ def _fitted(
             link_rankers,
             encoder,
         )
-    makes = FEATURES.index("makes")
-    # By-goal folds: no held-out goal has a known recipe.
-    # A feature that is the same in all examples has weight 0.
-    if not ranker.first[makes].any():
-        chosen = recipes[:: max(1, len(recipes) // KNOWN)]
-        a, b, goal = torch.from_numpy(chosen.copy()).T
-        table = torch.stack([a, b], dim=1)
-        # The recipe's two slots, not the pairs of a slot with itself.
-        pair = (torch.tensor([0]), torch.tensor([1]))
-        of_known = knowledge.features(goal, table, torch.zeros_like(goal), pair)
-        highest = ranker(examples.features[examples.competes]).amax()
-        ranker = with_known(ranker, of_known[:, :, 0].T, makes, highest)
+    ranker = _knowing(ranker, examples, knowledge, recipes)
     if encoder is not None:
-        knowledge = knowledge.with_result_ranker(_result_ranker(lessons, link_rankers, generator))
+        of_results, queries = _result_ranker(lessons, link_rankers, generator)
+        if queries is not None:
+            of_results = _knowing(of_results, queries, knowledge, recipes)
+        knowledge = knowledge.with_result_ranker(of_results)
     return knowledge.with_ranker(ranker)
 
 
@@ -386,13 +378,16 @@ def _result_ranker(
     lessons: Sequence[_Lesson],
     link_rankers: Mapping[int, Ranker],
     generator: torch.Generator,
-) -> Ranker:
+) -> tuple[Ranker, Examples | None]:
     """Fit the ranker of results, with scores of the link rankers among its features.
 
     Args:
         lessons: the queries of each held-out fold.
         link_rankers: by relation; none where there was nothing to learn from.
         generator: draws initial weights and the order of queries.
+
+    Returns:
+        the ranker, and what it learned from; None if there was nothing to learn from.
     """
     component = link_rankers.get(COMPONENT_OF)
     queries = [lesson.results for lesson in lessons if lesson.results is not None]
@@ -402,8 +397,40 @@ def _result_ranker(
         # with which this one is stacked.
         width = RESULTS.members * HIDDEN
         first = torch.zeros(num_features(has_encoder=True), width)
-        return Ranker(first, torch.zeros(width), torch.zeros(width), torch.zeros(()))
-    return fit_committee(_together(parts), generator, RESULTS)
+        return Ranker(first, torch.zeros(width), torch.zeros(width), torch.zeros(())), None
+    queries = _together(parts)
+    return fit_committee(queries, generator, RESULTS), queries
+
+
+def _knowing(
+    ranker: Ranker,
+    examples: Examples,
+    knowledge: RecipeKnowledge,
+    recipes: Ids,
+) -> Ranker:
+    """Return a ranker that scores known recipes highest, if nothing in its examples was known.
+
+    With folds by goal no held-out goal has a known recipe, and where each pair makes one thing no
+    held-out pair has a known result.
+
+    Args:
+        ranker: the fitted ranker.
+        examples: what it learned from.
+        knowledge: computes the features of known recipes.
+        recipes: known recipes, ids (n, 3).
+    """
+    makes = FEATURES.index("makes")
+    # A feature that is the same in all examples has weight 0.
+    if ranker.first[makes].any():
+        return ranker
+    chosen = recipes[:: max(1, len(recipes) // KNOWN)]
+    a, b, goal = torch.from_numpy(chosen.copy()).T
+    table = torch.stack([a, b], dim=1)
+    # The recipe's two slots, not the pairs of a slot with itself.
+    pair = (torch.tensor([0]), torch.tensor([1]))
+    of_known = knowledge.features(goal, table, torch.zeros_like(goal), pair)
+    highest = ranker(examples.features[examples.competes]).amax()
+    return with_known(ranker, of_known[:, :, 0].T, makes, highest)
 
 
 def with_known(ranker: Ranker, of_known: Tensor, makes: int, least: Tensor) -> Ranker:

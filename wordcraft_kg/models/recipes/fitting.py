@@ -367,9 +367,9 @@ def _fitted(
         )
     ranker = _knowing(ranker, examples, knowledge, recipes)
     if encoder is not None:
-        of_results, queries = _result_ranker(lessons, link_rankers, generator)
-        if queries is not None:
-            of_results = _knowing(of_results, queries, knowledge, recipes)
+        of_results, learned_from = _result_ranker(lessons, link_rankers, generator)
+        if learned_from is not None:
+            of_results = _knowing(of_results, learned_from, knowledge, recipes)
         knowledge = knowledge.with_result_ranker(of_results)
     return knowledge.with_ranker(ranker)
 
@@ -398,8 +398,8 @@ def _result_ranker(
         width = RESULTS.members * HIDDEN
         first = torch.zeros(num_features(has_encoder=True), width)
         return Ranker(first, torch.zeros(width), torch.zeros(width), torch.zeros(())), None
-    queries = _together(parts)
-    return fit_committee(queries, generator, RESULTS), queries
+    examples = _together(parts)
+    return fit_committee(examples, generator, RESULTS), examples
 
 
 def _knowing(

@@ -44,10 +44,16 @@ from wordcraft_kg.models.folder import open_model
 from wordcraft_kg.models.policies.config import PolicyConfig
 from wordcraft_kg.models.recipes.config import RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.fitting import Words, fit_recipe_scorers, word_features
-from wordcraft_kg.models.recipes.outside import open_other_book, open_outside
+from wordcraft_kg.models.recipes.outside import (
+    OtherBook,
+    encoder_of_books,
+    open_other_book,
+    open_outside,
+)
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.recipes.zero_shot import join_books
 from wordcraft_kg.models.scorers.neighbours.knowledge import RecipeKnowledge
+from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 from wordcraft_kg.models.scorers.ranking import mean_reciprocal_rank, rank_triples
 from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
@@ -56,22 +62,43 @@ SEEDS = 5
 FEW = 2
 """Most train recipes of an entity that counts as rare."""
 ZERO_SHOT = "zero-shot"
+ENCODERS: dict[tuple[str, ...], PairEncoder] = {}
+"""Pair encoders of other books, by graph, words and books."""
 
 
 def fitted(opened: OpenedGraph, name: str, words: str, specs: Sequence[str]) -> RecipeKnowledge:
     """Fit a scorer on the train recipes; a row that starts with "zero-shot" learns from other books
     only."""
     if not name.startswith(ZERO_SHOT):
-        outside = open_outside(specs, opened, words).tables
+        outside = open_outside(specs, opened, words)
         vectors = Words.of(word_features(words, opened.graph.entities))
         folds = make_folds(opened.split, 5)
-        ((_, knowledge),) = fit_recipe_scorers(folds, vectors, [()], outside=outside)
+        ((_, knowledge),) = fit_recipe_scorers(
+            folds,
+            vectors,
+            [()],
+            outside=outside.tables,
+            encoders=encoder_of(outside.books, opened, words),
+        )
         return knowledge
     joint = join_books(specs, opened, words, folds=5, keep_train="unshared" not in name)
     vectors = Words.of(word_features(words, joint.opened.graph.entities))
     outside = joint.outside.tables
     ((_, knowledge),) = fit_recipe_scorers(joint.folds, vectors, [()], outside=outside)
     return knowledge.of_entities(joint.own)
+
+
+def encoder_of(
+    books: tuple[OtherBook, ...], opened: OpenedGraph, words: str
+) -> PairEncoder | dict[tuple[int, ...], PairEncoder]:
+    """Return the pair encoder of other books, if they are large; fitted once for all splits, which
+    leave out the same shared recipes."""
+    if not RecipeScorerConfig().has_encoder_of_others(sum(len(book.recipes) for book in books)):
+        return {}
+    key = (opened.graph.hash, words, *(book.source.sha256 for book in books))
+    if key not in ENCODERS:
+        ENCODERS[key] = encoder_of_books(books, opened.graph.num_entities, words)
+    return ENCODERS[key]
 
 
 def played(

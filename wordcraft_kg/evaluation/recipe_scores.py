@@ -206,7 +206,7 @@ class RecipeScoring:
         """
         scorer = self.scorer
         scores = None
-        if query.result is None and isinstance(scorer, RecipeScorer) and scorer.has_encoder:
+        if query.result is None and isinstance(scorer, RecipeScorer) and scorer.proposes_results:
             rows, scores = self._proposed(scorer, query, top)
         else:
             rows = self.rows(query)

@@ -13,19 +13,21 @@ from short_fits import short_fits
 from wordcraft_kg.base.errors import ArtefactError, ConfigError
 from wordcraft_kg.envs.config import WordCraftConfig
 from wordcraft_kg.envs.world import World
-from wordcraft_kg.graphs import RecipeGraph
+from wordcraft_kg.graphs import RecipeGraph, open_graph
 from wordcraft_kg.graphs.folds import Folds, make_folds
 from wordcraft_kg.graphs.splits import Draw, Split, SplitConfig, make_split
 from wordcraft_kg.models.policies.sources.registry import make_sources, source_class
 from wordcraft_kg.models.policies.states import Attempts, States
-from wordcraft_kg.models.recipes import encoder_fitting, fitting, memory, training
+from wordcraft_kg.models.recipes import config, encoder_fitting, fitting, memory, training
 from wordcraft_kg.models.recipes.config import ENCODER_FROM, RecipesConfig, RecipeScorerConfig
 from wordcraft_kg.models.recipes.encoder_fitting import EncoderSchedule, fit_encoders
 from wordcraft_kg.models.recipes.fitting import Words, encoders_of, fit_recipe_scorers
 from wordcraft_kg.models.recipes.inductive import extended
+from wordcraft_kg.models.recipes.outside import encoder_of_books, open_other_book
 from wordcraft_kg.models.recipes.training import train_recipes
 from wordcraft_kg.models.scorers.features import EntityFeatures
 from wordcraft_kg.models.scorers.folder import load_scorer
+from wordcraft_kg.models.scorers.neighbours.pair_features import OF_ENCODER
 from wordcraft_kg.models.scorers.neighbours.results import results_of
 
 TINY = EncoderSchedule(used=6, hidden=8, made=5, batch=16, sampled=8, epochs=1)
@@ -168,6 +170,90 @@ def test_a_known_recipe_is_the_first_result_of_its_pair():
     known = torch.from_numpy(folds.recipes([]))
     ids, _ = results_of(knowledge, known[:, 0], known[:, 1])
     assert torch.equal(ids[:, 0], known[:, 2])
+
+
+@pytest.fixture(scope="module")
+def other_book(book, tmp_path_factory):
+    """Another book of the same labels, with two recipes that both books have."""
+    path = tmp_path_factory.mktemp("books") / "other.csv"
+    graph = random_graph(5, 12, 60)
+    rows = [",".join(graph.entities[entity] for entity in row) for row in graph.recipes.tolist()]
+    shared = book.read_text().splitlines()[1:3]
+    path.write_text("\n".join(["ingredient_a,ingredient_b,result", *rows, *shared]))
+    return path
+
+
+@pytest.fixture
+def many(monkeypatch):
+    """Every book has recipes enough for an encoder."""
+    monkeypatch.setattr(config, "ENCODER_FROM", 1)
+
+
+def with_other(other_book, **settings):
+    return RecipeScorerConfig(folds=3, features="one-hot", with_=(str(other_book),), **settings)
+
+
+@pytest.fixture
+def knowing(book, other_book, many, tmp_path):
+    """A recipe scorer with the encoder of another book."""
+    return train_recipes(RecipesConfig(str(book), with_other(other_book)), tmp_path / "one").folder
+
+
+def test_a_large_other_book_gives_all_folds_its_encoder(knowing, book, other_book):
+    scorer = load_scorer(knowing)
+    opened = open_graph(str(book))
+    other = open_other_book(str(other_book), opened)
+    expected = encoder_of_books([other], 12, "one-hot")
+    for each in (scorer.whole, *(scorer.left_out(fold) for fold in range(3))):
+        assert same_tensors(each.knowledge.encoder().named(), expected.named())
+        # The ranker uses it.
+        weights = each.knowledge.first[0, -len(OF_ENCODER) :]
+        assert weights.any()
+        # It proposes no results: they are those of other books.
+        assert not each.proposes_results
+    shares = scorer.result_probabilities(0, [1, 2])
+    torch.testing.assert_close(shares.sum(1), torch.ones(2))
+
+
+def test_recipes_that_both_books_have_teach_its_encoder_nothing(book, other_book, tmp_path):
+    opened = open_graph(str(book))
+    shared = book.read_text().splitlines()[1:3]
+    without = tmp_path / "without.csv"
+    lines = other_book.read_text().splitlines()
+    without.write_text("\n".join(line for line in lines if line not in shared))
+    encoders = [
+        encoder_of_books([open_other_book(str(path), opened)], 12, "one-hot").named()
+        for path in (other_book, without)
+    ]
+    assert same_tensors(*encoders)
+
+
+def test_it_is_fitted_once_and_a_resumed_run_reads_it(knowing, book, other_book, tmp_path):
+    folder = tmp_path / "interrupted"
+    wanted = RecipesConfig(str(book), with_other(other_book))
+    with pytest.raises(KeyboardInterrupt, match="and 1 pair encoders"):
+        train_recipes(wanted, folder, progress=interrupt_after(3))
+    resume(folder)
+    assert same_files(folder, knowing, "calibration.json")
+
+
+@pytest.mark.parametrize(("enough", "setting"), [(1_000, "auto"), (1, "off")])
+def test_no_encoder_of_other_books_where_it_is_off_or_they_are_small(
+    book, other_book, tmp_path, monkeypatch, enough, setting
+):
+    monkeypatch.setattr(config, "ENCODER_FROM", enough)
+    wanted = RecipesConfig(str(book), with_other(other_book, encoder=setting))
+    scorer = load_scorer(train_recipes(wanted, tmp_path / "model").folder)
+    assert not scorer.whole.knowledge.has_encoder
+
+
+def test_an_encoder_of_words_that_the_graph_does_not_use_knows_no_new_entities():
+    rows = random_graph(6, 12, 60).recipes.copy()
+    vectors = torch.randn(12, 4, generator=torch.Generator().manual_seed(0))
+    encoder = encoder_fitting.fit_encoder(rows, vectors, torch.Generator().manual_seed(1))
+    longer = encoder.without_words(6).with_entities(torch.eye(6)[:2])
+    assert torch.equal(longer.used[:-2], encoder.used)
+    assert torch.equal(longer.made[-1], longer.made[-2])
 
 
 def test_agents_score_by_the_encoders_of_their_folds_and_are_restored(trained, book):
@@ -320,7 +406,11 @@ def test_one_lesson_fold_gives_as_many_examples_as_all_folds_together(monkeypatc
     ((_, encoder),) = fit_encoders(folds, torch.zeros(12, 0), [(0,)])
     lists = words.lists(folds.recipes([0]))
     numbers = [
-        len(fitting._lesson(folds, lists, fitting.NOTHING, each, (), 0, 0).slots)
+        len(
+            fitting._lesson(
+                folds, lists, fitting.NOTHING, each, (), 0, 0, is_own_encoder=each is not None
+            ).slots
+        )
         for each in (None, encoder)
     ]
     # A third of the examples from each of three folds; two sizes of tables.

@@ -47,7 +47,8 @@ class RecipeScorerConfig:
         threads: CPU threads per fit.
         device: torch device for the pair encoder, such as cpu or cuda.
         encoder: whether to fit a pair encoder, which scores any result of a pair: on, off, or auto
-            for on from 20,000 training recipes on, without outside knowledge.
+            for on from 20,000 training recipes on; with other books of so many recipes, it learns
+            from these books alone.
 
     Example:
         >>> RecipeScorerConfig(folds=10).features
@@ -94,6 +95,10 @@ class RecipeScorerConfig:
         if self.encoder != "auto":
             return self.encoder == "on"
         return num_recipes >= ENCODER_FROM and not self.with_ and self.kg != "none"
+
+    def has_encoder_of_others(self, num_recipes: int) -> bool:
+        """Return whether other books of so many recipes give a scorer a pair encoder."""
+        return self.encoder == "auto" and self.kg != "none" and num_recipes >= ENCODER_FROM
 
 
 @dataclass(frozen=True)

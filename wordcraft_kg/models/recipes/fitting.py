@@ -11,7 +11,8 @@ K + 1 scorers.
 
 With a pair encoder, whose fit costs more than all else, a scorer's rankers learn from one fold: a
 large book has recipes enough in it. Folds are taken in twos, which learn from each other, so that
-lists and encoders without both serve both, see :func:`lesson_folds`.
+lists and encoders without both serve both, see :func:`lesson_folds`. An encoder of other books is
+one for all folds.
 """
 
 import math
@@ -148,7 +149,7 @@ def fit_recipe_scorers(
     wanted: Sequence[LeftOut],
     *,
     outside: LinkTables = NOTHING,
-    encoders: Mapping[LeftOut, PairEncoder] = MappingProxyType({}),
+    encoders: Mapping[LeftOut, PairEncoder] | PairEncoder = MappingProxyType({}),
     seed: int = 0,
     workers: int = 1,
     after: Callable[[], None] = lambda: None,
@@ -164,7 +165,7 @@ def fit_recipe_scorers(
         wanted: the folds to leave out, () for none.
         outside: features of links that are the same in all folds.
         encoders: pair encoders by the folds that they have not seen, all of :func:`encoders_of`;
-            none to do without.
+            none to do without. Or the encoder of other books, the same for all folds.
         seed: seed of tables and initial weights.
         workers: threads; compiled loops and fits run beside each other.
         after: called after each set of lists and each fit, in the caller's thread; may raise to end
@@ -173,6 +174,12 @@ def fit_recipe_scorers(
     Yields:
         an entry of ``wanted``, and the knowledge fitted without these folds.
     """
+    of_folds: Mapping[LeftOut, PairEncoder] = {}
+    of_others = None
+    if isinstance(encoders, PairEncoder):
+        of_others = encoders
+    else:
+        of_folds = encoders
     # By the folds left out and the fold held out.
     lessons: dict[tuple[LeftOut, int], _Lesson] = {}
     missing = set(wanted)
@@ -180,14 +187,23 @@ def fit_recipe_scorers(
     def made(left_out: LeftOut, turn: int) -> list[tuple[tuple[LeftOut, int], _Lesson]]:
         without = {*left_out, turn}
         lists = words.lists(folds.recipes(without))
-        encoder = encoders.get(tuple(sorted(without)))
+        encoder = of_folds.get(tuple(sorted(without)), of_others)
         of_lists = []
         # Each fold left out is held out for the ranker that leaves out the others.
         for held_out in without:
             other = tuple(sorted(without - {held_out}))
-            is_lesson = held_out in lesson_folds(folds, other, has_encoder=bool(encoders))
+            is_lesson = held_out in lesson_folds(folds, other, has_encoder=bool(of_folds))
             if other in missing and is_lesson:
-                lesson = _lesson(folds, lists, outside, encoder, other, held_out, seed)
+                lesson = _lesson(
+                    folds,
+                    lists,
+                    outside,
+                    encoder,
+                    other,
+                    held_out,
+                    seed,
+                    is_own_encoder=bool(of_folds),
+                )
                 of_lists.append(((other, held_out), lesson))
         return of_lists
 
@@ -196,14 +212,14 @@ def fit_recipe_scorers(
     fits: deque[tuple[LeftOut, Future[RecipeKnowledge]]] = deque()
     try:
         for left_out in wanted:
-            turns = lesson_folds(folds, left_out, has_encoder=bool(encoders))
+            turns = lesson_folds(folds, left_out, has_encoder=bool(of_folds))
             new = [turn for turn in turns if (left_out, turn) not in lessons]
             for found in pool.map(partial(made, left_out), new):
                 lessons.update(found)
                 after()
             of_turns = [lessons.pop((left_out, turn)) for turn in turns]
             missing.remove(left_out)
-            encoder = encoders.get(left_out)
+            encoder = of_folds.get(left_out, of_others)
             fit = pool.submit(_fitted, folds, words, outside, encoder, left_out, of_turns, seed)
             fits.append((left_out, fit))
             # Further ones would only keep what they learn from in memory.
@@ -274,7 +290,7 @@ class _Lesson(NamedTuple):
             knowledge tells of them; else (N, P, 0).
         tables: queries for pairs on tables; their features are those of pairs alone.
         encoded: the pair encoder's features of these pairs, shape (N, P, 3), or (N, P, 0).
-        results: queries for results of pairs; None without an encoder.
+        results: queries for results of pairs; None without an encoder of the own recipes.
     """
 
     combines: Examples
@@ -356,7 +372,7 @@ def _fitted(
     ranker = fit_committee(examples, generator)
     recipes = folds.recipes(left_out)
     if outside.pairs or outside.parts:
-        knowledge = _with_tables(words, recipes, outside, link_rankers)
+        knowledge = _with_tables(words, recipes, outside, link_rankers, encoder)
     else:
         knowledge = RecipeKnowledge.of_recipes(
             recipes,
@@ -366,7 +382,7 @@ def _fitted(
             encoder,
         )
     ranker = _knowing(ranker, examples, knowledge, recipes)
-    if encoder is not None:
+    if any(lesson.results for lesson in lessons):
         of_results, learned_from = _result_ranker(lessons, link_rankers, generator)
         if learned_from is not None:
             of_results = _knowing(of_results, learned_from, knowledge, recipes)
@@ -488,6 +504,7 @@ def _with_tables(
     recipes: Ids,
     outside: LinkTables,
     link_rankers: Mapping[int, Ranker],
+    encoder: PairEncoder | None,
 ) -> RecipeKnowledge:
     """Return the knowledge of recipes with tables of all link scores, without a recipe ranker.
 
@@ -496,8 +513,10 @@ def _with_tables(
         recipes: training recipes, ids (n, 3).
         outside: features of links from outside the recipes.
         link_rankers: by relation, for features of recipes and of outside knowledge.
+        encoder: pair encoder of other books; None without.
     """
-    knowledge = RecipeKnowledge.of_recipes(recipes, words.vectors, words.near)
+    # Rankers that score 0: the tables take the place of the link rankers.
+    knowledge = RecipeKnowledge.of_recipes(recipes, words.vectors, words.near, encoder=encoder)
     size = knowledge.num_entities
     rows = knowledge.link_rows()
     every = torch.arange(size)
@@ -537,6 +556,8 @@ def _lesson(
     left_out: LeftOut,
     held_out: int,
     seed: int,
+    *,
+    is_own_encoder: bool = False,
 ) -> _Lesson:
     """Make queries from a fold's recipes: for their links, and for tables with distractors.
 
@@ -548,10 +569,12 @@ def _lesson(
         left_out: folds that the scorer has not seen; every pair in a recipe of the others is right.
         held_out: the fold whose recipes are asked for.
         seed: seed of links and tables.
+        is_own_encoder: whether the encoder is of the folds' recipes; then results are asked for,
+            too.
     """
     rng = np.random.default_rng([_seed_of(seed, left_out), held_out])
     rows = LinkRows(lists)
-    lessons = len(lesson_folds(folds, left_out, has_encoder=encoder is not None))
+    lessons = len(lesson_folds(folds, left_out, has_encoder=is_own_encoder))
     # A single fold has as many queries as all together would have.
     queries = LINK_QUERIES * (folds.count - len(left_out)) // lessons
     combines, components = (
@@ -581,7 +604,8 @@ def _lesson(
             encoder.features(table[:, one], table[:, other], goal) for table, goal in blocks
         ]
         encoded = torch.cat(of_blocks).masked_fill(~tables.competes[..., None], 0)
-        results = _result_queries(lists, encoder, recipes, folds.recipes(left_out), rng)
+        if is_own_encoder:
+            results = _result_queries(lists, encoder, recipes, folds.recipes(left_out), rng)
     return _Lesson(
         combines,
         components,

@@ -7,7 +7,7 @@ book: a train recipe is in the train part already, and a test recipe must not be
 held-out train recipe finds as little of itself in the other book as a test recipe does.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -33,11 +33,13 @@ from wordcraft_kg.models.knowledge.folder import (
     knowledge_files,
     read_knowledge,
 )
+from wordcraft_kg.models.recipes.encoder_fitting import fit_encoder
 from wordcraft_kg.models.recipes.fitting import LinkTables, Words, word_features
 from wordcraft_kg.models.recipes.memory import fitting_workers
 from wordcraft_kg.models.scorers.features import ENCODED, EntityFeatures, make_features
 from wordcraft_kg.models.scorers.kernel import cosines
 from wordcraft_kg.models.scorers.neighbours.link_rows import CELLS, LinkRows
+from wordcraft_kg.models.scorers.neighbours.pair_encoder import PairEncoder
 
 _OF_A_BOOK = ("graph", "split", "overrides")
 """Inputs of a knowledge folder that differ between books; other inputs, such as weights, are of the
@@ -89,10 +91,12 @@ class OutsideKnowledge:
     Attributes:
         tables: the features, over the entities of a graph.
         sources: records of the sources, in the order of the settings.
+        books: the sources that are books.
     """
 
     tables: LinkTables
     sources: tuple[OutsideSource, ...]
+    books: tuple["OtherBook", ...] = ()
 
 
 class OtherBook(NamedTuple):
@@ -136,12 +140,15 @@ def open_outside(
     pairs: list[Tensor] = []
     parts: list[Tensor] = []
     sources: list[OutsideSource] = []
+    books: list[OtherBook] = []
     for spec in specs:
         if (Path(spec) / KNOWLEDGE).is_file():
             sources.append(_of_folder(spec, opened, folders))
             continue
         if is_book(spec):
-            tables, source = _of_book(spec, opened, features, allow_missing)
+            tables, book = _of_book(spec, opened, features, allow_missing)
+            books.append(book)
+            source = book.source
         else:
             tables, source = _of_words(spec, opened, allow_missing)
         pairs += tables.pairs
@@ -153,7 +160,7 @@ def open_outside(
             pairs.append(table)
         else:
             parts.append(table)
-    return OutsideKnowledge(LinkTables(pairs, parts), tuple(sources))
+    return OutsideKnowledge(LinkTables(pairs, parts), tuple(sources), tuple(books))
 
 
 def is_book(spec: str) -> bool:
@@ -249,8 +256,8 @@ def _of_book(
     opened: OpenedGraph,
     features: str,
     allow_missing: bool,
-) -> tuple[LinkTables, OutsideSource]:
-    """Return another book's link features for the graph's entities, and its record."""
+) -> tuple[LinkTables, OtherBook]:
+    """Return another book's link features for the graph's entities, and the book."""
     size = opened.graph.num_entities
     book = open_other_book(spec, opened)
     book, vectors = with_words_of(book, opened, features, allow_missing=allow_missing)
@@ -266,7 +273,7 @@ def _of_book(
     both = torch.cat(pairs)
     of_pairs = (both + both.transpose(0, 1)) / 2
     tables = LinkTables(_by_feature(of_pairs), _by_feature(torch.cat(parts)))
-    return tables, book.source
+    return tables, book
 
 
 def _by_feature(features: Tensor) -> tuple[Tensor, ...]:
@@ -352,6 +359,69 @@ def with_words_of(
     held_out = opened.graph.recipes[~opened.split.is_in("train")]
     reworded = _reworded(book.recipes, held_out, vectors)
     return book._replace(source=replace(book.source, reworded=reworded)), vectors
+
+
+def recipes_together(books: Sequence[OtherBook], labels: Iterable[str]) -> Ids:
+    """Return the different recipes of several books.
+
+    Args:
+        books: the books.
+        labels: all their labels, whose places are the ids of the result.
+
+    Returns:
+        shape (n, 3), the smaller ingredient first.
+    """
+    place = {label: row for row, label in enumerate(labels)}
+    rows = []
+    for book in books:
+        ids = np.array([place[label] for label in book.labels])
+        rows.append(ids[book.recipes])
+    recipes = np.concatenate(rows)
+    # Ingredients have no order: sorted, a recipe that several books share is one row.
+    recipes[:, :2].sort(axis=1)
+    return np.unique(recipes, axis=0)
+
+
+def encoder_of_books(
+    books: Sequence[OtherBook],
+    num_own: int,
+    features: str,
+    *,
+    allow_missing: bool = False,
+    seed: int = 0,
+    device: str = "cpu",
+    stop: Callable[[], bool] = lambda: False,
+) -> PairEncoder:
+    """Fit a pair encoder to the recipes of other books, and keep what scores the graph's entities.
+
+    Link features tell which entities other books combine, and what they are part of; the encoder
+    tells what a whole pair makes. Like them, it is the same in all folds.
+
+    Args:
+        books: other books without the recipes that they share with the graph, one or more.
+        num_own: number of the graph's entities, which come first in each book.
+        features: word vectors, through which the encoder knows entities that no book has.
+        allow_missing: use zeros for labels without a vector.
+        seed: seed of weights, batches and negatives.
+        device: where to compute.
+        stop: whether to end the fit.
+
+    Raises:
+        KeyboardInterrupt: if ``stop`` has returned True.
+    """
+    # In order of appearance, so that the graph's entities keep their ids.
+    labels = tuple(dict.fromkeys(label for book in books for label in book.labels))
+    words = word_features(features, labels, allow_missing=allow_missing)
+    # Rounded as a model stores them.
+    vectors = words.unit_vectors.astype(np.float16).astype(np.float32)
+    encoder = fit_encoder(
+        recipes_together(books, labels),
+        torch.from_numpy(vectors),
+        torch.Generator().manual_seed(seed),
+        device=device,
+        stop=stop,
+    )
+    return encoder.of_first(num_own)
 
 
 def shared_recipes(graph: RecipeGraph, other: RecipeGraph) -> NDArray[np.bool_]:

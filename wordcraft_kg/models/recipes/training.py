@@ -45,6 +45,7 @@ from wordcraft_kg.models.recipes.fitting import (
 from wordcraft_kg.models.recipes.memory import fitting_workers
 from wordcraft_kg.models.recipes.outside import (
     describe_source,
+    encoder_of_books,
     is_book,
     open_outside,
     shared_recipes,
@@ -211,7 +212,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         words: name of the word vectors; minilm or glove if the setting is auto.
         features: the word vectors.
         workers: sets of lists that are made at once.
-        has_encoder: whether there is a pair encoder.
+        has_encoder: whether there is a pair encoder of the training recipes.
+        has_encoder_of_others: whether there is one of other books' recipes.
     """
 
     kind: ClassVar[RunKind[Any]] = RunKind(
@@ -261,6 +263,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         dim = self.features.vectors.shape[1]
         num_recipes = len(self.folds.recipes())
         self.has_encoder = settings.has_encoder(num_recipes)
+        of_others = sum(len(book.recipes) for book in self.outside.books)
+        self.has_encoder_of_others = settings.has_encoder_of_others(of_others)
         encoders = 0
         # Also where no encoder uses it: a wrong name is noticed before the book grows.
         check_device(settings.device)
@@ -370,7 +374,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             for turn in lesson_folds(self.folds, left_out, has_encoder=self.has_encoder):
                 sets.add(tuple(sorted({*left_out, turn})))
         encoders = encoders_of(self.folds, every) if self.has_encoder else []
-        return len(sets) + len(encoders) + len(every)
+        return len(sets) + len(encoders) + self.has_encoder_of_others + len(every)
 
     def _encoders(
         self,
@@ -378,10 +382,10 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         words: Words,
         wanted: Sequence[LeftOut],
         after: Callable[[], None],
-    ) -> dict[LeftOut, PairEncoder]:
+    ) -> dict[LeftOut, PairEncoder] | PairEncoder:
         """Fit and save the pair encoders that the wanted fits need, or read those of a resumed run.
 
-        Empty if the model has no encoder.
+        Empty if the model has no encoder; a single one if it is of other books.
 
         Args:
             run: the run's folder.
@@ -389,6 +393,8 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             wanted: folds to leave out, () for none.
             after: called after each encoder.
         """
+        if self.has_encoder_of_others:
+            return self._encoder_of_others(run, after)
         if not self.has_encoder:
             return {}
         settings = self.config.settings
@@ -422,11 +428,45 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
             after()
         return encoders
 
+    def _encoder_of_others(
+        self,
+        run: RunFolder[FitDone],
+        after: Callable[[], None],
+    ) -> PairEncoder:
+        """Fit and save the pair encoder of other books, or read that of a resumed run.
+
+        Args:
+            run: the run's folder.
+            after: called after the fit.
+        """
+        settings = self.config.settings
+        kept = _kept_encoders(run.path)
+        if kept.records():
+            return PairEncoder(**kept.read(0).tensors)
+        books = self.outside.books
+        encoder = encoder_of_books(
+            books,
+            self.opened.graph.num_entities,
+            settings.features,
+            allow_missing=settings.allow_missing,
+            seed=settings.seed,
+            device=settings.device,
+            stop=run.interrupted.is_set,
+        )
+        dim = self.features.vectors.shape[1]
+        if len(encoder.used_words) != dim:
+            # `auto` finds better words for the graph's labels than for those of all books.
+            encoder = encoder.without_words(dim)
+        recipes = np.concatenate([book.recipes for book in books])
+        kept.save(0, encoder._asdict(), FitDone(trained_on=triples_hash(recipes)))
+        after()
+        return encoder
+
     def _fitted(
         self,
         words: Words,
         wanted: Sequence[LeftOut],
-        encoders: Mapping[LeftOut, PairEncoder],
+        encoders: Mapping[LeftOut, PairEncoder] | PairEncoder,
         after: Callable[[], None],
     ) -> Iterator[tuple[LeftOut, RecipeKnowledge]]:
         """Yield the folds left out and the knowledge fitted without them, for each wanted fit.
@@ -434,7 +474,7 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
         Args:
             words: word vectors of all entities.
             wanted: folds to leave out, () for none.
-            encoders: pair encoders by the folds that they have not seen; none to do without.
+            encoders: as for :func:`~wordcraft_kg.models.recipes.fitting.fit_recipe_scorers`.
             after: called after each set of lists and each fit.
         """
         if not len(self.folds.recipes()):

@@ -27,6 +27,7 @@ from wordcraft_kg.models.recipes.outside import (
     is_book,
     open_other_book,
     open_outside,
+    recipes_together,
     with_words_of,
 )
 from wordcraft_kg.models.scorers.config import check_table
@@ -117,14 +118,7 @@ def _joined(books: Sequence[OtherBook], opened: OpenedGraph) -> tuple[OpenedGrap
         distinct.update(book.labels)
     labels = sorted(distinct)
     place = {label: row for row, label in enumerate(labels)}
-    rows = []
-    for book in books:
-        ids = np.array([place[label] for label in book.labels])
-        rows.append(ids[book.recipes])
-    recipes = np.concatenate(rows)
-    # Ingredients have no order: sorted, a recipe that several books share is one row.
-    recipes[:, :2].sort(axis=1)
-    recipes = np.unique(recipes, axis=0)
+    recipes = recipes_together(books, labels)
     graph = RecipeGraph(labels, recipes, [], name=f"books for {opened.graph.name}")
     split = make_split(graph, SplitConfig("none"))
     return OpenedGraph(graph, split, opened.source), place

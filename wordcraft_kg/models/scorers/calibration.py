@@ -457,7 +457,7 @@ def _results(
     row_of = np.full(len(pairs), -1)
     row_of[chosen] = np.arange(len(chosen))
     rows = row_of[of_recipe]
-    if isinstance(scorer, RecipeScorer) and scorer.has_encoder:
+    if isinstance(scorer, RecipeScorer) and scorer.proposes_results:
         ids, proposed = scorer.best_results(*torch.from_numpy(pairs[chosen].copy()).T)
         of_fold = rows >= 0
         # A number for each row and result, also for the id E of missing proposals.
@@ -475,7 +475,7 @@ def _results(
 
 def _proposes(scorer: TripleScorer) -> bool:
     """Return whether a scorer proposes results of a pair, in place of a score for each entity."""
-    return isinstance(scorer, RecipeScorer) and scorer.has_encoder
+    return isinstance(scorer, RecipeScorer) and scorer.proposes_results
 
 
 def _covered(seen: Sequence[Seen]) -> float | msgspec.UnsetType:

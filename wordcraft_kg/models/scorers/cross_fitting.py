@@ -232,7 +232,7 @@ class CrossFitted(Scorer):
                 f"{self.name} cannot predict results. Use a wordcraft-kg train-recipes model with "
                 "folds."
             )
-        if isinstance(self.whole, RecipeScorer) and self.whole.has_encoder:
+        if isinstance(self.whole, RecipeScorer) and self.whole.proposes_results:
             return self._proposed_probabilities(self.whole, ingredients, others)
         # A last axis for the results, against which the pairs broadcast.
         a, b = (self.entity_ids(part)[..., None] for part in (ingredients, others))

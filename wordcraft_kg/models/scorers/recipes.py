@@ -257,9 +257,9 @@ class RecipeScorer(StoredScorer):
         return torch.cat(scores).view(ids[0].shape)
 
     @property
-    def has_encoder(self) -> bool:
-        """Whether the scorer has a pair encoder, and so proposes results of a pair."""
-        return self.knowledge.has_encoder
+    def proposes_results(self) -> bool:
+        """Whether the scorer proposes results of a pair, by a pair encoder of its own recipes."""
+        return self.knowledge.proposes_results
 
     def best_results(
         self,
@@ -267,7 +267,7 @@ class RecipeScorer(StoredScorer):
         others: Tensor,
         number: int = CANDIDATES,
     ) -> tuple[Tensor, Tensor]:
-        """Return proposed results of pairs, best first; only with a pair encoder.
+        """Return proposed results of pairs, best first; only if :attr:`proposes_results`.
 
         Args:
             ingredients: ids, shape (n,).

@@ -128,6 +128,7 @@ class RecipeKnowledge(nn.Module):
     near_words: Tensor
     recipes: Tensor
     seen: Tensor
+    results_second: Tensor
 
     def __init__(self, constants: Mapping[str, Tensor], num_entities: int | None = None):
         """Take the tensors in :data:`BUFFERS` by name.
@@ -664,6 +665,11 @@ class RecipeKnowledge(nn.Module):
     def constants(self) -> dict[str, Tensor]:
         """Return the stored tensors by name."""
         return {name: getattr(self, name) for name in self._names}
+
+    @property
+    def proposes_results(self) -> bool:
+        """Whether there is an encoder with a ranker of results; that of other books has none."""
+        return self.has_encoder and bool(self.results_second.any())
 
     def with_ranker(self, ranker: Ranker) -> Self:
         """Return a copy with a single ranker; only for a single model, M = 1."""

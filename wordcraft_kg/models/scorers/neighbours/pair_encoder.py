@@ -8,7 +8,8 @@ With word vectors v, and learnt vectors of single entities that begin at 0::
 
 Neighbour lists see a recipe only if known recipes have similar entities in all three places; the
 encoder scores any recipe. On large books it gives the recipe ranker three features, and proposes
-results of a pair from all entities. :mod:`wordcraft_kg.models.recipes.encoder_fitting` fits it.
+results of a pair from all entities. :mod:`wordcraft_kg.models.recipes.encoder_fitting` fits it. On
+small books these features may come from the encoder of other, large books, as outside knowledge.
 
 Shapes: T entities, D numbers of a word vector, U of an ingredient, Z of a result, V hidden units.
 """
@@ -79,6 +80,30 @@ class PairEncoder(NamedTuple):
             used=torch.cat([self.used, used.half()]),
             made=torch.cat([self.made, made.half()]),
             bias=torch.cat([self.bias, bias]),
+        )
+
+    def of_first(self, number: int) -> "PairEncoder":
+        """Return an encoder of the first entities alone."""
+        # Cloned, because a part of a tensor would keep, and save, the whole.
+        return self._replace(
+            used=self.used[:number].clone(),
+            made=self.made[:number].clone(),
+            bias=self.bias[:number].clone(),
+        )
+
+    def without_words(self, dim: int) -> "PairEncoder":
+        """Return an encoder to which all entities with words alone are the same.
+
+        For word vectors of another kind than those that it was fitted with.
+
+        Args:
+            dim: length of the other word vectors.
+        """
+        zeros = self.bias_words.new_zeros
+        return self._replace(
+            used_words=zeros(dim, self.used_words.shape[1]),
+            made_words=zeros(dim, self.made_words.shape[1]),
+            bias_words=zeros(dim),
         )
 
     def hidden_units(self, a: Tensor, b: Tensor) -> Tensor:

@@ -102,6 +102,25 @@ def test_the_other_book_alone_decides_the_tables(opened, tmp_path):
     assert observed[3, 5] > observed[3, 6]
 
 
+@pytest.mark.parametrize("missing", [8, 20])
+def test_labels_of_other_books_may_lack_words_but_not_most_of_them(opened, tmp_path, missing):
+    """12 labels of the graph have vectors."""
+    labels = opened.graph.entities
+    path = tmp_path / "words.txt"
+    rows = np.eye(12)
+    lines = [f"{label} {' '.join(map(str, rows[row]))}" for row, label in enumerate(labels)]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    unknown = [f"nameless{'x' * row}" for row in range(missing)]
+    other = write_book(tmp_path / "other.csv", [(labels[0], labels[1], word) for word in unknown])
+    if missing == 8:
+        outside = open_outside([other], opened, str(path))
+        assert outside.sources[0].recipes == missing
+        return
+    with pytest.raises(ConfigError, match="20 of 32 entities have no vector"):
+        open_outside([other], opened, str(path))
+    assert open_outside([other], opened, str(path), allow_missing=True).sources[0].recipes == 20
+
+
 def test_reworded_test_recipes_are_counted(opened, tmp_path):
     graph = opened.graph
     a, b, result = labelled(graph, opened.split.recipes("test"))[0]

@@ -7,6 +7,7 @@ book: a train recipe is in the train part already, and a test recipe must not be
 held-out train recipe finds as little of itself in the other book as a test recipe does.
 """
 
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,6 +50,10 @@ _DIM = 384
 REWORDED = 0.7
 """Cosine of word vectors from which a recipe of another book rewords a test recipe, for each of the
 three words."""
+
+
+MOST_MISSING = 0.5
+"""Largest share of labels without a word vector, over a graph and other books together."""
 
 
 _Tables = dict[tuple[tuple[str, ...], str, str], Tensor]
@@ -355,10 +360,42 @@ def with_words_of(
         features: word vectors.
         allow_missing: use zeros for labels without a vector.
     """
-    vectors = word_features(features, book.labels, allow_missing=allow_missing)
+    vectors = words_of_books(features, book.labels, allow_missing=allow_missing)
     held_out = opened.graph.recipes[~opened.split.is_in("train")]
     reworded = _reworded(book.recipes, held_out, vectors)
     return book._replace(source=replace(book.source, reworded=reworded)), vectors
+
+
+def words_of_books(
+    features: str,
+    labels: Sequence[str],
+    *,
+    allow_missing: bool = False,
+) -> EntityFeatures:
+    """Return word vectors for the labels of a graph and of other books.
+
+    A large book has names and numbers that no vectors know. They may be more than in the graph
+    itself: the book's other entities still help.
+
+    Args:
+        features: word vectors.
+        labels: all labels.
+        allow_missing: use zeros for any number of labels without a vector.
+
+    Raises:
+        ConfigError: if most labels have no vector.
+    """
+    vectors = word_features(features, labels, allow_missing=True)
+    missing = int((~vectors.known).sum())
+    if missing <= MOST_MISSING * len(labels):
+        if missing:
+            logging.getLogger(__name__).info(
+                "%s of %s labels of all books have no word vector.",
+                f"{missing:,}",
+                f"{len(labels):,}",
+            )
+        return vectors
+    return word_features(features, labels, allow_missing=allow_missing)
 
 
 def recipes_together(books: Sequence[OtherBook], labels: Iterable[str]) -> Ids:
@@ -411,7 +448,7 @@ def encoder_of_books(
     """
     # In order of appearance, so that the graph's entities keep their ids.
     labels = tuple(dict.fromkeys(label for book in books for label in book.labels))
-    words = word_features(features, labels, allow_missing=allow_missing)
+    words = words_of_books(features, labels, allow_missing=allow_missing)
     # Rounded as a model stores them.
     vectors = words.unit_vectors.astype(np.float16).astype(np.float32)
     encoder = fit_encoder(

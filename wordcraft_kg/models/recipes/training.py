@@ -49,6 +49,7 @@ from wordcraft_kg.models.recipes.outside import (
     is_book,
     open_outside,
     shared_recipes,
+    words_of_books,
 )
 from wordcraft_kg.models.recipes.records import FitDone, RecipeMetrics
 from wordcraft_kg.models.recipes.zero_shot import join_books, tables_alone
@@ -255,7 +256,9 @@ class RecipesTraining(Training[RecipesConfig, FitDone, TrainedRecipes]):
                 self.outside = open_outside(*sources, allow_missing=settings.allow_missing)
         graph = opened.graph
         self.words = named(settings.features, graph.entities)
-        self.features = word_features(
+        # A joint graph has the labels of other books.
+        look_up = word_features if self.own is None else words_of_books
+        self.features = look_up(
             self.words,
             graph.entities,
             allow_missing=settings.allow_missing,

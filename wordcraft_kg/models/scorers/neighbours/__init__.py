@@ -55,5 +55,7 @@ Read :mod:`.pair_features` and :mod:`.feature_loops` for the features of tables,
 for those of links, :mod:`.similar` for k. Loops that make lists and hash tables are in
 :mod:`.list_loops` and :mod:`.hash_loops`, those that propose what a plan may make first in
 :mod:`.candidate_loops`. The loops are compiled by numba: lists end at different places, and
-searches stop early, which vectorised operations would pad to the longest.
+searches stop early, which vectorised operations would pad to the longest. Three of the features
+by torch take some 100 to 200 times as long on a CPU as all of them by the loops, see
+``benchmarks/features_in_torch.py``.
 """

@@ -1,12 +1,15 @@
 """The Python of README and guides, as printed, and the examples."""
 
 import ast
+import doctest
 import importlib
 import importlib.util
+import os
 import re
 import runpy
 import shlex
 import shutil
+import sys
 import tomllib
 from pathlib import Path
 
@@ -92,7 +95,7 @@ def world(tmp_path_factory):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES)
 def test_the_python_of_a_page_runs_as_printed(page, world, tmp_path, monkeypatch):
-    if page in ("docs/agents.md", "docs/environment.md"):
+    if page == "docs/environment.md":
         pytest.importorskip("sb3_contrib", reason="needs the extra interop")
     shutil.copytree(world, tmp_path / "world")
     monkeypatch.chdir(tmp_path / "world")
@@ -105,16 +108,68 @@ def test_the_python_of_a_page_runs_as_printed(page, world, tmp_path, monkeypatch
             exec(compile(block, page, "exec"), names)
 
 
+TUTORIALS = [
+    "README.md",
+    *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("tutorial*.md")),
+]
+OMITTED = "..."
+"""A line that stands for any number of printed lines."""
+
+
+def transcript(text):
+    """Return the commands of a console block, each with the printed lines that it shows."""
+    return re.findall(r"^\$ (.*)\n((?:(?!\$ ).*\n)*)", text, re.MULTILINE)
+
+
+def is_shown(shown, printed):
+    """Return whether lines are shown as printed, except for those that ``...`` stands for."""
+    expected = [
+        "(?:.*\\n)*" if line == OMITTED else re.escape(line) + "\\n" for line in shown.splitlines()
+    ]
+    return re.fullmatch("".join(expected), printed.rstrip("\n") + "\n") is not None
+
+
+def test_omitted_lines_of_a_transcript_may_be_any_and_others_may_not():
+    ((command, shown), second) = transcript("$ one\na\n...\nd\n...\n$ two\n")
+    assert (command, second) == ("one", ("two", ""))
+    assert is_shown(shown, "a\nb\nc\nd\ne\n")
+    assert is_shown(shown, "a\nd\n")
+    assert not is_shown(shown, "a\nb\nc\nx\n")
+    assert not is_shown(shown, "b\nd\n")
+    assert not is_shown("a\n", "a\nb\n")
+
+
 @pytest.mark.slow
-def test_the_commands_of_the_readme_print_what_it_shows(tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("page", TUTORIALS)
+def test_the_commands_of_readme_and_tutorials_print_what_they_show(
+    page, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
-    (block,) = re.findall(r"```console\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
-    for command, shown in re.findall(
-        r"^\$ wordcraft-kg (.*)\n((?:[^$].*\n)*)", block, re.MULTILINE
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}:{os.environ['PATH']}")
+    names = {}
+    commands = 0
+    for kind, text in re.findall(
+        r"^```(\w*)\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE
     ):
-        assert main(shlex.split(command)) == 0
-        printed = capsys.readouterr().out
-        assert shown in ("", printed)
+        saved = re.match(r"# (\w+\.py)\n", text)
+        if kind == "python" and saved:
+            Path(saved[1]).write_text(text)
+        elif kind == "pycon":
+            test = doctest.DocTestParser().get_doctest(text, names, page, page, 0)
+            assert doctest.DocTestRunner().run(test, clear_globs=False).failed == 0
+            names = test.globs
+        elif kind == "console":
+            for command, shown in transcript(text):
+                program, *words = shlex.split(command)
+                if program == "cp":
+                    shutil.copy(ROOT / words[0], words[1])
+                    continue
+                assert program == "wordcraft-kg"
+                assert main(words) == 0, command
+                printed = capsys.readouterr().out
+                assert not shown or is_shown(shown, printed), (command, printed)
+                commands += 1
+    assert commands >= 4
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from wordcraft_kg.cli import main
+from wordcraft_kg.cli import main, make_app
 from wordcraft_kg.graphs import open_graph
 
 ROOT = Path(__file__).parents[1]
@@ -137,6 +137,43 @@ def test_omitted_lines_of_a_transcript_may_be_any_and_others_may_not():
     assert not is_shown(shown, "a\nb\nc\nx\n")
     assert not is_shown(shown, "b\nd\n")
     assert not is_shown("a\n", "a\nb\n")
+
+
+def command_lines(page):
+    """Return the arguments of each command of this package in a page's blocks."""
+    lines = []
+    for block in re.findall(
+        r"^```(?!python|pycon|toml)\w*\n(.*?)^```", page, re.DOTALL | re.MULTILINE
+    ):
+        for line in block.replace("\\\n", " ").splitlines():
+            program, _, rest = line.removeprefix("$ ").partition(" ")
+            # The benchmark's canary begins with the name, too.
+            if program == "wordcraft-kg" and " canary " not in rest:
+                lines.append(shlex.split(rest, comments=True))
+    return lines
+
+
+def test_command_lines_are_read_from_blocks_with_their_continuations():
+    text = "```\nwordcraft-kg books  # all\n$ wordcraft-kg score a \\\n  b + c\nls\n```\n"
+    assert command_lines(text) == [["books"], ["score", "a", "b", "+", "c"]]
+
+
+PRINTED = [
+    (str(path.relative_to(ROOT)), line)
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+    if path.name != "commands.md"  # generated from the commands themselves
+    for line in command_lines(path.read_text(encoding="utf-8"))
+]
+
+
+@pytest.mark.parametrize(
+    ("page", "line"), PRINTED, ids=[f"{page}: {' '.join(line)[:60]}" for page, line in PRINTED]
+)
+def test_a_printed_command_has_existing_options_and_readable_values(page, line):
+    """Tutorials and README run as a whole above; here every command of every page is at least read."""
+    if {"--help", "--install-completion", "help", "--version"} & {*line}:
+        return
+    make_app().parse_args(line, exit_on_error=False, print_error=False)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Evaluate predictions from words alone: for entities without recipes, and for goals that no train recipe makes.
 
-    python benchmarks/inductive.py removed everyday little-alchemy-2   # entities taken out of the graph
+    python benchmarks/inductive.py removed everyday-1 little-alchemy-2 \
+        --json docs/evidence/data/new-entities.json                    # entities taken out of the graph
     python benchmarks/inductive.py splits everyday little-alchemy-2    # with words, without words, with shuffled words
 
 `removed` samples 30 entities with at least three recipes, fits a recipe scorer's link rankers on the remaining recipes
@@ -13,12 +14,15 @@ in the remaining recipes, and chance.
 """
 
 import argparse
+import json
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from wordcraft_kg.base.artefacts import write_atomically
 from wordcraft_kg.graphs import RecipeGraph, SplitConfig, make_split, open_book
 from wordcraft_kg.graphs.arrays import Ids
 from wordcraft_kg.graphs.folds import Folds, make_folds
@@ -39,6 +43,7 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer
 
 FOLDS = 5
 MIN_RECIPES = 3
+COLUMNS = ("rankers", "kernel", "words of others", "frequency", "chance")
 FEATURES = ("glove", "one-hot", "shuffled:glove")
 
 
@@ -122,30 +127,17 @@ def removed(graph: RecipeGraph, amount: int, seed: int) -> Iterator[tuple[str, i
         yield name, int(mask.sum()), [*found, float(random_reciprocal_ranks(asked[mask]).mean())]
 
 
-def test_removed(graph: RecipeGraph, amount: int, seeds: Sequence[int]) -> None:
-    columns = ("rankers", "kernel", "words of others", "frequency", "chance")
-    print(
-        f"{graph.name}: {amount} entities taken out; MRR    queries"
-        + "".join(f"{name:>17}" for name in columns)
-    )
-    found: dict[str, list[tuple[int, list[float]]]] = {}
+def test_removed(
+    graph: RecipeGraph, amount: int, seeds: Sequence[int]
+) -> Iterator[dict[str, str | int | float]]:
+    """Yield the figures of each sample of removed entities and question."""
     for seed in seeds:
         for name, queries, figures in removed(graph, amount, seed):
-            found.setdefault(name, []).append((queries, figures))
-    for name, rows in found.items():
-        means = np.average(
-            [figures for _, figures in rows], axis=0, weights=[queries for queries, _ in rows]
-        )
-        print(
-            f"{name:<42}{sum(queries for queries, _ in rows):>10}"
-            + "".join(f"{mean:17.3f}" for mean in means)
-        )
-        for seed, (queries, figures) in zip(seeds, rows, strict=True):
-            print(
-                f"{f'  seed {seed}':<42}{queries:>10}"
-                + "".join(f"{figure:17.3f}" for figure in figures),
-                flush=True,
-            )
+            about = {"book": graph.name, "question": name, "seed": seed, "queries": queries}
+            yield about | {
+                column: round(float(figure), 4)
+                for column, figure in zip(COLUMNS, figures, strict=True)
+            }
 
 
 # --- splits ---------------------------------------------------------------------------------------
@@ -183,11 +175,17 @@ if __name__ == "__main__":
     parser.add_argument("--amount", type=int, default=30)
     parser.add_argument("--seeds", type=int, nargs="+", default=[10, 11])
     parser.add_argument("--kinds", nargs="+", default=["by-recipe", "by-slot", "by-goal"])
+    parser.add_argument("--json", type=Path, help="file to write the figures of `removed` to")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
+    rows = []
     for book in arguments.books:
         graph = RecipeGraph.from_book(open_book(book))
         if arguments.what == "removed":
-            test_removed(graph, arguments.amount, arguments.seeds)
+            for row in test_removed(graph, arguments.amount, arguments.seeds):
+                print(row, flush=True)
+                rows.append(row)
         else:
             test_splits(graph, arguments.kinds, arguments.seeds)
+    if arguments.json:
+        write_atomically(arguments.json, "[\n" + ",\n".join(map(json.dumps, rows)) + "\n]\n")

@@ -3,14 +3,13 @@
     python benchmarks/link_quality.py settings little-alchemy-2     # sweep, on validation parts of separate splits
     python benchmarks/link_quality.py neighbours little-alchemy-2   # the same for the neighbour baseline
     python benchmarks/link_quality.py votes little-alchemy-2        # and for the vote count
-    python benchmarks/link_quality.py test little-alchemy-2         # the defaults on the test parts of splits 0, 1, 2
+    python benchmarks/link_quality.py test little-alchemy-2 --json docs/link-quality.json       # ComplEx
     python benchmarks/link_quality.py untrained little-alchemy-2 --json docs/link-quality.json
+    python benchmarks/link_quality.py results little-alchemy-2 --json docs/link-quality.json    # of pairs, by votes
 
-The test columns are filtered MRRs on unseen triples: ComplEx; ComplEx and the neighbour rule without near-synonyms;
-the recipe kernel; votes; frequency; and the train triples as a fact graph, which contains no unseen triple.
-
-``untrained`` ranks the same queries by the scorers without training alone, and plays the test tasks by votes, by all
-triples as facts, and by the links of a recipe scorer. Each split's figures go to --json; other books' rows stay there.
+``test`` trains ComplEx with its defaults and ranks unseen triples of the test parts of splits 0, 1 and 2. ``untrained``
+ranks the same queries by the scorers without training, and plays the test tasks by votes, by all
+triples as facts, and by the links of a recipe scorer. Each split's figures go to --json; other rows stay there.
 
 The sweep never ranks test triples (which are only filtered from the candidates), and uses splits 10, 11 and 12, while
 the test uses splits 0, 1 and 2.
@@ -19,7 +18,7 @@ the test uses splits 0, 1 and 2.
 import argparse
 import json
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,6 +53,7 @@ from wordcraft_kg.models.scorers.recipes import RecipeScorer
 WEIGHTS = (0.05, 0.075, 0.1, 0.125, 0.2)
 RATES = (0.1, 0.2)
 EVERY = 10
+SEEDS = (0, 1, 2)
 
 
 def sweep(graph: RecipeGraph, folder: Path, epochs: int) -> None:
@@ -109,56 +109,39 @@ def sweep_votes(graph: RecipeGraph) -> None:
         )
 
 
-def test(graph: RecipeGraph, folder: Path) -> None:
+def test(graph: RecipeGraph, folder: Path) -> Iterator[dict[str, Any]]:
+    """Yield the figures of ComplEx with its defaults on the test parts of splits 0, 1 and 2."""
     features = glove_features(graph.entities)
-    columns = (
-        "ComplEx",
-        "no near-synonym",
-        "neighbours",
-        "no near-synonym",
-        "kernel",
-        "votes",
-        "frequency",
-        "facts",
-    )
-    print("filtered MRR   " + "".join(f"{name:>17}" for name in columns) + "   ComplEx hits@1, @10")
-    rows = []
-    for seed in (0, 1, 2):
+    for seed in SEEDS:
         split = make_split(graph, SplitConfig(seed=seed))
         trained = train(split, ComplExConfig(), folder)
         queries = split.held_out("test")
         ranks = rank_triples(load_scorer(trained.folder), queries, graph.triples)
         repeated = near_synonym_triples(graph, near_synonym_recipes(split, features), queries)
-        baselines = [
-            KernelScorer(graph, split.recipes("train"), features.vectors),
-            VoteScorer(graph, split.recipes("train")),
-            FrequencyScorer(graph, split.partial),
-            SymbolicScorer(graph, split.partial),
-        ]
-        beside = rank_triples(NeighbourScorer(graph, split.partial), queries, graph.triples)
         found = ranking_metrics(ranks)
-        rows.append(
-            [
-                found.mrr,
-                ranking_metrics(ranks[np.tile(~repeated, 2)]).mrr,
-                ranking_metrics(beside).mrr,
-                ranking_metrics(beside[np.tile(~repeated, 2)]).mrr,
-                *(
-                    ranking_metrics(rank_triples(scorer, queries, graph.triples)).mrr
-                    for scorer in baselines
-                ),
-                found.hits_at_1,
-                found.hits_at_10,
-            ]
-        )
-        print(f"split {seed}        " + _row(rows[-1]) + f"   {trained.metrics.seconds:.1f} s")
-    print("mean           " + _row(np.mean(rows, axis=0)))
-    split = make_split(graph, SplitConfig())
-    full = train(split, ComplExConfig(kg="full"), folder)
-    print(
-        f"full graph, on its own triples: MRR {full.metrics.train_mrr:.4f}  "
-        f"{full.metrics.seconds:.1f} s"
-    )
+        yield about(graph, split) | {
+            "row": "ComplEx",
+            "mrr": found.mrr,
+            "no_near_synonym": ranking_metrics(ranks[np.tile(~repeated, 2)]).mrr,
+            "hits_at_1": found.hits_at_1,
+            "hits_at_10": found.hits_at_10,
+        }
+
+
+def results(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
+    """Yield the MRR of the results of test pairs by votes, for three kinds of splits."""
+    for kind in ("by-recipe", "by-slot", "by-goal"):
+        for seed in SEEDS:
+            split = make_split(graph, SplitConfig(kind, seed=seed))
+            recipes = split.recipes("test")
+            votes = VoteScorer(graph, split.recipes("train"))
+            ranks = result_ranks(graph, recipes, count_votes(votes, recipes))
+            yield about(graph, split) | {"row": "votes, results", "mrr": float((1 / ranks).mean())}
+
+
+def about(graph: RecipeGraph, split: Split) -> dict[str, Any]:
+    """Return where a row was measured."""
+    return {"book": graph.name, "split": split.config.kind, "seed": split.config.seed}
 
 
 def untrained(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
@@ -170,7 +153,7 @@ def untrained(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
     or success with 8 and 1 distractors.
     """
     features = glove_features(graph.entities)
-    for seed in (0, 1, 2):
+    for seed in SEEDS:
         split = make_split(graph, SplitConfig(seed=seed))
         train_recipes = split.recipes("train")
         queries = split.held_out("test")
@@ -184,11 +167,10 @@ def untrained(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
             "frequency": FrequencyScorer(graph, split.partial),
             "facts": SymbolicScorer(graph, split.partial),
         }
-        about = {"book": graph.name, "split": "by-recipe", "seed": seed}
         for name, scorer in scorers.items():
             ranks = rank_triples(scorer, queries, graph.triples)
             others = ranks[np.tile(~repeated, 2)]
-            yield about | {
+            yield about(graph, split) | {
                 "row": name,
                 "mrr": ranking_metrics(ranks).mrr,
                 "no_near_synonym": ranking_metrics(others).mrr,
@@ -206,7 +188,7 @@ def untrained(graph: RecipeGraph) -> Iterator[dict[str, Any]]:
         played = play_all(world, players, (8, 1), distractor_seeds=5)
         for name in players:
             rates = {str(row.distractors): row.success for row in played if row.player == name}
-            yield about | {"row": name} | rates
+            yield about(graph, split) | {"row": name} | rates
 
 
 def fitted_links(split: Split) -> RecipeScorer:
@@ -227,11 +209,6 @@ def train(split: Split, settings: ComplExConfig, folder: Path) -> TrainedLinks:
     )
     settings = replace(settings, folds=0)  # nobody learns from these models
     return train_links(LinksConfig(str(folder / "graph"), settings), folder / "model", force=True)
-
-
-def _row(values: Iterable[float]) -> str:
-    *mrr, hits1, hits10 = values
-    return "".join(f"{value:17.4f}" for value in mrr) + f"   {hits1:.3f} {hits10:.3f}"
 
 
 def count_votes(scorer: VoteScorer, recipes: np.ndarray) -> np.ndarray:
@@ -255,23 +232,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=["settings", "neighbours", "votes", "test", "untrained"])
+    parser.add_argument("what", choices=["settings", "neighbours", "votes", *MEASURED])
     parser.add_argument("book", nargs="?", default="little-alchemy-2")
     parser.add_argument("--epochs", type=int, default=100, help="of the sweep")
-    parser.add_argument("--json", type=Path, help="file to write the figures of `untrained` to")
+    parser.add_argument("--json", type=Path, help="file to write the figures of a test to")
     arguments = parser.parse_args()
     graph = RecipeGraph.from_book(open_book(arguments.book))
-    if arguments.what == "untrained":
-        rows = []
-        for row in untrained(graph):
-            print(row, flush=True)
-            rows.append({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()})
-        if arguments.json:
-            old = json.loads(arguments.json.read_text()) if arguments.json.exists() else []
-            kept = [row for row in old if row["book"] != graph.name]
-            lines = ",\n".join(map(json.dumps, kept + rows))
-            write_atomically(arguments.json, f"[\n{lines}\n]\n")
-        return
     with tempfile.TemporaryDirectory() as folder:
         if arguments.what == "settings":
             sweep(graph, Path(folder), arguments.epochs)
@@ -280,7 +246,29 @@ def main() -> None:
         elif arguments.what == "votes":
             sweep_votes(graph)
         else:
-            test(graph, Path(folder))
+            rows = []
+            for row in MEASURED[arguments.what](graph, Path(folder)):
+                print(row, flush=True)
+                rows.append({k: round(v, 4) if isinstance(v, float) else v for k, v in row.items()})
+            if arguments.json:
+                store(rows, arguments.json)
+
+
+MEASURED: dict[str, Callable[[RecipeGraph, Path], Iterator[dict[str, Any]]]] = {
+    "test": test,
+    "untrained": lambda graph, _: untrained(graph),
+    "results": lambda graph, _: results(graph),
+}
+"""What can be stored."""
+
+
+def store(rows: list[dict[str, Any]], path: Path) -> None:
+    """Write rows to a file in place of its rows of the same name and book."""
+    old = json.loads(path.read_text()) if path.exists() else []
+    new = {(row["book"], row["row"]) for row in rows}
+    kept = [row for row in old if (row["book"], row["row"]) not in new]
+    lines = ",\n".join(map(json.dumps, kept + rows))
+    write_atomically(path, f"[\n{lines}\n]\n")
 
 
 if __name__ == "__main__":

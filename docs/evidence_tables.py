@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from wordcraft_kg.base.statistics import split_interval, student_interval
+from wordcraft_kg.studies.claims import signed
 
 HERE = Path(__file__).parent
 Row = dict[str, Any]
@@ -51,6 +52,36 @@ IN_AGENTS = {
     "planner, all tasks": "planner",
 }
 BOOKS = {"little-alchemy-2": "Little Alchemy 2", "everyday": "`everyday`"}
+SCRIPTED = {
+    "random, exact (`benchmarks/untrained_players.py`)": ("untrained", "random"),
+    "fewest uses in train recipes, whatever the goal": ("untrained", "fewest uses"),
+    "nearest words (GloVe, no graph)": ("pack", "nearest words"),
+    "partial KG as 0/1 facts, v": ("pack", "partial KG, v"),
+    "partial KG as facts, u + v": ("pack", "partial KG, u+v"),
+    "votes of the train recipes, best pair": ("pack", "partial KG, votes"),
+    "full KG as facts, v": ("pack", "full KG, v"),
+    "full KG as facts, u": ("pack", "full KG, u"),
+    "full KG as facts, u + v, the paper's": ("pack", "full KG, u+v"),
+    "the same without self edges": ("pack", "full KG, u+v, no self edges"),
+    "the same, best pair": ("pack", "full KG, best pair"),
+    "recipe oracle": ("pack", "recipe oracle"),
+}
+"""Rows of scripted players: where their figures are, and under which name."""
+DISCOVERERS = {
+    "random pairs": "random",
+    "random, no repeats": "random-no-repeat",
+    "greedy, knows the graph": "greedy",
+    "empowerment, knows the graph": "empowerment",
+}
+BASES = {
+    "everyday": ("air", "earth", "fire", "time", "water"),
+    "little-alchemy-2": ("air", "earth", "fire", "water"),
+}
+"""Entities known at the start."""
+PACKS = HERE.parent / "wordcraft_kg" / "evaluation" / "references"
+DEFAULT_PENALTY = 0.3
+TEST_SPLITS = 5
+"""Splits 0 to 4 are for tests; the penalty was chosen on others."""
 FEW_SPLITS = 3
 """Splits up to which an interval is at least as wide as the noise of the tasks in one."""
 
@@ -148,6 +179,122 @@ def agents_by_depth() -> Iterator[str]:
                     yield f"| {where} | {amount} | {' | '.join(cells)} |"
 
 
+@cache
+def _reference(book: str) -> list[Row]:
+    """Return the rows of a book's reference pack."""
+    pack = json.loads((PACKS / f"{book}.json").read_text(encoding="utf-8"))
+    return list(pack["rows"])
+
+
+def scripted() -> Iterator[str]:
+    """Yield the table of scripted players, by the reference pack and untrained-players.json."""
+    points = [(book, n) for book in ("little-alchemy-2", "everyday") for n in (8, 1)]
+    rates: dict[tuple[str, str, str, int], float] = {}
+    for book, number in points:
+        for row in _read("untrained-players.json"):
+            if (row["book"], row["split"], row["distractors"]) == (book, "by-recipe", number):
+                rates["untrained", row["player"], book, number] = row["success"][0]
+        for row in _reference(book):
+            if row["measure"] == "success" and row["play"].get("depth") == 1:
+                value = row["figures"][str(number)]["value"]
+                rates.setdefault(("pack", row["player"], book, number), value)
+    yield "| player | Little Alchemy 2, 8 distractors | Little Alchemy 2, 1 | `everyday`, 8 | `everyday`, 1 |"
+    yield "|---|---|---|---|---|"
+    for title, source in SCRIPTED.items():
+        cells = [rates[*source, *point] for point in points]
+        yield f"| {title} | {' | '.join('1' if cell == 1 else _shown(cell) for cell in cells)} |"
+
+
+def discoverers() -> Iterator[str]:
+    """Yield the table of entities that players know who choose at random or know the graph."""
+    after = ("10", "50", "100")
+    yield "| player | `everyday`: 10 / 50 / 100 | Little Alchemy 2 (base of four): 10 / 50 / 100 |"
+    yield "|---|---|---|"
+    for title, player in DISCOVERERS.items():
+        cells = []
+        for book, base in BASES.items():
+            (row,) = [
+                row
+                for row in _reference(book)
+                if row["player"] == player and tuple(row["play"].get("base", ())) == base
+            ]
+            cells.append(" / ".join(f"{row['figures'][n]['value']:.1f}" for n in after))
+        yield f"| {title} | {' | '.join(cells)} |"
+
+
+def penalty() -> Iterator[str]:
+    """Yield the table of agents with the default penalty against their scorers."""
+    yield "| book, split | distractors | agent | gain | each split | lowest end | other decisions |"
+    yield "|---|---|---|---|---|---|---|"
+    for book, title in BOOKS.items():
+        for split in ("by-goal", "by-slot", "by-recipe"):
+            for number in (8, 1):
+                at = book, split, number, DEFAULT_PENALTY
+                runs = [
+                    row
+                    for row in _read("agents.json")
+                    if (row["book"], row["split"], row["distractors"], row["scorer_cost"]) == at
+                    and row["split_seed"] < TEST_SPLITS
+                ]
+                if runs:
+                    where = f"{title}, {split.replace('-', ' ')} | {number}"
+                    yield f"| {where} | {' | '.join(_gain_cells(runs))} |"
+
+
+def _gain_cells(runs: Sequence[Row]) -> Iterator[str]:
+    """Yield success, gain with its interval, and further cells of one row."""
+    by_split: dict[int, list[Row]] = {}
+    for row in runs:
+        by_split.setdefault(row["split_seed"], []).append(row)
+    of_splits = [by_split[seed] for seed in sorted(by_split)]
+    gains = [_mean([row["gain"] for row in of]) for of in of_splits]
+    # The half width of a run's 95 % interval is 1.96 standard errors.
+    errors = [
+        _mean([(row["interval"][1] - row["interval"][0]) / (2 * 1.96) for row in of])
+        for of in of_splits
+    ]
+    low, high = split_interval(gains, errors, within=(-1, 1))
+    gain = _signed(_mean(gains))
+    is_certain = low > 0 or high < 0
+    yield _shown(_mean([row["agent"] for row in runs]))
+    yield f"{f'**{gain}**' if is_certain else gain} [{_plain(low)}, {_plain(high)}]"
+    yield " ".join(map(_signed, gains))
+    yield _signed(min(row["interval"][0] for row in runs))
+    yield f"{_mean([row['differs'] for row in runs]):.2f}".removeprefix("0")
+
+
+def new_entities() -> Iterator[str]:
+    """Yield the table of links with entities that no recipe has: means over all queries."""
+    columns = ("rankers", "kernel", "words of others", "frequency", "chance")
+    yield "| book | question | queries | rankers | kernel alone | words of others | frequency | chance |"
+    yield "|---|---|---|---|---|---|---|---|"
+    groups: dict[tuple[str, str], list[Row]] = {}
+    for row in _read("evidence/data/new-entities.json"):
+        groups.setdefault((row["book"], row["question"]), []).append(row)
+    before = ""
+    for (book, question), rows in groups.items():
+        asked = sum(row["queries"] for row in rows)
+        cells = [
+            _shown(sum(row["queries"] * row[name] for row in rows) / asked) for name in columns
+        ]
+        if question in ("of it", "it"):
+            each = " ".join(_shown(row["rankers"]) for row in rows)
+            cells[0] = f"**{cells[0]}** ({each})"
+        where = "" if book == before else BOOKS.get(book, f"`{book}`")
+        before = book
+        yield f"| {where} | {question} | {asked:,} | {' | '.join(cells)} |"
+
+
+def _signed(value: float) -> str:
+    """Return a difference with its sign; a zero has none."""
+    text = signed(value)
+    return ".000" if text in ("+.000", "-.000") else text
+
+
+def _plain(value: float) -> str:
+    return _signed(value).removeprefix("+")
+
+
 TABLES: dict[str, Callable[[], Iterator[str]]] = {
     **{
         f"outside {book} {split}": partial(outside, book, split)
@@ -171,5 +318,9 @@ TABLES: dict[str, Callable[[], Iterator[str]]] = {
         for split in ("by-recipe", "by-goal")
     },
     "planning agents": agents_by_depth,
+    "scripted players": scripted,
+    "discoverers": discoverers,
+    "penalty": penalty,
+    "new entities": new_entities,
 }
 """The tables by name."""

@@ -397,15 +397,12 @@ def page(found: list[StudyResults], views: list[StudyView]) -> Iterator[str]:
     yield ""
     yield f"{verdicts(evaluated, of_paper=True).capitalize()}."
     yield ""
-    yield from summary_table(evaluated, of_paper=True)
-    yield ""
+    yield from claim_groups(evaluated, of_paper=True)
     yield "## Claims of this project"
     yield ""
     yield f"{verdicts(evaluated, of_paper=False).capitalize()}."
     yield ""
-    own = [*summary_table(evaluated, of_paper=False), ""]
-    yield from folded("All claims of this project", own)
-    yield ""
+    yield from claim_groups(evaluated, of_paper=False)
     yield "## The studies"
     yield ""
     number = len({run.run for results in found for run in results.runs})
@@ -436,32 +433,45 @@ def page_of(results: StudyResults) -> str:
     return f"evidence/{name_of(results)}.md"
 
 
-def summary_table(
+def claim_groups(
     evaluated: list[tuple[StudyResults, tuple[ClaimVerdict, ...]]], *, of_paper: bool
 ) -> Iterator[str]:
+    """Yield a folded table for each study with claims, its verdicts in the line that stays."""
+    groups: dict[str, list[tuple[StudyResults, ClaimVerdict]]] = {}
+    for results, claims in evaluated:
+        own = [claim for claim in claims if claim.source.startswith("paper") == of_paper]
+        groups.setdefault(current(results).title, []).extend((results, claim) for claim in own)
+    for title, group in groups.items():
+        if group:
+            counts = Counter(claim.verdict for _, claim in group)
+            yield from folded(f"{title} {chips(counts)}", claim_rows(group))
+            yield ""
+
+
+def claim_rows(group: list[tuple[StudyResults, ClaimVerdict]]) -> Iterator[str]:
     """Yield the lines of a table with a row for each claim, and the number of its points by verdict
     and book.
     """
     counts: dict[tuple[str, str], dict[str, Counter[Verdict]]] = {}
-    pages: dict[tuple[str, str], str] = {}
-    for results, claims in evaluated:
-        for claim in claims:
-            if claim.source.startswith("paper") != of_paper:
-                continue
-            key = claim.text, claim.source
-            pages[key] = page_of(results)
-            of_book = counts.setdefault(key, {}).setdefault(shown_book(results), Counter())
-            of_book[claim.verdict] += 1
-    books = list(dict.fromkeys(book for found in counts.values() for book in found))
+    for results, claim in group:
+        of_book = counts.setdefault((claim.text, claim.source), {})
+        of_book.setdefault(shown_book(results), Counter())[claim.verdict] += 1
+    page = page_of(group[0][0])
+    books = list(dict.fromkeys(shown_book(results) for results, _ in group))
     yield f"| claim | {' | '.join(books)} |"
     yield f"|---|{'---|' * len(books)}"
     for (text, source), found in counts.items():
-        texts = (
-            " ".join(chip(verdict, n) for verdict, n in found.get(book, Counter()).items())
-            for book in books
-        )
+        texts = (chips(found.get(book, Counter())) for book in books)
         where = source.removeprefix("paper, ").removeprefix("this project, ")
-        yield f"| [{text}]({pages[text, source]}) *({where})* | {' | '.join(texts)} |"
+        yield f"| [{text}]({page}) *({where})* | {' | '.join(texts)} |"
+    yield ""
+
+
+def chips(counts: Counter[Verdict]) -> str:
+    """Return verdicts with their numbers of points, the most favourable first."""
+    return " ".join(
+        chip(verdict, counts[verdict]) for verdict in get_args(Verdict) if counts[verdict]
+    )
 
 
 def chip(verdict: Verdict, number: int) -> str:

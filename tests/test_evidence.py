@@ -72,3 +72,18 @@ def test_a_figure_shows_the_named_columns_of_the_first_table(script):
         *("first, by slot", ".25"),
     ]
     assert script.answer(text) == "Yes."
+
+
+@pytest.mark.parametrize(
+    ("answer", "short"),
+    [
+        ("No: scores help in all conditions.", "No: scores help in all conditions."),
+        (f"Hardly, so far: the difference is {'-.009 to +.020, ' * 8}[.0, .1].", "Hardly, so far."),
+        (
+            f"A whole sentence of {'many ' * 20}words. A second.",
+            f"A whole sentence of {'many ' * 20}words.",
+        ),
+    ],
+)
+def test_the_index_has_the_words_before_the_figures_of_a_long_answer(script, answer, short):
+    assert script.answer(f"# Why?\n\n**Answer.** {answer}\n\nMore.\n") == short

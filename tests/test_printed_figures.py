@@ -247,6 +247,9 @@ LINKS = {
     "recipe kernel without word vectors": "recipe kernel without words",
     "neighbour rule": "neighbour rule",
     "neighbour rule, no training": "neighbour rule",
+    "neighbour rule, without near-synonyms": "neighbour rule",
+    "ComplEx": "ComplEx",
+    "ComplEx, without near-synonyms of train recipes": "ComplEx",
     "votes, no training": "votes",
     "frequency in train": "frequency",
     "facts: the train triples (0/1)": "facts",
@@ -259,27 +262,23 @@ PLAYED = {
 }
 
 
-def test_the_guide_prints_stored_metrics_without_training():
-    """The evidence on links prints the stored figures of scorers without training."""
+def test_the_guide_prints_stored_metrics_of_links():
+    """The evidence on links prints the stored figures of ComplEx and scorers without training."""
     rows = stored("link-quality.json")
     compared = 0
     for head, lines in tables("evidence/links.md"):
         if head[1:] == ["`everyday`", "Little Alchemy 2"]:
             for name, *cells in lines:
                 for book, cell in zip(("everyday", "little-alchemy-2"), cells, strict=True):
-                    known = (
-                        "no_near_synonym"
-                        if name == "neighbour rule, without near-synonyms"
-                        else "mrr"
-                    )
-                    row = "neighbour rule" if known != "mrr" else LINKS.get(name)
+                    known = "no_near_synonym" if "near-synonyms" in name else "mrr"
+                    row = LINKS.get(name)
                     each = [one[known] for one in rows if (one["book"], one["row"]) == (book, row)]
                     if row is not None:
                         printed = list(map(float, re.findall(NUMBER, cell)))
                         assert printed[0] == pytest.approx(np.mean(each), abs=CLOSE), (name, book)
                         assert printed[1:] in ([], pytest.approx(each, abs=CLOSE)), (name, book)
                         compared += 1
-    assert compared >= 18
+    assert compared >= 24
 
 
 def test_the_guide_prints_stored_success_of_simple_rules():
@@ -344,3 +343,50 @@ def test_the_explanation_of_cross_fitting_prints_the_figures_of_the_study():
     for name, *cells in rows:
         expected = [number(point[f" {STUDIED[name]}"]) for point in found]
         assert list(map(number, cells)) == expected, name
+
+
+def test_the_evidence_on_words_prints_the_stored_votes():
+    rows = [row for row in stored("link-quality.json") if row["row"] == "votes, results"]
+    assert len(rows) == 18
+    for name, votes, *_ in table("evidence/words.md", "results of pairs, MRR (chance .010)"):
+        book, split = name.split(", ")
+        book, split = BOOKS.get(book, book.strip("`")), split.replace(" ", "-")
+        each = [row["mrr"] for row in rows if (row["book"], row["split"]) == (book, split)]
+        assert number(votes) == pytest.approx(np.mean(each), abs=CLOSE), name
+
+
+def test_the_evidence_on_lists_prints_the_stored_figures_by_tables():
+    compared = 0
+    for name, *cells in table("evidence/lists.md", "with MiniLM vectors"):
+        book, split = name.split(", ")
+        book = BOOKS[book]
+        means = means_of(book, split.replace(" ", "-")).get("and words")
+        if means is None:
+            continue
+        for cell, figure in zip(cells[1::2], ("mrr", "8", "1"), strict=True):
+            if cell:
+                assert number(cell) == pytest.approx(means[figure], abs=CLOSE), (name, figure)
+                compared += 1
+    assert compared >= 15
+
+
+def test_the_evidence_on_language_models_prints_the_leaderboard():
+    """Success of the submitted rows, and chance of each track."""
+    shown_rows = {
+        "`craft-1-lite`, probabilities": "SmolLM2-135M-Instruct, probabilities",
+        "`craft-1-lite`, probabilities and a look-up": "SmolLM2-135M-Instruct, probabilities, look-ups",
+        "`craft-8-lite`, generation of 12 tokens": "SmolLM2-135M-Instruct, generation, 12 tokens",
+    }
+    page = (DOCS / "leaderboard.md").read_text(encoding="utf-8")
+    compared = 0
+    for name, success, chance in table("evidence/language-models.md", "track, way of answering"):
+        track = name.split("`")[1]
+        _, _, of_track = page.partition(f"<summary>{track}: ")
+        of_track = of_track.partition("</details>")[0]
+        assert number(re.search(r"chance (\S+)", of_track)[1]) == number(chance), name
+        if name in shown_rows:
+            printed = re.search(rf"\| {shown_rows[name]} \| (.*?) <span", of_track)[1]
+            figures = [float(value) for value in re.findall(NUMBER, success)]
+            assert [float(value) for value in re.findall(NUMBER, printed)] == figures, name
+            compared += 1
+    assert compared == len(shown_rows)

@@ -177,7 +177,10 @@ def test_the_provenance_of_each_run_has_its_command_versions_and_hashes(agents, 
 
 def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents, report):
     def first_line(report):
-        return text_of(re.search(r"<b>In short.*?</div>", render(report), re.DOTALL)[0])
+        card = re.search(
+            r"<b>In short.*?</div>\s*<p class=.note.>.*?</p>", render(report), re.DOTALL
+        )
+        return text_of(card[0])
 
     mlp = report.view.agents[1].success["2"]
     verdict = (
@@ -185,10 +188,15 @@ def test_the_first_line_compares_agents_and_does_not_compare_a_single_one(agents
         if mlp.difference_ci[0] > 0
         else "below"
         if mlp.difference_ci[1] < 0
-        else "no significant difference from"
+        else "no significant difference"
     )
-    assert re.search(f"mlp : {verdict} +plain: +paired difference", first_line(report))
+    assert re.search(rf"Paired difference +to plain: .*mlp .*, +{verdict}", first_line(report))
     assert "difference between agents may be due to the seeds" in first_line(report)
+    for of in (report, report_of({"one": [agents[0]]}, distractor_seeds=1, episodes=0)):
+        card = text_of(re.search(r"<b>In short:(.*?)</div>", render(of), re.DOTALL)[1]).strip()
+        sentences = re.split(r"(?<=\.) ", re.sub(r"\d\.\d", "0", card))
+        assert len(sentences) == 2
+        assert not any(sentence.startswith(("plain", "one")) for sentence in sentences)
     alone = first_line(report_of({"one": [agents[0]]}, distractor_seeds=1, episodes=0))
     assert "difference" not in alone
     assert "One seed: another seed may give another result." in alone
@@ -277,9 +285,9 @@ def test_an_agent_is_compared_with_the_scores_that_it_saw(tmp_path):
             note = f"{entry.name}, 2 distractors: {source} {found.sentence}."
             assert (note in html) == found.adds_nothing
     out_of_sample = (
-        r"On train tasks <b>folds</b> is scored\s+.*out of sample.*, by models trained.*\(3 folds\)"
+        r"Scores of train tasks \(folds\):\s+.*out of sample.*, by models trained.*\(3 folds\)"
     )
-    for note in (out_of_sample, r"On train tasks <b>whole</b> is scored\s+.*in-sample"):
+    for note in (out_of_sample, r"Scores of train tasks \(whole\):\s+.*in-sample"):
         assert re.search(note, html)
 
 

@@ -602,14 +602,18 @@ def test_the_leaderboard_has_tables_and_refuses_edits(submitted, copied, tmp_pat
             (tmp_path / "all" / f"{number}" / file.name).write_bytes(file.read_bytes())
     bench_leaderboard(tmp_path / "all", out=page)
     text = page.read_text()
-    rows = re.findall(r"^\| (\S) \| (\S+?)\*? \|? ?.* \| (re\w+) \|$", text, re.MULTILINE)
-    assert rows == [("–", "*random", "reproduced"), ("1", "python", "replayed")]
-    bars = re.findall(r'(0\.\d+) \[(0\.\d+), (0\.\d+)\] <span class="bar" style="(.*?)">', text)
-    for mean, low, high, style in bars:
-        ends = [float(end) for end in re.findall(r"[\d.]+", style)]
-        assert ends == pytest.approx([100 * float(end) for end in (low, mean, high)], abs=0.06)
-    assert len(bars) == 2
-    assert re.findall(r"^## (\S+)", text, re.MULTILINE) == ["craft-8-lite", "From"]
+    rows = re.findall(r"^\| (\S) \| (\S+) \|.* \| (re\w+) \|$", text, re.MULTILINE)
+    assert rows == [("1", "python", "replayed")], "chance has no rank"
+    (chance,) = re.findall(
+        r"^Lines of reference: chance (0\.\d+) \(random, reproduced\)", text, re.M
+    )
+    (bar,) = re.findall(r"(0\.\d+) \[(0\.\d+), (0\.\d+)\] <span class=\"bar\"(.*?)</span>", text)
+    mean, low, high, style = bar
+    places = [float(place) for place in re.findall(r"[\d.]+", style)]
+    expected = [100 * float(figure) for figure in (low, mean, high, chance)]
+    assert places == pytest.approx(expected, abs=0.06), "the last is the line of chance"
+    assert re.findall(r"^## (\S+)", text, re.MULTILINE) == ["craft-8", "From"]
+    assert f"<summary>craft-8-lite: 1 player, best {mean}</summary>" in text
     bench_leaderboard(tmp_path / "all", out=page, check=True)
     page.write_text(text + " ")
     with pytest.raises(ArtefactError, match="not up to date"):
@@ -640,7 +644,7 @@ def test_declared_texts_are_plain_text_on_the_leaderboard(copied, tmp_path):
     for text in HOSTILE.values():
         assert f"<td>{markdown.utils.escapeHtml(text)}</td>" in tables[1]
     assert f"<td>{markdown.utils.escapeHtml(HOSTILE['player'])}</td>" in tables[0]
-    for table, columns in zip(tables, (7, 10), strict=True):
+    for table, columns in zip(tables, (5, 9), strict=True):
         assert table.count("<td>") == table.count("<th>") == columns
         assert not [mark for mark in ("<a", "<img", "<strong", "<em", "<s>") if mark in table]
 

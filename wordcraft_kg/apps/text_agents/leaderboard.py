@@ -1,7 +1,6 @@
 """The leaderboard: verified submissions by track, as a page in Markdown."""
 
 import json
-import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -19,23 +18,24 @@ from wordcraft_kg.apps.text_agents.submission_files import submissions_below
 from wordcraft_kg.base.errors import ArtefactError
 from wordcraft_kg.base.escaping import for_markdown, look_alike_key
 from wordcraft_kg.base.progress import steps
+from wordcraft_kg.base.wording import counted
 from wordcraft_kg.evaluation.reference import literature
 
-_TITLES = ("rank", "player", "result", "by plan", "invalid", "words or weights", "mark")
 _DETAILS = (
     "player",
+    "training data",
+    "weights",
     "prompts",
     "look-ups",
     "answers",
-    "training data",
-    "weights",
     "cost",
     "licence",
-    "mark",
     "date",
 )
-REFERENCES = {"oracle", "random", "people"}
-"""Kinds of players that are lines of reference in a table, without a rank."""
+REFERENCES = {"oracle": "oracle", "people": "people", "random": "chance"}
+"""Kinds of players that are lines of reference, without a rank, and their names above a table."""
+_SMALL = "-lite"
+"""Begins the ending of a track that is a smaller version of another."""
 SENSIBLE = 0.98
 """Share of sensible recipes in the book `everyday`: 392 of 400, by the stricter of two readers
 (data/everyday).
@@ -122,13 +122,13 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     )
     yield (
         f"({manifest_hash[:12]}); see [Benchmark](benchmark.md). "
-        "Results: success, or known items if open-ended,"
+        "A bar shows the 95 % interval, a thin line chance or people."
     )
     yield (
-        f"with 95 % intervals. † marks a success above {SENSIBLE:.0%}, "
-        "the share of sensible recipes in the book:"
+        f"† marks a success above {SENSIBLE:.0%}, the share of sensible recipes in the book: "
+        "such a player knows the book, not only common sense."
     )
-    yield "such a player knows the book, not only common sense."
+    yield "Click on a heading to sort."
     twins = _twins(marked)
     if twins:
         yield (
@@ -136,16 +136,24 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
             "or one that looks the same:"
         )
         yield "judge such rows by their other columns."
+    heading = ""
     for track in manifest.names:
         on_track = [one for one in marked if one.submission.track == track]
         rows = sorted(on_track, key=lambda one: -one.submission.figures.mean)
-        if rows:
-            yield from ("", f"## {track}", "")
-            yield from _table(rows, twins)
-            yield from ("", "<details markdown>", f"<summary>Details of {track}</summary>", "")
-            yield from (_row(_DETAILS), _row(["---"] * len(_DETAILS)))
-            yield from (_row(_details(one, twins)) for one in rows)
-            yield from ("", "</details>")
+        if not rows:
+            continue
+        whole, is_small, _ = track.partition(_SMALL)
+        if whole != heading:
+            yield from ("", f"## {whole}")
+            heading = whole
+        table = [*_references(rows, twins), *_table(rows, twins)]
+        details = [_row(_DETAILS), _row(["---"] * len(_DETAILS))]
+        details += [_row(_details(one, twins)) for one in rows]
+        if is_small:
+            # One fold for all: a small track takes one line of the page.
+            yield from ("", *_folded(_summary(track, rows), [*table, "", *details]))
+        else:
+            yield from ("", *table, "", *_folded(f"Details of {track}", details))
     if not any(one.submission.kind == "people" for one in marked):
         yield from ("", "People: no games were submitted yet.")
     yield from ("", "## From the literature: other tasks, not comparable", "")
@@ -154,40 +162,89 @@ def _lines(marked: Sequence[_Row]) -> Iterator[str]:
     )
 
 
-def _table(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
-    """Yield the lines of a track's table, best first.
+def _folded(summary: str, lines: Sequence[str]) -> Iterator[str]:
+    yield from ("<details markdown>", f"<summary>{summary}</summary>", "", *lines, "", "</details>")
 
-    The oracle, chance and people are lines of reference, without a rank. Equal results share one.
-    """
-    yield from (_row(_TITLES), _row(["---"] * len(_TITLES)))
-    most = max(1.0, *(one.submission.figures.ci_high for one in rows))
+
+def _summary(track: str, rows: Sequence[_Row]) -> str:
+    """Return the title of a folded track, with its number of players and its best result."""
     ranked = [one for one in rows if one.submission.kind not in REFERENCES]
-    for one in rows:
+    if not ranked:
+        return track
+    return f"{track}: {counted(len(ranked), 'player')}, best {_value(ranked[0])}"
+
+
+def _value(row: _Row) -> str:
+    return metrics_text(row.submission.figures).partition(" [")[0]
+
+
+def _references(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
+    """Yield the line above a table with the oracle, people and chance."""
+    found = [
+        f"{about} {_value(one)} ({_player(one.submission, twins)}, {one.mark})"
+        for kind, about in REFERENCES.items()
+        for one in rows
+        if one.submission.kind == kind
+    ]
+    if found:
+        yield from (f"Lines of reference: {'; '.join(found)}.", "")
+
+
+def _table(rows: Sequence[_Row], twins: set[str]) -> Iterator[str]:
+    """Yield the lines of a track's table, best first; nothing without a ranked player.
+
+    Equal results share a rank. Each bar also shows chance and people, as thin lines.
+    """
+    ranked = [one for one in rows if one.submission.kind not in REFERENCES]
+    if not ranked:
+        return
+    is_open_ended = ranked[0].submission.figures.by_plan is None
+    titles = ["rank", "player", "known items" if is_open_ended else "success", "by plan", "invalid"]
+    most = max(1.0, *(one.submission.figures.ci_high for one in rows))
+    at_chance = [
+        one.submission.figures.mean for one in rows if one.submission.kind in ("random", "people")
+    ]
+    lines = [100 * mean / most for mean in at_chance]
+    table = []
+    for one in ranked:
         mean = one.submission.figures.mean
         better = sum(other.submission.figures.mean > mean for other in ranked)
-        yield _row(_cells(one, twins, str(better + 1) if one in ranked else "–", most))
+        table.append([*_cells(one, twins, better + 1, most, lines)])
+    # A column without a single entry takes room and says nothing.
+    shown = [column for column in range(len(table[0])) if any(cells[column] for cells in table)]
+    yield _row([[*titles, "mark"][column] for column in shown])
+    yield _row(["---"] * len(shown))
+    for cells in table:
+        yield _row([cells[column] for column in shown])
 
 
-def _cells(row: _Row, twins: set[str], rank: str, most: float) -> Iterator[str]:
-    """Yield the cells of a row; ``most`` is the right end of the bars.
+def _cells(
+    row: _Row, twins: set[str], rank: int, most: float, lines: Sequence[float]
+) -> Iterator[str]:
+    """Yield the cells of a ranked row.
 
     Texts from the submission are escaped, because anyone may declare.
+
+    Args:
+        row: the submission.
+        twins: names that need a mark.
+        rank: its rank.
+        most: result at the right end of the bars.
+        lines: places of the lines of reference on the bar, in percent of its width.
     """
     submission = row.submission
     figures = submission.figures
-    yield rank
+    yield str(rank)
     player = _player(submission, twins)
-    if submission.knowledge != "none":
-        player += ", look-ups"
-    yield player if rank != "–" else f"*{player}*"
-    ends = (f"{100 * end / most:.1f}" for end in (figures.ci_low, figures.mean, figures.ci_high))
-    low, at, high = ends
-    bar = f'<span class="bar" style="--low: {low}; --at: {at}; --high: {high}"></span>'
+    yield player if submission.knowledge == "none" else f"{player}, look-ups"
+    low, at, high = (
+        f"{100 * end / most:.1f}" for end in (figures.ci_low, figures.mean, figures.ci_high)
+    )
+    ticks = "".join(f'<i style="--at: {line:.1f}"></i>' for line in lines)
+    bar = f'<span class="bar" style="--low: {low}; --at: {at}; --high: {high}">{ticks}</span>'
     yield f"{metrics_text(figures)} {bar}"
     yield "" if figures.by_plan is None else f"{figures.by_plan:.3f}"
     yield row.answers.partition("(")[2].removesuffix(")")
-    words = re.search(r"(\w+) words$", submission.training_data)
-    yield for_markdown(words[1] if words else ", ".join(submission.weights))
     yield row.mark
 
 
@@ -206,19 +263,18 @@ def _details(row: _Row, twins: set[str]) -> Iterator[str]:
     """Yield the cells of a row with the declared facts."""
     submission = row.submission
     yield _player(submission, twins)
+    yield for_markdown(submission.training_data)
+    yield for_markdown(", ".join(submission.weights))
     yield submission.prompts
     if submission.knowledge == "none":
         yield ""
     else:
         yield f"{submission.look_ups:,} ({submission.knowledge})"
     yield row.answers
-    yield for_markdown(submission.training_data)
-    yield for_markdown(", ".join(submission.weights))
     tokens = "" if submission.tokens is None else f"{sum(submission.tokens.values()):,} tokens"
     price = "" if submission.price is None else f"${submission.price:,.2f}"
     yield ", ".join(part for part in (tokens, price) if part)
     yield for_markdown(submission.licence)
-    yield row.mark
     yield submission.date or ""
 
 

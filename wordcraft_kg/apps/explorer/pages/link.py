@@ -127,7 +127,7 @@ def _questions(explored: Explored) -> Iterator[tuple[str, LinkState]]:
     for head, relation, tail in explored.opened.split.held_out("test")[:1].tolist():
         link = LinkState(graph.entities[head], RELATIONS[relation], graph.entities[tail])
         verb = "combines with" if relation == COMBINES_WITH else "is an ingredient of"
-        yield f"How probable does {name} find it that {link.head} {verb} {link.tail}?", link
+        yield f"How probable is it that {link.head} {verb} {link.tail} ({name})?", link
 
 
 PAGE = Page(

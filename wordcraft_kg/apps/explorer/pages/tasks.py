@@ -283,7 +283,10 @@ def _questions(explored: Explored) -> Iterator[tuple[str, TasksState]]:
             usual = explored.usual_part()
             played = [task for task in run.episodes().values() if task.part == usual]
             if any("goal" not in task.terminations for task in played):
-                yield f"Where does {name} fail?", TasksState(run=name, success="never")
+                yield (
+                    f"Which tasks are never solved ({name})?",
+                    TasksState(run=name, success="never"),
+                )
                 return
 
 

@@ -47,7 +47,7 @@ install: .venv/installed
 	touch $@
 
 .venv/installed: .venv/package
-	@echo "installing the tools of tests in .venv: browsers' clients, language-model clients, linters; some minutes"
+	@echo "installing the tools of tests in .venv, .7 GB, once: browsers' clients, language-model clients, linters; a minute or two, pip alone"
 	$(BIN)/python $(PIP_INSTALL) --constraint constraints.txt --editable ".[dev]"
 	touch $@
 
@@ -58,6 +58,7 @@ demo: .venv/package
 FAST := -m "not slow and not browser" --numprocesses auto --dist loadfile --no-loadscope-reorder
 # The core first, in the same session: libraries are imported and models of the tests trained once.
 test: install
+	@echo "6,000 tests: four minutes on two idle cores; the first run compiles byte code and inner loops, too"
 	$(BIN)/python -m pytest $(FAST)
 
 test-core: install

@@ -4,7 +4,7 @@
 # 1,700 MB. All files are in a temporary folder; pip may use its cache. On Linux, the CPU build needs the option
 # --index-url of docs/installation.md, unless pip's settings name another place with this build.
 set -euo pipefail
-unset PYTHONPATH
+unset PYTHONPATH PYTHONDONTWRITEBYTECODE
 repository="${REPOSITORY:-$(cd "$(dirname "$0")/.." && pwd)}"
 folder="$(mktemp -d)"
 trap 'rm -rf "$folder"' EXIT
@@ -17,9 +17,9 @@ done_at "cloned"
 "${PYTHON:-python3}" -m venv .venv
 # A place named in the options may lack the pinned versions of torch's requirements.
 [ $# -gt 0 ] || set -- --constraint constraints.txt
-.venv/bin/python -m pip install --quiet "$(grep -o '^torch==[0-9.]*' constraints.txt)" "$@"
+.venv/bin/python -m pip install --quiet --no-compile "$(grep -o '^torch==[0-9.]*' constraints.txt)" "$@"
 done_at "torch installed"
-.venv/bin/python -m pip install --quiet --constraint constraints.txt .
+.venv/bin/python -m pip install --quiet --no-compile --constraint constraints.txt .
 done_at "wordcraft-kg installed"
 export PATH="$PWD/.venv/bin:$PATH" XDG_CACHE_HOME="$folder/cache" PYSTOW_HOME="$folder/pystow"
 wordcraft-kg doctor

@@ -1,7 +1,7 @@
-"""Run commands without training on large synthetic books, and print time and memory for each
-command.
+"""Run commands on synthetic books of any size, and print time and memory for each command.
 
 python benchmarks/large_book_commands.py --entities 30000 --recipes 250000
+python benchmarks/large_book_commands.py --entities 1000 --recipes 5800 --training
 
 Each command runs in a separate process. ``user`` is processor time, which hardly depends on machine
 load, ``wall`` the time from start to end, ``peak`` the maximum memory.
@@ -34,6 +34,17 @@ COMMANDS = {
     "export parquet": ("export", "{folder}", "--format", "parquet", "--out", "{out}", "--force"),
 }
 """What is run by name; the words in braces are filled in."""
+TRAINING = {
+    "train-complex": ("train-complex", "{folder}", "--out", "{links}", "--force"),
+    "train-recipes": ("train-recipes", "{folder}", "--out", "{model}", "--force"),
+    "score": ("score", "{model}", "entity 1 + entity 2"),
+    "evaluate-links": ("evaluate-links", "{model}", "--max-queries", "4000"),
+    "train-agent": (
+        *("train-agent", "{folder}", "--scorer", "{model}", "--use", "combines,component,recipe"),
+        *("--steps", "100000", "--out", "{run}", "--force"),
+    ),
+}
+"""With ``--training``: minutes on large books."""
 
 
 def measure(command: Sequence[str]) -> tuple[float, float, float, int]:
@@ -60,6 +71,7 @@ def main() -> None:
     parser.add_argument("--entities", type=int, default=30_000)
     parser.add_argument("--recipes", type=int, default=250_000)
     parser.add_argument("--only", nargs="*", choices=COMMANDS, default=list(COMMANDS))
+    parser.add_argument("--training", action="store_true", help="training and models, too")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
@@ -69,13 +81,19 @@ def main() -> None:
             "book": str(book),
             "folder": str(folder / "graph"),
             "out": str(folder / "export"),
+            "links": str(folder / "links"),
+            "model": str(folder / "model"),
+            "run": str(folder / "run"),
             "entity": f"entity {arguments.entities - 1}",
         }
-        needs_graph = [name for name in COMMANDS if name in arguments.only or name == "build-graph"]
+        wanted = [name for name in COMMANDS if name in arguments.only or name == "build-graph"]
+        commands = {name: COMMANDS[name] for name in wanted}
+        if arguments.training:
+            commands |= TRAINING
         print(f"{arguments.entities:,} entities, {arguments.recipes:,} recipes\n")
         print("| command | wall, s | user, s | peak, GiB |\n|---|---|---|---|")
-        for name in needs_graph:
-            wall, user, peak, code = measure([part.format(**filled) for part in COMMANDS[name]])
+        for name, words in commands.items():
+            wall, user, peak, code = measure([word.format(**filled) for word in words])
             failed = f" (exit code {code})" if code else ""
             print(f"| `{name}`{failed} | {wall:.1f} | {user:.1f} | {peak:.2f} |", flush=True)
 

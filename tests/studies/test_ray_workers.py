@@ -4,9 +4,11 @@ import json
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -261,6 +263,27 @@ def test_an_address_without_a_cluster_is_refused_at_once(tmp_path, address):
     message = f"no Ray cluster at '{address}' .*expected auto or host:port.*ray start"
     with pytest.raises(ConfigError, match=message):
         perform_all(tmp_path, address, [a_task(0)])
+    assert time.monotonic() - began < 30
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("answer", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n", b"SSH-2.0-x\r\n"])
+def test_an_address_of_another_program_is_refused_within_seconds(tmp_path, answer):
+    """Ray itself tries for minutes where a program listens that is silent or speaks otherwise."""
+    pytest.importorskip("ray", reason="needs the extra ray")
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+
+        def listen():
+            connection, _ = server.accept()
+            connection.sendall(answer)
+            connection.recv(1024)
+            time.sleep(0 if answer else 10)
+
+        threading.Thread(target=listen, daemon=True).start()
+        began = time.monotonic()
+        with pytest.raises(ConfigError, match=f"no Ray cluster at '{address}'"):
+            perform_all(tmp_path, address, [a_task(0)])
     assert time.monotonic() - began < 30
     assert list(tmp_path.iterdir()) == []
 

@@ -29,6 +29,10 @@ RETRIES = 3
 """How often a task is begun again after the loss of its node or process."""
 _ANSWER = 300.0
 """Seconds for a node to start a process and to look at the results folder."""
+_HTTP2 = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + bytes([0, 0, 0, 4, 0, 0, 0, 0, 0])
+"""First bytes of a client of gRPC, with empty settings; a server answers with its own settings."""
+_SETTINGS = 4
+"""Type of a frame with settings, the fourth byte."""
 _Perform = Callable[[Task, Path], Outcome]
 
 
@@ -160,9 +164,22 @@ def _stop(ray: Any, running: dict[Any, Task]) -> None:
         ray.wait([*running], num_returns=len(running), timeout=PATIENCE)
 
 
+def _check_address(address: str) -> None:
+    """Raise OSError or ValueError unless a server of gRPC answers; Ray itself tries 13 minutes."""
+    host, _, port = address.rpartition(":")
+    with socket.create_connection((host.strip("[]"), int(port)), timeout=5) as connection:
+        if os.environ.get("RAY_USE_TLS") == "1":  # the server waits for a handshake
+            return
+        connection.sendall(_HTTP2)
+        if connection.recv(9)[3:4] != bytes([_SETTINGS]):
+            raise ConnectionError("the program there is not Ray")
+
+
 def _connected(address: str | None, cleanup: ExitStack) -> Any:
     """Import Ray and connect to a cluster; ``cleanup`` leaves it."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    if address is not None:  # Ray tries 20 times, 40 seconds each
+        os.environ.setdefault("RAY_NUM_REDIS_GET_RETRIES", "1")
     if address is None and "RAY_AUTH_MODE" not in os.environ and "ray" not in sys.modules:
         # Its own cluster opens ports for nobody else. Ray reads these when it is imported.
         os.environ |= {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex}
@@ -171,9 +188,8 @@ def _connected(address: str | None, cleanup: ExitStack) -> Any:
     except ImportError:
         raise missing_extra("ray", ["Ray"]) from None
     try:
-        if address not in (None, "auto"):  # Ray itself tries for minutes
-            host, _, port = str(address).rpartition(":")
-            socket.create_connection((host.strip("[]"), int(port)), timeout=5).close()
+        if address not in (None, "auto"):
+            _check_address(str(address))
         # Stdout is for the result, not for Ray's messages about lost nodes.
         cleanup.enter_context(redirect_stdout(sys.stderr))
         cleanup.callback(ray.shutdown)

@@ -1,6 +1,7 @@
 """`hub push` and `hub pull`: the real client and a server on this machine."""
 
 import base64
+import copy
 import hashlib
 import json
 import re
@@ -161,22 +162,37 @@ def test_failures_name_the_remedy_and_never_the_token(hub, run, parted_folder, m
     assert "hf_wrong" not in outcome.err
 
 
-def push_and_change(hub, run, folder, change):
-    """Push a folder, let an attacker change the pushed files by name, and mend the
-    list of hashes."""
-    kind = "datasets" if (folder / "graph.json").exists() else "models"
-    assert run("hub", "push", folder, "me/mine").code == 0
-    files = hub.files[kind, "me/mine", "main"]
-    change(files)
-    shared = set(files) - {"", "README.md", "SHA256SUMS"}
-    sums = (f"{hashlib.sha256(files[name]).hexdigest()}  {name}\n" for name in sorted(shared))
-    files["SHA256SUMS"] = "".join(sums).encode()
-    return run("hub", "pull", "me/mine", "--out", "new")
+@pytest.fixture(scope="module")
+def pushed():
+    """What the server has after a push, by the folder: each is pushed once for all attacks."""
+    return {}
+
+
+@pytest.fixture
+def push_and_change(hub, run, pushed):
+    """Push a folder, let an attacker change the pushed files by name, and mend the list of hashes;
+    return how the pull of these files ends."""
+
+    def push_and_change(folder, change):
+        if folder not in pushed:
+            assert run("hub", "push", folder, "me/mine").code == 0
+            pushed[folder] = copy.deepcopy(hub.files)
+        # One copy of all, so that the branch and its commit stay the same files.
+        hub.files = copy.deepcopy(pushed[folder])
+        kind = "datasets" if (folder / "graph.json").exists() else "models"
+        files = hub.files[kind, "me/mine", "main"]
+        change(files)
+        shared = set(files) - {"", "README.md", "SHA256SUMS"}
+        sums = (f"{hashlib.sha256(files[name]).hexdigest()}  {name}\n" for name in sorted(shared))
+        files["SHA256SUMS"] = "".join(sums).encode()
+        return run("hub", "pull", "me/mine", "--out", "new")
+
+    return push_and_change
 
 
 @pytest.mark.parametrize("name", ["evil.pkl", "setup.py", "run.sh", "a.exe", "triples/more.tsv"])
-def test_a_file_that_is_none_of_ours_is_never_pulled(hub, run, parted_folder, name):
-    outcome = push_and_change(hub, run, parted_folder, lambda files: files.update({name: b"x"}))
+def test_a_file_that_is_none_of_ours_is_never_pulled(push_and_change, parted_folder, name):
+    outcome = push_and_change(parted_folder, lambda files: files.update({name: b"x"}))
     assert (outcome.kind, f"lists '{name}', which" in outcome.err) == ("ArtefactError", True)
     assert not Path("new").exists()
 
@@ -189,9 +205,9 @@ def test_a_file_that_is_none_of_ours_is_never_pulled(hub, run, parted_folder, na
         ("recipes_folder", "metrics.jsonl"),
     ],
 )
-def test_a_file_of_another_kind_of_folder_is_never_pulled(hub, run, request, folder, name):
+def test_a_file_of_another_kind_of_folder_is_never_pulled(push_and_change, request, folder, name):
     shared = request.getfixturevalue(folder)
-    outcome = push_and_change(hub, run, shared, lambda files: files.update({name: b"x"}))
+    outcome = push_and_change(shared, lambda files: files.update({name: b"x"}))
     assert (outcome.kind, f"lists '{name}', which does not belong" in outcome.err) == (
         "ArtefactError",
         True,
@@ -229,7 +245,9 @@ def without_last_line(text):
         ("audit.json", lambda text: text.replace(b'"entities": 80', b'"entities": 81')),
     ],
 )
-def test_a_table_that_disagrees_with_its_graph_is_refused(hub, run, parted_folder, name, change):
+def test_a_table_that_disagrees_with_its_graph_is_refused(
+    push_and_change, parted_folder, name, change
+):
     """A table that disagrees with its graph is refused though the hashes agree."""
 
     def changed(files):
@@ -237,13 +255,15 @@ def test_a_table_that_disagrees_with_its_graph_is_refused(hub, run, parted_folde
         files[name] = change(before)
         assert files[name] != before
 
-    outcome = push_and_change(hub, run, parted_folder, changed)
+    outcome = push_and_change(parted_folder, changed)
     assert outcome.kind == "ArtefactError"
     assert f"me/mine/{name} does not agree with graph.json" in outcome.err
     assert not Path("new").exists()
 
 
-def test_a_model_that_does_not_open_is_refused_though_all_hashes_agree(hub, run, recipes_folder):
+def test_a_model_that_does_not_open_is_refused_though_all_hashes_agree(
+    push_and_change, recipes_folder
+):
     def changed(files):
         vocabulary = json.loads(files["vocabulary.json"])
         del vocabulary["entities"][-1]
@@ -252,7 +272,7 @@ def test_a_model_that_does_not_open_is_refused_though_all_hashes_agree(hub, run,
         record["outputs"]["vocabulary.json"] = hashlib.sha256(files["vocabulary.json"]).hexdigest()
         files["run.json"] = json.dumps(record).encode()
 
-    outcome = push_and_change(hub, run, recipes_folder, changed)
+    outcome = push_and_change(recipes_folder, changed)
     assert (outcome.code, outcome.kind, Path("new").exists()) == (1, "ArtefactError", False)
 
 

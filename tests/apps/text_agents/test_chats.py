@@ -116,7 +116,7 @@ def test_games_are_kept_by_their_end():
     plays = kitchen_plays(2, attempts=6)
     lengths = {}
     for kept in ("all", "made", "shortest"):
-        rows, counts = rows_of(plays, random_distinct, kept=kept, tables=4, tasks=300)
+        rows, counts = rows_of(plays, random_distinct, kept=kept, tables=4, tasks=150)
         lengths[kept] = Counter(row["attempts"] for row in rows)
         assert counts.made < counts.played
         ends = {row["messages"][-2]["content"].splitlines()[-1][:13] for row in rows}
@@ -152,7 +152,7 @@ def test_the_command_writes_conversations_of_any_player_with_a_card(run, tmp_pat
     out = tmp_path / "new" / "sft.jsonl"
     outcome = run(
         *("chats", "kitchen", "--player", player, "--distractors", "1,2", "--depth", "1,2"),
-        *("--tasks", "60", "--json", "--out", out),
+        *("--tasks", "24", "--json", "--out", out),
     )
     assert outcome.code == 0, outcome.err
     view = json.loads(outcome.out)
